@@ -1,0 +1,59 @@
+"""What can go wrong in the world around aerodft, as exceptions that carry data.
+
+A broken contract between functions is a ``ValueError``; a point without an answer is a status, no exception.
+"""
+
+from typing import ClassVar
+
+
+class AerodftError(Exception):
+    """The world failed: one sentence that says where, what, got, expected, and what to do.
+
+    Attributes:
+        what: What is wrong.
+        where: File, key, time or address it is wrong at.
+        got: What was found.
+        expected: What would have been right.
+        hint: What to do next.
+    """
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, what: str, *, where: object = "", got: object = "", expected: str = "", hint: str = "") -> None:
+        self.what = what
+        self.where = str(where)
+        self.got = str(got)
+        self.expected = expected
+        self.hint = hint
+        super().__init__(self._sentence())
+
+    def _sentence(self) -> str:
+        head = f"{self.where}: {self.what}" if self.where else self.what
+        parts = [f"got {self.got}" if self.got else "", f"expected {self.expected}" if self.expected else ""]
+        facts = ", ".join(part for part in parts if part)
+        sentence = f"{head}: {facts}" if facts else head
+        return f"{sentence}; {self.hint}" if self.hint else sentence
+
+
+class UsageError(AerodftError):
+    """The command line itself makes no sense (exit 2)."""
+
+    exit_code = 2
+
+
+class InputError(AerodftError):
+    """A file, stream or folder is missing, unreadable, damaged or of the wrong type (exit 3)."""
+
+
+class ConfigError(InputError):
+    """A configuration, camera or calibration file has an unknown key or an impossible value (exit 3)."""
+
+
+class LinkError(InputError):
+    """A port, address or device cannot be opened (exit 3)."""
+
+
+class NoAnswerError(AerodftError):
+    """The input is sound but holds no answer to what was asked (exit 4)."""
+
+    exit_code = 4

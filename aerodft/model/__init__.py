@@ -1,0 +1,1 @@
+"""Values only: frozen, without I/O, in SI units and radians."""

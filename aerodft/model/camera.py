@@ -1,0 +1,84 @@
+"""The camera: intrinsics, lens distortion, image size, and how well each is known."""
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class LensModel(StrEnum):
+    """The distortion models, in OpenCV's definitions."""
+
+    BROWN = "brown"  # k1 k2 p1 p2 [k3 [k4 k5 k6]]: radial, tangential, rational
+    FISHEYE = "fisheye"  # k1 k2 k3 k4: equidistant polynomial
+
+
+_COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraStd:
+    """Standard deviations of the intrinsics, in pixels; 0 means taken as exact."""
+
+    focal_px: float = 0.0
+    principal_point_px: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """A camera in one mode (size, crop, zoom).
+
+    Pixel (0, 0) is the centre of the top-left pixel; the image spans -0.5 to W - 0.5.
+    """
+
+    name: str
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    lens: LensModel = LensModel.BROWN
+    distortion: tuple[float, ...] = ()
+    std: CameraStd = field(default_factory=CameraStd)
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1:
+            raise ValueError(f"image size {self.width_px} x {self.height_px} px, must be at least 1 x 1")
+        if not (self.fx_px > 0 and self.fy_px > 0 and math.isfinite(self.fx_px + self.fy_px)):
+            raise ValueError(f"focal lengths {self.fx_px}, {self.fy_px} px, must be finite and above 0")
+        if len(self.distortion) not in _COEFFICIENTS[self.lens]:
+            raise ValueError(
+                f"{len(self.distortion)} distortion coefficients for a {self.lens} lens,"
+                f" must be one of {_COEFFICIENTS[self.lens]}"
+            )
+
+    @classmethod
+    def from_fov(cls, *, name: str, width_px: int, height_px: int, hfov_rad: float, vfov_rad: float) -> "Camera":
+        """Build a distortion-free camera from its full fields of view, principal point at the image's centre.
+
+        Raises:
+            ValueError: A field of view outside (0, pi).
+        """
+        if not (0 < hfov_rad < math.pi and 0 < vfov_rad < math.pi):
+            raise ValueError(
+                f"fields of view {math.degrees(hfov_rad):g} x {math.degrees(vfov_rad):g} deg, must be in (0, 180)"
+            )
+        return cls(
+            name=name,
+            width_px=width_px,
+            height_px=height_px,
+            fx_px=width_px / 2 / math.tan(hfov_rad / 2),
+            fy_px=height_px / 2 / math.tan(vfov_rad / 2),
+            cx_px=(width_px - 1) / 2,
+            cy_px=(height_px - 1) / 2,
+        )
+
+    @property
+    def hfov_rad(self) -> float:
+        """Full horizontal field of view of the undistorted pinhole, as the paper's FOV_H."""
+        return 2 * math.atan(self.width_px / 2 / self.fx_px)
+
+    @property
+    def vfov_rad(self) -> float:
+        """Full vertical field of view of the undistorted pinhole, as the paper's FOV_V."""
+        return 2 * math.atan(self.height_px / 2 / self.fy_px)

@@ -1,0 +1,36 @@
+"""One video frame or still, called an image because a frame is a coordinate frame here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from aerodft.model.arrays import ImageArray
+
+
+class StampClock(StrEnum):
+    """Whose clock a stamp was read from."""
+
+    UTC = "utc"
+    HOST = "host"  # this machine's arrival time; mapped to the vehicle's UTC before a pose is looked up
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Image:
+    """An image and its stamp; the pixels come only when somebody asks for them.
+
+    Attributes:
+        index: Running number in its source, from 0.
+        stamp_ns: When it was taken, by ``clock``, time offset applied.
+        arrival_ns: When it reached this machine (for files: the stamp).
+        width_px: Width; None for a stamp without pixels (telemetry-only evaluation).
+        height_px: Height, likewise.
+        pixels: Gives ``(height, width, 3)`` uint8 BGR, or None where there are no pixels.
+    """
+
+    index: int
+    stamp_ns: int
+    arrival_ns: int
+    clock: StampClock = StampClock.UTC
+    width_px: int | None = None
+    height_px: int | None = None
+    pixels: Callable[[], ImageArray] | None = None

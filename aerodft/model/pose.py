@@ -1,0 +1,107 @@
+"""Where the camera is and where it looks, with one joint covariance."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from aerodft.model.arrays import FloatArray, read_only
+from aerodft.model.status import Status
+
+
+def _zeros(*shape: int) -> FloatArray:
+    return read_only(np.zeros(shape))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pose:
+    """``enu_SE3_cam``: the camera in the station's ENU frame; batch-first.
+
+    Attributes:
+        position_enu_m: ``(..., 3)``; up is the height above the measured (ground or water) plane.
+        wxyz: ``(..., 4)`` unit quaternion ``enu_SO3_cam``; camera axes x right, y down, z forward.
+        cov: ``(..., 6, 6)``: position (ENU, m^2), then a small rotation in camera axes (rad^2). Never Euler angles.
+        velocity_enu_mps: ``(..., 3)``, for the effect of a time offset.
+        rate_cam_radps: ``(..., 3)`` angular rate in camera axes, for the effect of a time offset.
+        time_std_s: Standard deviation of the image's stamp against the telemetry's.
+    """
+
+    position_enu_m: FloatArray
+    wxyz: FloatArray
+    cov: FloatArray = field(default_factory=lambda: _zeros(6, 6))
+    velocity_enu_mps: FloatArray = field(default_factory=lambda: _zeros(3))
+    rate_cam_radps: FloatArray = field(default_factory=lambda: _zeros(3))
+    time_std_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, trailing in (
+            ("position_enu_m", (3,)),
+            ("wxyz", (4,)),
+            ("cov", (6, 6)),
+            ("velocity_enu_mps", (3,)),
+            ("rate_cam_radps", (3,)),
+        ):
+            object.__setattr__(self, name, read_only(getattr(self, name), trailing=trailing))
+
+
+class HeightSource(StrEnum):
+    """Where a height above the measured plane came from."""
+
+    RANGEFINDER = "rangefinder"
+    TERRAIN = "terrain"
+    HOME = "home"
+    MANUAL = "manual"
+    CALIBRATION = "calibration"
+
+
+class GimbalSource(StrEnum):
+    """Where the camera's attitude came from."""
+
+    GIMBAL_DEVICE = "GIMBAL_DEVICE_ATTITUDE_STATUS"
+    MOUNT_ORIENTATION = "MOUNT_ORIENTATION"
+    MOUNT_STATUS = "MOUNT_STATUS"
+    DATAFLASH_MNT = "MNT"
+    FIXED_MOUNT = "fixed"
+    MANUAL = "manual"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseStd:
+    """Standard deviations as people say them: small rotations about the camera's x, y, z axes and the vertical."""
+
+    height_agl_m: float = 0.0
+    horizontal_m: float = 0.0
+    tilt_rad: float = 0.0
+    pan_rad: float = 0.0
+    roll_rad: float = 0.0
+    heading_rad: float = 0.0
+    time_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GeoOrigin:
+    """The station's fixed ENU origin: a point of the measured plane (WGS84)."""
+
+    lat_rad: float
+    lon_rad: float
+    alt_msl_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseSample:
+    """The camera at one stamp, with where each part came from; ``pose`` is None where ``status`` is not ok."""
+
+    stamp_ns: int
+    status: Status
+    reasons: tuple[str, ...] = ()
+    pose: Pose | None = None
+    std: PoseStd = field(default_factory=PoseStd)
+    origin: GeoOrigin | None = None
+    lat_rad: float | None = None
+    lon_rad: float | None = None
+    alt_msl_m: float | None = None
+    height_source: HeightSource | None = None
+    height_datum: str | None = None
+    attitude_source: GimbalSource | None = None
+    telemetry_age_s: float | None = None
+    calibration: str | None = None

@@ -1,0 +1,49 @@
+"""What to measure, and where its pixels come from."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class ProbeKind(StrEnum):
+    """What a probe measures."""
+
+    POSITION = "position"
+    RANGE = "range"
+    DISTANCE = "distance"
+
+
+class PixelSource(StrEnum):
+    """Where a probe's pixels come from."""
+
+    FIXED = "fixed"
+    OBSERVED = "observed"
+
+
+POINTS = {ProbeKind.POSITION: 1, ProbeKind.RANGE: 1, ProbeKind.DISTANCE: 2}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probe:
+    """One thing to measure in every image.
+
+    Attributes:
+        name: Unique; the last part of its key expression.
+        kind: What is measured.
+        source: Fixed pixels, or pixels that somebody observes.
+        pixels: ``((u, v), ...)`` for a fixed probe, else empty.
+        std_px: Standard deviation of each pixel coordinate, unless the observation brings its own.
+        elevation_m: Height of the measured plane above the height's datum plane.
+        elevation_std_m: Its standard deviation, shared by all points of the probe.
+    """
+
+    name: str
+    kind: ProbeKind
+    source: PixelSource = PixelSource.FIXED
+    pixels: tuple[tuple[float, float], ...] = ()
+    std_px: float = 1.0
+    elevation_m: float = 0.0
+    elevation_std_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.source is PixelSource.FIXED and len(self.pixels) != POINTS[self.kind]:
+            raise ValueError(f"probe {self.name}: {len(self.pixels)} pixels for {self.kind}, needs {POINTS[self.kind]}")

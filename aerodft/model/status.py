@@ -1,0 +1,20 @@
+"""Why a measurement has, or has not, a number."""
+
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """The outcome of one measurement or pose; everything but ``OK`` comes without a value."""
+
+    OK = "ok"
+    ABOVE_HORIZON = "ABOVE_HORIZON"  # the ray never meets the ground
+    OUT_OF_IMAGE = "OUT_OF_IMAGE"  # the pixel is not on the sensor
+    BEYOND_LENS_MODEL = "BEYOND_LENS_MODEL"  # the distortion model has no inverse there
+    BEYOND_RANGE = "BEYOND_RANGE"  # farther than the configured limit
+    ILL_CONDITIONED = "ILL_CONDITIONED"  # the uncertainty is too large for a number
+    STALE_TELEMETRY = "STALE_TELEMETRY"  # no telemetry close enough on both sides of the image's stamp
+    NO_TELEMETRY = "NO_TELEMETRY"  # nothing received at all by then
+    NO_HEIGHT = "NO_HEIGHT"  # no height source has a value
+    NO_ATTITUDE = "NO_ATTITUDE"  # no camera attitude source has a value
+    BELOW_MIN_HEIGHT = "BELOW_MIN_HEIGHT"  # on the ground, or too low to measure from
+    BELOW_SURFACE = "BELOW_SURFACE"  # the measured plane is above the camera

@@ -1,0 +1,132 @@
+"""Telemetry as struct-of-arrays, in SI units, before its stamps are mapped to UTC.
+
+One track a message type; rows in order of arrival. Adapters fill them from MAVLink or DataFlash, the service knows
+only these. ``boot_ns`` is the sender's time since boot, or ``NO_BOOT_TIME`` where the message carries none.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GimbalSource, HeightSource
+
+NO_BOOT_TIME = -1
+
+
+class WireProtocol(StrEnum):
+    """How raw telemetry bytes are framed."""
+
+    MAVLINK = "mavlink"
+    DATAFLASH = "dataflash"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RawBlock:
+    """Whole frames as they came, from one sender, in order of arrival.
+
+    Attributes:
+        protocol: How the bytes are framed.
+        sender: Address or file that they came from.
+        arrival_ns: ``(n,)`` host UTC of each frame; not decreasing.
+        offset: ``(n,)`` start of each frame in ``data``.
+        length: ``(n,)`` bytes of each frame.
+        data: The bytes; may hold more than the frames.
+    """
+
+    protocol: WireProtocol
+    sender: str
+    arrival_ns: IntArray
+    offset: IntArray
+    length: IntArray
+    data: bytes
+
+    def rows(self, start: int, stop: int) -> "RawBlock":
+        """Frames ``start`` to ``stop`` (half-open), sharing the bytes."""
+        return RawBlock(
+            protocol=self.protocol,
+            sender=self.sender,
+            arrival_ns=self.arrival_ns[start:stop],
+            offset=self.offset[start:stop],
+            length=self.length[start:stop],
+            data=self.data,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Track:
+    """What every track has: ``(n,)`` arrival (host UTC) and time since boot, both int64 ns."""
+
+    arrival_ns: IntArray
+    boot_ns: IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClockTrack(Track):
+    """The sender's UTC at its time since boot (SYSTEM_TIME); rows without a fix are left out.
+
+    Attributes:
+        unix_ns: ``(n,)``.
+    """
+
+    unix_ns: IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VehicleTrack(Track):
+    """The vehicle's attitude (ATTITUDE).
+
+    Attributes:
+        wxyz: ``(n, 4)`` unit quaternion ``ned_SO3_body`` (body: front, right, down).
+    """
+
+    wxyz: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GimbalTrack(Track):
+    """The gimbal's attitude as reported.
+
+    Attributes:
+        source: The message.
+        wxyz: ``(n, 4)`` unit quaternion ``ref_SO3_gimbal``; gimbal axes front (optical axis), right, down. Roll and
+            pitch are against the horizon; the reference's x axis is north, or the vehicle's nose.
+        yaw_in_earth: ``(n,)`` true where the reference's x axis is north, false where it is the vehicle's heading.
+    """
+
+    source: GimbalSource
+    wxyz: FloatArray
+    yaw_in_earth: BoolArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PositionTrack(Track):
+    """Position and home-relative height (GLOBAL_POSITION_INT); rows before the first fix are left out.
+
+    Attributes:
+        lat_rad: ``(n,)`` WGS84.
+        lon_rad: ``(n,)`` WGS84.
+        alt_msl_m: ``(n,)``.
+        height_home_m: ``(n,)`` above home.
+    """
+
+    lat_rad: FloatArray
+    lon_rad: FloatArray
+    alt_msl_m: FloatArray
+    height_home_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeightTrack(Track):
+    """Heights above ground from a sensor or a terrain database; invalid rows are left out.
+
+    Attributes:
+        source: Rangefinder or terrain.
+        value_m: ``(n,)`` a distance along the body's down axis (``slant``) or a vertical height.
+        slant: Whether ``value_m`` must be multiplied by cos(roll) cos(pitch) of the vehicle.
+        std_m: ``(n,)`` reported standard deviation, NaN where not reported.
+    """
+
+    source: HeightSource
+    value_m: FloatArray
+    slant: bool
+    std_m: FloatArray

@@ -1,0 +1,1 @@
+"""The pipeline and what it needs, behind ports; it knows no wire, no file and no wall clock."""

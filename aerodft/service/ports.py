@@ -1,0 +1,74 @@
+"""What the pipeline asks of the world: Protocols of one to three methods, wired together in ``cli``."""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+from aerodft.model.batch import Batch, Event
+from aerodft.model.image import Image
+from aerodft.model.measurement import Measurement
+from aerodft.model.observation import Observation
+from aerodft.model.pose import PoseSample
+from aerodft.model.telemetry import RawBlock, Track
+
+
+class Clock(Protocol):
+    """The only place where time is read: the wall's, or a virtual one in replay."""
+
+    def now_ns(self) -> int:
+        """Host UTC."""
+        ...
+
+    def sleep_until(self, when_ns: int) -> None:
+        """Return at ``when_ns`` or later."""
+        ...
+
+
+class Source(Protocol):
+    """Recorded input: a log, a video, a recording."""
+
+    def events(self) -> Iterator[Event]:
+        """All events, arrivals not decreasing."""
+        ...
+
+
+class Feed(Protocol):
+    """Live or recorded input as batches, one a tick."""
+
+    def batches(self) -> Iterator[Batch]:
+        """Batches with increasing ``now_ns``, empty ones included where time alone matters, until the end."""
+        ...
+
+
+class TelemetryDecoder(Protocol):
+    """Raw frames to tracks; stateful, and independent of how frames are cut into blocks."""
+
+    def decode(self, block: RawBlock) -> tuple[Track, ...]:
+        """The tracks of this block's frames; unknown or damaged frames are counted, never raised."""
+        ...
+
+
+class Calibrator(Protocol):
+    """Turns a telemetry pose into a better one."""
+
+    def refine(self, sample: PoseSample) -> PoseSample:
+        """The corrected pose, with the calibration's covariance and id; anything not ok passes unchanged."""
+        ...
+
+
+class Sink(Protocol):
+    """Takes what was read and what was measured; must not block (queues, sheds and counts instead)."""
+
+    def inputs(self, batch: Batch) -> None:
+        """Raw input of one tick."""
+        ...
+
+    def outputs(self, outputs: tuple["Output", ...]) -> None:
+        """What the pipeline made of it."""
+        ...
+
+    def close(self) -> None:
+        """Write out what is left; no calls after this."""
+        ...
+
+
+Output = Measurement | PoseSample | Observation | Image

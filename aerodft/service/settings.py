@@ -1,0 +1,119 @@
+"""What a station is configured to do, in SI units; ``adapters.config`` makes it from TOML."""
+
+from dataclasses import dataclass, field
+
+from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
+from aerodft.model.probe import Probe
+
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightSettings:
+    """Which height is believed, and how much.
+
+    Attributes:
+        order: The first source with a value at the stamp wins.
+        std_m: Standard deviation per source, where the message does not bring a larger one.
+        home_above_plane_m: Height of the home point above the measured plane; added to home-relative heights.
+        manual_m: The height, where ``manual`` is in the order.
+        min_m: Below it the status is ``BELOW_MIN_HEIGHT``.
+        max_gap_ns: Longest gap between two samples that is interpolated over.
+    """
+
+    order: tuple[HeightSource, ...] = (HeightSource.RANGEFINDER, HeightSource.TERRAIN, HeightSource.HOME)
+    std_m: dict[HeightSource, float] = field(
+        default_factory=lambda: {
+            HeightSource.RANGEFINDER: 0.2,
+            HeightSource.TERRAIN: 3.0,
+            HeightSource.HOME: 1.0,
+            HeightSource.MANUAL: 0.5,
+        }
+    )
+    home_above_plane_m: float = 0.0
+    manual_m: float | None = None
+    min_m: float = 1.0
+    max_gap_ns: int = 2 * SECOND_NS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedMount:
+    """A camera bolted to the vehicle: gimbal angles against the body (FRD), intrinsic yaw, pitch, roll."""
+
+    yaw_rad: float
+    pitch_rad: float
+    roll_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttitudeSettings:
+    """Which attitude is believed, and how much.
+
+    Attributes:
+        order: The first source with a value at the stamp wins.
+        fixed_mount: Used where ``fixed`` is in the order.
+        std: Standard deviations of tilt, pan, roll, heading (heights are in ``HeightSettings``).
+        max_gap_ns: Longest gap between two samples that is interpolated over.
+    """
+
+    order: tuple[GimbalSource, ...] = (
+        GimbalSource.GIMBAL_DEVICE,
+        GimbalSource.MOUNT_ORIENTATION,
+        GimbalSource.MOUNT_STATUS,
+        GimbalSource.DATAFLASH_MNT,
+    )
+    fixed_mount: FixedMount | None = None
+    std: PoseStd = field(default_factory=PoseStd)
+    max_gap_ns: int = SECOND_NS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TelemetrySettings:
+    """How telemetry becomes a pose.
+
+    Attributes:
+        system: MAVLink system id to follow; None for the first vehicle heard.
+        height: Height sources.
+        attitude: Attitude sources.
+        wait_ns: How long after its arrival an image waits for later telemetry before it is called stale.
+    """
+
+    system: int | None = None
+    height: HeightSettings = field(default_factory=HeightSettings)
+    attitude: AttitudeSettings = field(default_factory=AttitudeSettings)
+    wait_ns: int = SECOND_NS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PipelineSettings:
+    """Everything that the pipeline's numbers depend on, besides its input.
+
+    Attributes:
+        station: Name in key expressions.
+        camera: The camera.
+        probes: What to measure in every image.
+        model: Projection model.
+        telemetry: None for a fixed camera.
+        fixed_pose: The fixed camera's pose; None where telemetry gives it.
+        origin: ENU origin; None for the first good fix.
+        max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
+        time_std_s: Standard deviation of image stamps against telemetry stamps.
+        match_tolerance_ns: An observation belongs to the image whose stamp is this close.
+        tick_ns: The grid of arrival times on which the pipeline advances.
+        config_id: ``sha256:...`` of the resolved configuration.
+    """
+
+    station: str
+    camera: Camera
+    probes: tuple[Probe, ...]
+    model: ProjectionModel = ProjectionModel.PINHOLE
+    telemetry: TelemetrySettings | None = None
+    fixed_pose: PoseSample | None = None
+    origin: GeoOrigin | None = None
+    max_range_m: float | None = None
+    time_std_s: float = 0.0
+    match_tolerance_ns: int = 20_000_000
+    tick_ns: int = 50_000_000
+    config_id: str | None = None

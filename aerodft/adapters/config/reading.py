@@ -1,0 +1,184 @@
+"""TOML text to validated tables, and what pydantic found to one sentence."""
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from aerodft.adapters.config.tables import Table
+from aerodft.adapters.filetype import content_looks_like, looks_like
+from aerodft.errors import ConfigError
+
+TableT = TypeVar("TableT", bound=Table)
+
+_UNITS = {
+    "m": "metres",
+    "deg": "degrees",
+    "s": "seconds",
+    "ms": "milliseconds",
+    "px": "pixels",
+    "hz": "hertz",
+    "ns": "nanoseconds",
+}
+_FOREIGN_UNITS = {"cm", "mm", "km", "ft", "in", "rad", "us", "mps", "pct"}
+_EXPECTED = {
+    "missing": "a value",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "text in quotes",
+    "bool_type": "true or false",
+    "finite_number": "a finite number",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "string_too_short": "text in quotes, not empty",
+    "string_pattern_mismatch": "letters, digits, '.', '_' and '-' only",
+    "literal_error": "one of {expected}",
+    "enum": "one of {expected}",
+    "too_short": "at least {min_length} of them",
+    "too_long": "at most {max_length} of them",
+}
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a configuration file.
+
+    Raises:
+        ConfigError: Missing, a folder, or unreadable.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise ConfigError("no such file", where=path, hint="check the path") from None
+    except OSError:
+        raise ConfigError("cannot be read", where=path, got=looks_like(path), expected="a TOML file") from None
+
+
+def parse_toml(data: bytes, where: str) -> dict[str, Any]:
+    """TOML to plain values.
+
+    Args:
+        data: The file's bytes.
+        where: The file's name in messages.
+
+    Raises:
+        ConfigError: Not UTF-8 text, empty, or a syntax error (with its line).
+    """
+    try:
+        document = tomllib.loads(data.decode())
+    except UnicodeDecodeError:
+        raise ConfigError("not a text file", where=where, got=content_looks_like(data), expected="TOML") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"TOML syntax: {error}", where=where, hint="correct that line") from None
+    if not document:
+        raise ConfigError("holds no keys", where=where, got=content_looks_like(data), expected="TOML tables and keys")
+    return document
+
+
+def validated(model: type[TableT], document: object, where: str, prefix: str = "") -> TableT:
+    """``document`` as a ``model``.
+
+    Args:
+        model: The table's class.
+        document: Plain values from TOML.
+        where: The file's name in messages.
+        prefix: Key path of the table in its file, with a trailing dot; empty for the file's root.
+
+    Raises:
+        ConfigError: One sentence about the first thing that is wrong; unknown keys come before missing ones, because
+            a misspelt key is both.
+    """
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+    problem = min(found, key=lambda each: each["type"] != "extra_forbidden")
+    loc = problem["loc"]
+    if problem["type"] == "extra_forbidden":
+        raise _unknown_key(model, loc, f"{where}: {prefix}")
+    context: dict[str, Any] = problem.get("ctx", {})
+    key = prefix + dotted((*loc, *([context["key"]] if context.get("key") else [])))
+    if problem["type"] == "impossible":
+        raise ConfigError(
+            key.rstrip(".") or "its keys",
+            where=where,
+            got=context["got"],
+            expected=context["expected"],
+            hint=context["hint"],
+        )
+    expected = _EXPECTED[problem["type"]].format(**context) if problem["type"] in _EXPECTED else problem["msg"]
+    got = "nothing" if problem["type"] == "missing" else shown(problem["input"])
+    raise ConfigError(key, where=where, got=got, expected=expected)
+
+
+def dotted(loc: tuple[int | str, ...]) -> str:
+    """A key path as people write it: ``probe[0].pixels[1]``."""
+    text = ""
+    for part in loc:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def shown(value: object) -> str:
+    """A value as TOML shows it, shortened."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"' if len(value) <= 60 else f'"{value[:57]}..."'  # noqa: PLR2004 (one line of a terminal)
+    if isinstance(value, dict):
+        return "a table"
+    return repr(value)
+
+
+def _unknown_key(model: type[BaseModel], loc: tuple[int | str, ...], where: str) -> ConfigError:
+    names = _names_at(model, loc[:-1])
+    key = str(loc[-1])
+    full = where + dotted(loc)
+    meant = _same_quantity(key, names)
+    if meant and _split_unit(key)[1]:
+        unit = _UNITS[_split_unit(meant)[1]]
+        return ConfigError("unknown key", where=full, expected=f"{meant} (in {unit})", hint=f"write {meant}")
+    close = meant or next(iter(difflib.get_close_matches(key, names, n=1, cutoff=0.6)), "")
+    hint = f"did you mean {close}?" if close else f"known keys here are {', '.join(names)}"
+    return ConfigError("unknown key", where=full, hint=hint)
+
+
+def _same_quantity(key: str, names: list[str]) -> str:
+    """The one of ``names`` that says what ``key`` says, with the unit that belongs to it; empty where there is none."""
+    stem = _split_unit(key)[0]
+    with_unit = [(name, _split_unit(name)[0]) for name in names if _split_unit(name)[1]]
+    exact = [name for name, own in with_unit if own == stem]
+    longer = [name for name, own in with_unit if own.startswith(f"{stem}_")]
+    return next(iter(exact + longer), "")
+
+
+def _split_unit(name: str) -> tuple[str, str]:
+    stem, _, unit = name.rpartition("_")
+    return (stem, unit) if stem and (unit in _UNITS or unit in _FOREIGN_UNITS) else (name, "")
+
+
+def _names_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
+    current = model
+    for part in loc:
+        if isinstance(part, str):
+            current = _nested_model(current.model_fields[_field_of(current, part)].annotation) or current
+    return [field.alias or name for name, field in current.model_fields.items()]
+
+
+def _field_of(model: type[BaseModel], key: str) -> str:
+    return next(name for name, field in model.model_fields.items() if key in (name, field.alias))
+
+
+def _nested_model(annotation: object) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = (_nested_model(inner) for inner in get_args(annotation))
+    return next((model for model in found if model), None)

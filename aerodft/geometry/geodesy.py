@@ -1,0 +1,46 @@
+"""WGS84 and the station's ENU frame; PROJ does the geodesy."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from pyproj import Transformer
+
+from aerodft.model.arrays import FloatArray
+from aerodft.model.pose import GeoOrigin
+
+
+@lru_cache(maxsize=32)
+def _topocentric(lat_rad: float, lon_rad: float, height_m: float) -> Transformer:
+    lat_deg, lon_deg = math.degrees(lat_rad), math.degrees(lon_rad)
+    return Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=cart +ellps=WGS84 "
+        f"+step +proj=topocentric +ellps=WGS84 +lat_0={lat_deg!r} +lon_0={lon_deg!r} +h_0={height_m!r}"
+    )
+
+
+def _frame(origin: GeoOrigin) -> Transformer:
+    return _topocentric(float(origin.lat_rad), float(origin.lon_rad), float(origin.alt_msl_m or 0.0))
+
+
+def east_north(origin: GeoOrigin, lat_rad: npt.ArrayLike, lon_rad: npt.ArrayLike) -> FloatArray:
+    """East and north (m) of WGS84 points on the measured plane, ``(..., 2)``.
+
+    The plane's own altitude is used for all of them, so that a camera and its foot share one east and north.
+    """
+    lat_rad, lon_rad = np.asarray(lat_rad, dtype=np.float64), np.asarray(lon_rad, dtype=np.float64)
+    height = np.full_like(lat_rad, origin.alt_msl_m or 0.0)
+    east, north, _ = _frame(origin).transform(lon_rad, lat_rad, height, radians=True)
+    return np.stack([np.asarray(east), np.asarray(north)], axis=-1)
+
+
+def lat_lon(origin: GeoOrigin, east_north_m: FloatArray) -> FloatArray:
+    """WGS84 latitude and longitude (rad) of points of the measured plane, ``(..., 2)`` to ``(..., 2)``.
+
+    The plane is flat in ENU; over 1 km this differs from the curved earth by 8 cm in height, not in position.
+    """
+    east_north_m = np.asarray(east_north_m, dtype=np.float64)
+    east, north = east_north_m[..., 0], east_north_m[..., 1]
+    lon, lat, _ = _frame(origin).transform(east, north, np.zeros_like(east), radians=True, direction="INVERSE")
+    return np.stack([np.asarray(lat), np.asarray(lon)], axis=-1)

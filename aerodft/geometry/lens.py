@@ -1,0 +1,204 @@
+"""Pixels to rays and back, exactly: intrinsics, and OpenCV's Brown (up to rational) and fisheye distortion.
+
+The forward models are those of OpenCV's ``calib3d`` ("Camera Calibration and 3D Reconstruction" and "Fisheye camera
+model"). The inverse is Newton's method inside the radius up to which the forward model is one to one; outside it there
+is no answer, and the result is NaN.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera, LensModel
+
+_BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
+_NEWTON_STEPS = 16
+_CONVERGED = 1e-14
+_ACCEPTED = 1e-11  # in units of the focal length: far below 1e-7 px
+
+
+@dataclass(frozen=True, slots=True)
+class Rays:
+    """Rays in camera axes with what they depend on.
+
+    Attributes:
+        rays_cam: ``(..., 3)``, not normalised; NaN where the lens model has no inverse.
+        jac_px: ``(..., 3, 2)`` derivative by the pixel. By the principal point it is the opposite.
+        jac_focal: ``(..., 3)`` derivative by the relative focal length (fx and fy together).
+    """
+
+    rays_cam: FloatArray
+    jac_px: FloatArray
+    jac_focal: FloatArray
+
+
+def rays_from_pixels(camera: Camera, pixels_px: FloatArray) -> FloatArray:
+    """Rays ``(..., 3)`` in camera axes, not normalised, of pixels ``(..., 2)``; NaN where the lens has no inverse."""
+    return rays_with_jacobian(camera, pixels_px).rays_cam
+
+
+def rays_with_jacobian(camera: Camera, pixels_px: FloatArray) -> Rays:
+    """As ``rays_from_pixels``, with derivatives."""
+    focal = np.array([camera.fx_px, camera.fy_px])
+    distorted = (np.asarray(pixels_px, dtype=np.float64) - [camera.cx_px, camera.cy_px]) / focal
+    if camera.lens is LensModel.FISHEYE:
+        rays, jac = _fisheye_rays(_padded(camera, 4), distorted)
+    else:
+        rays, jac = _brown_rays(_padded(camera, 8), distorted)
+    return Rays(rays, jac / focal, -np.einsum("...ij,...j->...i", jac, distorted))
+
+
+def pixels_from_rays(camera: Camera, rays_cam: FloatArray) -> FloatArray:
+    """Pixels ``(..., 2)`` of rays ``(..., 3)`` of any length in camera axes.
+
+    NaN behind the camera and where the distortion model is no longer one to one. May lie outside the image.
+    """
+    rays = np.asarray(rays_cam, dtype=np.float64)
+    sideways = np.hypot(rays[..., 0], rays[..., 1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if camera.lens is LensModel.FISHEYE:
+            coefficients = _padded(camera, 4)
+            angle = np.arctan2(sideways, rays[..., 2])
+            valid = angle <= _fisheye_limit(coefficients)
+            scale = np.where(sideways > 0, _fisheye_polynomial(coefficients)(angle) / sideways, 1 / rays[..., 2])
+            distorted = rays[..., :2] * scale[..., None]
+        else:
+            coefficients = _padded(camera, 8)
+            valid = (rays[..., 2] > 0) & (sideways <= _brown_limit(coefficients) * rays[..., 2])
+            distorted, _ = _brown(coefficients, rays[..., :2] / rays[..., 2:])
+    pixels = distorted * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
+    return np.where(valid[..., None], pixels, np.nan)
+
+
+def _padded(camera: Camera, count: int) -> tuple[float, ...]:
+    return (*camera.distortion, *([0.0] * (count - len(camera.distortion))))
+
+
+def _brown(coefficients: tuple[float, ...], xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distorted ``(..., 2)`` and the Jacobian ``(..., 2, 2)``."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
+    x, y = xy[..., 0], xy[..., 1]
+    s = x * x + y * y
+    over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
+    radial = over / under
+    slope = (k1 + s * (2 * k2 + s * 3 * k3) - radial * (k4 + s * (2 * k5 + s * 3 * k6))) / under
+    xd = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x)
+    yd = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    cross = 2 * (x * y * slope + p1 * x + p2 * y)
+    jac = np.stack(
+        [
+            np.stack([radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, cross], axis=-1),
+            np.stack([cross, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x], axis=-1),
+        ],
+        axis=-2,
+    )
+    return np.stack([xd, yd], axis=-1), jac
+
+
+@lru_cache(maxsize=64)
+def _brown_limit(coefficients: tuple[float, ...]) -> float:
+    """Undistorted radius (tangent of the angle) up to which the radial part is increasing."""
+    k1, k2, _, _, k3, k4, k5, k6 = coefficients
+    over, under, s = Polynomial([1, k1, k2, k3]), Polynomial([1, k4, k5, k6]), Polynomial([0, 1])
+    turning = over * under + 2 * s * (over.deriv() * under - over * under.deriv())
+    return float(np.sqrt(min(_first_positive_root(turning), _first_positive_root(under))))
+
+
+def _first_positive_root(polynomial: Polynomial) -> float:
+    roots = polynomial.trim().roots() if polynomial.trim().degree() > 0 else np.array([])
+    real = roots[np.abs(np.imag(roots)) < 1e-9 * (1 + np.abs(roots))].real
+    return float(min(real[real > 0], default=np.inf))
+
+
+def _brown_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    xy = distorted if not any(coefficients) else _invert_brown(coefficients, distorted)
+    _, forward = _brown(coefficients, xy)
+    jac = np.zeros((*xy.shape[:-1], 3, 2))
+    jac[..., :2, :] = _inverse_2x2(forward)
+    return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), jac
+
+
+def _invert_brown(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:
+    limit = _brown_limit(coefficients)
+    radius_d = np.linalg.norm(distorted, axis=-1)
+    radial_only = (*coefficients[:2], 0.0, 0.0, *coefficients[4:])
+
+    def radius_of(radius: FloatArray) -> FloatArray:
+        return _brown(radial_only, np.stack([radius, np.zeros_like(radius)], axis=-1))[0][..., 0]
+
+    radius = _bisect(radius_of, radius_d, limit)
+    xy = distorted * (radius / np.where(radius_d > 0, radius_d, 1.0))[..., None]
+    for _ in range(_NEWTON_STEPS):
+        value, jac = _brown(coefficients, xy)
+        step = np.einsum("...ij,...j->...i", _inverse_2x2(jac), value - distorted)
+        xy = xy - step
+        if not np.any(np.abs(step) > _CONVERGED):
+            break
+    value, jac = _brown(coefficients, xy)
+    with np.errstate(invalid="ignore"):
+        good = np.all(np.abs(value - distorted) < _ACCEPTED, axis=-1) & (np.linalg.norm(xy, axis=-1) <= limit)
+        good &= _determinant_2x2(jac) > 0
+    return np.where(good[..., None], xy, np.nan)
+
+
+def _bisect(function: Callable[[FloatArray], FloatArray], target: FloatArray, limit: float) -> FloatArray:
+    """Approximate solution in [0, limit] of an increasing function; the limit where the target is beyond it."""
+    high = np.full_like(target, limit if np.isfinite(limit) else 1.0)
+    if not np.isfinite(limit):
+        for _ in range(64):
+            short = function(high) < target
+            if not np.any(short):
+                break
+            high = np.where(short, 2 * high, high)
+    low = np.zeros_like(target)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        below = function(middle) < target
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray((low + high) / 2)
+
+
+def _fisheye_polynomial(coefficients: tuple[float, ...]) -> Polynomial:
+    k1, k2, k3, k4 = coefficients
+    return Polynomial([0, 1, 0, k1, 0, k2, 0, k3, 0, k4])
+
+
+@lru_cache(maxsize=64)
+def _fisheye_limit(coefficients: tuple[float, ...]) -> float:
+    """Angle from the axis up to which the distorted radius is increasing, at most a half turn."""
+    return min(_first_positive_root(_fisheye_polynomial(coefficients).deriv()), np.pi)
+
+
+def _fisheye_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    polynomial, limit = _fisheye_polynomial(coefficients), _fisheye_limit(coefficients)
+    derivative = polynomial.deriv()
+    radius = np.linalg.norm(distorted, axis=-1)
+    angle = _bisect(polynomial, radius, limit)
+    for _ in range(_NEWTON_STEPS):
+        angle = np.clip(angle - (polynomial(angle) - radius) / derivative(angle), 0.0, limit)
+    angle = np.where(np.abs(polynomial(angle) - radius) < _ACCEPTED, angle, np.nan)
+    outward = distorted / np.where(radius > 0, radius, 1.0)[..., None]
+    sine_over_radius = np.where(radius > 0, np.sin(angle) / np.where(radius > 0, radius, 1.0), 1.0)
+    rays = np.concatenate([distorted * sine_over_radius[..., None], np.cos(angle)[..., None]], axis=-1)
+    slope = 1 / derivative(angle)
+    radial = np.concatenate([outward * np.cos(angle)[..., None], -np.sin(angle)[..., None]], axis=-1)
+    jac = radial[..., :, None] * (outward * slope[..., None])[..., None, :]
+    across = np.eye(2) - outward[..., :, None] * outward[..., None, :]
+    jac[..., :2, :] += across * sine_over_radius[..., None, None]
+    jac[..., :2, :] = np.where((radius > 0)[..., None, None], jac[..., :2, :], np.eye(2) * slope[..., None, None])
+    return rays, jac
+
+
+def _inverse_2x2(matrices: FloatArray) -> FloatArray:
+    a, b, c, d = (matrices[..., i, j] for i in (0, 1) for j in (0, 1))
+    adjugate = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(adjugate / _determinant_2x2(matrices)[..., None, None])
+
+
+def _determinant_2x2(matrices: FloatArray) -> FloatArray:
+    return np.asarray(matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0])

@@ -1,0 +1,136 @@
+"""Quaternions, rotation matrices, and the camera's angles; ``wxyz`` arrays of shape ``(..., 4)``."""
+
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.conventions import ENU_SO3_NED_WXYZ, GIMBAL_SO3_CAM_WXYZ, NADIR_TILT_RAD
+from aerodft.model.arrays import FloatArray
+
+
+def multiply(a_wxyz: FloatArray, b_wxyz: FloatArray) -> FloatArray:
+    """Hamilton product ``a b``: first ``b``, then ``a``. Shapes ``(..., 4)``, broadcast."""
+    aw, ax, ay, az = np.moveaxis(a_wxyz, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b_wxyz, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def inverse(wxyz: FloatArray) -> FloatArray:
+    """The inverse of unit quaternions ``(..., 4)``."""
+    return np.asarray(np.asarray(wxyz) * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def matrix(wxyz: FloatArray) -> FloatArray:
+    """Rotation matrices ``(..., 3, 3)`` of unit quaternions ``(..., 4)``."""
+    w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def from_rotation_vector(rotvec_rad: FloatArray) -> FloatArray:
+    """Unit quaternions ``(..., 4)`` of rotation vectors ``(..., 3)`` (axis times angle)."""
+    rotvec_rad = np.asarray(rotvec_rad, dtype=np.float64)
+    angle = np.linalg.norm(rotvec_rad, axis=-1, keepdims=True)
+    scale = 0.5 * np.sinc(angle / (2 * np.pi))  # sin(angle/2)/angle, regular at 0
+    return np.concatenate([np.cos(angle / 2), rotvec_rad * scale], axis=-1)
+
+
+def to_rotation_vector(wxyz: FloatArray) -> FloatArray:
+    """Rotation vectors ``(..., 3)`` of unit quaternions ``(..., 4)``, the shorter way round."""
+    wxyz = np.asarray(wxyz, dtype=np.float64)
+    wxyz = np.where(wxyz[..., :1] < 0, -wxyz, wxyz)
+    sine = np.linalg.norm(wxyz[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, wxyz[..., :1])
+    tiny = sine < np.finfo(np.float64).tiny  # no direction left: the limit of angle over sine is 2
+    scale = np.where(tiny, 2.0, angle / np.where(tiny, 1.0, sine))
+    return wxyz[..., 1:] * scale
+
+
+def slerp(a_wxyz: FloatArray, b_wxyz: FloatArray, weight: npt.ArrayLike) -> FloatArray:
+    """Spherical interpolation from ``a`` (weight 0) to ``b`` (weight 1), the shorter way round."""
+    step = to_rotation_vector(multiply(inverse(a_wxyz), b_wxyz))
+    return multiply(a_wxyz, from_rotation_vector(step * np.asarray(weight)[..., None]))
+
+
+def from_yaw_pitch_roll(yaw_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, roll_rad: npt.ArrayLike) -> FloatArray:
+    """Aerospace ZYX angles to quaternions ``(..., 4)``: yaw about z first, then pitch about y, then roll about x.
+
+    The result turns body axes (front, right, down) into the reference's (north, east, down).
+    """
+    yaw, pitch, roll = np.broadcast_arrays(
+        np.asarray(yaw_rad, dtype=np.float64), np.asarray(pitch_rad), np.asarray(roll_rad)
+    )
+    cy, sy, cp, sp, cr, sr = (f(a / 2) for a in (yaw, pitch, roll) for f in (np.cos, np.sin))
+    return np.stack(
+        [
+            cy * cp * cr + sy * sp * sr,
+            cy * cp * sr - sy * sp * cr,
+            cy * sp * cr + sy * cp * sr,
+            sy * cp * cr - cy * sp * sr,
+        ],
+        axis=-1,
+    )
+
+
+def yaw_pitch_roll(wxyz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Aerospace ZYX angles (rad) of quaternions ``(..., 4)``; at pitch +-90 degrees yaw takes all, roll is 0."""
+    m = matrix(wxyz)
+    pitch = np.arcsin(np.clip(-m[..., 2, 0], -1.0, 1.0))
+    regular = np.hypot(m[..., 2, 1], m[..., 2, 2]) > NADIR_TILT_RAD
+    yaw = np.where(regular, np.arctan2(m[..., 1, 0], m[..., 0, 0]), np.arctan2(-m[..., 0, 1], m[..., 1, 1]))
+    roll = np.where(regular, np.arctan2(m[..., 2, 1], m[..., 2, 2]), 0.0)
+    return yaw, pitch, roll
+
+
+def camera_attitude(tilt_rad: npt.ArrayLike, roll_rad: npt.ArrayLike, heading_rad: npt.ArrayLike) -> FloatArray:
+    """``enu_SO3_cam`` quaternions ``(..., 4)`` from the camera's angles (see ``conventions``), broadcast."""
+    tilt, roll, heading = np.broadcast_arrays(
+        np.asarray(tilt_rad, dtype=np.float64), np.asarray(roll_rad), np.asarray(heading_rad)
+    )
+    zero = np.zeros_like(tilt)
+    turn = np.stack([np.cos(heading / 2), zero, zero, -np.sin(heading / 2)], axis=-1)
+    lift = np.stack([-np.sin(tilt / 2), np.cos(tilt / 2), zero, zero], axis=-1)  # half a turn about x, then the tilt
+    spin = np.stack([np.cos(roll / 2), zero, zero, np.sin(roll / 2)], axis=-1)
+    return multiply(multiply(turn, lift), spin)
+
+
+def camera_angles(enu_wxyz_cam: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Tilt in [0, pi], roll in (-pi, pi], heading in [0, 2 pi) of ``enu_SO3_cam``, each ``(...)`` in rad.
+
+    At nadir (and zenith) roll is 0 and the heading is that of the image's up direction.
+    """
+    m = matrix(enu_wxyz_cam)
+    axis = m[..., :, 2]
+    horizontal = np.hypot(axis[..., 0], axis[..., 1])
+    tilt = np.arctan2(horizontal, -axis[..., 2])
+    ahead = np.where((horizontal > NADIR_TILT_RAD)[..., None], axis[..., :2], -m[..., :2, 1])
+    heading = np.arctan2(ahead[..., 0], ahead[..., 1]) % (2 * np.pi)
+    level = matrix(camera_attitude(tilt, 0.0, heading))
+    right = m[..., :, 0]
+    roll = np.arctan2(np.sum(right * level[..., :, 1], axis=-1), np.sum(right * level[..., :, 0], axis=-1))
+    return tilt, roll, heading
+
+
+def camera_from_gimbal(ned_wxyz_gimbal: FloatArray) -> FloatArray:
+    """``enu_SO3_cam`` of a camera that looks along the gimbal's x axis, from ``ned_SO3_gimbal``, ``(..., 4)``."""
+    enu_wxyz_gimbal = multiply(np.array(ENU_SO3_NED_WXYZ), ned_wxyz_gimbal)
+    return multiply(enu_wxyz_gimbal, np.array(GIMBAL_SO3_CAM_WXYZ))
+
+
+def skew(vectors: FloatArray) -> FloatArray:
+    """Cross-product matrices ``(..., 3, 3)`` of ``(..., 3)``: ``skew(a) b = a x b``."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

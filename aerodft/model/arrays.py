@@ -8,6 +8,7 @@ import numpy.typing as npt
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
+FloatLike: TypeAlias = float | FloatArray
 ImageArray: TypeAlias = npt.NDArray[np.uint8]
 
 

@@ -1,0 +1,54 @@
+"""The paper's equations, to the letter, one function each.
+
+Y. Salih, M. T. Simsim, A. S. Malik: "Distance and Size Measurements of Objects in the Scene from a Single 2D Image".
+Angles in rad, lengths in m, pixels (i, j) from the image's top-left corner; all arguments broadcast. Angles are taken
+linear in pixels and Eq. 5 holds for small depression only: use the pinhole model to measure.
+"""
+
+import math
+
+import numpy as np
+
+from aerodft.model.arrays import BoolArray, FloatArray, FloatLike
+
+
+def tilt_is_valid(tilt_rad: FloatLike, vfov_rad: FloatLike) -> BoolArray:
+    """Eq. 1: the upper image border is below the horizon, ``theta < 90 deg - FOV_V / 2``."""
+    return np.asarray(np.asarray(tilt_rad) < math.pi / 2 - np.asarray(vfov_rad) / 2)
+
+
+def rotation_angle(i_px: FloatLike, width_px: float, hfov_rad: float) -> FloatArray:
+    """Eq. 2: ``phi = (i - W/2) FOV_H / W``; negative on the left."""
+    return np.asarray((np.asarray(i_px, dtype=np.float64) - width_px / 2) * (hfov_rad / width_px))
+
+
+def vertical_angle(j_px: FloatLike, tilt_rad: FloatLike, height_px: float, vfov_rad: float) -> FloatArray:
+    """Eq. 3: ``psi = theta + (H/2 - j) FOV_V / H``; 0 straight down."""
+    return np.asarray(tilt_rad + (height_px / 2 - np.asarray(j_px, dtype=np.float64)) * (vfov_rad / height_px))
+
+
+def ground_ahead(height_m: FloatLike, psi_rad: FloatLike) -> FloatArray:
+    """Eq. 4: ``Y = h tan(psi)``; NaN at and above the horizon."""
+    psi = np.asarray(psi_rad, dtype=np.float64)
+    return np.asarray(np.where(np.abs(psi) < math.pi / 2, height_m * np.tan(psi), np.nan))
+
+
+def ground_right(ahead_m: FloatLike, phi_rad: FloatLike) -> FloatArray:
+    """Eq. 5: ``X = Y tan(phi)``."""
+    return np.asarray(ahead_m * np.tan(np.asarray(phi_rad, dtype=np.float64)))
+
+
+def depth(height_m: FloatLike, ahead_m: FloatLike, right_m: FloatLike) -> FloatArray:
+    """Eq. 6: ``Z = sqrt(h^2 + Y^2 + X^2)``, the slant range."""
+    return np.asarray(np.sqrt(np.square(height_m) + np.square(ahead_m) + np.square(right_m)))
+
+
+def ground_distance(a_xy_m: FloatArray, b_xy_m: FloatArray) -> FloatArray:
+    """Eq. 7: distance of two ground points ``(..., 2)``."""
+    return np.asarray(np.hypot(*np.moveaxis(np.asarray(a_xy_m) - np.asarray(b_xy_m), -1, 0)))
+
+
+def object_height(height_m: FloatLike, base_ahead_m: FloatLike, top_ahead_m: FloatLike) -> FloatArray:
+    """Eq. 8: height of an object whose base is seen at ``Y1`` and whose top at ``Y2``: ``h (Y2 - Y1) / Y2``."""
+    top = np.asarray(top_ahead_m, dtype=np.float64)
+    return np.asarray(height_m * (top - base_ahead_m) / top)

@@ -1,0 +1,194 @@
+"""Probes to measurements: one pose, any number of probes, one projection."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aerodft.dft.projection import CODES, GroundPoints, project
+from aerodft.dft.uncertainty import Z95, Gradient, ellipse95, point_covariance, scalar_std, shared_covariance
+from aerodft.geometry.geodesy import lat_lon
+from aerodft.geometry.rotation import camera_angles
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera
+from aerodft.model.measurement import GeoPoint, Measurement, ProjectionModel, Vector
+from aerodft.model.pose import GeoOrigin, Pose, PoseSample
+from aerodft.model.probe import Probe, ProbeKind
+from aerodft.model.status import Status
+
+MAX_RELATIVE_RANGE_STD = 0.3
+"""A point whose slant range is less certain than this is ``ILL_CONDITIONED``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """What all measurements of a station share.
+
+    Attributes:
+        camera: The camera.
+        model: Projection model.
+        max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
+        config_id: Named in every measurement.
+    """
+
+    camera: Camera
+    model: ProjectionModel = ProjectionModel.PINHOLE
+    max_range_m: float | None = None
+    config_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """One probe with the pixels that it has in this image."""
+
+    probe: Probe
+    pixels: tuple[tuple[float, float], ...]
+    std_px: float
+
+
+def measure(
+    setup: Setup, sample: PoseSample, requests: tuple[Request, ...], image: int | None = None
+) -> list[Measurement]:
+    """Measure every request at one pose.
+
+    Returns:
+        One measurement a request, in order; without a value, but with a status and its reasons, where there is none.
+    """
+    pose = sample.pose
+    if pose is None or sample.status is not Status.OK:
+        return [_Record(setup, sample, request, image).miss(sample.status, sample.reasons) for request in requests]
+    counts = [len(request.pixels) for request in requests]
+    pixels = np.array([pixel for request in requests for pixel in request.pixels], dtype=np.float64).reshape(-1, 2)
+    elevation = np.repeat([request.probe.elevation_m for request in requests], counts)
+    ground = project(setup.camera, pose, pixels, elevation, setup.model)
+    return [
+        _measure_one(_Record(setup, sample, request, image), pose, ground[end - count : end])
+        for request, count, end in zip(requests, counts, np.cumsum(counts), strict=True)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """What a measurement says of its circumstances, whether it has an answer or not."""
+
+    setup: Setup
+    sample: PoseSample
+    request: Request
+    image: int | None
+
+    def miss(self, status: Status, reasons: tuple[str, ...]) -> Measurement:
+        return Measurement(
+            name=self.request.probe.name,
+            kind=self.request.probe.kind,
+            status=status,
+            reasons=reasons,
+            stamp_ns=self.sample.stamp_ns,
+            pixels=self.request.pixels,
+            std_px=self.request.std_px,
+            camera=self.setup.camera.name,
+            model=self.setup.model,
+            pose=self.sample,
+            image=self.image,
+            calibration=self.sample.calibration,
+            config=self.setup.config_id,
+        )
+
+    def answer(
+        self, pose: Pose, points_enu_m: FloatArray, cov_enu_m2: FloatArray, value: float | None, std: float | None
+    ) -> Measurement:
+        is_position = self.request.probe.kind is ProbeKind.POSITION
+        return replace(
+            self.miss(Status.OK, self.sample.reasons),
+            value=value,
+            std=std,
+            ci95=None if value is None or std is None else (value - Z95 * std, value + Z95 * std),
+            ellipse95=ellipse95(cov_enu_m2) if is_position else None,
+            ground_m=_tuples(to_ground_frame(pose, points_enu_m)),
+            enu_m=_tuples(points_enu_m),
+            cov_enu_m2=_tuples(cov_enu_m2),
+            geo=_geo(self.sample.origin, points_enu_m),
+            range_m=tuple(np.linalg.norm(points_enu_m - pose.position_enu_m, axis=-1).tolist()),
+        )
+
+
+def _measure_one(record: _Record, pose: Pose, ground: GroundPoints) -> Measurement:
+    bad = np.flatnonzero(ground.status)
+    if len(bad):
+        status = CODES[ground.status[bad[0]]]
+        return record.miss(status, (_why(record, pose, status, ground, int(bad[0])),))
+    std_px = record.request.std_px
+    shared_cov = shared_covariance(record.setup.camera, pose, record.request.probe.elevation_std_m)
+    for index in range(len(ground.status)):
+        refusal = _untrusted(record, pose, ground[index : index + 1], shared_cov)
+        if refusal:
+            return record.miss(refusal[0], (f"point {index} {refusal[1]}",))
+    points = ground.points_enu_m
+    value, gradient = _value(record.request.probe.kind, points, pose.position_enu_m)
+    std = None if gradient is None else scalar_std(ground, gradient, shared_cov, std_px)
+    return record.answer(pose, points, point_covariance(ground, 0, shared_cov, std_px), value, std)
+
+
+def _untrusted(record: _Record, pose: Pose, point: GroundPoints, shared_cov: FloatArray) -> tuple[Status, str] | None:
+    range_m, gradient = _slant_range(point.points_enu_m[0], pose.position_enu_m)
+    limit = record.setup.max_range_m
+    if limit is not None and range_m > limit:
+        return Status.BEYOND_RANGE, f"is {range_m:.1f} m away, the limit is {limit:g} m"
+    std = scalar_std(point, gradient, shared_cov, record.request.std_px)
+    if std <= MAX_RELATIVE_RANGE_STD * range_m:
+        return None
+    below = math.degrees(float(point.depression_rad[0]))
+    sentence = f"is {below:.1f} deg below the horizon, range {range_m:.0f} m +- {Z95 * std:.0f} m (95 %)"
+    return Status.ILL_CONDITIONED, sentence
+
+
+def _value(kind: ProbeKind, points: FloatArray, camera_enu_m: FloatArray) -> tuple[float | None, Gradient | None]:
+    if kind is ProbeKind.DISTANCE:
+        apart = points[1] - points[0]
+        distance = math.hypot(*apart[:2])
+        unit = apart * [1, 1, 0] / distance if distance > 0 else np.zeros(3)
+        return distance, Gradient(points=np.stack([-unit, unit]), position=np.zeros(3))
+    if kind is ProbeKind.RANGE:
+        return _slant_range(points[0], camera_enu_m)
+    return None, None
+
+
+def _slant_range(point_enu_m: FloatArray, camera_enu_m: FloatArray) -> tuple[float, Gradient]:
+    sight = point_enu_m - camera_enu_m
+    range_m = math.hypot(*sight)
+    unit = sight / range_m
+    return range_m, Gradient(points=unit[None, :], position=-unit)
+
+
+def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
+    """ENU points ``(..., 3)`` in the camera's ground frame: X right, Y ahead, Z up, origin at its foot."""
+    _, _, heading = camera_angles(pose.wxyz)
+    sin, cos = math.sin(heading), math.cos(heading)
+    away = points_enu_m - pose.position_enu_m * [1, 1, 0]
+    return np.asarray(away @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def _geo(origin: GeoOrigin | None, points: FloatArray) -> tuple[GeoPoint, ...] | None:
+    if origin is None:
+        return None
+    plane = origin.alt_msl_m
+    return tuple(
+        GeoPoint(lat_rad=float(lat), lon_rad=float(lon), alt_msl_m=None if plane is None else plane + float(up))
+        for (lat, lon), up in zip(lat_lon(origin, points[:, :2]), points[:, 2], strict=True)
+    )
+
+
+def _tuples(rows: FloatArray) -> tuple[Vector, ...]:
+    return tuple(tuple(row) for row in rows.tolist())
+
+
+def _why(record: _Record, pose: Pose, status: Status, ground: GroundPoints, index: int) -> str:
+    u, v = record.request.pixels[index]
+    camera = record.setup.camera
+    if status is Status.OUT_OF_IMAGE:
+        return f"pixel {index} ({u:g}, {v:g}) is outside the image of {camera.width_px} x {camera.height_px} px"
+    if status is Status.BELOW_SURFACE:
+        return f"camera {pose.position_enu_m[2]:.2f} m, measured plane {record.request.probe.elevation_m:.2f} m high"
+    if status is Status.ABOVE_HORIZON:
+        above = -math.degrees(float(ground.depression_rad[index]))
+        return f"pixel {index} ({u:g}, {v:g}) looks {above:.1f} deg above the horizon"
+    return f"pixel {index} ({u:g}, {v:g}) is outside the valid radius of the lens model"

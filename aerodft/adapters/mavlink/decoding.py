@@ -1,0 +1,90 @@
+"""MAVLink frames to telemetry tracks."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.mavlink import rows as to
+from aerodft.adapters.mavlink import selection as pick
+from aerodft.adapters.mavlink.dialect import frame_table, message_name, payload_dtype
+from aerodft.adapters.mavlink.framing import Bytes
+from aerodft.model.arrays import IntArray
+from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
+
+_MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
+    pick.SYSTEM_TIME: to.clock_track,
+    pick.ATTITUDE: to.vehicle_track,
+    pick.GLOBAL_POSITION_INT: to.position_track,
+    pick.DISTANCE_SENSOR: to.distance_sensor_track,
+    pick.TERRAIN_REPORT: to.terrain_track,
+    pick.ALTITUDE: to.altitude_track,
+    pick.MOUNT_STATUS: to.mount_status_track,
+    pick.RANGEFINDER: to.rangefinder_track,
+    pick.MOUNT_ORIENTATION: to.mount_orientation_track,
+    pick.GIMBAL_DEVICE_ATTITUDE_STATUS: to.gimbal_device_track,
+}
+_DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
+
+
+class MavlinkDecoder:
+    """Decodes the wanted messages of one vehicle; a ``service.ports.TelemetryDecoder``.
+
+    Frames before the vehicle was first heard are left out. A gimbal or sensor with a clock of its own (another
+    component) gets ``NO_BOOT_TIME``: its time since boot is not the vehicle's.
+
+    Args:
+        system: MAVLink system id to follow; None for the first from which an autopilot's HEARTBEAT, an ATTITUDE or a
+            GLOBAL_POSITION_INT comes.
+
+    Attributes:
+        rejected: Rows left out, by ``MESSAGE: reason``.
+    """
+
+    def __init__(self, system: int | None = None) -> None:
+        self._state = pick.fresh_state(system)
+        self._tables = (frame_table(), pick.SLOTS)
+        self.rejected: Counter[str] = Counter()
+
+    @property
+    def system(self) -> int | None:
+        """The system that is followed; None until one was heard."""
+        system = int(self._state[pick.SYSTEM])
+        return None if system < 0 else system
+
+    @property
+    def damaged(self) -> int:
+        """Frames of wanted messages that failed the framer's check."""
+        return int(self._state[pick.DAMAGED])
+
+    def decode(self, block: RawBlock) -> tuple[Track, ...]:
+        """The tracks of this block's frames, at most one a message, by message id; no frame is an error.
+
+        Raises:
+            ValueError: The block is not MAVLink.
+        """
+        if block.protocol is not WireProtocol.MAVLINK:
+            raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.MAVLINK}")
+        found = np.empty((3, len(block.offset)), dtype=np.int64)
+        data = np.frombuffer(block.data, dtype=np.uint8)
+        pick.select(data, np.stack([block.offset, block.length]), self._tables, self._state, found)
+        tracks = (
+            self._track(slot, found, data, block)
+            for slot in np.unique(found[0]).tolist()
+            if slot >= 0 and pick.WANTED[slot] in _MAKERS
+        )
+        return tuple(track for track in tracks if track is not None)
+
+    def _track(self, slot: int, found: IntArray, data: Bytes, block: RawBlock) -> Track | None:
+        """The track of one message's rows."""
+        index = np.flatnonzero(found[0] == slot)
+        message_id = pick.WANTED[slot]
+        dtype = _DTYPES[message_id]
+        raw = np.zeros((len(index), dtype.itemsize), dtype=np.uint8)
+        pick.gather(data, found[1:, index], raw)
+        payload = raw.view(dtype)[:, 0]
+        own_clock = self._state[pick.LOCKS + slot] not in {-1, self._state[pick.COMPONENT]}
+        boot_ns = np.full(len(index), NO_BOOT_TIME, dtype=np.int64) if own_clock else to.boot_ns_of(payload)
+        rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns)
+        return _MAKERS[message_id](rows, self.rejected)

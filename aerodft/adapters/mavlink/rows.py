@@ -1,0 +1,248 @@
+"""Payload rows to telemetry tracks: units to SI, angles to quaternions, and what is no value left out and counted."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.geometry.rotation import from_yaw_pitch_roll
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.telemetry import (
+    NO_BOOT_TIME,
+    ClockTrack,
+    GimbalTrack,
+    HeightTrack,
+    PositionTrack,
+    Track,
+    VehicleTrack,
+)
+
+MIN_UNIX_NS: Final = 946_684_800 * 10**9  # 2000-01-01
+MAX_UNIX_NS: Final = 7_258_118_400 * 10**9  # 2200-01-01
+# Beyond any convention for angles: a wrapped angle is at most a full turn.
+MAX_ANGLE_RAD: Final = 2 * math.pi + 0.01
+
+_YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 16, 32, 64
+_QUALITY_INVALID = 1
+_COVARIANCE_UNKNOWN = 255
+_DISTANCE_CLIPPED_CM = 65535
+_TERRAIN_UNKNOWN_M = -1000.0
+_QUATERNION_NORM_SLACK = 0.1
+_MAX_LAT_DEGE7, _MAX_LON_DEGE7 = 900_000_000, 1_800_000_000
+_MAX_BOOT_US = 10**15  # 31 years; more is a Unix time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Rows of one message: ``(n,)`` structured payload, arrival and time since boot (ns)."""
+
+    name: str
+    payload: npt.NDArray[np.void]
+    arrival_ns: IntArray
+    boot_ns: IntArray
+
+    def column(self, field: str) -> FloatArray:
+        """A field as float64."""
+        return self.payload[field].astype(np.float64)
+
+    def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows | None":
+        """The rows without a fault, or None where none is left; a faulty row counts once, under its first fault."""
+        bad = np.zeros(len(self.payload), dtype=np.bool_)
+        for fault, where in faults.items():
+            fresh = int(np.count_nonzero(where & ~bad))
+            if fresh:
+                rejected[f"{self.name}: {fault}"] += fresh
+                bad |= where
+        if not bad.any():
+            return self
+        if bad.all():
+            return None
+        good = ~bad
+        return Rows(self.name, self.payload[good], self.arrival_ns[good], self.boot_ns[good])
+
+    def stamps(self) -> dict[str, Any]:
+        """The stamps as a track's arguments."""
+        return {"arrival_ns": self.arrival_ns, "boot_ns": self.boot_ns}
+
+
+def not_finite(rows: Rows, *fields: str) -> dict[str, BoolArray]:
+    """A fault for each field: NaN or infinite."""
+    return {f"{field} is not finite": ~np.isfinite(rows.payload[field]) for field in fields}
+
+
+def no_angle(rows: Rows, *fields: str, unit_rad: float = 1.0) -> dict[str, BoolArray]:
+    """A fault for each field: not finite, or more than a full turn."""
+    with np.errstate(invalid="ignore"):
+        return {f"{field} is no angle": ~(np.abs(rows.column(field) * unit_rad) <= MAX_ANGLE_RAD) for field in fields}
+
+
+def clock_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """SYSTEM_TIME; without a fix the time is zero, with a broken clock it is in another century."""
+    unix_us = rows.payload["time_unix_usec"]
+    early = unix_us < MIN_UNIX_NS // 1000
+    good = rows.kept(rejected, {"no UTC yet": early, "impossible year": unix_us >= MAX_UNIX_NS // 1000})
+    if good is None:
+        return None
+    return ClockTrack(unix_ns=good.payload["time_unix_usec"].astype(np.int64) * 1000, **good.stamps())
+
+
+def vehicle_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """ATTITUDE, radians."""
+    good = rows.kept(rejected, no_angle(rows, "roll", "pitch", "yaw"))
+    if good is None:
+        return None
+    wxyz = from_yaw_pitch_roll(good.column("yaw"), good.column("pitch"), good.column("roll"))
+    return VehicleTrack(wxyz=wxyz, **good.stamps())
+
+
+def position_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """GLOBAL_POSITION_INT; before the first fix latitude and longitude are zero."""
+    unit_rad = math.radians(1e-7)
+    lat, lon = rows.payload["lat"], rows.payload["lon"]
+    impossible = (np.abs(lat.astype(np.int64)) > _MAX_LAT_DEGE7) | (np.abs(lon.astype(np.int64)) > _MAX_LON_DEGE7)
+    good = rows.kept(rejected, {"no position yet": (lat == 0) & (lon == 0), "impossible position": impossible})
+    if good is None:
+        return None
+    return PositionTrack(
+        lat_rad=good.column("lat") * unit_rad,
+        lon_rad=good.column("lon") * unit_rad,
+        alt_msl_m=good.column("alt") / 1000,
+        height_home_m=good.column("relative_alt") / 1000,
+        **good.stamps(),
+    )
+
+
+def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """GIMBAL_DEVICE_ATTITUDE_STATUS: the yaw's frame from the flags, the lock bit only where no frame bit is set."""
+    q = rows.payload["q"].astype(np.float64)
+    norm = np.sqrt(np.sum(q * q, axis=-1))
+    faults = {
+        "gimbal reports a failure": rows.payload["failure_flags"] != 0,
+        "q is no rotation": ~(np.abs(norm - 1) <= _QUATERNION_NORM_SLACK),
+    }
+    good = rows.kept(rejected, faults)
+    if good is None:
+        return None
+    q = good.payload["q"].astype(np.float64)
+    flags = good.payload["flags"]
+    framed = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
+    earth = np.where(framed, (flags & _YAW_IN_VEHICLE) == 0, (flags & _YAW_LOCK) != 0)
+    return GimbalTrack(
+        source=GimbalSource.GIMBAL_DEVICE,
+        wxyz=q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True)),
+        yaw_in_earth=earth,
+        **good.stamps(),
+    )
+
+
+def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """MOUNT_ORIENTATION, degrees; yaw against the vehicle."""
+    good = rows.kept(rejected, no_angle(rows, "roll", "pitch", "yaw", unit_rad=math.radians(1)))
+    if good is None:
+        return None
+    angles_rad = (np.radians(good.column(field)) for field in ("yaw", "pitch", "roll"))
+    return _vehicle_yaw_track(GimbalSource.MOUNT_ORIENTATION, good, from_yaw_pitch_roll(*angles_rad))
+
+
+def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """MOUNT_STATUS, centidegrees: a is pitch, b is roll, c is yaw against the vehicle; no stamp, zero when unknown."""
+    fields = ("pointing_c", "pointing_a", "pointing_b")
+    zero = np.logical_and.reduce([rows.payload[field] == 0 for field in fields])
+    faults = {"all angles zero": zero, **no_angle(rows, *fields, unit_rad=math.radians(0.01))}
+    good = rows.kept(rejected, faults)
+    if good is None:
+        return None
+    angles_rad = (np.radians(good.column(field) / 100) for field in fields)
+    return _vehicle_yaw_track(GimbalSource.MOUNT_STATUS, good, from_yaw_pitch_roll(*angles_rad))
+
+
+def _vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Track:
+    return GimbalTrack(source=source, wxyz=wxyz, yaw_in_earth=np.zeros(len(wxyz), dtype=np.bool_), **rows.stamps())
+
+
+def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """DISTANCE_SENSOR that looks down, centimetres along the body's down axis; what is out of its range is no value."""
+    distance = rows.payload["current_distance"]
+    faults = {
+        "signal quality is invalid": rows.payload["signal_quality"] == _QUALITY_INVALID,
+        "distance is zero": distance == 0,
+        "distance is clipped": distance == _DISTANCE_CLIPPED_CM,
+        "below the sensor's minimum": distance < rows.payload["min_distance"],
+        "above the sensor's maximum": distance > rows.payload["max_distance"],
+    }
+    good = rows.kept(rejected, faults)
+    if good is None:
+        return None
+    variance_cm2 = good.column("covariance")
+    # Autopilots that know no variance send 0, as often as the agreed 255.
+    unknown = (variance_cm2 == _COVARIANCE_UNKNOWN) | (variance_cm2 == 0)
+    return HeightTrack(
+        source=HeightSource.RANGEFINDER,
+        value_m=good.column("current_distance") / 100,
+        slant=True,
+        std_m=np.where(unknown, np.nan, np.sqrt(variance_cm2) / 100),
+        **good.stamps(),
+    )
+
+
+def rangefinder_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """RANGEFINDER, metres along the body's down axis; zero before its first reading."""
+    distance_m = rows.column("distance")
+    faults = {**not_finite(rows, "distance"), "distance is zero": distance_m == 0, "distance < 0": distance_m < 0}
+    good = rows.kept(rejected, faults)
+    if good is None:
+        return None
+    return _height_track(HeightSource.RANGEFINDER, good, good.column("distance"), slant=True)
+
+
+def terrain_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """TERRAIN_REPORT: height above the terrain database; with spacing 0 or without a position it is none."""
+    faults = {
+        "spacing is 0": rows.payload["spacing"] == 0,
+        "no position yet": (rows.payload["lat"] == 0) & (rows.payload["lon"] == 0),
+        **not_finite(rows, "current_height"),
+    }
+    good = rows.kept(rejected, faults)
+    if good is None:
+        return None
+    return _height_track(HeightSource.TERRAIN, good, good.column("current_height"), slant=False)
+
+
+def altitude_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """ALTITUDE: the clearance below; where there is none, the altitude above terrain.
+
+    In this order, because PX4 fills ``altitude_terrain`` with the terrain's own altitude, and always together with a
+    clearance.
+    """
+    clearance_m, terrain_m = rows.column("bottom_clearance"), rows.column("altitude_terrain")
+    has_clearance = np.isfinite(clearance_m) & (clearance_m >= 0)
+    has_terrain = np.isfinite(terrain_m) & (terrain_m >= _TERRAIN_UNKNOWN_M)
+    good = rows.kept(rejected, {"no height above terrain": ~(has_clearance | has_terrain)})
+    if good is None:
+        return None
+    clearance_m, terrain_m = good.column("bottom_clearance"), good.column("altitude_terrain")
+    use_clearance = np.isfinite(clearance_m) & (clearance_m >= 0)
+    value_m = np.where(use_clearance, clearance_m, terrain_m)
+    return _height_track(HeightSource.TERRAIN, good, value_m, slant=False)
+
+
+def _height_track(source: HeightSource, rows: Rows, value_m: FloatArray, *, slant: bool) -> Track:
+    return HeightTrack(
+        source=source, value_m=value_m, slant=slant, std_m=np.full(len(value_m), np.nan), **rows.stamps()
+    )
+
+
+def boot_ns_of(payload: npt.NDArray[np.void]) -> IntArray:
+    """Time since boot in ns ``(n,)``; ``NO_BOOT_TIME`` where the message has none."""
+    fields = payload.dtype.names or ()
+    if "time_boot_ms" in fields:
+        return payload["time_boot_ms"].astype(np.int64) * 1_000_000
+    if "time_usec" in fields:
+        time_us = payload["time_usec"]
+        known = time_us < _MAX_BOOT_US
+        return np.where(known, np.where(known, time_us, 0).astype(np.int64) * 1000, NO_BOOT_TIME)
+    return np.full(len(payload), NO_BOOT_TIME, dtype=np.int64)

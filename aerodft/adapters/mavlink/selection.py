@@ -1,0 +1,174 @@
+"""Which frames of a block are decoded: the wanted messages of one vehicle, decided frame by frame in order.
+
+The rules that depend on what came before live in one sequential kernel, so that the outcome does not depend on how
+the frames were cut into blocks.
+"""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.adapters.mavlink.dialect import payload_dtype
+from aerodft.adapters.mavlink.framing import FRAME, Bytes, Table, probe
+from aerodft.adapters.mavlink.jit import njit
+from aerodft.model.arrays import IntArray
+
+HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
+ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
+WANTED: Final = (
+    HEARTBEAT,
+    SYSTEM_TIME,
+    ATTITUDE,
+    GLOBAL_POSITION_INT,
+    DISTANCE_SENSOR,
+    TERRAIN_REPORT,
+    ALTITUDE,
+    MOUNT_STATUS,
+    RANGEFINDER,
+    MOUNT_ORIENTATION,
+    GIMBAL_DEVICE_ATTITUDE_STATUS,
+)
+# The selection's state: what was decided so far, then each wanted message's component.
+SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, LOCKS = 0, 1, 2, 3, 4, 5
+ORIENTATION_DOWN = 25
+
+_UNDECIDED = -1
+_IDS = 1 << 16
+_V1, _V1_HEAD, _V2_HEAD = 0xFE, 6, 10
+_HEADS = 10
+_TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # structured: it has fields
+_AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
+_ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
+_TYPE_GCS, _AUTOPILOT_NONE = 6, 8
+# Cameras, gimbals, planners and companion computers send the vehicle's messages about themselves.
+_CAMERA_FIRST, _CAMERA_LAST, _GIMBAL, _OTHER_FIRST, _OTHER_LAST = 100, 105, 154, 171, 199
+
+
+def _slots() -> npt.NDArray[np.int16]:
+    """``(65536,)`` index into ``WANTED`` by message id, -1 for the rest."""
+    slots = np.full(_IDS, -1, dtype=np.int16)
+    slots[list(WANTED)] = np.arange(len(WANTED))
+    slots.setflags(write=False)
+    return slots
+
+
+SLOTS: Final = _slots()
+
+
+def fresh_state(system: int | None) -> IntArray:
+    """The state before the first frame; ``system`` None is decided by the first vehicle heard."""
+    state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
+    state[SENSOR_SEEN : DAMAGED + 1] = 0
+    if system is not None:
+        state[SYSTEM] = system
+    return state
+
+
+@njit
+def message_id_at(data: Bytes, at: int) -> int:
+    """The id in the header of the frame that stands at ``at``."""
+    if data[at] == _V1:
+        return int(np.int64(data[at + 5]))
+    return int(np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16)
+
+
+@njit
+def _byte(data: Bytes, payload_at: int, length: int, index: int) -> int:
+    """One payload byte; what MAVLink 2 cut off is zero."""
+    return int(data[payload_at + index]) if index < length else 0
+
+
+@njit
+def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, length: int) -> bool:
+    """Whether this frame could only come from an autopilot."""
+    peripheral = (
+        _CAMERA_FIRST <= component <= _CAMERA_LAST or component == _GIMBAL or _OTHER_FIRST <= component <= _OTHER_LAST
+    )
+    if message_id == HEARTBEAT:
+        kind = _byte(data, payload_at, length, _TYPE_AT)
+        return kind != _TYPE_GCS and _byte(data, payload_at, length, _AUTOPILOT_AT) != _AUTOPILOT_NONE
+    return not peripheral and message_id in (ATTITUDE, GLOBAL_POSITION_INT)
+
+
+@njit
+def _admit(state: IntArray, message_id: int, slot: int, component: int) -> bool:
+    """Whether a message of the followed system comes from the component that is listened to for it.
+
+    The clock, the attitude and the position come from the autopilot; anything else from whoever sent it first.
+    """
+    if message_id in (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT):
+        return bool(component == state[COMPONENT])
+    if state[LOCKS + slot] == _UNDECIDED:
+        state[LOCKS + slot] = component
+    return bool(component == state[LOCKS + slot])
+
+
+@njit
+def _superseded(state: IntArray, message_id: int, orientation: int) -> bool:
+    """Whether a better message of the same height is known (notes it where this is the one), or it looks elsewhere."""
+    if message_id == DISTANCE_SENSOR:
+        if orientation != ORIENTATION_DOWN:
+            return True
+        state[SENSOR_SEEN] = 1
+    elif message_id == TERRAIN_REPORT:
+        state[TERRAIN_SEEN] = 1
+    return (message_id == RANGEFINDER and state[SENSOR_SEEN] == 1) or (
+        message_id == ALTITUDE and state[TERRAIN_SEEN] == 1
+    )
+
+
+@njit
+def select(
+    data: Bytes, frames: IntArray, tables: tuple[Table, npt.NDArray[np.int16]], state: IntArray, rows: IntArray
+) -> None:
+    """Find what is to be decoded.
+
+    Args:
+        data: The block's bytes.
+        frames: ``(2, n)`` offset and length of each frame.
+        tables: ``frame_table()`` and ``SLOTS``.
+        state: From ``fresh_state``, updated.
+        rows: ``(3, n)`` filled with the index into ``WANTED`` (-1: not decoded), the payload's start and its length.
+    """
+    table, slots = tables
+    for k in range(frames.shape[1]):
+        rows[0, k] = -1
+        at, end = frames[0, k], frames[0, k] + frames[1, k]
+        if at < 0 or end > len(data) or end - at < _HEADS - 2:
+            state[DAMAGED] += 1
+            continue
+        message_id = message_id_at(data, at) if data[at] == _V1 or end - at >= _HEADS else _IDS
+        slot = slots[message_id] if message_id < _IDS else -1
+        if slot < 0:
+            continue
+        verdict, size = probe(data, at, end, table)
+        if verdict != FRAME or size != end - at:
+            state[DAMAGED] += 1
+            continue
+        head, first = (_V1_HEAD, 3) if data[at] == _V1 else (_V2_HEAD, 5)
+        system, component, length = int(data[at + first]), int(data[at + first + 1]), int(data[at + 1])
+        if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, at + head, length):
+            if state[SYSTEM] == _UNDECIDED:
+                state[SYSTEM] = system
+            if state[SYSTEM] == system:
+                state[COMPONENT] = component
+        if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM] or not _admit(state, message_id, slot, component):
+            continue
+        if not _superseded(state, message_id, _byte(data, at + head, length, _ORIENTATION_AT)):
+            rows[0, k], rows[1, k], rows[2, k] = slot, at + head, length
+
+
+@njit
+def gather(data: Bytes, places: IntArray, out: npt.NDArray[np.uint8]) -> None:
+    """Copy payloads to rows of equal size, with zeros where MAVLink 2 cut them off.
+
+    Args:
+        data: The block's bytes.
+        places: ``(2, k)`` start and length of each payload.
+        out: ``(k, size)`` zeros, filled.
+    """
+    for k in range(places.shape[1]):
+        at = places[0, k]
+        for i in range(min(places[1, k], out.shape[1])):
+            out[k, i] = data[at + i]

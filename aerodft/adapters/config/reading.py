@@ -40,7 +40,6 @@ _EXPECTED = {
     "less_than": "less than {lt:g}",
     "less_than_equal": "at most {le:g}",
     "string_too_short": "text in quotes, not empty",
-    "string_pattern_mismatch": "letters, digits, '.', '_' and '-' only",
     "literal_error": "one of {expected}",
     "enum": "one of {expected}",
     "too_short": "at least {min_length} of them",

@@ -1,8 +1,9 @@
 """The pieces that configuration tables are made of: strict, finite, with the unit in the key."""
 
+import re
 from typing import Annotated, Generic, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 Quantity = TypeVar("Quantity")
@@ -30,19 +31,17 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True, protected_namespaces=())
 
 
-def _lift(value: object) -> object:
-    """A bare number is a value without a standard deviation."""
-    return {"value": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-class UncertainTable(Table, Generic[Quantity]):
-    """A quantity with its standard deviation, in the same unit."""
+class Uncertain(Table, Generic[Quantity]):
+    """A quantity with its standard deviation in the same unit; a bare number is one without."""
 
     value: Quantity
     std: Annotated[float, Field(ge=0)] = 0.0
 
+    @model_validator(mode="before")
+    @classmethod
+    def _lift(cls, given: object) -> object:
+        return {"value": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
 
-Uncertain = Annotated[UncertainTable[Quantity], BeforeValidator(_lift)]
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -55,15 +54,33 @@ HeadingDeg = Annotated[float, Field(ge=-360, le=360)]
 FieldOfViewDeg = Annotated[float, Field(gt=0, lt=180)]
 BiasDeg = Annotated[float, Field(ge=-45, le=45)]
 Text = Annotated[str, Field(min_length=1)]
-Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 Pixel = Annotated[tuple[float, float], Field(strict=False)]
+Many = Annotated[tuple[Quantity, ...], Field(strict=False)]
 
 
-def _unique(values: list[Quantity]) -> list[Quantity]:
+def matching(pattern: str, expected: str) -> AfterValidator:
+    """A validator for text that must match ``pattern`` as a whole.
+
+    Args:
+        pattern: A regular expression.
+        expected: What it stands for, in words.
+    """
+    compiled = re.compile(pattern)
+
+    def check(value: str) -> str:
+        if compiled.fullmatch(value) is None:
+            raise impossible("", got=f'"{value}"', expected=expected)
+        return value
+
+    return AfterValidator(check)
+
+
+def _unique(values: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
     for value in values:
         if values.count(value) > 1:
             raise impossible("", got=f"{value} twice", expected="each once")
     return values
 
 
-UniqueList = Annotated[list[Quantity], Field(min_length=1), AfterValidator(_unique)]
+Slug = Annotated[str, matching(r"[A-Za-z0-9][A-Za-z0-9._-]*", "letters, digits, '.', '_' and '-' only")]
+Order = Annotated[tuple[Quantity, ...], Field(strict=False, min_length=1), AfterValidator(_unique)]

@@ -1,0 +1,164 @@
+"""Station files: TOML to :class:`aerodft.adapters.config.station.StationConfig`."""
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from aerodft.adapters.config.calibration import calibration_from, load_calibrated_pose, load_calibration
+from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
+from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
+from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
+from aerodft.adapters.config.resolved import refreshed
+from aerodft.adapters.config.settings import (
+    fixed_pose_from,
+    images_from,
+    origin_from,
+    probes_from,
+    telemetry_from,
+)
+from aerodft.adapters.config.station import (
+    FixedPose,
+    Link,
+    ObservationSettings,
+    RecordSettings,
+    StationConfig,
+    ZenohSettings,
+)
+from aerodft.adapters.config.station_tables import ConfigTable
+from aerodft.adapters.config.tables import Table, Text
+from aerodft.adapters.config.units import to_ns
+from aerodft.errors import ConfigError
+from aerodft.model.calibration import Calibration
+from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
+from aerodft.service.settings import PipelineSettings
+
+
+class _CameraFile(Table):
+    file: Text
+
+
+def load_station(path: Path) -> StationConfig:
+    """Read a station's configuration.
+
+    Args:
+        path: A TOML file; camera, calibration, video and observation files in it are relative to its folder.
+
+    Raises:
+        ConfigError: Missing file, TOML syntax, unknown key, impossible value, here or in a file that it refers to.
+    """
+    return parse_station(read_bytes(path), where=str(path), folder=path.parent)
+
+
+def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
+    """As :func:`load_station`, from a file's bytes.
+
+    Args:
+        data: The TOML text.
+        where: The file's name in messages.
+        folder: What relative paths in it start from.
+
+    Raises:
+        ConfigError: As :func:`load_station`.
+    """
+    table = validated(ConfigTable, parse_toml(data, where), where)
+    camera, model = _camera(table.camera, where, folder)
+    fixed = None if table.pose is None else _fixed_pose(table.pose, where, folder)
+    pipeline = PipelineSettings(
+        station=table.station.name,
+        camera=camera,
+        probes=probes_from(table.probe, camera, where),
+        model=model,
+        telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
+        origin=origin_from(table.station.origin),
+        max_range_m=table.limits.max_range_m,
+        time_std_s=table.images.time_std_s,
+        match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
+        tick_ns=table.station.tick_ms * 1_000_000,
+    )
+    return refreshed(
+        StationConfig(
+            pipeline=pipeline,
+            link=_link(table.telemetry),
+            images=images_from(table.images, folder),
+            observations=ObservationSettings(
+                files=tuple(folder / file for file in table.observations.files),
+                topic=table.observations.topic,
+                time_offset_s=table.observations.time_offset_s,
+            ),
+            zenoh=ZenohSettings(enabled=table.zenoh.enabled, listen=table.zenoh.listen, connect=table.zenoh.connect),
+            record=RecordSettings(
+                folder=Path(table.record.folder),
+                image_hz=table.record.image_hz,
+                jpeg_quality=table.record.jpeg_quality,
+            ),
+            fixed_pose=fixed,
+            calibration=None if table.telemetry is None else _telemetry_calibration(table.telemetry, folder),
+        )
+    )
+
+
+def with_calibration(station: StationConfig, path: Path) -> StationConfig:
+    """The same station with another calibration: a fixed camera takes its pose, a moving one its biases.
+
+    Args:
+        station: The station.
+        path: A calibration file.
+
+    Raises:
+        ConfigError: As :func:`aerodft.adapters.config.calibration.load_calibration`, or the file lacks what it takes.
+    """
+    if station.fixed_pose is not None:
+        return refreshed(replace(station, fixed_pose=_calibrated_pose(path)))
+    return replace(station, calibration=_biases(path))
+
+
+def _camera(document: dict[str, Any], where: str, folder: Path) -> tuple[Camera, ProjectionModel]:
+    rest = dict(document)
+    name = rest.pop("model", ProjectionModel.PINHOLE)
+    try:
+        model = ProjectionModel(name)
+    except ValueError:
+        expected = " or ".join(f'"{known}"' for known in ProjectionModel)
+        raise ConfigError("camera.model", where=where, got=repr(name), expected=expected) from None
+    if "file" in rest:
+        return load_camera(folder / validated(_CameraFile, rest, where, "camera.").file), model
+    return camera_from(validated(CameraTable, rest, where, "camera.")), model
+
+
+def _fixed_pose(table: PoseTable, where: str, folder: Path) -> FixedPose:
+    return _calibrated_pose(folder / table.calibration) if table.calibration else fixed_pose_from(table, where)
+
+
+def _calibrated_pose(path: Path) -> FixedPose:
+    pose = load_calibrated_pose(path)
+    if pose is None:
+        raise ConfigError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
+    return pose
+
+
+def _telemetry_calibration(table: TelemetryTable, folder: Path) -> Calibration | None:
+    if table.calibration:
+        return _biases(folder / table.calibration)
+    if table.bias is None:
+        return None
+    own = hashlib.sha256(table.bias.model_dump_json(exclude={"calibration_id"}).encode()).hexdigest()
+    return calibration_from(table.bias, table.bias.calibration_id or f"sha256:{own}")
+
+
+def _biases(path: Path) -> Calibration:
+    if load_calibrated_pose(path) is not None:
+        raise ConfigError(
+            "a fixed camera's calibration",
+            where=path,
+            got="[pose]",
+            expected="[bias] alone for a station with telemetry",
+        )
+    return load_calibration(path)
+
+
+def _link(table: TelemetryTable | None) -> Link | None:
+    if table is None or table.connection is None:
+        return None
+    return Link(connection=table.connection, baud=table.baud)

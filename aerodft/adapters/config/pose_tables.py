@@ -1,0 +1,140 @@
+"""The tables that say where a pose comes from: a vehicle's telemetry, or a fixed camera's own statement."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from aerodft.adapters.config.calibration import BiasTable, check_position
+from aerodft.adapters.config.tables import (
+    Count,
+    HeadingDeg,
+    Latitude,
+    Longitude,
+    NonNegative,
+    Order,
+    Positive,
+    RollDeg,
+    Table,
+    Text,
+    TiltDeg,
+    impossible,
+)
+
+HeightName = Literal["rangefinder", "terrain", "home", "manual"]
+AttitudeName = Literal["GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "fixed"]
+
+
+class HeightStdTable(Table):
+    """Standard deviation of each height source, metres."""
+
+    rangefinder: NonNegative = 0.2
+    terrain: NonNegative = 3.0
+    home: NonNegative = 1.0
+    manual: NonNegative = 0.5
+
+
+class HeightTable(Table):
+    """Which height is believed."""
+
+    order: Order[HeightName] = ("rangefinder", "terrain", "home")
+    home_above_plane_m: float = 0.0
+    manual_m: Positive | None = None
+    min_m: NonNegative = 1.0
+    max_gap_s: Positive = 2.0
+    std_m: HeightStdTable = HeightStdTable()
+
+    @model_validator(mode="after")
+    def _manual_height_is_there(self) -> Self:
+        if "manual" in self.order and self.manual_m is None:
+            raise impossible("manual_m", got="nothing", expected='metres, because "manual" is in order')
+        return self
+
+
+class FixedMountTable(Table):
+    """A camera bolted to the vehicle: yaw, pitch (0 forward, -90 straight down), roll against its body."""
+
+    yaw_deg: HeadingDeg = 0.0
+    pitch_deg: Annotated[float, Field(ge=-180, le=180)]
+    roll_deg: RollDeg = 0.0
+
+
+class AttitudeTable(Table):
+    """Which attitude is believed."""
+
+    order: Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
+    fixed_mount: FixedMountTable | None = None
+    max_gap_s: Positive = 1.0
+    tilt_std_deg: NonNegative = 1.0
+    pan_std_deg: NonNegative = 1.0
+    roll_std_deg: NonNegative = 1.0
+    heading_std_deg: NonNegative = 2.0
+
+    @model_validator(mode="after")
+    def _fixed_mount_is_there(self) -> Self:
+        if "fixed" in self.order and self.fixed_mount is None:
+            raise impossible("fixed_mount", got="nothing", expected='a table, because "fixed" is in order')
+        return self
+
+
+class TelemetryBiasTable(BiasTable):
+    """Biases written into the station's own file, with the id of the calibration that they came from."""
+
+    calibration_id: Text | None = None
+
+
+class TelemetryTable(Table):
+    """The vehicle, and how its telemetry becomes a pose."""
+
+    connection: Text | None = None
+    baud: Count = 57600
+    system: Annotated[int, Field(ge=1, le=255)] | None = None
+    wait_s: NonNegative = 1.0
+    horizontal_std_m: NonNegative = 2.0
+    height: HeightTable = HeightTable()
+    attitude: AttitudeTable = AttitudeTable()
+    calibration: Text | None = None
+    bias: TelemetryBiasTable | None = None
+
+    @model_validator(mode="after")
+    def _one_calibration(self) -> Self:
+        if self.calibration and self.bias:
+            raise impossible("bias", got="it beside calibration", expected="one of the two")
+        return self
+
+
+class PoseStdTable(Table):
+    """How well a fixed camera's stated pose is known; unknown heading and position are exact by definition."""
+
+    height_m: NonNegative = 0.1
+    tilt_deg: NonNegative = 1.0
+    pan_deg: NonNegative = 1.0
+    roll_deg: NonNegative = 1.0
+    heading_deg: NonNegative | None = None
+    horizontal_m: NonNegative | None = None
+
+
+class PoseTable(Table):
+    """A fixed camera's pose, or the calibration file that has it."""
+
+    calibration: Text | None = None
+    calibration_id: Text | None = None
+    height_agl_m: Positive | None = None
+    tilt_deg: TiltDeg | None = None
+    roll_deg: RollDeg = 0.0
+    heading_deg: HeadingDeg | None = None
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    alt_msl_m: float | None = None
+    std: PoseStdTable = PoseStdTable()
+
+    @model_validator(mode="after")
+    def _stated_or_calibrated(self) -> Self:
+        others = sorted(self.model_fields_set - {"calibration"})
+        if self.calibration and others:
+            raise impossible(others[0], got="it beside calibration", expected="one of the two")
+        if not self.calibration:
+            missing = [key for key in ("height_agl_m", "tilt_deg") if getattr(self, key) is None]
+            if missing:
+                raise impossible(missing[0], got="nothing", expected="height_agl_m and tilt_deg, or calibration")
+        check_position(self.lat_deg, self.lon_deg)
+        return self

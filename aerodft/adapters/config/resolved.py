@@ -1,0 +1,202 @@
+"""A station back to one self-contained TOML text, and the id of what its numbers depend on."""
+
+import hashlib
+import json
+from dataclasses import replace
+from typing import Any
+
+import tomli_w
+
+from aerodft.adapters.config.calibration import bias_document
+from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.config.settings import pose_sample
+from aerodft.adapters.config.station import (
+    Device,
+    FixedPose,
+    ImageSettings,
+    Rate,
+    StationConfig,
+    Stills,
+    Stream,
+    VideoFile,
+)
+from aerodft.adapters.config.units import to_deg, to_s
+from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.model.pose import GeoOrigin
+from aerodft.model.probe import PixelSource, Probe
+from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+
+
+def refreshed(station: StationConfig) -> StationConfig:
+    """The station with ``pipeline.fixed_pose`` and ``pipeline.config_id`` made anew from the rest."""
+    fixed = None if station.fixed_pose is None else pose_sample(station.fixed_pose, station.pipeline.origin)
+    current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed))
+    return replace(current, pipeline=replace(current.pipeline, config_id=config_id(current)))
+
+
+def config_id(station: StationConfig) -> str:
+    """``sha256:...`` of what the numbers depend on: not of ports, folders, or where input comes from.
+
+    A telemetry calibration is left out too: a measurement names it by its own id.
+    """
+    document = station_document(station)
+    for key in ("zenoh", "record"):
+        del document[key]
+    document["station"].pop("name")
+    document["images"] = {key: document["images"][key] for key in ("time_offset_s", "time_std_s")}
+    for key in ("files", "topic"):
+        document["observations"].pop(key, None)
+    for key in ("connection", "baud", "bias"):
+        document.get("telemetry", {}).pop(key, None)
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+
+
+def resolved_toml(station: StationConfig) -> str:
+    """One TOML text with camera, calibration and every default written out.
+
+    Reading it with :func:`aerodft.adapters.config.loading.parse_station` gives the same settings to the last bit.
+    """
+    return tomli_w.dumps(station_document(station))
+
+
+def station_document(station: StationConfig) -> dict[str, Any]:
+    """The station as TOML keys; what is None is left out."""
+    pipeline = station.pipeline
+    document: dict[str, Any] = {
+        "station": {"name": pipeline.station, "tick_ms": pipeline.tick_ns // 1_000_000},
+        "camera": {**camera_document(pipeline.camera), "model": str(pipeline.model)},
+    }
+    if pipeline.origin is not None:
+        document["station"]["origin"] = _origin(pipeline.origin)
+    if pipeline.telemetry is not None:
+        document["telemetry"] = _telemetry(pipeline.telemetry, station)
+    if station.fixed_pose is not None:
+        document["pose"] = _pose(station.fixed_pose)
+    document["images"] = {**_images(station.images), "time_std_s": pipeline.time_std_s}
+    document["observations"] = {
+        "files": [str(file.absolute()) for file in station.observations.files],
+        "topic": station.observations.topic,
+        "time_offset_s": station.observations.time_offset_s,
+        "match_tolerance_s": to_s(pipeline.match_tolerance_ns),
+    }
+    document["limits"] = _stated(max_range_m=pipeline.max_range_m)
+    document["zenoh"] = {
+        "enabled": station.zenoh.enabled,
+        "listen": station.zenoh.listen,
+        "connect": list(station.zenoh.connect),
+    }
+    document["record"] = {
+        "folder": str(station.record.folder),
+        "image_hz": station.record.image_hz,
+        "jpeg_quality": station.record.jpeg_quality,
+    }
+    document["probe"] = [_probe(probe) for probe in pipeline.probes]
+    return document
+
+
+def _stated(**values: object) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else to_deg(angle_rad)
+
+
+def _origin(origin: GeoOrigin) -> dict[str, Any]:
+    return _stated(lat_deg=to_deg(origin.lat_rad), lon_deg=to_deg(origin.lon_rad), alt_msl_m=origin.alt_msl_m)
+
+
+def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str, Any]:
+    link, calibration = station.link, station.calibration
+    return _stated(
+        connection=link.connection if link else None,
+        baud=link.baud if link else None,
+        system=settings.system,
+        wait_s=to_s(settings.wait_ns),
+        horizontal_std_m=settings.attitude.std.horizontal_m,
+        height=_height(settings.height),
+        attitude=_attitude(settings.attitude),
+        bias=None if calibration is None else {"calibration_id": calibration.id, **bias_document(calibration)},
+    )
+
+
+def _height(settings: HeightSettings) -> dict[str, Any]:
+    return _stated(
+        order=[str(source) for source in settings.order],
+        std_m={str(source): std_m for source, std_m in settings.std_m.items()},
+        home_above_plane_m=settings.home_above_plane_m,
+        manual_m=settings.manual_m,
+        min_m=settings.min_m,
+        max_gap_s=to_s(settings.max_gap_ns),
+    )
+
+
+def _attitude(settings: AttitudeSettings) -> dict[str, Any]:
+    mount, std = settings.fixed_mount, settings.std
+    return _stated(
+        order=[str(source) for source in settings.order],
+        fixed_mount=None
+        if mount is None
+        else {
+            "yaw_deg": to_deg(mount.yaw_rad),
+            "pitch_deg": to_deg(mount.pitch_rad),
+            "roll_deg": to_deg(mount.roll_rad),
+        },
+        max_gap_s=to_s(settings.max_gap_ns),
+        tilt_std_deg=to_deg(std.tilt_rad),
+        pan_std_deg=to_deg(std.pan_rad),
+        roll_std_deg=to_deg(std.roll_rad),
+        heading_std_deg=to_deg(std.heading_rad),
+    )
+
+
+def _pose(fixed: FixedPose) -> dict[str, Any]:
+    return _stated(
+        calibration_id=fixed.calibration,
+        height_agl_m=fixed.height_agl_m,
+        tilt_deg=to_deg(fixed.tilt_rad),
+        roll_deg=to_deg(fixed.roll_rad),
+        heading_deg=to_deg(fixed.heading_rad),
+        lat_deg=_degrees(fixed.lat_rad),
+        lon_deg=_degrees(fixed.lon_rad),
+        alt_msl_m=fixed.alt_msl_m,
+        std={
+            "height_m": fixed.std.height_agl_m,
+            "tilt_deg": to_deg(fixed.std.tilt_rad),
+            "pan_deg": to_deg(fixed.std.pan_rad),
+            "roll_deg": to_deg(fixed.std.roll_rad),
+            "heading_deg": to_deg(fixed.std.heading_rad),
+            "horizontal_m": fixed.std.horizontal_m,
+        },
+    )
+
+
+def _images(settings: ImageSettings) -> dict[str, Any]:
+    match settings.source:
+        case VideoFile(path=path, start_ns=start_ns):
+            start = None if start_ns is None else unix_ns_to_iso(start_ns)
+            document = _stated(video=str(path.absolute()), start=start)
+        case Stills(folder=folder, pattern=pattern, utc_offset=utc_offset):
+            document = _stated(stills=str(folder.absolute()), pattern=pattern, utc_offset=utc_offset)
+        case Stream(url=url):
+            document = {"stream": url}
+        case Device(path=device):
+            document = {"device": device}
+        case Rate(rate_hz=rate_hz):
+            document = {"rate_hz": rate_hz}
+        case None:
+            document = {}
+    return {**document, "time_offset_s": settings.time_offset_s}
+
+
+def _probe(probe: Probe) -> dict[str, Any]:
+    fixed = probe.source is PixelSource.FIXED
+    return {
+        "name": probe.name,
+        "kind": str(probe.kind),
+        **({"pixels": [list(pixel) for pixel in probe.pixels]} if fixed else {"observed": True}),
+        "std_px": probe.std_px,
+        "elevation_m": probe.elevation_m,
+        "elevation_std_m": probe.elevation_std_m,
+    }

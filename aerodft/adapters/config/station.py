@@ -1,0 +1,153 @@
+"""A station as it is configured: the pipeline's settings, and where its input and output are."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+from aerodft.model.calibration import Calibration
+from aerodft.model.pose import PoseStd
+from aerodft.service.settings import PipelineSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Link:
+    """The live MAVLink connection: pymavlink's connection string, and the baud rate of a serial device."""
+
+    connection: str
+    baud: int = 57600
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoFile:
+    """A video file; ``start_ns`` is the UTC of its first instant, None to take the container's."""
+
+    path: Path
+    start_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stills:
+    """A folder of stills; ``pattern`` says how a name tells the time, ``utc_offset`` whose time EXIF means."""
+
+    folder: Path
+    pattern: str | None = None
+    utc_offset: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stream:
+    """A live stream, by URL."""
+
+    url: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Device:
+    """A local capture device, such as ``/dev/video0``."""
+
+    path: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """No images: stamps alone, at a rate."""
+
+    rate_hz: float
+
+
+ImageInput: TypeAlias = VideoFile | Stills | Stream | Device | Rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageSettings:
+    """Where images come from.
+
+    Attributes:
+        source: None where the configuration names none (the command line may, else stamps at a rate).
+        time_offset_s: Added to every stamp of the source.
+    """
+
+    source: ImageInput | None = None
+    time_offset_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObservationSettings:
+    """Where observed pixels come from, and what is added to their stamps."""
+
+    files: tuple[Path, ...] = ()
+    topic: bool = True
+    time_offset_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZenohSettings:
+    """The bus: loopback only and no multicast, unless somebody writes otherwise."""
+
+    enabled: bool = True
+    listen: str = "tcp/127.0.0.1:7447"
+    connect: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordSettings:
+    """The recorder. ``folder`` is against the current directory; ``image_hz`` 0 records no images."""
+
+    folder: Path = Path("recordings")
+    image_hz: float = 1.0
+    jpeg_quality: int = 80
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedPose:
+    """A fixed camera's pose as it was stated or calibrated.
+
+    Attributes:
+        height_agl_m: Above the measured plane.
+        tilt_rad: From straight down.
+        roll_rad: Right side down.
+        heading_rad: Clockwise from true north; 0 where unknown, which makes ENU turn with the camera.
+        lat_rad: WGS84; None where unknown.
+        lon_rad: Likewise.
+        alt_msl_m: Of the camera, likewise.
+        std: How well all this is known.
+        calibration: Id of the calibration that it came from.
+    """
+
+    height_agl_m: float
+    tilt_rad: float
+    roll_rad: float = 0.0
+    heading_rad: float = 0.0
+    lat_rad: float | None = None
+    lon_rad: float | None = None
+    alt_msl_m: float | None = None
+    std: PoseStd = field(default_factory=PoseStd)
+    calibration: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StationConfig:
+    """One station, from one file.
+
+    ``pipeline.fixed_pose`` and ``pipeline.config_id`` follow from the rest: after a ``dataclasses.replace`` that
+    touches what numbers depend on, pass the result through :func:`aerodft.adapters.config.resolved.refreshed`.
+
+    Attributes:
+        pipeline: What the numbers depend on.
+        link: None where the file names no connection.
+        images: Image input.
+        observations: Observation input.
+        zenoh: The bus.
+        record: The recorder.
+        fixed_pose: What ``pipeline.fixed_pose`` was made of; None where telemetry gives the pose.
+        calibration: Biases to correct the telemetry with.
+    """
+
+    pipeline: PipelineSettings
+    link: Link | None = None
+    images: ImageSettings = field(default_factory=ImageSettings)
+    observations: ObservationSettings = field(default_factory=ObservationSettings)
+    zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    record: RecordSettings = field(default_factory=RecordSettings)
+    fixed_pose: FixedPose | None = None
+    calibration: Calibration | None = None

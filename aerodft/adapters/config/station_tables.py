@@ -1,0 +1,168 @@
+"""The tables of a station's configuration file, with their defaults and checks."""
+
+from datetime import datetime
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
+from aerodft.adapters.config.tables import (
+    Latitude,
+    Longitude,
+    Many,
+    NonNegative,
+    Pixel,
+    Positive,
+    Slug,
+    Table,
+    Text,
+    impossible,
+    matching,
+)
+from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
+from aerodft.model.probe import POINTS, ProbeKind
+
+_ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
+
+
+def _instant(value: object) -> object:
+    """Text or a TOML date and time to UTC nanoseconds; an integer is that already."""
+    if isinstance(value, datetime):
+        if value.tzinfo is None:
+            raise impossible("", got=value.isoformat(), expected="an offset from UTC", hint="end it with Z or +01:00")
+        return datetime_to_unix_ns(value)
+    if isinstance(value, str):
+        try:
+            return iso_to_unix_ns(value)
+        except ValueError as error:
+            raise impossible("", got=f'"{value}"', expected='like "2026-11-21T01:57:26.5Z"', hint=str(error)) from None
+    return value
+
+
+def _offset(value: str) -> str:
+    try:
+        parse_offset(value)
+    except ValueError:
+        raise impossible("", got=f'"{value}"', expected='an offset from UTC like "+02:00"') from None
+    return value
+
+
+class OriginTable(Table):
+    """A point of the measured plane."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    alt_msl_m: float | None = None
+
+
+class StationTable(Table):
+    """Who measures."""
+
+    name: Slug
+    origin: OriginTable | None = None
+    tick_ms: Annotated[int, Field(ge=1, le=1000)] = 50
+
+
+class ImagesTable(Table):
+    """Where images come from; at most one of the five inputs."""
+
+    video: Text | None = None
+    start: Annotated[int | None, BeforeValidator(_instant)] = None
+    stills: Text | None = None
+    pattern: Text | None = None
+    utc_offset: Annotated[str, AfterValidator(_offset)] | None = None
+    stream: Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')] | None = None
+    device: Text | None = None
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
+    time_offset_s: float = 0.0
+    time_std_s: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _one_input(self) -> Self:
+        given = [key for key in _ONE_INPUT if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise impossible(given[1], got=f"it beside {given[0]}", expected=f"one of {', '.join(_ONE_INPUT)}")
+        for key, owner in (("start", "video"), ("pattern", "stills"), ("utc_offset", "stills")):
+            if getattr(self, key) is not None and getattr(self, owner) is None:
+                raise impossible(key, got=f"it without {owner}", expected=f"{owner} beside it")
+        return self
+
+
+class ObservationsTable(Table):
+    """Where observed pixels come from."""
+
+    files: Many[Text] = ()
+    topic: bool = True
+    time_offset_s: float = 0.0
+    match_tolerance_s: NonNegative = 0.02
+
+
+class LimitsTable(Table):
+    """What is not believed."""
+
+    max_range_m: Positive | None = None
+
+
+Endpoint = Annotated[str, matching(r"(tcp|udp|tls|quic|ws)/\S+:\d+", 'like "tcp/127.0.0.1:7447"')]
+
+
+class ZenohTable(Table):
+    """The bus."""
+
+    enabled: bool = True
+    listen: Endpoint = "tcp/127.0.0.1:7447"
+    connect: Many[Endpoint] = ()
+
+
+class RecordTable(Table):
+    """The recorder."""
+
+    folder: Text = "recordings"
+    image_hz: NonNegative = 1.0
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
+
+
+class ProbeTable(Table):
+    """One thing to measure."""
+
+    name: Slug
+    kind: Annotated[ProbeKind, Field(strict=False)]
+    pixels: Many[Pixel] | None = None
+    observed: bool = False
+    std_px: NonNegative = 1.0
+    elevation_m: float = 0.0
+    elevation_std_m: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _fixed_or_observed(self) -> Self:
+        if self.observed and self.pixels is not None:
+            raise impossible("pixels", got="it beside observed = true", expected="one of the two")
+        if not self.observed and self.pixels is None:
+            raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
+        if self.pixels is not None and len(self.pixels) != POINTS[self.kind]:
+            raise impossible(
+                "pixels", got=f"{len(self.pixels)} of them", expected=f"{POINTS[self.kind]} for {self.kind}"
+            )
+        return self
+
+
+class ConfigTable(Table):
+    """A station's whole file; ``camera`` is validated once it is known whether it is a file or inline."""
+
+    station: StationTable
+    camera: dict[str, Any]
+    telemetry: TelemetryTable | None = None
+    pose: PoseTable | None = None
+    images: ImagesTable = ImagesTable()
+    observations: ObservationsTable = ObservationsTable()
+    limits: LimitsTable = LimitsTable()
+    zenoh: ZenohTable = ZenohTable()
+    record: RecordTable = RecordTable()
+    probe: Many[ProbeTable] = ()
+
+    @model_validator(mode="after")
+    def _telemetry_or_pose(self) -> Self:
+        if (self.telemetry is None) == (self.pose is None):
+            got = "neither of them" if self.pose is None else "both of them"
+            raise impossible("", got=got, expected="either [telemetry] or [pose]", hint="[pose] is for a fixed camera")
+        return self

@@ -1,0 +1,63 @@
+"""UTC as text to exact nanoseconds and back; Python's datetime stops at microseconds."""
+
+import re
+from datetime import UTC, datetime, timedelta
+
+SECOND_NS = 1_000_000_000
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_ISO = re.compile(
+    r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:[.,](\d{1,9}))?\s*(Z|[+-]\d{2}:?\d{2})?",
+    re.IGNORECASE,
+)
+_OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
+
+
+def iso_to_unix_ns(text: str, *, default_offset: timedelta | None = None) -> int:
+    """ISO 8601 date and time to UTC nanoseconds.
+
+    Args:
+        text: Like ``2026-11-21T01:57:26.123456789Z`` or ``2026-11-21 02:57:26+01:00``.
+        default_offset: Offset from UTC of a text that states none; None to refuse such a text.
+
+    Raises:
+        ValueError: Not a date and time, impossible, or without an offset from UTC.
+    """
+    match = _ISO.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f"{text!r} is no date and time like 2026-11-21T01:57:26.5Z")
+    day, clock, fraction, zone = match.groups()
+    if zone is None and default_offset is None:
+        raise ValueError(f"{text!r} states no offset from UTC; end it with Z or +01:00")
+    offset = parse_offset(zone) if zone else default_offset or timedelta()
+    return datetime_to_unix_ns(datetime.fromisoformat(f"{day}T{clock}+00:00") - offset) + int(
+        (fraction or "0").ljust(9, "0")
+    )
+
+
+def parse_offset(text: str) -> timedelta:
+    """An offset from UTC, ``Z`` or like ``+02:00``.
+
+    Raises:
+        ValueError: Neither of them.
+    """
+    if text.upper() == "Z":
+        return timedelta()
+    match = _OFFSET.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is no offset from UTC like +02:00")
+    sign, hours, minutes = match.groups()
+    size = timedelta(hours=int(hours), minutes=int(minutes))
+    return -size if sign == "-" else size
+
+
+def datetime_to_unix_ns(when: datetime) -> int:
+    """A timezone-aware datetime to UTC nanoseconds, in integers throughout."""
+    return (when - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def unix_ns_to_iso(stamp_ns: int) -> str:
+    """UTC nanoseconds to text that :func:`iso_to_unix_ns` reads back exactly."""
+    seconds, fraction = divmod(stamp_ns, SECOND_NS)
+    head = (_EPOCH + timedelta(seconds=seconds)).strftime("%Y-%m-%dT%H:%M:%S")
+    tail = f"{fraction:09d}".rstrip("0")
+    return f"{head}.{tail}Z" if tail else f"{head}Z"

@@ -1,0 +1,44 @@
+"""One decoder for all protocols, and one way to open a log of any of them."""
+
+from collections import Counter
+from pathlib import Path
+
+from aerodft.adapters.mavlink.dataflash import DataflashSource
+from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
+from aerodft.adapters.mavlink.dataflash_format import HEAD
+from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.mavlink.files import map_log
+from aerodft.adapters.mavlink.tlog import TlogSource
+from aerodft.model.telemetry import RawBlock, Track, WireProtocol
+
+
+class CompositeDecoder:
+    """Decodes each block by its protocol; a ``service.ports.TelemetryDecoder``.
+
+    Args:
+        system: MAVLink system id to follow; None for the first vehicle heard.
+    """
+
+    def __init__(self, system: int | None = None) -> None:
+        self.mavlink = MavlinkDecoder(system)
+        self.dataflash = DataflashDecoder()
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Rows left out so far, by ``MESSAGE: reason``."""
+        return self.mavlink.rejected + self.dataflash.rejected
+
+    def decode(self, block: RawBlock) -> tuple[Track, ...]:
+        """The tracks of this block's frames."""
+        decoder = self.mavlink if block.protocol is WireProtocol.MAVLINK else self.dataflash
+        return decoder.decode(block)
+
+
+def open_log(path: Path) -> TlogSource | DataflashSource:
+    """Open a telemetry log by what it holds, whatever its name.
+
+    Raises:
+        InputError: It is missing, empty, unreadable, or neither a .tlog nor an ArduPilot .bin log.
+    """
+    head = map_log(path, "a MAVLink .tlog or an ArduPilot .bin log")[: len(HEAD)]
+    return DataflashSource(path) if tuple(head.tolist()) == HEAD else TlogSource(path)

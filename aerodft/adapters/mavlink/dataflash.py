@@ -1,0 +1,217 @@
+"""ArduPilot's on-board logs (.bin), message by message."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
+from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE
+from aerodft.adapters.mavlink.files import map_log, wrong_type
+from aerodft.adapters.mavlink.framing import (
+    AT_SYNC,
+    N_OK,
+    N_SKIPPED,
+    N_TRUNCATED,
+    STATE_SIZE,
+    Bytes,
+    FrameCounts,
+    counts_of,
+)
+from aerodft.adapters.mavlink.jit import njit
+from aerodft.adapters.mavlink.stamps import MAX_STAMP_US, settle
+from aerodft.model.arrays import IntArray
+from aerodft.model.batch import Event
+from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
+
+BLOCK_MESSAGES: Final = 4096
+_BLOCK_BYTES: Final = 1 << 20
+_EXPECTED: Final = "an ArduPilot .bin log"
+_LAST_US, _DATAFLASH_STATE = STATE_SIZE, STATE_SIZE + 1
+_FIRST, _SECOND = HEAD
+_TYPES = 256
+_TIMED = 1 << 8  # beside a type's length: the message starts with TimeUS
+_FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
+_TIME_COLUMN = np.frombuffer(b"TimeUS", dtype=np.uint8)
+
+
+@njit
+def _size_at(data: Bytes, at: int, types: IntArray) -> int:
+    """The size of the message that starts at ``at``; 0 where none of a known type does."""
+    if at + HEAD_SIZE > len(data) or data[at] != _FIRST or data[at + 1] != _SECOND:
+        return 0
+    return int(types[data[at + 2]]) & 0xFF
+
+
+@njit
+def _time_us(data: Bytes, at: int, types: IntArray) -> int:
+    """The time since boot of the message at ``at``; -1 where it has none."""
+    if at + HEAD_SIZE + 8 > len(data) or not types[data[at + 2]] & _TIMED:
+        return -1
+    stamp = 0
+    for i in range(7, -1, -1):
+        if stamp >= MAX_STAMP_US >> 8:
+            return -1
+        stamp = stamp << 8 | int(data[at + HEAD_SIZE + i])
+    return stamp
+
+
+@njit
+def _learn(data: Bytes, at: int, types: IntArray) -> None:
+    """Take in the size of the type that a FMT message declares, and whether it starts with a time."""
+    size = int(data[at + 4])
+    timed = data[at + _FMT_FORMAT_AT] == ord("Q")
+    for i in range(len(_TIME_COLUMN)):
+        timed = timed and data[at + _FMT_COLUMNS_AT + i] == _TIME_COLUMN[i]
+    if size >= HEAD_SIZE and data[at + 3] != FMT_TYPE:
+        types[data[at + 3]] = size | (_TIMED if timed else 0)
+
+
+@njit
+def _whole(data: Bytes, at: int, size: int, synced: bool, types: IntArray) -> bool:  # noqa: FBT001 - numba
+    """Whether a message may stand here: there is no checksum, so after damage the next one must follow at once."""
+    end = at + size
+    if size == 0 or end > len(data):
+        return False
+    return synced or end == len(data) or _size_at(data, end, types) > 0
+
+
+@njit
+def _scan_dataflash(
+    data: Bytes, start: int, limit: int, types: IntArray, rows: IntArray, state: IntArray
+) -> tuple[int, int]:
+    """Find messages from ``start``, until ``rows`` is full or ``limit`` is passed.
+
+    Args:
+        data: The whole file.
+        start: Where to go on.
+        limit: Where to stop looking.
+        types: ``(256,)`` size of each known type, and ``_TIMED``; learns.
+        rows: ``(3, n)`` filled with each message's offset, its size, and its time since boot in us.
+        state: ``(_DATAFLASH_STATE,)``, updated.
+
+    Returns:
+        Number of messages, and where to go on.
+    """
+    at, found, stop = start, 0, len(data)
+    while at < min(stop, limit) and found < rows.shape[1]:
+        size = _size_at(data, at, types)
+        synced = at == state[AT_SYNC]
+        if not _whole(data, at, size, synced, types):
+            if synced and (at + size > stop or stop - at < HEAD_SIZE):
+                state[N_TRUNCATED] += 1
+            state[N_SKIPPED] += 1
+            at += 1
+            continue
+        end = at + size
+        if data[at + 2] == FMT_TYPE:
+            _learn(data, at, types)
+        stamp = _time_us(data, at, types)
+        if stamp >= 0:
+            following = _time_us(data, end, types) if _size_at(data, end, types) > 0 else -1
+            state[_LAST_US] = settle(stamp, state[_LAST_US], following)
+        rows[0, found], rows[1, found], rows[2, found] = at, size, state[_LAST_US]
+        found += 1
+        state[N_OK] += 1
+        state[AT_SYNC] = end
+        at = end
+    return found, at
+
+
+class DataflashSource:
+    """A .bin log as blocks of raw messages, the ones that describe the format included.
+
+    Arrival is UTC: the first good GPS message ties the log's time since boot to it; without one the file's
+    modification time is taken as the log's end.
+
+    Args:
+        path: The file.
+
+    Raises:
+        InputError: The file is missing, a folder, unreadable, empty, or no such log.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._data = map_log(path, _EXPECTED)
+        self._state, self._types = _fresh()
+        if not next(self._scan(), None):
+            raise wrong_type(path, _EXPECTED)
+        self._first_us, self._unix_minus_boot_ns, self._has_gps = self._tie()
+
+    @property
+    def counts(self) -> FrameCounts:
+        """What was read so far."""
+        return counts_of(self._state)
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return len(self._data)
+
+    def events(self) -> Iterator[Event]:
+        """All messages in order, in blocks of at most 4096; memory does not grow with the file."""
+        for block in self._scan():
+            # What comes before the first stamp (the format's description) arrives with it.
+            time_ns = np.maximum(block.arrival_ns, self._first_us * 1000)
+            yield RawBlock(
+                protocol=block.protocol,
+                sender=block.sender,
+                arrival_ns=time_ns + self._unix_minus_boot_ns,
+                offset=block.offset,
+                length=block.length,
+                data=block.data,
+            )
+
+    def _scan(self) -> Iterator[RawBlock]:
+        """Blocks whose arrival is still the time since boot, 0 before the first stamp."""
+        self._state, self._types = _fresh()
+        rows = np.empty((3, BLOCK_MESSAGES), dtype=np.int64)
+        at, size = 0, len(self._data)
+        while at < size:
+            found, at = _scan_dataflash(self._data, at, at + _BLOCK_BYTES, self._types, rows, self._state)
+            if found:
+                start, stop = int(rows[0, 0]), int(rows[0, found - 1] + rows[1, found - 1])
+                yield RawBlock(
+                    protocol=WireProtocol.DATAFLASH,
+                    sender=self._path.name,
+                    arrival_ns=rows[2, :found] * 1000,
+                    offset=rows[0, :found] - start,
+                    length=rows[1, :found].copy(),
+                    data=self._data[start:stop].tobytes(),
+                )
+
+    def _tie(self) -> tuple[int, int, bool]:
+        """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS."""
+        decoder = DataflashDecoder()
+        first_ns, last_ns = 0, 0
+        for block in self._scan():
+            last_ns = int(block.arrival_ns[-1])
+            first_ns = first_ns or int(block.arrival_ns[block.arrival_ns > 0].min(initial=last_ns))
+            for track in decoder.decode(block):
+                if isinstance(track, ClockTrack):
+                    return first_ns // 1000, int(track.unix_ns[0] - track.boot_ns[0]), True
+        return first_ns // 1000, self._path.stat().st_mtime_ns - last_ns, False
+
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each kind of damage met so far; complete once ``events`` has ended."""
+        counts = self.counts
+        sentences = []
+        if not self._has_gps:
+            sentences.append(
+                f"{self._path}: no GPS time in the log; the file's modification time is taken as its end, so stamps"
+                " may be off by hours"
+            )
+        if counts.truncated:
+            sentences.append(f"{self._path}: the log is cut off; everything before the cut was read")
+        elif counts.skipped_bytes:
+            sentences.append(f"{self._path}: {counts.skipped_bytes} damaged bytes left out")
+        return tuple(sentences)
+
+
+def _fresh() -> tuple[IntArray, IntArray]:
+    """The state and the known types before the first byte."""
+    types = np.zeros(_TYPES, dtype=np.int64)
+    types[FMT_TYPE] = FMT_SIZE
+    return np.zeros(_DATAFLASH_STATE, dtype=np.int64), types

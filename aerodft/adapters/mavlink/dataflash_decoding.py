@@ -1,0 +1,197 @@
+"""DataFlash messages to telemetry tracks."""
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.mavlink import rows as to
+from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat, parse_format
+from aerodft.adapters.mavlink.framing import Bytes
+from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
+from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN, gather
+from aerodft.geometry.rotation import from_yaw_pitch_roll
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.telemetry import (
+    ClockTrack,
+    GimbalTrack,
+    HeightTrack,
+    PositionTrack,
+    RawBlock,
+    Track,
+    VehicleTrack,
+    WireProtocol,
+)
+
+_GPS_FIX_3D: Final = 3
+_RANGEFINDER_GOOD: Final = 4
+_TERRAIN_OK: Final = 2
+_FULL_TURN_DEG: Final = math.degrees(to.MAX_ANGLE_RAD)
+
+
+class _Messages:
+    """Rows of one message, with the field scales of its format."""
+
+    def __init__(self, layout: MessageFormat, rows: to.Rows) -> None:
+        self.scale = layout.scale
+        self.rows = rows
+
+    def has(self, *columns: str) -> bool:
+        """Whether the log's version of the message has these fields."""
+        return self.scale.keys() >= set(columns)
+
+    def values(self, column: str) -> FloatArray:
+        """A field as float64, scaled."""
+        raw = self.rows.column(column)
+        return raw if self.scale[column] == 1 else raw * self.scale[column]
+
+    def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> bool:
+        """Leave faulty rows out; whether any is left."""
+        good = self.rows.kept(rejected, faults)
+        if good is not None:
+            self.rows = good
+        return good is not None
+
+    def not_finite(self, *columns: str) -> dict[str, BoolArray]:
+        return to.not_finite(self.rows, *columns)
+
+    def no_angle(self, *columns: str) -> dict[str, BoolArray]:
+        with np.errstate(invalid="ignore"):
+            return {f"{column} is no angle": ~(np.abs(self.values(column)) <= _FULL_TURN_DEG) for column in columns}
+
+    def another_instance(self) -> dict[str, BoolArray]:
+        """Rows of a second receiver or mount."""
+        return {"another instance": self.rows.payload["I"] != 0} if self.has("I") else {}
+
+
+def _gps(m: _Messages, rejected: Counter[str]) -> Track | None:
+    if not m.has("Status", "GMS", "GWk"):
+        return None
+    no_fix = m.rows.payload["Status"] < _GPS_FIX_3D
+    if not m.kept(rejected, {**m.another_instance(), "no UTC yet": no_fix | (m.rows.payload["GWk"] == 0)}):
+        return None
+    unix_ns = gps_to_unix_ns(m.rows.payload["GWk"], m.rows.payload["GMS"])
+    return ClockTrack(unix_ns=unix_ns, **m.rows.stamps())
+
+
+def _wxyz(m: _Messages, yaw: str) -> FloatArray:
+    angles_rad = (np.radians(m.values(column)) for column in (yaw, "Pitch", "Roll"))
+    return from_yaw_pitch_roll(*angles_rad)
+
+
+def _att(m: _Messages, rejected: Counter[str]) -> Track | None:
+    if not m.has("Roll", "Pitch", "Yaw") or not m.kept(rejected, m.no_angle("Roll", "Pitch", "Yaw")):
+        return None
+    return VehicleTrack(wxyz=_wxyz(m, "Yaw"), **m.rows.stamps())
+
+
+def _mnt(m: _Messages, rejected: Counter[str]) -> Track | None:
+    if not m.has("Roll", "Pitch", "YawB"):
+        return None
+    if not m.kept(rejected, {**m.another_instance(), **m.no_angle("Roll", "Pitch", "YawB")}):
+        return None
+    wxyz = _wxyz(m, "YawB")
+    earth = np.zeros(len(wxyz), dtype=np.bool_)
+    return GimbalTrack(source=GimbalSource.DATAFLASH_MNT, wxyz=wxyz, yaw_in_earth=earth, **m.rows.stamps())
+
+
+def _pos(m: _Messages, rejected: Counter[str]) -> Track | None:
+    if not m.has("Lat", "Lng", "Alt", "RelHomeAlt"):
+        return None
+    nowhere = (m.rows.payload["Lat"] == 0) & (m.rows.payload["Lng"] == 0)
+    if not m.kept(rejected, {"no position yet": nowhere, **m.not_finite("Alt", "RelHomeAlt")}):
+        return None
+    return PositionTrack(
+        lat_rad=np.radians(m.values("Lat")),
+        lon_rad=np.radians(m.values("Lng")),
+        alt_msl_m=m.values("Alt"),
+        height_home_m=m.values("RelHomeAlt"),
+        **m.rows.stamps(),
+    )
+
+
+def _height(m: _Messages, source: HeightSource, column: str, *, slant: bool) -> Track:
+    value_m = m.values(column)
+    return HeightTrack(
+        source=source, value_m=value_m, slant=slant, std_m=np.full(len(value_m), np.nan), **m.rows.stamps()
+    )
+
+
+def _rfnd(m: _Messages, rejected: Counter[str]) -> Track | None:
+    if not m.has("Dist", "Stat", "Orient"):
+        return None
+    faults = {
+        "does not look down": m.rows.payload["Orient"] != ORIENTATION_DOWN,
+        "status is not good": m.rows.payload["Stat"] != _RANGEFINDER_GOOD,
+        **m.not_finite("Dist"),
+    }
+    return _height(m, HeightSource.RANGEFINDER, "Dist", slant=True) if m.kept(rejected, faults) else None
+
+
+def _terr(m: _Messages, rejected: Counter[str]) -> Track | None:
+    if not m.has("Status", "Spacing", "CHeight"):
+        return None
+    faults = {
+        "spacing is 0": m.rows.payload["Spacing"] == 0,
+        "status is not good": m.rows.payload["Status"] != _TERRAIN_OK,
+        **m.not_finite("CHeight"),
+    }
+    return _height(m, HeightSource.TERRAIN, "CHeight", slant=False) if m.kept(rejected, faults) else None
+
+
+_MAKERS: Final[dict[str, Callable[[_Messages, Counter[str]], Track | None]]] = {
+    "GPS": _gps,
+    "ATT": _att,
+    "MNT": _mnt,
+    "POS": _pos,
+    "RFND": _rfnd,
+    "TERR": _terr,
+}
+
+
+class DataflashDecoder:
+    """Decodes an ArduPilot log's messages; learns their formats on the way. A ``service.ports.TelemetryDecoder``.
+
+    Attributes:
+        rejected: Rows left out, by ``MESSAGE: reason``.
+        formats: What the log has declared so far, by type number.
+    """
+
+    def __init__(self) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.formats: dict[int, MessageFormat] = {}
+
+    def decode(self, block: RawBlock) -> tuple[Track, ...]:
+        """The tracks of this block's messages, at most one a message; no message is an error.
+
+        Raises:
+            ValueError: The block is not DataFlash.
+        """
+        if block.protocol is not WireProtocol.DATAFLASH:
+            raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.DATAFLASH}")
+        data = np.frombuffer(block.data, dtype=np.uint8)
+        kinds = data[block.offset + HEAD_SIZE - 1]
+        self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
+        tracks = (self._track(kind, np.flatnonzero(kinds == kind), data, block) for kind in np.unique(kinds).tolist())
+        return tuple(track for track in tracks if track is not None)
+
+    def _learn(self, block: RawBlock, index: IntArray) -> None:
+        for offset, length in zip(block.offset[index].tolist(), block.length[index].tolist(), strict=True):
+            declared = parse_format(block.data[offset : offset + length])
+            if declared is not None:
+                self.formats[declared[0]] = declared[1]
+
+    def _track(self, kind: int, index: IntArray, data: Bytes, block: RawBlock) -> Track | None:
+        """The track of one message's rows."""
+        layout = self.formats.get(kind)
+        if layout is None or layout.name not in _MAKERS or "TimeUS" not in layout.scale:
+            return None
+        raw = np.zeros((len(index), layout.dtype.itemsize), dtype=np.uint8)
+        gather(data, np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE]), raw)
+        payload = raw.view(layout.dtype)[:, 0]
+        boot_ns = payload["TimeUS"].astype(np.int64) * 1000
+        rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns)
+        return _MAKERS[layout.name](_Messages(layout, rows), self.rejected)

@@ -1,0 +1,225 @@
+"""The tick grid: cutting, merging, and that live and recorded input give the same batches."""
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from aerodft.model.batch import Batch, Event
+from aerodft.model.image import Image
+from aerodft.model.observation import Observation
+from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.clock import VirtualClock, WallClock
+from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, batch_of, block_of, tick_after
+
+TICK_NS = 50
+
+
+class ListSource:
+    def __init__(self, events: list[Event]) -> None:
+        self._events = events
+
+    def events(self) -> Iterator[Event]:
+        return iter(self._events)
+
+
+def frames_of(block: RawBlock) -> list[tuple[int, bytes]]:
+    return [
+        (int(at), block.data[start : start + size])
+        for at, start, size in zip(block.arrival_ns, block.offset, block.length, strict=True)
+    ]
+
+
+def block(sender: str, *frames: tuple[int, bytes]) -> RawBlock:
+    return block_of(WireProtocol.MAVLINK, sender, [at for at, _ in frames], [data for _, data in frames])
+
+
+def image(index: int, arrival_ns: int) -> Image:
+    return Image(index=index, stamp_ns=arrival_ns, arrival_ns=arrival_ns)
+
+
+def observation(name: str, arrival_ns: int) -> Observation:
+    return Observation(name=name, stamp_ns=arrival_ns, arrival_ns=arrival_ns, pixels=((1.0, 2.0),))
+
+
+def flat(batch: Batch) -> tuple[object, ...]:
+    return (
+        batch.now_ns,
+        tuple((raw.protocol, raw.sender, tuple(frames_of(raw))) for raw in batch.raw),
+        tuple((shot.index, shot.arrival_ns) for shot in batch.images),
+        batch.observations,
+    )
+
+
+@pytest.mark.parametrize(("arrival_ns", "tick_ns"), [(0, 0), (1, 50), (49, 50), (50, 50), (51, 100)])
+def test_an_arrival_on_the_boundary_belongs_to_that_tick(arrival_ns: int, tick_ns: int) -> None:
+    assert tick_after(arrival_ns, TICK_NS) == tick_ns
+
+
+def test_a_block_is_cut_at_ticks_and_senders_are_joined() -> None:
+    source = ListSource(
+        [
+            block("a", (10, b"one"), (50, b"two"), (51, b"three")),
+            block("b", (20, b"x")),
+            image(0, 50),
+            block("a", (60, b"four")),
+        ]
+    )
+    got = list(MergedFeed([source], TICK_NS, linger_ns=0).batches())
+    assert [flat(batch) for batch in got] == [
+        (
+            50,
+            (
+                (WireProtocol.MAVLINK, "a", ((10, b"one"), (50, b"two"))),
+                (WireProtocol.MAVLINK, "b", ((20, b"x"),)),
+            ),
+            ((0, 50),),
+            (),
+        ),
+        (100, ((WireProtocol.MAVLINK, "a", ((51, b"three"), (60, b"four"))),), (), ()),
+    ]
+
+
+def test_ticks_come_on_for_a_while_after_the_last_event_and_no_longer() -> None:
+    sources = [ListSource([image(0, 40)]), ListSource([image(1, 1000)])]
+    got = [batch.now_ns for batch in MergedFeed(sources, TICK_NS, linger_ns=100).batches()]
+    assert got == [50, 100, 150, 1000, 1050, 1100]
+
+
+def test_a_source_that_goes_back_is_a_broken_contract() -> None:
+    source = ListSource([image(0, 200), image(1, 10)])
+    with pytest.raises(ValueError, match="must not go back"):
+        list(MergedFeed([source], TICK_NS, linger_ns=0).batches())
+
+
+def test_no_input_gives_no_batch() -> None:
+    assert list(MergedFeed([ListSource([]), ListSource([block("a")])], TICK_NS).batches()) == []
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 999), st.sampled_from("ab"), st.binary(min_size=1, max_size=4)), max_size=40),
+    st.lists(st.integers(0, 999), max_size=10),
+    st.lists(st.integers(1, 5), min_size=1),
+)
+def test_batches_do_not_depend_on_how_frames_were_cut_into_blocks(
+    frames: list[tuple[int, str, bytes]], shots: list[int], sizes: list[int]
+) -> None:
+    frames.sort(key=lambda item: item[0])
+    single: list[Event] = [block(sender, (at, data)) for at, sender, data in frames]
+    cut: list[Event] = []
+    for sender in "ab":
+        own = [(at, data) for at, who, data in frames if who == sender]
+        position = 0
+        while position < len(own):
+            size = sizes[len(cut) % len(sizes)]
+            cut.append(block(sender, *own[position : position + size]))
+            position += size
+    cut.sort(key=lambda event: int(event.arrival_ns[0]) if isinstance(event, RawBlock) else event.arrival_ns)
+    images = ListSource([image(index, at) for index, at in enumerate(sorted(shots))])
+    one = [flat(batch) for batch in MergedFeed([ListSource(single), images], TICK_NS, linger_ns=0).batches()]
+    two = [flat(batch) for batch in MergedFeed([ListSource(cut), images], TICK_NS, linger_ns=0).batches()]
+    assert one == two
+
+
+def test_the_inbox_stamps_strictly_increasing_and_never_into_a_taken_tick() -> None:
+    clock = VirtualClock(100)
+    inbox = Inbox(clock)
+    inbox.put_frames(WireProtocol.MAVLINK, "a", [b"1", b"22"])
+    inbox.put_observation(observation("p", 0))
+    inbox.put_image(image(0, 0))
+    inbox.put_frames(WireProtocol.MAVLINK, "a", [])
+    assert flat(inbox.take(101)) == (101, ((WireProtocol.MAVLINK, "a", ((100, b"1"), (101, b"22"))),), (), ())
+    rest = inbox.take(150)
+    assert [seen.arrival_ns for seen in rest.observations] == [102]
+    assert [shot.arrival_ns for shot in rest.images] == [103]
+    inbox.put_observation(observation("late", 0))
+    assert inbox.take(150).observations == ()
+    assert [seen.arrival_ns for seen in inbox.take(200).observations] == [151]
+
+
+def test_the_inbox_cuts_a_read_that_spans_a_tick() -> None:
+    inbox = Inbox(VirtualClock(49))
+    inbox.put_frames(WireProtocol.MAVLINK, "a", [b"1", b"2", b"3"])
+    assert [frames_of(raw) for raw in inbox.take(50).raw] == [[(49, b"1"), (50, b"2")]]
+    assert [frames_of(raw) for raw in inbox.take(100).raw] == [[(51, b"3")]]
+
+
+def test_the_inbox_drops_the_oldest_images_and_counts_them() -> None:
+    inbox = Inbox(VirtualClock(1), max_images=2)
+    for index in range(5):
+        inbox.put_image(image(index, 0))
+    assert [shot.index for shot in inbox.take(1000).images] == [3, 4]
+    assert inbox.dropped_images == 3
+
+
+def test_recorded_batches_merge_back_into_the_live_ones() -> None:
+    clock = VirtualClock(1000)
+    inbox = Inbox(clock)
+    live: list[Batch] = []
+    for step in range(1, 30):
+        clock.sleep_until(1000 + 17 * step)
+        inbox.put_frames(WireProtocol.MAVLINK, "ab"[step % 2], [bytes([step]), b"x" * step])
+        if step % 3 == 0:
+            inbox.put_image(image(step, 0))
+        if clock.now_ns() // TICK_NS > (clock.now_ns() - 17) // TICK_NS:
+            live.append(inbox.take(clock.now_ns() // TICK_NS * TICK_NS))
+    live.append(inbox.take(tick_after(clock.now_ns() + 1, TICK_NS)))
+    merged: dict[int, list[Event]] = {}
+    for batch in live:
+        merged.setdefault(batch.now_ns, []).extend((*batch.raw, *batch.images))
+    expected = [flat(batch_of(now, events)) for now, events in merged.items() if events]
+    events = sorted(
+        (event for part in merged.values() for event in part),
+        key=lambda event: int(event.arrival_ns[0]) if isinstance(event, RawBlock) else event.arrival_ns,
+    )
+    replayed = [flat(batch) for batch in MergedFeed([ListSource(events)], TICK_NS, linger_ns=0).batches()]
+    assert replayed == expected
+
+
+def test_a_live_feed_ticks_on_the_grid_and_ends_after_the_batch_in_hand() -> None:
+    clock = VirtualClock(120)
+    inbox = Inbox(clock)
+    feed = LiveFeed(inbox, clock, TICK_NS)
+    ticks = feed.batches()
+    assert next(ticks).now_ns == 150
+    inbox.put_frames(WireProtocol.MAVLINK, "a", [b"1"])
+    feed.stop()
+    last = next(ticks)
+    assert (last.now_ns, len(last.raw)) == (200, 1)
+    assert list(ticks) == []
+
+
+def test_arrivals_stay_unique_when_many_threads_put() -> None:
+    inbox = Inbox(WallClock(), max_images=10_000)
+
+    def work(sender: str) -> None:
+        for _ in range(200):
+            inbox.put_frames(WireProtocol.MAVLINK, sender, [b"1", b"2"])
+            inbox.put_image(image(0, 0))
+
+    threads = [threading.Thread(target=work, args=(name,)) for name in "abcd"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    batch = inbox.take(2**62)
+    arrivals = np.concatenate([raw.arrival_ns for raw in batch.raw] + [[shot.arrival_ns for shot in batch.images]])
+    assert len(np.unique(arrivals)) == 4 * 200 * 3
+
+
+def test_the_wall_clock_is_utc_and_sleeps_at_least_as_long_as_asked() -> None:
+    clock = WallClock()
+    start_ns = clock.now_ns()
+    clock.sleep_until(start_ns + 5_000_000)
+    assert clock.now_ns() >= start_ns + 5_000_000
+    clock.sleep_until(start_ns)
+
+
+def test_the_virtual_clock_never_goes_back() -> None:
+    clock = VirtualClock(5)
+    clock.sleep_until(10)
+    clock.sleep_until(7)
+    assert clock.now_ns() == 10

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Calibration: what landmarks or a person know better than the telemetry."""

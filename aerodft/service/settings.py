@@ -77,13 +77,15 @@ class TelemetrySettings:
         system: MAVLink system id to follow; None for the first vehicle heard.
         height: Height sources.
         attitude: Attitude sources.
+        horizontal_std_m: Standard deviation of the vehicle's east and north.
         wait_ns: How long after its arrival an image waits for later telemetry before it is called stale.
     """
 
     system: int | None = None
     height: HeightSettings = field(default_factory=HeightSettings)
     attitude: AttitudeSettings = field(default_factory=AttitudeSettings)
-    wait_ns: int = SECOND_NS
+    horizontal_std_m: float = 2.5
+    wait_ns: int = 2 * SECOND_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

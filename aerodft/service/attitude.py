@@ -1,0 +1,122 @@
+"""The camera's attitude at a stamp, from the first source in the configured order that has one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ
+from aerodft.geometry.rotation import (
+    camera_from_gimbal,
+    from_yaw_pitch_roll,
+    inverse,
+    matrix,
+    multiply,
+    to_rotation_vector,
+    yaw_pitch_roll,
+)
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import GimbalTrack, Track, VehicleTrack
+from aerodft.service.settings import SECOND_NS, AttitudeSettings
+from aerodft.service.streams import Missing, Stream
+
+
+@dataclass(frozen=True, slots=True)
+class CameraAttitude:
+    """Where the camera looks.
+
+    Attributes:
+        wxyz: ``(4,)`` ``enu_SO3_cam``.
+        rate_cam_radps: ``(3,)`` angular rate in camera axes.
+        source: Where it came from.
+        age_s: Distance in time to the nearest sample used.
+    """
+
+    wxyz: FloatArray
+    rate_cam_radps: FloatArray
+    source: GimbalSource
+    age_s: float
+
+
+class AttitudeSources:
+    """The vehicle's and the gimbals' attitude streams."""
+
+    def __init__(self, settings: AttitudeSettings) -> None:
+        self._settings = settings
+        self._vehicle = Stream(settings.max_gap_ns)
+        self._gimbals = {source: Stream(settings.max_gap_ns) for source in settings.order}
+
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams, for the watermark."""
+        return (self._vehicle, *self._gimbals.values())
+
+    def append(self, track: Track, stamps_ns: IntArray) -> None:
+        """Take a track in, if it is one of attitude."""
+        if isinstance(track, VehicleTrack):
+            self._vehicle.append(stamps_ns, wxyz=track.wxyz)
+        elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
+            earth = track.yaw_in_earth.astype(np.float64)
+            self._gimbals[track.source].append(stamps_ns, wxyz=track.wxyz, yaw_in_earth=earth)
+
+    def vehicle_at(self, stamp_ns: int, watermark_ns: int) -> FloatArray | Missing:
+        """``ned_SO3_body (4,)`` at the stamp."""
+        found = self._vehicle.find(stamp_ns, watermark_ns)
+        return found if isinstance(found, Missing) else found.spherical(self._vehicle.column("wxyz"))
+
+    def at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing:
+        """The camera's attitude at the stamp."""
+        worst = Missing.NEVER
+        for source in self._settings.order:
+            if source is GimbalSource.FIXED_MOUNT:
+                found = self._bolted(stamp_ns, watermark_ns)
+            else:
+                found = self._gimballed(source, stamp_ns, watermark_ns)
+            if not isinstance(found, Missing) or found is Missing.PENDING:
+                return found
+            worst = Missing.STALE if Missing.STALE in (worst, found) else worst
+        return worst
+
+    def _bolted(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing:
+        found, mount = self._vehicle.find(stamp_ns, watermark_ns), self._settings.fixed_mount
+        if isinstance(found, Missing) or mount is None:
+            return found if isinstance(found, Missing) else Missing.NEVER
+        body_wxyz_gimbal = from_yaw_pitch_roll(mount.yaw_rad, mount.pitch_rad, mount.roll_rad)
+        vehicle = self._vehicle.column("wxyz")
+        ends = multiply(vehicle[[found.before, found.after]], body_wxyz_gimbal)
+        now = multiply(found.spherical(vehicle), body_wxyz_gimbal)
+        rate = _rate(ends[0], ends[1], found.gap_ns)
+        return self._camera(now, rate, GimbalSource.FIXED_MOUNT, stamp_ns, self._vehicle)
+
+    def _gimballed(self, source: GimbalSource, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing:
+        stream = self._gimbals[source]
+        found = stream.find(stamp_ns, watermark_ns)
+        if isinstance(found, Missing):
+            return found
+        reported = stream.column("wxyz")
+        gimbal = found.spherical(reported)
+        rate = _rate(reported[found.before], reported[found.after], found.gap_ns)
+        if stream.column("yaw_in_earth")[found.before]:
+            return self._camera(gimbal, rate, source, stamp_ns, stream)
+        vehicle = self._vehicle.find(stamp_ns, watermark_ns)
+        if isinstance(vehicle, Missing):
+            return vehicle
+        attitude = self._vehicle.column("wxyz")
+        yaw, _, _ = yaw_pitch_roll(vehicle.spherical(attitude))
+        body_rate = _rate(attitude[vehicle.before], attitude[vehicle.after], vehicle.gap_ns)
+        turn_ned = matrix(attitude[vehicle.before]) @ body_rate * [0, 0, 1]
+        gimbal = multiply(from_yaw_pitch_roll(yaw, 0.0, 0.0), gimbal)
+        return self._camera(gimbal, rate + matrix(inverse(gimbal)) @ turn_ned, source, stamp_ns, stream)
+
+    @staticmethod
+    def _camera(
+        ned_wxyz_gimbal: FloatArray, rate_gimbal: FloatArray, source: GimbalSource, stamp_ns: int, stream: Stream
+    ) -> CameraAttitude:
+        rate_cam = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ))) @ rate_gimbal
+        return CameraAttitude(camera_from_gimbal(ned_wxyz_gimbal), rate_cam, source, stream.age_s(stamp_ns) or 0.0)
+
+
+def _rate(before_wxyz: FloatArray, after_wxyz: FloatArray, gap_ns: int) -> FloatArray:
+    """Angular rate (rad/s) in the moving frame's own axes between two samples."""
+    if gap_ns == 0:
+        return np.zeros(3)
+    return np.asarray(to_rotation_vector(multiply(inverse(before_wxyz), after_wxyz)) * (SECOND_NS / gap_ns))

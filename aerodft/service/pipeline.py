@@ -1,0 +1,174 @@
+"""Batches in, poses and measurements out: the one path that live, imported and recomputed flights take.
+
+What comes out is a function of the batches alone. An image (or an observation) becomes a job at its stamp; a job is
+done on the first tick at which its telemetry is complete on both sides, or when it has waited long enough.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from aerodft.dft.measure import Request, Setup, measure
+from aerodft.model.batch import Batch
+from aerodft.model.image import Image, StampClock
+from aerodft.model.measurement import Measurement
+from aerodft.model.observation import Observation
+from aerodft.model.pose import PoseSample
+from aerodft.model.probe import POINTS, PixelSource
+from aerodft.model.status import Status
+from aerodft.service.feed import tick_after
+from aerodft.service.ports import Calibrator, Output, TelemetryDecoder
+from aerodft.service.poses import PoseSource
+from aerodft.service.settings import PipelineSettings, TelemetrySettings
+
+_REMEMBERED_IMAGES = 512  # an observation comes at most this many images after its own
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    stamp_ns: int
+    deadline_ns: int
+    subject: Image | Observation
+
+
+@dataclass(slots=True)
+class Counts:
+    """What came in and what could not be used."""
+
+    images: int = 0
+    observations: int = 0
+    unknown_probe: int = 0
+    wrong_pixel_count: int = 0
+
+
+class Pipeline:
+    """Measures every configured probe for every image.
+
+    Args:
+        settings: What the numbers depend on.
+        decoder: Turns raw telemetry into tracks.
+        calibrator: Refines every pose; None uses poses as they come.
+    """
+
+    def __init__(
+        self, settings: PipelineSettings, decoder: TelemetryDecoder, calibrator: Calibrator | None = None
+    ) -> None:
+        self.counts = Counts()
+        self._settings = settings
+        self._decoder = decoder
+        self._calibrator = calibrator
+        self._setup = Setup(
+            camera=settings.camera,
+            model=settings.model,
+            max_range_m=settings.max_range_m,
+            config_id=settings.config_id,
+        )
+        self._observed = {p.name: p for p in settings.probes if p.source is PixelSource.OBSERVED}
+        self._fixed = tuple(
+            Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in settings.probes if p.source is PixelSource.FIXED
+        )
+        telemetry = settings.telemetry or TelemetrySettings()
+        self._wait_ns = telemetry.wait_ns
+        self._poses = PoseSource(telemetry, origin=settings.origin, time_std_s=settings.time_std_s)
+        self._jobs: deque[_Job] = deque()
+        self._images: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED_IMAGES)
+        self._last_pose: PoseSample | None = None
+
+    @property
+    def last_pose(self) -> PoseSample | None:
+        """The pose of the newest finished image; None before the first."""
+        return self._last_pose
+
+    def step(self, batch: Batch) -> tuple[Output, ...]:
+        """Advance by one tick.
+
+        Returns:
+            Finished work: for an image the image (stamp in UTC), its pose and its measurements; for an observation
+            the observation with its image, and its measurement.
+        """
+        outputs: list[Output] = []
+        outputs += self._finish(batch.now_ns - 1)  # waits that ended on an empty tick before this one
+        for block in batch.raw:
+            self._poses.append(self._decoder.decode(block))
+        for image in batch.images:
+            self._accept_image(image)
+        for observation in batch.observations:
+            self._accept_observation(observation)
+        outputs += self._finish(batch.now_ns, ready=True)
+        return tuple(outputs)
+
+    def finish(self) -> tuple[Output, ...]:
+        """The end of the input: what still waits is answered with what there is."""
+        return tuple(self._finish(None))
+
+    def measure_now(self, requests: Iterable[Request]) -> list[Measurement]:
+        """Measure at the newest pose, for a question from outside; empty before the first pose."""
+        if self._last_pose is None:
+            return []
+        return measure(self._setup, self._last_pose, tuple(requests))
+
+    def pose_at(self, stamp_ns: int) -> PoseSample:
+        """The pose at a stamp of the recent past, with what has arrived so far."""
+        return self._pose(stamp_ns, final=True) or PoseSample(stamp_ns=stamp_ns, status=Status.STALE_TELEMETRY)
+
+    def _accept_image(self, image: Image) -> None:
+        self.counts.images += 1
+        stamp_ns = self._utc(image.stamp_ns, image.clock)
+        self._images.append((image.index, stamp_ns))
+        known = replace(image, stamp_ns=stamp_ns, clock=StampClock.UTC, pixels=None)
+        self._jobs.append(_Job(stamp_ns, tick_after(image.arrival_ns + self._wait_ns, self._settings.tick_ns), known))
+
+    def _accept_observation(self, observation: Observation) -> None:
+        self.counts.observations += 1
+        probe = self._observed.get(observation.name)
+        if probe is None:
+            self.counts.unknown_probe += 1
+            return
+        if len(observation.pixels) != POINTS[probe.kind]:
+            self.counts.wrong_pixel_count += 1
+            return
+        stamp_ns = self._utc(observation.stamp_ns, observation.clock)
+        known = replace(observation, stamp_ns=stamp_ns, clock=StampClock.UTC)
+        deadline = tick_after(observation.arrival_ns + self._wait_ns, self._settings.tick_ns)
+        self._jobs.append(_Job(stamp_ns, deadline, known))
+
+    def _utc(self, stamp_ns: int, clock: StampClock) -> int:
+        return stamp_ns if clock is StampClock.UTC else stamp_ns + self._poses.clock.utc_minus_host_ns
+
+    def _finish(self, now_ns: int | None, *, ready: bool = False) -> list[Output]:
+        outputs: list[Output] = []
+        waiting: deque[_Job] = deque()
+        blocked_ns = None  # what one stamp waits for, later ones wait for too
+        for job in self._jobs:
+            final = now_ns is None or job.deadline_ns <= now_ns
+            look = final or (ready and (blocked_ns is None or job.stamp_ns < blocked_ns))
+            sample = self._pose(job.stamp_ns, final=final) if look else None
+            if sample is None:
+                waiting.append(job)
+                blocked_ns = min(job.stamp_ns, blocked_ns or job.stamp_ns)
+            else:
+                outputs += self._answer(job, sample)
+        self._jobs = waiting
+        return outputs
+
+    def _pose(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
+        fixed = self._settings.fixed_pose
+        sample = replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final)
+        return self._calibrator.refine(sample) if sample and self._calibrator else sample
+
+    def _answer(self, job: _Job, sample: PoseSample) -> list[Output]:
+        if isinstance(job.subject, Image):
+            self._last_pose = sample
+            index = None if job.subject.width_px is None else job.subject.index
+            return [job.subject, sample, *measure(self._setup, sample, self._fixed, index)]
+        observation = self._linked(job.subject)
+        probe = self._observed[observation.name]
+        request = Request(probe=probe, pixels=observation.pixels, std_px=observation.std_px or probe.std_px)
+        return [observation, *measure(self._setup, sample, (request,), observation.image)]
+
+    def _linked(self, observation: Observation) -> Observation:
+        if observation.image is not None or not self._images:
+            return observation
+        index, stamp_ns = min(self._images, key=lambda known: abs(known[1] - observation.stamp_ns))
+        near = abs(stamp_ns - observation.stamp_ns) <= self._settings.match_tolerance_ns
+        return replace(observation, image=index) if near else observation

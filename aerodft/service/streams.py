@@ -1,0 +1,77 @@
+"""One telemetry stream around a stamp: its two neighbours, or why there are none."""
+
+from enum import Enum, auto
+
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.geometry.interpolation import Bracket, bracket
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.service.buffers import TrackBuffer
+from aerodft.service.settings import SECOND_NS
+
+HISTORY_NS = 120 * SECOND_NS
+"""How long samples are kept: longer than any image waits for its telemetry."""
+
+END_OF_TIME = np.iinfo(np.int64).max
+"""The watermark of a stream that will not go on."""
+
+
+class Missing(Enum):
+    """Why a stream has no value at a stamp."""
+
+    PENDING = auto()  # the next sample may still come
+    STALE = auto()  # there were samples, none close enough on both sides
+    NEVER = auto()  # there was no sample at all
+
+
+class Stream:
+    """A buffer with the longest gap that may be interpolated over."""
+
+    def __init__(self, max_gap_ns: int) -> None:
+        self.max_gap_ns = max_gap_ns
+        self.ever = False
+        self._buffer = TrackBuffer(HISTORY_NS)
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the newest sample."""
+        return int(self._buffer.stamps_ns[-1]) if len(self._buffer) else None
+
+    def append(self, stamps_ns: IntArray, **columns: npt.NDArray[np.generic]) -> None:
+        """Add samples in order of arrival."""
+        self._buffer.append(stamps_ns, **columns)
+        self.ever = self.ever or len(stamps_ns) > 0
+
+    def clear(self) -> None:
+        """Forget all samples: their stamps are of another clock."""
+        self._buffer.clear()
+
+    def column(self, name: str) -> FloatArray:
+        """``(n, ...)`` values."""
+        return self._buffer.column(name)
+
+    def find(self, stamp_ns: int, watermark_ns: int) -> Bracket | Missing:
+        """The samples around a stamp.
+
+        Args:
+            stamp_ns: UTC.
+            watermark_ns: Newest stamp of any stream: once it has passed the stamp, and the last sample by more than
+                the longest gap, there is nothing left to wait for.
+        """
+        last = self.last_ns
+        if last is not None and last >= stamp_ns:
+            return bracket(self._buffer.stamps_ns, stamp_ns, self.max_gap_ns) or Missing.STALE
+        over = watermark_ns >= stamp_ns and (last is None or watermark_ns - last > self.max_gap_ns)
+        if not over:
+            return Missing.PENDING
+        return Missing.STALE if self.ever else Missing.NEVER
+
+    def age_s(self, stamp_ns: int) -> float | None:
+        """Distance in time to the nearest sample."""
+        stamps = self._buffer.stamps_ns
+        if len(stamps) == 0:
+            return None
+        after = int(np.searchsorted(stamps, stamp_ns))
+        near = stamps[max(after - 1, 0) : after + 1]
+        return float(np.min(np.abs(near - stamp_ns))) / SECOND_NS

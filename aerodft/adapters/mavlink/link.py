@@ -1,0 +1,139 @@
+"""A live MAVLink link: a thread that reads, frames per sender, and hands whole frames on."""
+
+import logging
+import threading
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Final, Protocol, Self
+
+from pymavlink.dialects.v20 import ardupilotmega
+
+from aerodft.adapters.mavlink.address import LinkAddress, LinkKind, parse_address
+from aerodft.adapters.mavlink.framing import FrameCounts, StreamFramer
+from aerodft.adapters.mavlink.transport import Reads, TcpListener, Transport, UdpTransport, open_transport
+from aerodft.model.telemetry import WireProtocol
+
+_LOG: Final = logging.getLogger(__name__)
+_WAIT_S: Final = 0.1
+_HEARTBEAT_S: Final = 1.0
+_STOP_S: Final = 2.0
+_MAX_SENDERS: Final = 64
+_OWN_SYSTEM: Final = 255
+_OWN_COMPONENT: Final = 190
+
+
+class FrameInbox(Protocol):
+    """Where a link leaves its frames (``service.feed.Inbox``)."""
+
+    def put_frames(self, protocol: WireProtocol, sender: str, frames: Sequence[bytes]) -> None:
+        """Take whole frames of one sender, in the order in which they were received; must not block."""
+        ...
+
+
+class MavlinkLink:
+    """One live link, open from construction to ``close``; usable with ``with``.
+
+    A peer that waits to be spoken to (``udpout``, ``tcp``, ``tcpin``, serial) gets a ground station's heartbeat once a
+    second; a ``udpin`` link only listens.
+
+    Args:
+        address: A connection string, or a parsed one.
+        inbox: Takes the frames, on the link's own thread.
+
+    Raises:
+        LinkError: The string makes no sense, the port is busy, the host unknown, the device missing.
+    """
+
+    def __init__(self, address: str | LinkAddress, inbox: FrameInbox) -> None:
+        self.address = parse_address(address) if isinstance(address, str) else address
+        self._inbox = inbox
+        self._framers: dict[str, StreamFramer] = {}
+        self._transport: Transport = open_transport(self.address)
+        self._stop = threading.Event()
+        _LOG.info("%s: opened %s", self.address.text, self.place)
+        self._thread = threading.Thread(target=self._run, name=f"mavlink {self.address.text}", daemon=True)
+        self._thread.start()
+
+    @property
+    def place(self) -> str:
+        """Where the link really is: own host and port of a listening one, else the peer's."""
+        if self.address.kind in {LinkKind.UDP_IN, LinkKind.TCP_IN}:
+            return f"{self.address.host}:{self.local_port}"
+        return f"{self.address.host}:{self.address.port}"
+
+    @property
+    def local_port(self) -> int:
+        """Own port number (of use where 0 was asked for); 0 where the link has none."""
+        transport = self._transport
+        return transport.local[1] if isinstance(transport, UdpTransport | TcpListener) else 0
+
+    @property
+    def counts(self) -> dict[str, FrameCounts]:
+        """What each sender's framer has seen."""
+        return {sender: framer.counts for sender, framer in tuple(self._framers.items())}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop the thread and give the port back, within half a second."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._thread.join(_STOP_S)
+        self._transport.close()
+
+    def _run(self) -> None:
+        heartbeat = _heartbeat()
+        talks = self.address.kind is not LinkKind.UDP_IN
+        due_s = time.monotonic()
+        while not self._stop.is_set():
+            if talks and time.monotonic() >= due_s:
+                self._transport.write(heartbeat)
+                due_s = time.monotonic() + _HEARTBEAT_S
+            try:
+                reads = self._transport.read(_WAIT_S)
+            except OSError as error:
+                _LOG.warning("%s: reading failed (%s); trying again", self.address.text, error.strerror or error)
+                self._stop.wait(_HEARTBEAT_S / 4)
+                continue
+            self._take(reads)
+
+    def _take(self, reads: Reads) -> None:
+        for sender, data in reads:
+            if not data:
+                self._framers.pop(sender, None)
+                continue
+            framer = self._framers.get(sender)
+            if framer is None:
+                framer = self._admit(sender)
+            frames = framer.push(data)
+            if frames:
+                self._inbox.put_frames(WireProtocol.MAVLINK, sender, frames)
+
+    def _admit(self, sender: str) -> StreamFramer:
+        """A framer for a new sender; the one heard first gives way where strangers flood the port."""
+        if len(self._framers) >= _MAX_SENDERS:
+            del self._framers[next(iter(self._framers))]
+        _LOG.info("%s: first bytes from %s", self.address.text, sender)
+        return self._framers.setdefault(sender, StreamFramer())
+
+
+def _heartbeat() -> bytes:
+    """A ground station's HEARTBEAT, MAVLink 2."""
+    mav = ardupilotmega.MAVLink(None, srcSystem=_OWN_SYSTEM, srcComponent=_OWN_COMPONENT)
+    message = ardupilotmega.MAVLink_heartbeat_message(
+        type=ardupilotmega.MAV_TYPE_GCS,
+        autopilot=ardupilotmega.MAV_AUTOPILOT_INVALID,
+        base_mode=0,
+        custom_mode=0,
+        system_status=ardupilotmega.MAV_STATE_ACTIVE,
+        mavlink_version=3,
+    )
+    return bytes(message.pack(mav))

@@ -1,0 +1,120 @@
+"""Images of the simulated world, by tracing every pixel's ray to the ground."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from aerodft.geometry.lens import rays_from_pixels
+from aerodft.geometry.rotation import matrix
+from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.camera import Camera
+from aerodft.model.pose import Pose
+from aerodft.sim.river import River
+from aerodft.sim.shading import Rays, shade
+from aerodft.sim.sprites import draw, sprites
+from aerodft.sim.texture import pyramid, sensor_noise
+from aerodft.sim.world import World
+
+_BANK_STEP_M = 0.25
+_BANK_REACH_M = 2500.0
+_NOISE_SLACK_PX = 64
+_NO_SHORE_M = 1e6
+_LOWEST_M = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imaging:
+    """How the camera spoils the image.
+
+    Attributes:
+        noise_std: Gaussian noise of every channel, in grey levels of 255.
+        seed: Of the noise.
+    """
+
+    noise_std: float = 2.0
+    seed: int = 1
+
+
+class Renderer:
+    """Renders ``world`` as ``camera`` sees it; the same arguments give the same bytes on the same machine.
+
+    Args:
+        camera: The camera, lens distortion included.
+        world: The world.
+        imaging: Noise.
+    """
+
+    def __init__(self, camera: Camera, world: World, imaging: Imaging | None = None) -> None:
+        self.camera = camera
+        self.world = world
+        self._imaging = imaging or Imaging()
+        self._rays = _ray_table(camera)
+        self._river, self._banks = _river_tables(world.river)
+        fine, coarse, water = (
+            pyramid(3 * world.seed, 5, 0.8),
+            pyramid(3 * world.seed + 1, 8, 0.7),
+            pyramid(3 * world.seed + 2, 6, 0.75),
+        )
+        self._tiles = (fine.texels, coarse.texels, water.texels, fine.starts)
+        slack = _NOISE_SLACK_PX
+        self._noise = sensor_noise(
+            self._imaging.seed, camera.height_px + slack, camera.width_px + slack, self._imaging.noise_std
+        )
+
+    def render(self, pose: Pose, time_s: float) -> ImageArray:
+        """The sharp image at ``time_s`` of the flight, noise included.
+
+        Args:
+            pose: The camera, ``()`` batch; one on the ground is lifted by 5 cm.
+            time_s: Seconds since the flight's start; moves water and walkers, picks the noise.
+
+        Returns:
+            ``(height, width, 3)`` uint8 BGR; black where the lens model has no inverse.
+        """
+        return self._noisy(self._clean(pose, time_s), time_s)
+
+    def render_exposure(self, poses: Sequence[Pose], times_s: Sequence[float]) -> ImageArray:
+        """The mean of the images during an exposure: motion blur; noise is added once, stamped by the first time."""
+        total = np.zeros((self.camera.height_px, self.camera.width_px, 3), dtype=np.float32)
+        for pose, time_s in zip(poses, times_s, strict=True):
+            cv2.accumulate(self._clean(pose, time_s), total)
+        return self._noisy(np.rint(total / len(poses)).astype(np.uint8), times_s[0])
+
+    def _clean(self, pose: Pose, time_s: float) -> ImageArray:
+        camera, look = self.camera, self.world.look
+        image = np.empty((camera.height_px, camera.width_px, 3), dtype=np.uint8)
+        east, north, up = pose.position_enu_m
+        flat = [east, north, max(up, _LOWEST_M), *matrix(pose.wxyz).ravel(), camera.fx_px, camera.fy_px, time_s]
+        looks = np.array([look.ground_contrast, look.water_contrast, self.world.river.flow_mps])
+        shade(self._rays, np.array(flat), self._river, self._banks, looks, self._tiles, image)
+        draw(image, self._rays, camera, pose, sprites(self.world, pose.position_enu_m, time_s))
+        return image
+
+    def _noisy(self, image: ImageArray, time_s: float) -> ImageArray:
+        if self._imaging.noise_std == 0:
+            return image
+        generator = np.random.default_rng([self._imaging.seed, round(time_s * 1e6)])
+        down, right = generator.integers(0, _NOISE_SLACK_PX, 2)
+        cut = self._noise[down : down + image.shape[0], right : right + image.shape[1]]
+        return np.asarray(cv2.add(image, cut, dtype=cv2.CV_8U), dtype=np.uint8)
+
+
+def _ray_table(camera: Camera) -> Rays:
+    """``(h, w, 3)`` float32; zero where the lens model has no inverse."""
+    u, v = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    rays = rays_from_pixels(camera, np.stack([u, v], axis=-1))
+    return np.nan_to_num(rays).astype(np.float32)
+
+
+def _river_tables(river: River) -> tuple[FloatArray, FloatArray]:
+    """Origin, direction and grid ``(6,)``; banks and shores ``(n, 4)`` as the shading loop takes them."""
+    along = np.arange(-_BANK_REACH_M, _BANK_REACH_M, _BANK_STEP_M)
+    left, right = river.banks_m(along)
+    shore_left, shore_right = river.shores_m(along)
+    # Where there is no island, its shores lie where every point is far to the right of the right one.
+    table = np.column_stack([left, right, np.nan_to_num(shore_left, nan=_NO_SHORE_M)])
+    table = np.column_stack([table, np.nan_to_num(shore_right, nan=_NO_SHORE_M)])
+    head = [*river.origin_en_m, np.sin(river.azimuth_rad), np.cos(river.azimuth_rad), along[0], _BANK_STEP_M]
+    return np.array(head), table

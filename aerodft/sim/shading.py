@@ -1,0 +1,224 @@
+"""The hot loop of the renderer: every pixel's ray to the plane, and what lies there."""
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.adapters.mavlink.jit import njit
+from aerodft.model.arrays import FloatArray, ImageArray, IntArray
+
+Rays: TypeAlias = npt.NDArray[np.float32]
+Texels: TypeAlias = npt.NDArray[np.int8]
+
+Tiles: TypeAlias = tuple[Texels, Texels, Texels, IntArray]
+
+FINE_TEXEL_M = 0.012
+COARSE_TEXEL_M = 0.192
+WATER_TEXEL_M = 0.03
+_COARSER = -4.0  # pyramid levels between the two ground textures
+_SIZE = 1024
+_LAST_LEVEL = 8
+_HORIZON = 1e-3
+_NO_SHORE_M = 1e5
+_FINE_SHARE = 0.13 / 32  # of the brightness, by one standard deviation of a texel
+_ROUGH_SHARE = 0.12 / 32
+_WAVE_SHARE = 0.09 / 32
+_GREENNESS = 0.45 / 32
+_HAZE_M = 3000.0
+_SKY = (235.0, 215.0, 190.0)
+_SOIL = (84.0, 128.0, 152.0)
+_GRASS = (58.0, 122.0, 88.0)
+_WATER = (104.0, 82.0, 52.0)
+
+
+@njit
+def _texel(texels: Texels, start: int, level: int, x: float, y: float) -> float:
+    """Bilinear value of the level that begins at ``start``, at ``x, y`` (in texels of level 0)."""
+    size = _SIZE >> level
+    scale = 1.0 / (1 << level)
+    fx = x * scale - 0.5
+    fy = y * scale - 0.5
+    ix = int(np.floor(fx))
+    iy = int(np.floor(fy))
+    wx = fx - ix
+    wy = fy - iy
+    x0 = ix & (size - 1)
+    x1 = (ix + 1) & (size - 1)
+    row0 = start + (iy & (size - 1)) * size
+    row1 = start + ((iy + 1) & (size - 1)) * size
+    top = texels[row0 + x0] * (1 - wx) + texels[row0 + x1] * wx
+    bottom = texels[row1 + x0] * (1 - wx) + texels[row1 + x1] * wx
+    return float(top + wy * (bottom - top))
+
+
+@njit
+def _sample(texels: Texels, starts: IntArray, x: float, y: float, level: float) -> float:
+    """Value at ``x, y`` (in texels of level 0), between the two pyramid levels around ``level``."""
+    if level >= _LAST_LEVEL:
+        return 0.0
+    if level <= 0.0:
+        return _texel(texels, 0, 0, x, y)
+    below = int(level)
+    low = _texel(texels, starts[below], below, x, y)
+    return low + (level - below) * (_texel(texels, starts[below + 1], below + 1, x, y) - low)
+
+
+@njit
+def _gap(a: float, y: float, banks: FloatArray, first: float, spacing: float) -> tuple[float, float]:
+    """How far the bank is (m across, above 0 in the water), and the bank's slope there.
+
+    Args:
+        a: Station (m).
+        y: Across coordinate (m).
+        banks: ``(n, 4)`` left bank, right bank, islands' left and right shores (m across) at stations.
+        first: First station (m).
+        spacing: Of the stations (m).
+    """
+    position = min(max((a - first) / spacing, 0.0), banks.shape[0] - 1.001)
+    index = int(position)
+    weight = position - index
+    left = banks[index, 0] + weight * (banks[index + 1, 0] - banks[index, 0]) - y
+    right = y - banks[index, 1] - weight * (banks[index + 1, 1] - banks[index, 1])
+    gap, curve = (left, 0) if left < right else (right, 1)
+    if banks[index, 2] < _NO_SHORE_M and banks[index + 1, 2] < _NO_SHORE_M:
+        left = y - banks[index, 2] - weight * (banks[index + 1, 2] - banks[index, 2])
+        right = banks[index, 3] + weight * (banks[index + 1, 3] - banks[index, 3]) - y
+        shore, shore_curve = (left, 2) if left > right else (right, 3)
+        if shore < gap:
+            gap, curve = shore, shore_curve
+    return gap, (banks[index + 1, curve] - banks[index, curve]) / spacing
+
+
+@njit
+def _land(tiles: Tiles, east: float, north: float, footprint: float, contrast: float) -> tuple[float, float]:
+    """Brightness of the land (1 on average) and how green it is (0 to 1)."""
+    level = np.log2(footprint / FINE_TEXEL_M)
+    fine = _sample(tiles[0], tiles[3], east / FINE_TEXEL_M, north / FINE_TEXEL_M, level)
+    level += _COARSER
+    rough = _sample(tiles[1], tiles[3], east / COARSE_TEXEL_M, north / COARSE_TEXEL_M, level)
+    green = min(max(0.5 + contrast * _GREENNESS * rough, 0.0), 1.0)
+    return 1.0 + contrast * (_FINE_SHARE * fine + _ROUGH_SHARE * rough), green
+
+
+@njit
+def _paint(image: ImageArray, v: int, u: int, wet: float, lights: tuple[float, float, float], clear: float) -> None:
+    """Mix land (brightness, greenness) and water (brightness) and haze into one pixel."""
+    land, green, water = lights
+    for k in range(3):
+        ground = land * (_SOIL[k] + green * (_GRASS[k] - _SOIL[k]))
+        colour = ground + wet * (water * _WATER[k] - ground)
+        colour = _SKY[k] + clear * (colour - _SKY[k])
+        image[v, u, k] = np.uint8(min(max(colour + 0.5, 0.0), 255.0))
+
+
+@njit
+def shade(
+    rays: Rays,
+    camera: FloatArray,
+    river: FloatArray,
+    banks: FloatArray,
+    look: FloatArray,
+    tiles: Tiles,
+    image: ImageArray,
+) -> None:
+    """Fill ``image`` with sky, land and water; a pixel cut by a bank is mixed by the area on either side.
+
+    Args:
+        rays: ``(h, w, 3)`` rays in camera axes; zero where the lens sees nothing.
+        camera: ``(15,)`` position ENU (m), ``enu_SO3_cam`` matrix by rows, focal lengths x and y (px), time (s).
+        river: ``(6,)`` origin east and north (m), sine and cosine of the azimuth, first station and spacing (m).
+        banks: ``(n, 4)``, see ``_gap``.
+        look: ``(3,)`` contrast of ground and water, speed of the water (m/s).
+        tiles: Fine ground, coarse ground and water texels, and the levels' starts.
+        image: ``(h, w, 3)`` BGR, written.
+    """
+    sine, cosine = river[2], river[3]
+    height, fx, fy, drift = camera[2], camera[12], camera[13], look[2] * camera[14]
+    for v in range(rays.shape[0]):
+        for u in range(rays.shape[1]):
+            x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
+            up = camera[9] * x + camera[10] * y + camera[11] * z
+            if up > -_HORIZON:
+                for k in range(3):
+                    image[v, u, k] = np.uint8(_SKY[k]) if z != 0 or x != 0 or y != 0 else np.uint8(0)
+                continue
+            reach = -height / up
+            east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
+            north = reach * (camera[6] * x + camera[7] * y + camera[8] * z)
+            # Motion of the ground point by one pixel to the right (1) and one down (2).
+            e1 = reach / fx * (camera[3] + east / height * camera[9])
+            n1 = reach / fx * (camera[6] + north / height * camera[9])
+            e2 = reach / fy * (camera[4] + east / height * camera[10])
+            n2 = reach / fy * (camera[7] + north / height * camera[10])
+            footprint = np.sqrt(0.5 * (e1 * e1 + n1 * n1 + e2 * e2 + n2 * n2))
+            east += camera[0]
+            north += camera[1]
+            along = (east - river[0]) * sine + (north - river[1]) * cosine
+            across = (north - river[1]) * sine - (east - river[0]) * cosine
+            gap, slope = _gap(along, across, banks, river[4], river[5])
+            wet = 0.0 if gap < 0 else 1.0
+            if abs(gap) < (2.0 + 2.0 * abs(slope)) * footprint:
+                right = slope * (e1 * sine + n1 * cosine) - (n1 * sine - e1 * cosine)
+                down = slope * (e2 * sine + n2 * cosine) - (n2 * sine - e2 * cosine)
+                wet = min(max(0.5 + gap / np.hypot(right, down), 0.0), 1.0)
+            land, green, water = 1.0, 0.5, 1.0
+            if wet < 1.0:
+                land, green = _land(tiles, east, north, footprint, look[0])
+            if wet > 0.0:
+                level = np.log2(footprint / WATER_TEXEL_M)
+                wave = _sample(tiles[2], tiles[3], (along - drift) / WATER_TEXEL_M, across / WATER_TEXEL_M, level)
+                water += look[1] * _WAVE_SHARE * wave
+            _paint(image, v, u, wet, (land, green, water), 1.0 / (1.0 + (reach / _HAZE_M) ** 2))
+
+
+@njit
+def stamp(
+    rays: Rays,
+    region: tuple[int, int, int, int],
+    planar: FloatArray,
+    texture: ImageArray,
+    samples: int,
+    image: ImageArray,
+) -> None:
+    """Draw a textured rectangle in space over ``image``, each pixel from ``samples`` x ``samples`` rays.
+
+    Args:
+        rays: ``(h, w, 3)`` as for ``shade``.
+        region: Left, top, right, bottom pixel (half-open) that the rectangle can touch.
+        planar: ``(3, 3)`` that takes a ray in camera axes to (x s, y s, s): x, y in [0, 1) on the rectangle, s > 0
+            in front of the camera.
+        texture: ``(h, w, 4)`` BGR and opacity.
+        samples: Rays along each side of a pixel.
+        image: ``(h, w, 3)`` BGR, written.
+    """
+    left, top, right, bottom = region
+    rows, columns = texture.shape[0], texture.shape[1]
+    for v in range(top, bottom):
+        for u in range(left, right):
+            blue, green, red, opacity = 0.0, 0.0, 0.0, 0.0
+            # Rays between pixel centres: linear from the pixel and its neighbours (one-sided at the image's border).
+            u0, v0 = max(u - 1, 0), max(v - 1, 0)
+            u1, v1 = min(u + 1, rays.shape[1] - 1), min(v + 1, rays.shape[0] - 1)
+            for j in range(samples):
+                dv = ((j + 0.5) / samples - 0.5) / max(v1 - v0, 1)
+                for i in range(samples):
+                    du = ((i + 0.5) / samples - 0.5) / max(u1 - u0, 1)
+                    x, y, s = 0.0, 0.0, 0.0
+                    for k in range(3):
+                        ray = rays[v, u, k] + du * (rays[v, u1, k] - rays[v, u0, k])
+                        ray += dv * (rays[v1, u, k] - rays[v0, u, k])
+                        x += planar[0, k] * ray
+                        y += planar[1, k] * ray
+                        s += planar[2, k] * ray
+                    if s > 0 and 0 <= x < s and 0 <= y < s:
+                        texel = texture[int(y / s * rows), int(x / s * columns)]
+                        blue += float(texel[0]) * texel[3]
+                        green += float(texel[1]) * texel[3]
+                        red += float(texel[2]) * texel[3]
+                        opacity += texel[3]
+            weight = 1.0 / (255.0 * samples * samples)
+            rest = 1.0 - opacity * weight
+            image[v, u, 0] = np.uint8(image[v, u, 0] * rest + blue * weight + 0.5)
+            image[v, u, 1] = np.uint8(image[v, u, 1] * rest + green * weight + 0.5)
+            image[v, u, 2] = np.uint8(image[v, u, 2] * rest + red * weight + 0.5)

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE
 from aerodft.adapters.mavlink.files import map_log, wrong_type
@@ -27,7 +28,7 @@ from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
 
 BLOCK_MESSAGES: Final = 4096
 _BLOCK_BYTES: Final = 1 << 20
-_EXPECTED: Final = "an ArduPilot .bin log"
+_EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _LAST_US, _DATAFLASH_STATE = STATE_SIZE, STATE_SIZE + 1
 _FIRST, _SECOND = HEAD
 _TYPES = 256
@@ -137,7 +138,7 @@ class DataflashSource:
         self._data = map_log(path, _EXPECTED)
         self._state, self._types = _fresh()
         if not next(self._scan(), None):
-            raise wrong_type(path, _EXPECTED)
+            raise wrong_type(path, _EXPECTED, got=f"{looks_like(path)} without a valid message")
         self._first_us, self._unix_minus_boot_ns, self._has_gps = self._tie()
 
     @property

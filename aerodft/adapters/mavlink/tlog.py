@@ -33,7 +33,8 @@ BLOCK_FRAMES: Final = 4096
 _BLOCK_BYTES: Final = 1 << 20
 _PROBE_BYTES: Final = 1 << 24
 _STAMP = 8
-_EXPECTED: Final = "a MAVLink .tlog"
+_EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
+_STAMPED: Final = "a MAVLink .tlog"
 _LAST_US, _BACKWARDS, _TLOG_STATE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
 _MAGICS = (0xFD, 0xFE)
 
@@ -156,7 +157,7 @@ class TlogSource:
     def _check_type(self) -> None:
         """Refuse a file without any stamped frame near its start."""
         seen = content_looks_like(self._data[:512].tobytes())
-        if seen not in {_EXPECTED, "unknown binary data", "text"}:
+        if seen not in {_STAMPED, "unknown binary data", "text"}:
             raise wrong_type(self._path, _EXPECTED, got=seen)
         table = frame_table()
         if len(self._data) >= MIN_FRAME and probe(self._data, 0, len(self._data), table)[0] == FRAME:
@@ -165,7 +166,7 @@ class TlogSource:
             )
         rows = np.empty((3, 1), dtype=np.int64)
         if not _scan_tlog(self._data, 0, _PROBE_BYTES, table, rows, _fresh_state())[0]:
-            got = seen if seen != _EXPECTED else "no valid MAVLink frame"
+            got = seen if seen != _STAMPED else "no valid MAVLink frame"
             raise wrong_type(self._path, _EXPECTED, got=got)
 
 

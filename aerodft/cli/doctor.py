@@ -1,0 +1,129 @@
+"""``aerodft doctor``: what a telemetry log or link holds, and what it is good for."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from aerodft.adapters.mavlink.address import is_link, parse_address
+from aerodft.adapters.mavlink.composite import open_log
+from aerodft.adapters.mavlink.findings import document, problems
+from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.link import MavlinkLink
+from aerodft.adapters.mavlink.survey import Survey, SurveyReport, ValueSource
+from aerodft.errors import NoAnswerError
+from aerodft.model.telemetry import RawBlock
+from aerodft.service.clock import WallClock
+from aerodft.service.feed import Inbox, LiveFeed
+from aerodft.service.settings import SECOND_NS
+
+_TICK_NS: Final = 50_000_000
+
+
+def doctor(
+    target: Annotated[
+        str, typer.Argument(metavar="LOG|LINK", help="A .tlog or .bin log, or a link such as udpin:14550.")
+    ],
+    *,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
+    seconds: Annotated[float, typer.Option(min=0.1, help="How long to listen to a link.")] = 10.0,
+    system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None,
+    baud: Annotated[int | None, typer.Option(min=1, help="Baud rate of a serial link.")] = None,
+) -> None:
+    """Say which messages there are, which heights and attitudes they give, and what is wrong.
+
+    Example: aerodft doctor flight.tlog
+
+    Example: aerodft doctor udpin:14550 --seconds 5 --json
+    """
+    if is_link(target):
+        report = survey_link(target, seconds=seconds, system=system, baud=baud)
+    else:
+        report = survey_log(Path(target), system=system)
+    if as_json:
+        typer.echo(json.dumps(document(report)))
+    else:
+        _print(report, Console())
+    if not report.usable:
+        missing = "height" if not report.heights else "attitude"
+        raise NoAnswerError(f"no source of {missing} could serve", where=target, hint="see the problems listed")
+
+
+def survey_log(path: Path, *, system: int | None = None) -> SurveyReport:
+    """Survey a whole log.
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    source = open_log(path)
+    survey = Survey(str(path), system=system)
+    for event in source.events():
+        if isinstance(event, RawBlock):
+            survey.add(event)
+    return survey.report(counts=source.counts, warnings=source.warnings())
+
+
+def survey_link(address: str, *, seconds: float, system: int | None = None, baud: int | None = None) -> SurveyReport:
+    """Listen to a link for a while.
+
+    Raises:
+        LinkError: It cannot be opened.
+    """
+    clock = WallClock()
+    inbox = Inbox(clock)
+    feed = LiveFeed(inbox, clock, _TICK_NS)
+    survey = Survey(address, system=system)
+    with MavlinkLink(parse_address(address, baud=baud), inbox) as link:
+        end_ns = clock.now_ns() + int(seconds * SECOND_NS)
+        for batch in feed.batches():
+            for block in batch.raw:
+                survey.add(block)
+            if batch.now_ns >= end_ns:
+                feed.stop()
+        counts = _total(tuple(link.counts.values()))
+    return survey.report(counts=counts)
+
+
+def _total(counts: tuple[FrameCounts, ...]) -> FrameCounts:
+    return FrameCounts(
+        frames=sum(c.frames for c in counts),
+        bad_crc=sum(c.bad_crc for c in counts),
+        unknown=sum(c.unknown for c in counts),
+        skipped_bytes=sum(c.skipped_bytes for c in counts),
+    )
+
+
+def _print(report: SurveyReport, console: Console) -> None:
+    streams = Table(title=f"{report.target}: {report.duration_s:.1f} s", title_justify="left")
+    for column in ("message", "from", "count", "rate Hz"):
+        streams.add_column(column, justify="left" if column in {"message", "from"} else "right")
+    for stream in report.streams:
+        sender = "" if stream.system is None else f"{stream.system}/{stream.component}"
+        streams.add_row(stream.name, sender, str(stream.count), f"{stream.rate_hz:.1f}")
+    console.print(streams)
+    sources = Table(title="Sources", title_justify="left")
+    for column in ("of", "source", "usable", "range"):
+        sources.add_column(column)
+    for height in report.heights:
+        sources.add_row("height", height.name, str(height.count), _span(height))
+    for attitude in report.attitudes:
+        sources.add_row("camera attitude", attitude.name, str(attitude.count), f"pitch {_span(attitude)}")
+    if report.vehicle_attitude:
+        vehicle = report.vehicle_attitude
+        sources.add_row("vehicle attitude", vehicle.name, str(vehicle.count), f"pitch {_span(vehicle)}")
+    console.print(sources)
+    clock = report.clock
+    if clock.known_after_s is not None:
+        console.print(
+            f"UTC known after {clock.known_after_s:.1f} s; arrival minus UTC {clock.host_minus_utc_s:.3f} s",
+            highlight=False,
+        )
+    for sentence in problems(report):
+        console.print(f"- {sentence}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _span(source: ValueSource) -> str:
+    return f"{source.low:.2f} to {source.high:.2f} {source.unit}"

@@ -1,0 +1,5 @@
+"""``python -m aerodft``."""
+
+from aerodft.cli.main import main
+
+main()

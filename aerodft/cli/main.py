@@ -1,0 +1,80 @@
+"""The ``aerodft`` command: loads only the command that is asked for, and turns errors into exit codes.
+
+Exit codes: 0 done, 1 a bug, 2 usage, 3 bad input or configuration, 4 no answer in the data, 5 done with a difference or
+a loss to report.
+"""
+
+import keyword
+import logging
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from typing import Annotated, Final
+
+import typer
+
+from aerodft import __version__
+from aerodft.cli.output import say
+from aerodft.errors import AerodftError
+
+COMMANDS: Final = {
+    "measure": "Measure pixels of one image with a known pose.",
+    "serve": "Measure live: MAVLink and images in, zenoh and a recording out.",
+    "import": "Turn a flight's log (and video) into a recording with measurements.",
+    "replay": "Publish a recording again.",
+    "recompute": "Compute a recording's measurements anew, with the same or another configuration.",
+    "compare": "Compare two recordings measurement by measurement.",
+    "export": "Write a recording's measurements as CSV or GeoJSON.",
+    "doctor": "Say what a log or a live link holds, and what is wrong with it.",
+    "demo": "Fly a simulated flight through everything and show the result.",
+}
+"""Every command with its line of help; ``x`` is the function ``x`` of ``aerodft.cli.x`` (``import_`` for ``import``)."""
+
+_EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
+
+
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Say more on stderr.")] = False,
+) -> None:
+    """Measurements from aerial images: telemetry and pixels in, metres with an honest uncertainty out."""
+    if version:
+        typer.echo(f"aerodft {__version__}")
+        raise typer.Exit
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="aerodft: %(message)s")
+    logging.getLogger("aerodft").setLevel(logging.DEBUG if verbose else logging.INFO)
+
+
+def _command(name: str, wanted: str | None) -> Callable[..., None]:
+    """The command's function; for the commands that are only listed, something with its line of help."""
+    if name == wanted:
+        python_name = f"{name}_" if keyword.iskeyword(name) else name
+        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{python_name}"), python_name)
+        return function
+    return lambda: None
+
+
+def build_app(arguments: list[str]) -> typer.Typer:
+    """The application for these arguments; only their command's module is loaded: ``measure`` needs no video library."""
+    wanted = next((argument for argument in arguments if argument in COMMANDS), None)
+    app = typer.Typer(
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        no_args_is_help=True,
+        invoke_without_command=True,
+        rich_markup_mode=None,
+        epilog=_EXAMPLE,
+    )
+    app.callback()(_options)
+    for name, line in COMMANDS.items():
+        app.command(name=name, short_help=line)(_command(name, wanted))
+    return app
+
+
+def main() -> None:
+    """Entry point of the ``aerodft`` script."""
+    try:
+        build_app(sys.argv[1:])()
+    except AerodftError as error:
+        say(f"aerodft: {error}")
+        sys.exit(error.exit_code)

@@ -1,0 +1,148 @@
+"""``aerodft measure``: one pose, some pixels, measurements."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodft.adapters.codec.measurement import MeasurementEncoder
+from aerodft.adapters.config.camera import load_camera
+from aerodft.cli.output import print_json, print_measurements, say
+from aerodft.cli.probes import parse_probe
+from aerodft.cli.stds import Stds, assumed_stds, parse_stds
+from aerodft.dft.measure import Request, Setup
+from aerodft.dft.measure import measure as measure_requests
+from aerodft.errors import InputError, UsageError
+from aerodft.geometry.poses import camera_pose
+from aerodft.model.measurement import Measurement, ProjectionModel
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
+from aerodft.model.status import Status
+
+_LOWEST_M = 1e-3
+
+
+def measure(
+    camera: Annotated[Path | None, typer.Option(help="Camera file (TOML).")] = None,
+    height: Annotated[float | None, typer.Option(help="Camera height above the measured plane, m.")] = None,
+    tilt: Annotated[float | None, typer.Option(help="Angle of the optical axis from straight down, deg.")] = None,
+    roll: Annotated[float, typer.Option(help="Positive with the camera's right side down, deg.")] = 0.0,
+    heading: Annotated[float, typer.Option(help="Clockwise from true north, deg.")] = 0.0,
+    lat: Annotated[float | None, typer.Option(help="Camera latitude, WGS84, deg.")] = None,
+    lon: Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")] = None,
+    model: Annotated[ProjectionModel, typer.Option(help="Projection model.")] = ProjectionModel.PINHOLE,
+    std: Annotated[
+        str | None,
+        typer.Option(
+            help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude."
+        ),
+    ] = None,
+    probe: Annotated[
+        list[str] | None, typer.Option(help='"KIND u,v [u,v] [elevation=Z] [name=N]"; may be repeated.')
+    ] = None,
+    recording: Annotated[Path | None, typer.Option(help="Take camera and pose from this recording.")] = None,
+    at: Annotated[
+        str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
+) -> None:
+    r"""Measure pixels of one image with a known pose.
+
+    \b
+    Example:
+      aerodft measure --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
+        --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
+    """
+    if not probe:
+        raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
+    if recording is not None:
+        from aerodft.cli.recorded_pose import recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
+
+        if at is None:
+            raise UsageError("--recording needs --at TIME", expected="seconds from its start, UTC ns, or ISO 8601")
+        setup, sample = recorded_setup(recording, at)
+        stds = parse_stds(std) if std else Stds()
+    else:
+        stds = parse_stds(std) if std else assumed_stds(height or 0.0)
+        setup = _setup(camera, model, stds)
+        sample = _sample(height, tilt, roll, heading, (lat, lon), stds)
+    if setup.model is ProjectionModel.DFT and roll:
+        raise UsageError("--roll with --model dft", got=f"{roll:g}", expected="0: the paper's camera does not roll")
+    requests = []
+    for index, text in enumerate(probe):
+        parsed = parse_probe(text, index, stds)
+        requests.append(Request(probe=parsed, pixels=parsed.pixels, std_px=parsed.std_px))
+    _show(measure_requests(setup, sample, tuple(requests)), as_json=json)
+
+
+def _setup(camera: Path | None, model: ProjectionModel, stds: Stds) -> Setup:
+    if camera is None:
+        raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
+    return Setup(camera=stds.on_camera(load_camera(camera)), model=model)
+
+
+def _sample(
+    height: float | None,
+    tilt: float | None,
+    roll: float,
+    heading: float,
+    lat_lon: tuple[float | None, float | None],
+    stds: Stds,
+) -> PoseSample:
+    height_m = _in_range("--height", height, _LOWEST_M, 100_000.0, "m above the measured plane, above 0")
+    tilt_deg = _in_range("--tilt", tilt, 0.0, 180.0, "deg from straight down: 0 nadir, 90 horizon, at most 180")
+    _in_range("--roll", roll, -180.0, 180.0, "deg")
+    _in_range("--heading", heading, -360.0, 360.0, "deg")
+    lat, lon = lat_lon
+    if (lat is None) != (lon is None):
+        raise UsageError("--lat and --lon go together")
+    origin = None
+    if lat is not None and lon is not None:
+        _in_range("--lat", lat, -90.0, 90.0, "deg")
+        _in_range("--lon", lon, -180.0, 360.0, "deg")
+        origin = GeoOrigin(lat_rad=math.radians(lat), lon_rad=math.radians(lon))
+    pose = camera_pose(
+        height_agl_m=height_m,
+        tilt_rad=math.radians(tilt_deg),
+        roll_rad=math.radians(roll),
+        heading_rad=math.radians(heading),
+        std=stds.pose,
+    )
+    return PoseSample(
+        stamp_ns=0,
+        status=Status.OK,
+        reasons=stds.assumptions,
+        pose=pose,
+        std=stds.pose,
+        origin=origin,
+        lat_rad=None if origin is None else origin.lat_rad,
+        lon_rad=None if origin is None else origin.lon_rad,
+        height_source=HeightSource.MANUAL,
+        height_datum="manual",
+        attitude_source=GimbalSource.MANUAL,
+    )
+
+
+def _in_range(option: str, value: float | None, low: float, high: float, expected: str) -> float:
+    if value is None:
+        raise UsageError(f"no {option}", expected=expected)
+    if not low <= value <= high:
+        raise InputError(option, got=f"{value:g}", expected=expected)
+    return value
+
+
+def _show(measurements: list[Measurement], *, as_json: bool) -> None:
+    if as_json:
+        encoder = MeasurementEncoder()
+        print_json([encoder.payload(measurement) for measurement in measurements])
+    else:
+        print_measurements(measurements)
+    statuses = {measurement.status for measurement in measurements}
+    for measurement in measurements:
+        if measurement.status is not Status.OK:
+            why = "; ".join(measurement.reasons)
+            say(f"aerodft: {measurement.name}: {measurement.status}: {why}")
+    if Status.OUT_OF_IMAGE in statuses:
+        raise typer.Exit(3)
+    if Status.OK not in statuses:
+        raise typer.Exit(4)

@@ -1,0 +1,36 @@
+"""What commands print: JSON or tables on stdout, progress and words on stderr."""
+
+import sys
+from collections.abc import Iterable
+
+import orjson
+from rich.console import Console
+from rich.table import Table
+
+from aerodft.model.measurement import Measurement
+from aerodft.model.status import Status
+
+
+def print_json(document: object) -> None:
+    """One JSON document on stdout."""
+    sys.stdout.buffer.write(orjson.dumps(document, option=orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2))
+    sys.stdout.flush()
+
+
+def say(text: str) -> None:
+    """A sentence for a person, on stderr."""
+    print(text, file=sys.stderr, flush=True)  # noqa: T201 - the command line speaks on stderr
+
+
+def print_measurements(measurements: Iterable[Measurement]) -> None:
+    """A table on stdout."""
+    table = Table("probe", "kind", "value", "95 % interval", "ground X, Y (m)", "status")
+    for item in measurements:
+        value = "" if item.value is None else f"{item.value:.3f} {item.unit}"
+        interval = "" if item.ci95 is None else f"{item.ci95[0]:.3f} ... {item.ci95[1]:.3f}"
+        if item.ellipse95 is not None:
+            interval = f"ellipse {item.ellipse95.semi_major_m:.3f} x {item.ellipse95.semi_minor_m:.3f} m"
+        ground = "; ".join(f"{x:.2f}, {y:.2f}" for x, y, _ in item.ground_m or ())
+        status = str(item.status) if item.status is Status.OK else f"{item.status}: {'; '.join(item.reasons)}"
+        table.add_row(item.name, item.kind, value, interval, ground, status)
+    Console().print(table)

@@ -49,8 +49,8 @@ def _doubtful(report: SurveyReport) -> list[str]:
     measured = [source for source in report.heights if source.name in {"rangefinder", "terrain"}]
     sentences += [
         f"{source.name} says {source.low:.2f} m at its lowest: nothing is measured below the minimum height"
-        for source in (*measured, report.rangefinder)
-        if source is not None and source.low < _LOW_M
+        for source in measured
+        if source.low < _LOW_M
     ]
     if report.rangefinder is not None and report.rangefinder.high < _LOW_M:
         sentences.append(

@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from aerodft.adapters.mavlink.address import LinkAddress, LinkKind, parse_address
 from aerodft.adapters.mavlink.framing import FrameCounts, StreamFramer
-from aerodft.adapters.mavlink.transport import Reads, TcpListener, Transport, UdpTransport, open_transport
+from aerodft.adapters.mavlink.sockets import Reads, TcpListener, UdpTransport
+from aerodft.adapters.mavlink.transport import Transport, open_transport
 from aerodft.model.telemetry import WireProtocol
 
 _LOG: Final = logging.getLogger(__name__)

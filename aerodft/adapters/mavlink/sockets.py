@@ -1,0 +1,231 @@
+"""UDP and TCP sockets that give ``(sender, bytes)`` and take bytes to send."""
+
+import contextlib
+import logging
+import selectors
+import socket
+from typing import Final
+
+from aerodft.adapters.mavlink.address import LinkAddress, LinkKind
+
+_LOG: Final = logging.getLogger(__name__)
+_RECEIVE_BUFFER: Final = 4 << 20
+_READ: Final = 1 << 16
+_MAX_READS: Final = 256
+_CONNECT_S: Final = 0.25
+
+Reads = list[tuple[str, bytes]]
+
+
+def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[socket.AddressFamily, tuple[str, int]]:
+    """Family and numeric address of the host, IPv4 first."""
+    found = socket.getaddrinfo(address.host, address.port, type=kind)
+    family, _, _, _, place = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    return family, (str(place[0]), int(place[1]))
+
+
+def _name(place: tuple[object, ...]) -> str:
+    return f"{place[0]}:{place[1]}"
+
+
+class UdpTransport:
+    """Datagrams from any number of senders (``udpin``), or to and from one peer (``udpout``).
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        family, place = _resolve(address, socket.SOCK_DGRAM)
+        self._peer = place if address.kind is LinkKind.UDP_OUT else None
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            self._socket.setblocking(False)
+            # No SO_REUSEADDR: on Linux two programs would then share the port, and one of them would hear nothing.
+            if self._peer is None:
+                self._socket.bind(place)
+        except OSError:
+            self._socket.close()
+            raise
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._socket, selectors.EVENT_READ)
+
+    @property
+    def local(self) -> tuple[str, int]:
+        """Own address."""
+        host, port = self._socket.getsockname()[:2]
+        return str(host), int(port)
+
+    def read(self, timeout_s: float) -> Reads:
+        """Datagrams that have arrived, at most 256 at once."""
+        reads: Reads = []
+        if not self._selector.select(timeout_s):
+            return reads
+        # A refused datagram (nobody listens there yet) is reported on the next read: no fault of this link.
+        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+            while len(reads) < _MAX_READS:
+                data, place = self._socket.recvfrom(_READ)
+                if data:
+                    reads.append((_name(place), data))
+        return reads
+
+    def write(self, data: bytes) -> None:
+        """Send to the peer; a listening link only listens."""
+        if self._peer is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, self._peer)
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._selector.close()
+        self._socket.close()
+
+
+class _TcpPeers:
+    """Connected sockets, read together."""
+
+    def __init__(self) -> None:
+        self.selector = selectors.DefaultSelector()
+        self.names: dict[socket.socket, str] = {}
+
+    def add(self, peer: socket.socket, name: str) -> None:
+        """Take over a connected socket."""
+        peer.setblocking(False)
+        self.names[peer] = name
+        self.selector.register(peer, selectors.EVENT_READ)
+
+    def drop(self, peer: socket.socket) -> None:
+        """Forget a peer that has gone."""
+        if self.names.pop(peer, None) is not None:
+            self.selector.unregister(peer)
+            peer.close()
+
+    def read_from(self, peer: socket.socket) -> tuple[str, bytes]:
+        """One read; empty bytes where the peer has gone."""
+        name = self.names[peer]
+        try:
+            data = peer.recv(_READ)
+        except OSError:
+            data = b""
+        if not data:
+            _LOG.warning("%s has closed the connection", name)
+            self.drop(peer)
+        return name, data
+
+    def write(self, data: bytes) -> None:
+        """Send to all; one that does not take it is dropped."""
+        for peer in tuple(self.names):
+            try:
+                peer.send(data)
+            except BlockingIOError:
+                continue
+            except OSError:
+                self.drop(peer)
+
+    def close(self) -> None:
+        """Close all."""
+        for peer in tuple(self.names):
+            self.drop(peer)
+        self.selector.close()
+
+
+class TcpListener:
+    """Waits for peers to connect (``tcpin``).
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        family, place = _resolve(address, socket.SOCK_STREAM)
+        self._listener = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            self._listener.bind(place)
+            self._listener.listen()
+            self._listener.setblocking(False)
+        except OSError:
+            self._listener.close()
+            raise
+        self._peers = _TcpPeers()
+        self._peers.selector.register(self._listener, selectors.EVENT_READ)
+
+    @property
+    def local(self) -> tuple[str, int]:
+        """Own address."""
+        host, port = self._listener.getsockname()[:2]
+        return str(host), int(port)
+
+    def read(self, timeout_s: float) -> Reads:
+        """What the peers have sent; takes in new ones."""
+        reads: Reads = []
+        for key, _ in self._peers.selector.select(timeout_s):
+            if key.fileobj is self._listener:
+                with contextlib.suppress(OSError):
+                    peer, place = self._listener.accept()
+                    self._peers.add(peer, _name(place))
+                    _LOG.info("%s has connected", _name(place))
+            elif isinstance(key.fileobj, socket.socket):
+                reads.append(self._peers.read_from(key.fileobj))
+        return reads
+
+    def write(self, data: bytes) -> None:
+        """Send to all peers."""
+        self._peers.write(data)
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._peers.selector.unregister(self._listener)
+        self._listener.close()
+        self._peers.close()
+
+
+class TcpClient:
+    """Connects to a peer (``tcp``), and again whenever the connection is lost.
+
+    Raises:
+        OSError: The host is unknown.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        self._family, self._place = _resolve(address, socket.SOCK_STREAM)
+        self._peers = _TcpPeers()
+        self._complained = False
+
+    def read(self, timeout_s: float) -> Reads:
+        """What the peer has sent; tries to connect where nobody is connected."""
+        if not self._peers.names and not self._connect():
+            self._peers.selector.select(timeout_s)
+            return []
+        return [
+            self._peers.read_from(key.fileobj)
+            for key, _ in self._peers.selector.select(timeout_s)
+            if isinstance(key.fileobj, socket.socket)
+        ]
+
+    def _connect(self) -> bool:
+        peer = socket.socket(self._family, socket.SOCK_STREAM)
+        try:
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            peer.settimeout(_CONNECT_S)
+            peer.connect(self._place)
+        except OSError as error:
+            peer.close()
+            if not self._complained:
+                _LOG.warning("%s does not answer (%s); trying again", _name(self._place), error.strerror or error)
+                self._complained = True
+            return False
+        self._complained = False
+        self._peers.add(peer, _name(self._place))
+        _LOG.info("connected to %s", _name(self._place))
+        return True
+
+    def write(self, data: bytes) -> None:
+        """Send to the peer, if connected."""
+        self._peers.write(data)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._peers.close()

@@ -1,0 +1,163 @@
+"""Observations from outside: JSON lines in a file, or one JSON object on the bus."""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from aerodft.errors import InputError
+from aerodft.model.image import StampClock
+from aerodft.model.observation import Observation
+
+_KEYS = frozenset((
+    "schema", "name", "stamp_ns", "image", "pixels", "std_px", "clock", "arrival_ns", "image_stamp_ns", "source",
+    "software",
+))  # fmt: skip
+_EXAMPLE = (
+    '{"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}'
+)
+_MAX_STAMP_NS = 2**63 - 1
+_MAX_LINE_BYTES = 1 << 20
+
+
+class ObservationList:
+    """Observations in memory as a ``Source``, sorted by arrival."""
+
+    def __init__(self, observations: Iterable[Observation]) -> None:
+        self._observations = sorted(observations, key=lambda seen: (seen.arrival_ns, seen.name))
+
+    def __len__(self) -> int:
+        return len(self._observations)
+
+    def events(self) -> Iterator[Observation]:
+        """All observations, arrivals not decreasing."""
+        return iter(self._observations)
+
+
+def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = None) -> ObservationList:
+    """Read a JSON-lines file of observations.
+
+    Each line has ``name``, ``pixels`` (``[[u, v], ...]``), ``stamp_ns`` (decimal string or integer, UTC) or ``image``
+    (an image's index), and if known ``std_px``. Blank lines are skipped. The arrival is the stamp.
+
+    Args:
+        path: The file.
+        image_stamps_ns: Stamps of the images by index, for lines that name an image alone.
+
+    Raises:
+        InputError: The file cannot be read, or a line is wrong; names the line.
+    """
+    observations: list[Observation] = []
+    try:
+        with path.open("rb") as lines:
+            for number, line in enumerate(iter(lambda: lines.readline(_MAX_LINE_BYTES), b""), start=1):
+                if line.strip():
+                    observations.append(_observation(line, f"{path}:{number}", path.name, image_stamps_ns or {}))
+    except OSError as error:
+        raise InputError("the observation file cannot be read", where=path, got=error.strerror) from error
+    return ObservationList(observations)
+
+
+def parse_observation(data: bytes, *, name: str, arrival_ns: int, source: str) -> Observation:
+    """Parse one observation from the bus.
+
+    Args:
+        data: A JSON object as in a file's line; its ``name`` may be left out.
+        name: The probe that its key expression names.
+        arrival_ns: When it came.
+        source: The key expression.
+
+    Raises:
+        InputError: It is no observation, or of another probe than its key says.
+    """
+    payload = _object(data, source)
+    if payload.setdefault("name", name) != name:
+        raise InputError("the observation is of another probe", where=source, got=payload["name"], expected=name)
+    seen = _checked(payload, source, source, {})
+    return Observation(
+        name=name,
+        stamp_ns=seen.stamp_ns,
+        arrival_ns=arrival_ns,
+        pixels=seen.pixels,
+        std_px=seen.std_px,
+        clock=seen.clock,
+        image=seen.image,
+        source=source,
+    )
+
+
+def _observation(line: bytes, where: str, source: str, image_stamps_ns: Mapping[int, int]) -> Observation:
+    return _checked(_object(line, where), where, source, image_stamps_ns)
+
+
+def _object(data: bytes, where: str) -> dict[str, Any]:
+    try:
+        payload = orjson.loads(data)
+    except orjson.JSONDecodeError as error:
+        raise InputError("the observation is not JSON", where=where, got=error, expected=_EXAMPLE) from error
+    if not isinstance(payload, dict):
+        raise InputError("the observation is no JSON object", where=where, got=repr(payload)[:60], expected=_EXAMPLE)
+    if unknown := sorted(payload.keys() - _KEYS):
+        raise InputError("the observation has an unknown key", where=where, got=unknown[0], expected=_EXAMPLE)
+    return payload
+
+
+def _checked(payload: dict[str, Any], where: str, source: str, image_stamps_ns: Mapping[int, int]) -> Observation:
+    name, image, clock = payload.get("name"), payload.get("image"), payload.get("clock", StampClock.UTC)
+    if not isinstance(name, str) or not name:
+        raise InputError("name is not the name of a probe", where=where, got=repr(name), expected=_EXAMPLE)
+    if image is not None and (type(image) is not int or image < 0):
+        raise InputError("image is no index", where=where, got=repr(image), expected="an integer from 0")
+    if clock not in list(StampClock):
+        raise InputError("clock is unknown", where=where, got=repr(clock), expected=" or ".join(StampClock))
+    stamp_ns = _stamp_ns(payload.get("stamp_ns"), image, where, image_stamps_ns)
+    return Observation(
+        name=name,
+        stamp_ns=stamp_ns,
+        arrival_ns=stamp_ns,
+        pixels=_pixels(payload.get("pixels"), where),
+        std_px=_std_px(payload.get("std_px"), where),
+        clock=StampClock(clock),
+        image=image,
+        image_stamp_ns=None if image is None else image_stamps_ns.get(image),
+        source=source,
+    )
+
+
+def _stamp_ns(stamp: object, image: int | None, where: str, image_stamps_ns: Mapping[int, int]) -> int:
+    if stamp is None and image is not None:
+        if image not in image_stamps_ns:
+            got = f"image {image} of {len(image_stamps_ns)} known"
+            raise InputError("no stamp is known for the image", where=where, got=got, expected="stamp_ns")
+        return image_stamps_ns[image]
+    if isinstance(stamp, str) and stamp.isascii() and stamp.isdigit():
+        stamp = int(stamp[:20])
+    if type(stamp) is not int or not 0 <= stamp <= _MAX_STAMP_NS:
+        raise InputError(
+            "stamp_ns is no stamp", where=where, got=repr(stamp), expected="nanoseconds UTC as a decimal string"
+        )
+    return stamp
+
+
+def _pixels(value: object, where: str) -> tuple[tuple[float, float], ...]:
+    if isinstance(value, list) and value and all(_is_pair(pair) for pair in value):
+        return tuple((float(u), float(v)) for u, v in value)
+    raise InputError("pixels are no pixels", where=where, got=repr(value)[:60], expected="[[u, v], ...], finite")
+
+
+def _is_pair(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_finite, value))  # noqa: PLR2004 (u and v)
+
+
+def _is_finite(value: object) -> bool:
+    return type(value) in {int, float} and math.isfinite(value)  # type: ignore[arg-type]  # the type was just checked
+
+
+def _std_px(value: object, where: str) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, int | float) and _is_finite(value) and value > 0:
+        return float(value)
+    raise InputError("std_px is no standard deviation", where=where, got=repr(value), expected="pixels above 0")

@@ -1,0 +1,166 @@
+"""``aerodft.pose/1``: a pose sample with its full covariance; and the shorter pose inside a measurement."""
+
+import math
+
+import numpy as np
+
+from aerodft.adapters.codec import wire
+from aerodft.adapters.codec.angles import camera_angles_deg
+from aerodft.geometry.rotation import camera_attitude
+from aerodft.model.arrays import read_only
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.status import Status
+
+SCHEMA = "aerodft.pose/1"
+
+
+def encode_pose(sample: PoseSample) -> bytes:
+    """A pose sample as ``aerodft.pose/1``."""
+    pose, origin = sample.pose, sample.origin
+    payload: wire.Json = {
+        "schema": SCHEMA,
+        "stamp_ns": str(sample.stamp_ns),
+        "status": sample.status,
+        "reasons": sample.reasons,
+    }
+    payload |= summary(sample)
+    payload["std"] |= {"horizontal_m": sample.std.horizontal_m, "time_s": sample.std.time_s}
+    payload["alt_msl_m"] = sample.alt_msl_m
+    payload["attitude_source"] = sample.attitude_source
+    payload["calibration"] = sample.calibration
+    payload["position_enu_m"] = pose.position_enu_m if pose else None
+    payload["wxyz"] = pose.wxyz if pose else None
+    payload["cov"] = pose.cov if pose else None
+    payload["velocity_enu_mps"] = pose.velocity_enu_mps if pose else None
+    payload["rate_cam_radps"] = pose.rate_cam_radps if pose else None
+    payload["time_std_s"] = pose.time_std_s if pose else None
+    payload["origin"] = None if origin is None else _origin_payload(origin)
+    payload["software"] = wire.SOFTWARE
+    return wire.dump(payload)
+
+
+def decode_pose(data: bytes) -> PoseSample:
+    """``aerodft.pose/1`` to a pose sample; position, attitude and covariance exact, angles of ``std`` to an ulp.
+
+    Raises:
+        InputError: The payload is not of that schema.
+    """
+    return wire.load(data, SCHEMA, _sample)
+
+
+def summary(sample: PoseSample) -> wire.Json:
+    """The pose as a measurement shows it: height, angles, position, age and their standard deviations."""
+    pose, std = sample.pose, sample.std
+    tilt_deg = roll_deg = heading_deg = height_m = None
+    if pose is not None:
+        tilt_deg, roll_deg, heading_deg = camera_angles_deg(*pose.wxyz.tolist())
+        height_m = float(pose.position_enu_m[2])
+    return {
+        "height_agl_m": height_m,
+        "height_source": sample.height_source,
+        "height_datum": sample.height_datum,
+        "tilt_deg": tilt_deg,
+        "roll_deg": roll_deg,
+        "heading_deg": heading_deg,
+        "lat": wire.degrees(sample.lat_rad),
+        "lon": wire.degrees(sample.lon_rad),
+        "telemetry_age_s": sample.telemetry_age_s,
+        "std": {
+            "height_agl_m": std.height_agl_m,
+            "tilt_deg": math.degrees(std.tilt_rad),
+            "pan_deg": math.degrees(std.pan_rad),
+            "roll_deg": math.degrees(std.roll_rad),
+            "heading_deg": math.degrees(std.heading_rad),
+        },
+    }
+
+
+def sample_of_summary(payload: wire.Json, stamp_ns: int, status: Status) -> PoseSample:
+    """The pose sample of a measurement: attitude and height, without covariance, straight above the origin.
+
+    Args:
+        payload: What ``summary`` made.
+        stamp_ns: The measurement's stamp.
+        status: The measurement's status; the sample's own where it has no pose.
+    """
+    angles_deg = (payload["tilt_deg"], payload["roll_deg"], payload["heading_deg"])
+    pose = None
+    if None not in angles_deg:
+        height_m = wire.number(payload["height_agl_m"])
+        pose = Pose(
+            position_enu_m=read_only((0.0, 0.0, height_m)), wxyz=camera_attitude(*np.radians(np.array(angles_deg)))
+        )
+    return PoseSample(
+        stamp_ns=stamp_ns,
+        status=Status.OK if pose else status,
+        pose=pose,
+        std=_std(payload["std"]),
+        lat_rad=wire.radians(payload["lat"]),
+        lon_rad=wire.radians(payload["lon"]),
+        height_source=_height_source(payload["height_source"]),
+        height_datum=payload["height_datum"],
+        telemetry_age_s=payload["telemetry_age_s"],
+    )
+
+
+def _sample(payload: wire.Json) -> PoseSample:
+    origin = payload["origin"]
+    return PoseSample(
+        stamp_ns=int(payload["stamp_ns"]),
+        status=Status(payload["status"]),
+        reasons=tuple(payload["reasons"]),
+        pose=_pose(payload),
+        std=_std(payload["std"]),
+        origin=None if origin is None else _origin(origin),
+        lat_rad=wire.radians(payload["lat"]),
+        lon_rad=wire.radians(payload["lon"]),
+        alt_msl_m=payload["alt_msl_m"],
+        height_source=_height_source(payload["height_source"]),
+        height_datum=payload["height_datum"],
+        attitude_source=None if payload["attitude_source"] is None else GimbalSource(payload["attitude_source"]),
+        telemetry_age_s=payload["telemetry_age_s"],
+        calibration=payload["calibration"],
+    )
+
+
+def _pose(payload: wire.Json) -> Pose | None:
+    if payload["wxyz"] is None:
+        return None
+    return Pose(
+        position_enu_m=read_only(wire.numbers(payload["position_enu_m"])),
+        wxyz=read_only(wire.numbers(payload["wxyz"])),
+        cov=read_only([wire.numbers(row) for row in payload["cov"]]),
+        velocity_enu_mps=read_only(wire.numbers(payload["velocity_enu_mps"])),
+        rate_cam_radps=read_only(wire.numbers(payload["rate_cam_radps"])),
+        time_std_s=wire.number(payload["time_std_s"]),
+    )
+
+
+def _origin_payload(origin: GeoOrigin) -> wire.Json:
+    return {
+        "lat": math.degrees(origin.lat_rad),
+        "lon": math.degrees(origin.lon_rad),
+        "alt_msl_m": origin.alt_msl_m,
+    }
+
+
+def _origin(payload: wire.Json) -> GeoOrigin:
+    return GeoOrigin(
+        lat_rad=math.radians(payload["lat"]), lon_rad=math.radians(payload["lon"]), alt_msl_m=payload["alt_msl_m"]
+    )
+
+
+def _std(payload: wire.Json) -> PoseStd:
+    return PoseStd(
+        height_agl_m=wire.number(payload["height_agl_m"]),
+        horizontal_m=wire.number(payload.get("horizontal_m", 0.0)),
+        tilt_rad=math.radians(wire.number(payload["tilt_deg"])),
+        pan_rad=math.radians(wire.number(payload["pan_deg"])),
+        roll_rad=math.radians(wire.number(payload["roll_deg"])),
+        heading_rad=math.radians(wire.number(payload["heading_deg"])),
+        time_s=wire.number(payload.get("time_s", 0.0)),
+    )
+
+
+def _height_source(value: str | None) -> HeightSource | None:
+    return None if value is None else HeightSource(value)

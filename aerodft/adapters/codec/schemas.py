@@ -1,0 +1,193 @@
+"""The JSON Schemas (draft 2020-12) of all payloads; ``docs/schema`` holds them as files, MCAP channels carry them."""
+
+from typing import Any, Final
+
+import orjson
+
+from aerodft.adapters.codec import events, measurement, pose, status
+from aerodft.model.image import StampClock
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import Status
+
+Schema = dict[str, Any]
+
+_NUMBER: Final[Schema] = {"type": ["number", "null"]}
+_INTEGER: Final[Schema] = {"type": ["integer", "null"]}
+_TEXT: Final[Schema] = {"type": "string"}
+_TEXT_OR_NULL: Final[Schema] = {"type": ["string", "null"]}
+_STAMP: Final[Schema] = {
+    "type": "string",
+    "pattern": "^-?[0-9]+$",
+    "description": "Nanoseconds UTC as a decimal string, because 64 bits do not survive other languages' numbers",
+}
+_STAMP_OR_NULL: Final[Schema] = {**_STAMP, "type": ["string", "null"]}
+
+
+def _said(schema: Schema, description: str) -> Schema:
+    return {**schema, "description": description}
+
+
+def _one_of(values: type[ProbeKind | Status | ProjectionModel | HeightSource | GimbalSource | StampClock]) -> Schema:
+    return {"enum": [member.value for member in values]}
+
+
+def _or_null(schema: Schema) -> Schema:
+    if "enum" in schema:
+        return {**schema, "enum": [*schema["enum"], None]}
+    return {**schema, "type": [schema["type"], "null"]}
+
+
+def _list(items: Schema, *, length: int | None = None) -> Schema:
+    size = {} if length is None else {"minItems": length, "maxItems": length}
+    return {"type": "array", "items": items, **size}
+
+
+def _object(properties: Schema) -> Schema:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def _document(name: str, title: str, properties: Schema) -> Schema:
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"urn:{name.replace('/', ':')}",
+        "title": title,
+        **_object({"schema": {"const": name}, **properties, "software": _TEXT}),
+    }
+
+
+_PIXELS = _said(_list(_list(_NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
+_POINTS = _or_null(_list(_list(_NUMBER, length=3)))
+_GEO = {"lat": _NUMBER, "lon": _NUMBER, "alt_msl_m": _NUMBER}
+_SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), _NUMBER)
+_SUMMARY = {
+    "height_agl_m": _said(_NUMBER, "Above the measured plane"),
+    "height_source": _or_null(_one_of(HeightSource)),
+    "height_datum": _TEXT_OR_NULL,
+    "tilt_deg": _said(_NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
+    "roll_deg": _said(_NUMBER, "About the optical axis; above 0 with the camera's right side down"),
+    "heading_deg": _said(_NUMBER, "Clockwise from true north"),
+    "lat": _NUMBER,
+    "lon": _NUMBER,
+    "telemetry_age_s": _NUMBER,
+}
+
+MEASUREMENT: Final = _document(
+    measurement.SCHEMA,
+    "One measurement, or why there is none",
+    {
+        "name": _said(_TEXT, "The probe"),
+        "kind": _one_of(ProbeKind),
+        "value": _said(_NUMBER, "Null unless the status is ok"),
+        "unit": _TEXT,
+        "std": _NUMBER,
+        "ci95": _or_null(_list(_NUMBER, length=2)),
+        "ellipse95": _or_null(_object({"semi_major_m": _NUMBER, "semi_minor_m": _NUMBER, "azimuth_deg": _NUMBER})),
+        "status": _one_of(Status),
+        "reasons": _list(_TEXT),
+        "pixels": _PIXELS,
+        "std_px": _NUMBER,
+        "ground_m": _said(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
+        "enu_m": _said(_POINTS, "East, north, up of the station's origin"),
+        "cov_enu_m2": _said(_or_null(_list(_list(_NUMBER, length=3), length=3)), "Of the first point"),
+        "geo": _or_null(_list(_object(_GEO))),
+        "range_m": _or_null(_list(_NUMBER)),
+        "stamp_ns": _STAMP,
+        "image": _INTEGER,
+        "model": _one_of(ProjectionModel),
+        "camera": _TEXT,
+        "calibration": _TEXT_OR_NULL,
+        "config": _TEXT_OR_NULL,
+        "pose": _object({**_SUMMARY, "std": _object(_SUMMARY_STD)}),
+    },
+)
+
+POSE: Final = _document(
+    pose.SCHEMA,
+    "The camera's pose at one stamp, or why there is none",
+    {
+        "stamp_ns": _STAMP,
+        "status": _one_of(Status),
+        "reasons": _list(_TEXT),
+        **_SUMMARY,
+        "std": _object({**_SUMMARY_STD, "horizontal_m": _NUMBER, "time_s": _NUMBER}),
+        "alt_msl_m": _NUMBER,
+        "attitude_source": _or_null(_one_of(GimbalSource)),
+        "calibration": _TEXT_OR_NULL,
+        "position_enu_m": _or_null(_list(_NUMBER, length=3)),
+        "wxyz": _said(_or_null(_list(_NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
+        "cov": _said(
+            _or_null(_list(_list(_NUMBER, length=6), length=6)),
+            "Position (ENU, m^2), then a small rotation in camera axes (rad^2)",
+        ),
+        "velocity_enu_mps": _or_null(_list(_NUMBER, length=3)),
+        "rate_cam_radps": _or_null(_list(_NUMBER, length=3)),
+        "time_std_s": _NUMBER,
+        "origin": _or_null(_object(_GEO)),
+    },
+)
+
+IMAGE: Final = _document(
+    events.IMAGE_SCHEMA,
+    "An image's stamps and size",
+    {
+        "index": {"type": "integer"},
+        "stamp_ns": _STAMP,
+        "arrival_ns": _STAMP,
+        "clock": _said(_one_of(StampClock), "Whose clock the stamp is from"),
+        "width_px": _INTEGER,
+        "height_px": _INTEGER,
+    },
+)
+
+OBSERVATION: Final = _document(
+    events.OBSERVATION_SCHEMA,
+    "One probe's pixels at one stamp",
+    {
+        "name": _said(_TEXT, "The probe"),
+        "stamp_ns": _STAMP,
+        "arrival_ns": _STAMP,
+        "clock": _one_of(StampClock),
+        "pixels": _PIXELS,
+        "std_px": _NUMBER,
+        "image": _INTEGER,
+        "image_stamp_ns": _STAMP_OR_NULL,
+        "source": _TEXT,
+    },
+)
+
+STATUS: Final = _document(
+    status.SCHEMA,
+    "What a station is doing",
+    {
+        "station": _TEXT,
+        "stamp_ns": _STAMP,
+        "state": {"enum": list(status.STATES)},
+        "text": _TEXT,
+        "counts": {"type": "object", "additionalProperties": {"type": "integer"}},
+    },
+)
+
+SCHEMAS: Final[dict[str, Schema]] = {
+    measurement.SCHEMA: MEASUREMENT,
+    pose.SCHEMA: POSE,
+    events.IMAGE_SCHEMA: IMAGE,
+    events.OBSERVATION_SCHEMA: OBSERVATION,
+    status.SCHEMA: STATUS,
+}
+
+
+def schema_file_name(name: str) -> str:
+    """The file in ``docs/schema`` for a schema's name: ``aerodft.pose/1`` is ``pose-1.json``."""
+    return name.removeprefix("aerodft.").replace("/", "-") + ".json"
+
+
+def schema_text(name: str) -> bytes:
+    """A schema as its file holds it."""
+    return orjson.dumps(SCHEMAS[name], option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)

@@ -1,0 +1,85 @@
+"""What all payloads share: JSON with every key present, stamps as decimal strings, null for what is not known.
+
+Angles are degrees on the wire. A double survives JSON exactly; degrees and back cost up to ``DEGREES_RTOL``.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn, TypeVar
+
+import orjson
+
+from aerodft import __version__
+from aerodft.errors import InputError
+
+SOFTWARE = f"aerodft {__version__}"
+DEGREES_RTOL = 4.5e-16  # two roundings: an angle comes back within two units in the last place
+
+T = TypeVar("T")
+Json = dict[str, Any]
+
+
+def dump(payload: Json) -> bytes:
+    """Payload to bytes; numpy arrays become lists, non-finite numbers null."""
+    return orjson.dumps(payload, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
+    """Bytes to a value.
+
+    Args:
+        data: The payload.
+        schema: What its ``schema`` key must say.
+        build: Makes the value from the parsed object.
+
+    Raises:
+        InputError: Not JSON, another schema, a key missing or of the wrong type.
+    """
+    try:
+        payload = orjson.loads(data)
+    except orjson.JSONDecodeError as error:
+        _refuse(schema, data, error)
+    if not isinstance(payload, dict) or payload.get("schema") != schema:
+        _refuse(schema, data)
+    try:
+        return build(payload)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise InputError(f"{schema} payload is incomplete or wrong", got=f"{type(error).__name__}: {error}") from error
+
+
+def _refuse(schema: str, data: bytes, error: Exception | None = None) -> NoReturn:
+    raise InputError("payload is of another kind", got=repr(bytes(data[:60])), expected=schema) from error
+
+
+def degrees(angle_rad: float | None) -> float | None:
+    """Radians to degrees; None stays None."""
+    return None if angle_rad is None else math.degrees(angle_rad)
+
+
+def radians(angle_deg: float | None) -> float | None:
+    """Degrees to radians; None stays None."""
+    return None if angle_deg is None else math.radians(angle_deg)
+
+
+def number(value: float | None) -> float:
+    """A number where JSON had null for a non-finite one."""
+    return math.nan if value is None else float(value)
+
+
+def numbers(values: Iterable[float | None]) -> tuple[float, ...]:
+    """A row of numbers, null as NaN."""
+    return tuple(map(number, values))
+
+
+def rows(values: Iterable[Sequence[float | None]] | None) -> tuple[tuple[float, ...], ...] | None:
+    """Rows of numbers; None stays None."""
+    return None if values is None else tuple(map(numbers, values))
+
+
+def pixel_pairs(values: Iterable[Sequence[float | None]]) -> tuple[tuple[float, float], ...]:
+    """Pixels ``((u, v), ...)``.
+
+    Raises:
+        ValueError: A pixel without exactly two coordinates.
+    """
+    return tuple((number(u), number(v)) for u, v in values)

@@ -1,0 +1,280 @@
+"""Every payload survives its codec, and every payload is what its published schema says."""
+
+import math
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+
+from aerodft.adapters.codec import events, measurement, pose, schemas, status, wire
+from aerodft.adapters.codec.angles import camera_angles_deg
+from aerodft.errors import InputError
+from aerodft.geometry.rotation import camera_angles, camera_attitude
+from aerodft.model.image import Image, StampClock
+from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
+from aerodft.model.observation import Observation
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import Status
+
+SCHEMA_FILES = Path(__file__).parents[2] / "docs" / "schema"
+ATTITUDE_ATOL_RAD = 1e-9
+
+real = st.floats(allow_nan=False, allow_infinity=False, width=64, min_value=-1e12, max_value=1e12)
+angle = st.floats(-math.pi, math.pi)
+stamp = st.integers(0, 2**63 - 1)
+text = st.text(max_size=8)
+pixels = st.lists(st.tuples(real, real), max_size=3).map(tuple)
+point = st.tuples(real, real, real)
+points = st.none() | st.lists(point, max_size=2).map(tuple)
+
+pose_std = st.builds(
+    PoseStd,
+    height_agl_m=real,
+    horizontal_m=real,
+    tilt_rad=angle,
+    pan_rad=angle,
+    roll_rad=angle,
+    heading_rad=angle,
+    time_s=real,
+)
+
+
+@st.composite
+def poses(draw: st.DrawFn) -> Pose:
+    def array(*shape: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+        count = math.prod(shape)
+        return np.array(draw(st.lists(real, min_size=count, max_size=count))).reshape(shape)
+
+    wxyz = camera_attitude(draw(st.floats(0, math.pi)), draw(angle), draw(angle))
+    return Pose(
+        position_enu_m=array(3),
+        wxyz=wxyz,
+        cov=array(6, 6),
+        velocity_enu_mps=array(3),
+        rate_cam_radps=array(3),
+        time_std_s=draw(real),
+    )
+
+
+samples = st.builds(
+    PoseSample,
+    stamp_ns=stamp,
+    status=st.sampled_from(Status),
+    reasons=st.lists(text, max_size=2).map(tuple),
+    pose=st.none() | poses(),
+    std=pose_std,
+    origin=st.none() | st.builds(GeoOrigin, lat_rad=angle, lon_rad=angle, alt_msl_m=st.none() | real),
+    lat_rad=st.none() | angle,
+    lon_rad=st.none() | angle,
+    alt_msl_m=st.none() | real,
+    height_source=st.none() | st.sampled_from(HeightSource),
+    height_datum=st.none() | text,
+    attitude_source=st.none() | st.sampled_from(GimbalSource),
+    telemetry_age_s=st.none() | real,
+    calibration=st.none() | text,
+)
+measurements = st.builds(
+    Measurement,
+    name=text,
+    kind=st.sampled_from(ProbeKind),
+    status=st.sampled_from(Status),
+    reasons=st.lists(text, max_size=2).map(tuple),
+    stamp_ns=stamp,
+    pixels=pixels,
+    std_px=real,
+    camera=text,
+    model=st.sampled_from(ProjectionModel),
+    pose=samples,
+    value=st.none() | real,
+    std=st.none() | real,
+    ci95=st.none() | st.tuples(real, real),
+    ellipse95=st.none() | st.builds(Ellipse95, semi_major_m=real, semi_minor_m=real, azimuth_rad=angle),
+    ground_m=points,
+    enu_m=points,
+    cov_enu_m2=st.none() | st.tuples(point, point, point),
+    geo=st.none()
+    | st.lists(st.builds(GeoPoint, lat_rad=angle, lon_rad=angle, alt_msl_m=st.none() | real), max_size=2).map(tuple),
+    range_m=st.none() | st.lists(real, max_size=2).map(tuple),
+    unit=text,
+    image=st.none() | st.integers(0, 2**40),
+    calibration=st.none() | text,
+    config=st.none() | text,
+)
+images = st.builds(
+    Image,
+    index=st.integers(0, 2**40),
+    stamp_ns=stamp,
+    arrival_ns=stamp,
+    clock=st.sampled_from(StampClock),
+    width_px=st.none() | st.integers(1, 10**5),
+    height_px=st.none() | st.integers(1, 10**5),
+)
+observations = st.builds(
+    Observation,
+    name=text,
+    stamp_ns=stamp,
+    arrival_ns=stamp,
+    pixels=pixels,
+    std_px=st.none() | real,
+    clock=st.sampled_from(StampClock),
+    image=st.none() | st.integers(0, 2**40),
+    image_stamp_ns=st.none() | stamp,
+    source=text,
+)
+
+
+def assert_same(got: object, want: object, path: str = "") -> None:
+    """Equal field by field; ``_rad`` to the tolerance of degrees, everything else exactly."""
+    if is_dataclass(want):
+        assert type(got) is type(want), path
+        for item in fields(want):
+            assert_same(getattr(got, item.name), getattr(want, item.name), f"{path}.{item.name}")
+    elif isinstance(want, np.ndarray):
+        np.testing.assert_array_equal(got, want, err_msg=path, strict=True)
+    elif isinstance(want, tuple) and want and is_dataclass(want[0]):
+        assert isinstance(got, tuple)
+        for index, (one, other) in enumerate(zip(got, want, strict=True)):
+            assert_same(one, other, f"{path}[{index}]")
+    elif path.endswith("_rad") and want is not None:
+        assert got == pytest.approx(want, rel=wire.DEGREES_RTOL, abs=1e-300), path
+    else:
+        assert got == want, path
+
+
+def check(name: str, payload: bytes) -> None:
+    Draft202012Validator(schemas.SCHEMAS[name]).validate(orjson.loads(payload))
+
+
+@given(samples)
+def test_a_pose_comes_back(sample: PoseSample) -> None:
+    payload = pose.encode_pose(sample)
+    check(pose.SCHEMA, payload)
+    assert_same(pose.decode_pose(payload), sample)
+
+
+@given(measurements)
+def test_a_measurement_comes_back_with_the_pose_that_the_wire_shows(value: Measurement) -> None:
+    payload = measurement.encode_measurement(value)
+    check(measurement.SCHEMA, payload)
+    got = measurement.decode_measurement(payload)
+    shown = value.pose
+    assert_same(replace(got, pose=shown), value)
+    assert (got.pose.height_source, got.pose.telemetry_age_s) == (shown.height_source, shown.telemetry_age_s)
+    assert_same(got.pose.lat_rad, shown.lat_rad, "lat_rad")
+    assert_same(got.pose.std.tilt_rad, shown.std.tilt_rad, "tilt_rad")
+    assert (got.pose.pose is None) == (shown.pose is None)
+    if got.pose.pose is not None and shown.pose is not None:
+        assert got.pose.pose.position_enu_m[2] == shown.pose.position_enu_m[2]
+        cosine = abs(float(got.pose.pose.wxyz @ shown.pose.wxyz))
+        sine = math.sqrt(max(0.0, 1.0 - min(cosine, 1.0) ** 2))
+        assert sine < 1e-7, "half the angle between the attitudes"
+
+
+@given(images)
+def test_an_image_comes_back_exactly(image: Image) -> None:
+    payload = events.encode_image(image)
+    check(events.IMAGE_SCHEMA, payload)
+    assert_same(events.decode_image(payload), image)
+
+
+@given(observations)
+def test_an_observation_comes_back_exactly(observation: Observation) -> None:
+    payload = events.encode_observation(observation)
+    check(events.OBSERVATION_SCHEMA, payload)
+    assert events.decode_observation(payload) == observation
+
+
+@given(st.dictionaries(text, st.integers(0, 2**53), max_size=3), st.sampled_from(status.STATES), stamp)
+def test_a_status_comes_back_exactly(counts: dict[str, int], state: str, stamp_ns: int) -> None:
+    value = status.StationStatus(station="s", stamp_ns=stamp_ns, state=state, text="t", counts=counts)
+    payload = status.encode_status(value)
+    check(status.SCHEMA, payload)
+    assert status.decode_status(payload) == value
+
+
+@given(st.floats(0, math.pi), angle, angle)
+def test_the_angles_are_those_of_geometry(tilt_rad: float, roll_rad: float, heading_rad: float) -> None:
+    wxyz = camera_attitude(tilt_rad, roll_rad, heading_rad)
+    want = [float(value) for value in camera_angles(wxyz)]
+    got = [math.radians(value) for value in camera_angles_deg(*wxyz.tolist())]
+    back = camera_attitude(*got)
+    assert got[0] == pytest.approx(want[0], abs=ATTITUDE_ATOL_RAD)
+    assert abs(float(back @ wxyz)) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("tilt_rad", "heading_rad"), [(0.0, 1.0), (0.3, 4.0), (math.pi / 2, 0.0)])
+def test_nadir_has_no_roll_and_heads_where_the_image_is_up(tilt_rad: float, heading_rad: float) -> None:
+    tilt_deg, roll_deg, heading_deg = camera_angles_deg(*camera_attitude(tilt_rad, 0.0, heading_rad).tolist())
+    assert math.radians(tilt_deg) == pytest.approx(tilt_rad, abs=ATTITUDE_ATOL_RAD)
+    assert roll_deg == pytest.approx(0.0, abs=1e-6)
+    assert math.radians(heading_deg) == pytest.approx(heading_rad, abs=1e-7)
+
+
+def a_measurement(**changes: Any) -> Measurement:  # noqa: ANN401 (any field of a measurement)
+    value = Measurement(
+        name="w",
+        kind=ProbeKind.DISTANCE,
+        status=Status.OK,
+        reasons=(),
+        stamp_ns=1795221278868833000,
+        pixels=((812.0, 604.5), (1377.0, 611.0)),
+        std_px=1.0,
+        camera="demo",
+        model=ProjectionModel.PINHOLE,
+        pose=PoseSample(stamp_ns=1, status=Status.NO_TELEMETRY),
+    )
+    return replace(value, **changes)
+
+
+def test_what_is_not_finite_is_null_and_never_nan() -> None:
+    value = a_measurement(value=math.nan, std=math.inf, ci95=(-math.inf, math.inf), ground_m=((math.nan, 1.0, 0.0),))
+    payload = measurement.encode_measurement(value)
+    check(measurement.SCHEMA, payload)
+    got = orjson.loads(payload)
+    assert (got["value"], got["std"], got["ci95"], got["ground_m"]) == (None, None, [None, None], [[None, 1.0, 0.0]])
+    sample = PoseSample(
+        stamp_ns=1, status=Status.OK, pose=Pose(position_enu_m=np.full(3, np.nan), wxyz=np.array([1.0, 0, 0, 0]))
+    )
+    payload = pose.encode_pose(sample)
+    check(pose.SCHEMA, payload)
+    assert orjson.loads(payload)["position_enu_m"] == [None, None, None]
+
+
+def test_the_wire_form_is_the_one_that_the_design_shows() -> None:
+    got = orjson.loads(measurement.encode_measurement(a_measurement()))
+    assert " ".join(got) == (
+        "schema name kind value unit std ci95 ellipse95 status reasons pixels std_px ground_m enu_m cov_enu_m2 geo"
+        " range_m stamp_ns image model camera calibration config software pose"
+    )
+    assert " ".join(got["pose"]) == (
+        "height_agl_m height_source height_datum tilt_deg roll_deg heading_deg lat lon telemetry_age_s std"
+    )
+    assert got["stamp_ns"] == "1795221278868833000"
+    assert got["status"] == "ok"
+
+
+def test_a_list_of_measurements_is_one_json_list() -> None:
+    payload = measurement.encode_measurements([a_measurement(name="a"), a_measurement(name="b")])
+    assert [item["name"] for item in orjson.loads(payload)] == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", schemas.SCHEMAS)
+def test_the_published_schema_files_are_the_ones_in_use(name: str) -> None:
+    Draft202012Validator.check_schema(schemas.SCHEMAS[name])
+    assert (SCHEMA_FILES / schemas.schema_file_name(name)).read_bytes() == schemas.schema_text(name)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"", b"{", b"[]", b"\xff", b'{"schema": "aerodft.pose/1"}', b'{"schema": "aerodft.measurement/1"}'],
+)
+def test_what_is_no_measurement_is_refused_in_a_sentence(payload: bytes) -> None:
+    with pytest.raises(InputError, match=r"aerodft.measurement/1"):
+        measurement.decode_measurement(payload)

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Images: video files, stills, live streams, and stamps alone."""

@@ -1,0 +1,271 @@
+"""Video files with their true presentation stamps.
+
+Media time 0 is the stream's first image: a stamp is ``start + (pts - stream start) * time base``, in integers, so a
+container whose time line begins elsewhere (a transport stream, an edit list) needs no other start.
+"""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import av
+from av.container import InputContainer
+from av.stream import Disposition
+from av.video.stream import VideoStream
+
+from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.images.pixels import FramePixels
+from aerodft.adapters.timestamps import SECOND_NS, iso_to_unix_ns
+from aerodft.errors import InputError
+from aerodft.model.image import Image
+
+_LOG = logging.getLogger(__name__)
+# The first is local time with its offset, and of the recording's start; the second is what most containers have.
+_START_KEYS = ("com.apple.quicktime.creationdate", "creation_time")
+_NO_VIDEO = {"image2", "tty", "bin", "xbin", "adf", "idf"}
+_OLDEST_NS = 946_684_800 * SECOND_NS  # the year 2000: before it the camera's clock was never set
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoInfo:
+    """What a container says about its first video stream.
+
+    Attributes:
+        width_px: As stored.
+        height_px: As stored.
+        rotation_deg: What a player would turn it by, anticlockwise; stamps and pixels here are as stored.
+        start_ns: UTC of the start by the container's own metadata; None where it has none.
+        duration_ns: None where unknown.
+        images: None where unknown.
+    """
+
+    width_px: int
+    height_px: int
+    rotation_deg: int
+    start_ns: int | None
+    duration_ns: int | None
+    images: int | None
+
+
+@dataclass(slots=True)
+class _Losses:
+    damaged: int = 0
+    unstamped: int = 0
+    backwards: int = 0
+
+    def report(self, path: Path) -> None:
+        for count, what in (
+            (self.damaged, "damaged"),
+            (self.unstamped, "without a stamp"),
+            (self.backwards, "with a stamp that is not after the one before"),
+        ):
+            if count:
+                _LOG.warning("%s: left out %d images %s", path, count, what)
+
+
+class VideoFileSource:
+    """A video file as a source of images, in presentation order."""
+
+    def __init__(
+        self, path: Path, *, start_ns: int | None = None, time_offset_s: float = 0.0, decode: bool = True
+    ) -> None:
+        """Open the file once and read what it says about itself.
+
+        Args:
+            path: Any container and codec that FFmpeg reads.
+            start_ns: UTC of the first image; None to take the container's metadata.
+            time_offset_s: Added to every stamp.
+            decode: False to read stamps only: images come without pixels, many times faster.
+
+        Raises:
+            InputError: Missing, empty, no video, or no start time anywhere.
+        """
+        self.path = path
+        self.info = video_info(path)
+        self._decode = decode
+        if start_ns is None:
+            start_ns = self.info.start_ns
+            if start_ns is None:
+                raise InputError(
+                    "does not say when it was recorded",
+                    where=path,
+                    expected="creation_time in the container",
+                    hint="pass --video-start (or images.start), the UTC of its first image",
+                )
+            _LOG.warning("%s: start taken from the container, whole seconds at best; --video-start overrules", path)
+        if self.info.rotation_deg:
+            _LOG.warning("%s: flagged as rotated by %d deg; pixels are used as stored", path, self.info.rotation_deg)
+        self.start_ns = start_ns + round(time_offset_s * SECOND_NS)
+
+    def events(self) -> Iterator[Image]:
+        """All images whose stamp is sound; what was left out is logged as a warning at the end."""
+        losses = _Losses()
+        last_ns: int | None = None
+        index = -1
+        with _opened(self.path) as (container, stream):
+            clock = _MediaClock(stream)
+            found = _frames(container, stream, losses) if self._decode else _stamps_only(container, stream)
+            for index, (pts, frame) in enumerate(found):
+                media_ns = clock.media_ns(pts)
+                if media_ns is None:
+                    losses.unstamped += 1
+                elif last_ns is not None and media_ns <= last_ns:
+                    losses.backwards += 1
+                else:
+                    last_ns = media_ns
+                    yield self._image(index, self.start_ns + media_ns, frame)
+            losses.report(self.path)
+            self._report_end(index + 1, last_ns)
+
+    def _report_end(self, images: int, last_ns: int | None) -> None:
+        short = self.info.images is not None and images < self.info.images
+        if self.info.duration_ns is not None and (last_ns or 0) + SECOND_NS < self.info.duration_ns:
+            short = True
+        if short:
+            of = f" of {self.info.images}" if self.info.images else ""
+            end_s = (last_ns or 0) / SECOND_NS
+            _LOG.warning(
+                "%s: ends early, after %d%s images at %.3f s; it is cut or damaged", self.path, images, of, end_s
+            )
+
+    def _image(self, index: int, stamp_ns: int, frame: av.VideoFrame | None) -> Image:
+        return Image(
+            index=index,
+            stamp_ns=stamp_ns,
+            arrival_ns=stamp_ns,
+            width_px=self.info.width_px if frame is None else frame.width,
+            height_px=self.info.height_px if frame is None else frame.height,
+            pixels=None if frame is None else FramePixels(frame),
+        )
+
+
+class _MediaClock:
+    """Presentation stamps to nanoseconds since the stream's first image."""
+
+    def __init__(self, stream: VideoStream) -> None:
+        self._base = stream.time_base or Fraction(1, SECOND_NS)
+        self._zero = stream.start_time
+        self._period_ns = round(SECOND_NS / stream.average_rate) if stream.average_rate else None
+        self._previous_ns: int | None = None
+
+    def media_ns(self, pts: int | None) -> int | None:
+        """Since the first image; None where there is neither a stamp nor a rate to continue with."""
+        if pts is None:
+            if self._period_ns is None:
+                return None
+            self._previous_ns = 0 if self._previous_ns is None else self._previous_ns + self._period_ns
+            return self._previous_ns
+        if self._zero is None:
+            self._zero = pts
+        scaled = (pts - self._zero) * self._base.numerator * SECOND_NS
+        self._previous_ns = (2 * scaled + self._base.denominator) // (2 * self._base.denominator)
+        return self._previous_ns
+
+
+def video_info(path: Path) -> VideoInfo:
+    """What a video file says about itself.
+
+    Raises:
+        InputError: Missing, empty, or no video.
+    """
+    with _opened(path) as (container, stream):
+        metadata = {**stream.metadata, **container.metadata}
+        return VideoInfo(
+            width_px=stream.codec_context.width,
+            height_px=stream.codec_context.height,
+            rotation_deg=_rotation_deg(container, stream),
+            start_ns=_metadata_start_ns(metadata),
+            duration_ns=_duration_ns(container, stream),
+            images=stream.frames or None,
+        )
+
+
+def _duration_ns(container: InputContainer, stream: VideoStream) -> int | None:
+    if stream.duration is not None and stream.time_base is not None:
+        return round(stream.duration * stream.time_base * SECOND_NS)
+    return None if container.duration is None else container.duration * (SECOND_NS // av.time_base)
+
+
+def _metadata_start_ns(metadata: dict[str, str]) -> int | None:
+    for key in _START_KEYS:
+        try:
+            start_ns = iso_to_unix_ns(metadata.get(key, ""))
+        except ValueError:
+            continue
+        if start_ns >= _OLDEST_NS:
+            return start_ns
+    return None
+
+
+def _rotation_deg(container: InputContainer, stream: VideoStream) -> int:
+    try:
+        frame = next(container.decode(stream), None)
+    except av.FFmpegError:
+        return 0
+    return 0 if frame is None else int(frame.rotation)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
+    """The container and its first video stream.
+
+    Raises:
+        InputError: Missing, empty, or no video.
+    """
+    if not path.is_file():
+        got = "a folder" if path.is_dir() else "nothing there"
+        raise InputError("no video file", where=path, got=got, expected="a video file", hint="check the path")
+    try:
+        container = av.open(str(path))
+    except av.FFmpegError:
+        got = looks_like(path)
+        hint = "it is cut off before its index" if "MP4" in got else ""
+        raise InputError("not a readable video", where=path, got=got, expected="a video file", hint=hint) from None
+    with container:
+        if not container.streams.video or _is_no_video(container):
+            raise InputError("holds no video", where=path, got=looks_like(path), expected="a video file")
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        yield container, stream
+
+
+def _is_no_video(container: InputContainer) -> bool:
+    """Whether FFmpeg sees pictures in what nobody would call a video: a still, a cover in a sound file, text."""
+    name = container.format.name
+    cover = bool(container.streams.video[0].disposition & Disposition.attached_pic)
+    return name in _NO_VIDEO or name.endswith("_pipe") or cover
+
+
+def _packets(container: InputContainer, stream: VideoStream) -> Iterator["av.Packet[VideoStream]"]:
+    try:
+        yield from container.demux(stream)
+    except av.FFmpegError as error:
+        _LOG.warning("%s: damaged, reading stops here (%s)", container.name, error.strerror)
+
+
+def _frames(
+    container: InputContainer, stream: VideoStream, losses: _Losses
+) -> Iterator[tuple[int | None, av.VideoFrame | None]]:
+    for packet in _packets(container, stream):
+        try:
+            frames = packet.decode()
+        except av.FFmpegError:
+            losses.damaged += 1
+            continue
+        for frame in frames:
+            if frame.is_corrupt:
+                losses.damaged += 1
+            else:
+                yield frame.pts, frame
+
+
+def _stamps_only(container: InputContainer, stream: VideoStream) -> Iterator[tuple[int | None, av.VideoFrame | None]]:
+    """Packets in presentation order; stored order differs where images refer to later ones."""
+    stamps = [packet.pts for packet in _packets(container, stream) if packet.size and not packet.is_discard]
+    for pts in sorted(pts for pts in stamps if pts is not None):
+        yield pts, None
+    for _ in range(stamps.count(None)):
+        yield None, None

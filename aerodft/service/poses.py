@@ -110,12 +110,7 @@ class PoseSource:
         )
 
     def _sample(self, stamp_ns: int, height: Height, attitude: CameraAttitude, place: _Place | None) -> PoseSample:
-        std = replace(
-            self._settings.attitude.std,
-            height_agl_m=height.std_m,
-            horizontal_m=self._settings.horizontal_std_m,
-            time_s=self._time_std_s,
-        )
+        std = replace(self._settings.attitude.std, height_agl_m=height.std_m, time_s=self._time_std_s)
         east, north = (0.0, 0.0) if place is None else place.east_north_m.tolist()
         lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
         pose = Pose(

@@ -54,7 +54,7 @@ class AttitudeSettings:
     Attributes:
         order: The first source with a value at the stamp wins.
         fixed_mount: Used where ``fixed`` is in the order.
-        std: Standard deviations of tilt, pan, roll, heading (heights are in ``HeightSettings``).
+        std: Standard deviations of tilt, pan, roll, heading and of east and north (heights: ``HeightSettings``).
         max_gap_ns: Longest gap between two samples that is interpolated over.
     """
 
@@ -77,14 +77,12 @@ class TelemetrySettings:
         system: MAVLink system id to follow; None for the first vehicle heard.
         height: Height sources.
         attitude: Attitude sources.
-        horizontal_std_m: Standard deviation of the vehicle's east and north.
         wait_ns: How long after its arrival an image waits for later telemetry before it is called stale.
     """
 
     system: int | None = None
     height: HeightSettings = field(default_factory=HeightSettings)
     attitude: AttitudeSettings = field(default_factory=AttitudeSettings)
-    horizontal_std_m: float = 2.5
     wait_ns: int = 2 * SECOND_NS
 
 

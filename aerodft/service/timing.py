@@ -1,8 +1,9 @@
 """The vehicle's clock against UTC and against this machine's clock, learned as messages come.
 
 ``utc = boot + utc_minus_boot`` from SYSTEM_TIME; until that is known, from the smallest delay seen between a
-message's time since boot and its arrival. All corrections are made with what had arrived by the current tick, so the
-map is the same live and recomputed.
+message's time since boot and its arrival. A message without a time of its own was sent right after the stamped one
+before it, and takes that one's: the link's delay, which comes and goes by seconds on a radio, is not in it. All
+corrections are made with what had arrived by the current tick, so the map is the same live and recomputed.
 """
 
 from collections import deque
@@ -22,6 +23,7 @@ REBOOT_NS = 2 * SECOND_NS
 
 _CONFIRMATIONS = 3  # samples that must agree before a jump is believed
 _SMOOTHED = 51  # samples whose median is the offset; SYSTEM_TIME counts boot time in whole milliseconds
+_ANCHOR_NS = SECOND_NS // 2  # an unstamped message takes the time of a stamped one that came at most this long before
 _DELAY_WINDOW = 10  # seconds over which the smallest delay is taken
 
 
@@ -41,6 +43,7 @@ class ClockMap:
         self._last_boot_ns: int | None = None
         self._recent: deque[int] = deque(maxlen=_SMOOTHED)
         self._strangers: list[int] = []
+        self._anchors: IntArray = np.empty((2, 0), dtype=np.int64)  # arrival and boot time of stamped messages
 
     @property
     def host_minus_boot_ns(self) -> int | None:
@@ -56,6 +59,7 @@ class ClockMap:
     def update(self, tracks: tuple[Track, ...]) -> ClockChange:
         """Learn from one tick's tracks."""
         rebooted = self._watch_boot(tracks)
+        self._set_anchors(tracks)
         before = self._boot_to_utc()
         for track in tracks:
             if isinstance(track, ClockTrack):
@@ -71,7 +75,25 @@ class ClockMap:
         offset = self._boot_to_utc()
         if offset is None:
             return by_arrival
-        return np.where(track.boot_ns == NO_BOOT_TIME, by_arrival, track.boot_ns + offset)
+        boot_ns = np.where(track.boot_ns == NO_BOOT_TIME, self._anchored(track.arrival_ns), track.boot_ns)
+        return np.where(boot_ns == NO_BOOT_TIME, by_arrival, boot_ns + offset)
+
+    def _anchored(self, arrival_ns: IntArray) -> IntArray:
+        """Boot times of the stamped messages before these arrivals; ``NO_BOOT_TIME`` where there is none near."""
+        arrivals, boots = self._anchors
+        if len(arrivals) == 0:
+            return np.full_like(arrival_ns, NO_BOOT_TIME)
+        before = np.searchsorted(arrivals, arrival_ns, side="right") - 1
+        near = (before >= 0) & (arrival_ns - arrivals[before] <= _ANCHOR_NS)
+        return np.where(near, boots[before], NO_BOOT_TIME)
+
+    def _set_anchors(self, tracks: tuple[Track, ...]) -> None:
+        stamped = [track for track in tracks if len(track.boot_ns)]
+        arrivals = np.concatenate([self._anchors[0][-1:], *(track.arrival_ns for track in stamped)])
+        boots = np.concatenate([self._anchors[1][-1:], *(track.boot_ns for track in stamped)])
+        known = boots != NO_BOOT_TIME
+        order = np.lexsort((boots[known], arrivals[known]))
+        self._anchors = np.stack([arrivals[known][order], boots[known][order]])
 
     def _boot_to_utc(self) -> int | None:
         return self.host_minus_boot_ns if self.utc_minus_boot_ns is None else self.utc_minus_boot_ns
@@ -95,6 +117,7 @@ class ClockMap:
         self._delays.clear()
         self._recent.clear()
         self._strangers.clear()
+        self._anchors = np.empty((2, 0), dtype=np.int64)
 
     def _note_delay(self, arrival_ns: int, delay_ns: int) -> None:
         second = arrival_ns // SECOND_NS

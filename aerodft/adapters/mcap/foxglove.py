@@ -1,0 +1,62 @@
+"""The messages of a recording that viewers know: Foxglove's protobuf schemas."""
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from aerodft.model.camera import Camera, LensModel
+from aerodft.model.image import Image
+from aerodft.model.pose import PoseSample
+
+_BROWN_COEFFICIENTS = 5
+
+
+def compressed_image(image: Image, jpeg: bytes, frame: str) -> bytes:
+    """A JPEG at the image's stamp as ``foxglove.CompressedImage``."""
+    message = CompressedImage(timestamp=_timestamp(image.stamp_ns), frame_id=frame, data=jpeg, format="jpeg")
+    return bytes(message.SerializeToString())
+
+
+def camera_calibration(camera: Camera, stamp_ns: int) -> bytes:
+    """A camera as ``foxglove.CameraCalibration`` (OpenCV's distortion models)."""
+    if camera.lens is LensModel.FISHEYE:
+        model, coefficients = "fisheye_opencv", camera.distortion
+    else:
+        model = "rational_polynomial" if len(camera.distortion) > _BROWN_COEFFICIENTS else "plumb_bob"
+        coefficients = camera.distortion + (0.0,) * (_BROWN_COEFFICIENTS - len(camera.distortion))
+    matrix = (camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0)
+    message = CameraCalibration(
+        timestamp=_timestamp(stamp_ns),
+        frame_id=camera.name,
+        width=camera.width_px,
+        height=camera.height_px,
+        distortion_model=model,
+        D=coefficients,
+        K=matrix,
+        R=np.eye(3).ravel(),
+        P=(*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0),
+    )
+    return bytes(message.SerializeToString())
+
+
+def location_fix(sample: PoseSample, frame: str) -> bytes | None:
+    """Where the camera is as ``foxglove.LocationFix``, altitude above mean sea level; None without a position."""
+    if sample.lat_rad is None or sample.lon_rad is None:
+        return None
+    message = LocationFix(
+        timestamp=_timestamp(sample.stamp_ns),
+        frame_id=frame,
+        latitude=np.degrees(sample.lat_rad),
+        longitude=np.degrees(sample.lon_rad),
+        altitude=np.nan if sample.alt_msl_m is None else sample.alt_msl_m,
+    )
+    if sample.pose is not None:
+        message.position_covariance.extend(sample.pose.cov[:3, :3].ravel())
+        message.position_covariance_type = LocationFix.KNOWN
+    return bytes(message.SerializeToString())
+
+
+def _timestamp(stamp_ns: int) -> Timestamp:
+    return Timestamp(seconds=stamp_ns // 1_000_000_000, nanos=stamp_ns % 1_000_000_000)

@@ -1,0 +1,100 @@
+"""A worker thread behind a bounded queue: the caller never waits, unless it asked for a lossless lane."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+
+class Lane(Generic[T]):
+    """Does work in the order in which it was put.
+
+    Args:
+        name: Of the thread.
+        work: Does one item, in the lane's thread.
+        tend: Called in the lane's thread at least every ``period_s``.
+        capacity: Sum of the sizes of waiting items; one item is always taken.
+        lossless: Wait for room instead of refusing.
+        period_s: Seconds between two calls of ``tend`` when nothing comes.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        work: Callable[[T], None],
+        tend: Callable[[], None],
+        *,
+        capacity: int,
+        lossless: bool = False,
+        period_s: float = 0.25,
+    ) -> None:
+        self._work = work
+        self._tend = tend
+        self._capacity = capacity
+        self._lossless = lossless
+        self._period_s = period_s
+        self._items: deque[tuple[T, int]] = deque()
+        self._size = 0
+        self._closing = False
+        self._error: Exception | None = None
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def put(self, item: T, size: int = 1) -> bool:
+        """Hand over an item; False where there was no room (or the lane's thread has died)."""
+        with self._changed:
+            while self._lossless and self._is_full(size) and self._error is None:
+                self._changed.wait()
+            if self._is_full(size) or self._error is not None:
+                return False
+            self._items.append((item, size))
+            self._size += size
+            self._changed.notify_all()
+            return True
+
+    def close(self) -> None:
+        """Do what is left, and end the thread.
+
+        Raises:
+            Exception: What ``work`` or ``tend`` raised, if anything.
+        """
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def _is_full(self, size: int) -> bool:
+        return bool(self._items) and self._size + size > self._capacity
+
+    def _run(self) -> None:
+        try:
+            while (item := self._next()) is not None:
+                for part in item:
+                    self._work(part)
+                self._tend()
+        except Exception as error:  # noqa: BLE001 - close raises it, in the thread that can report it
+            _log.error("%s ended early: %r", self._thread.name, error)  # noqa: TRY400 - close gives the traceback
+            with self._changed:
+                self._error = error
+                self._items.clear()
+                self._changed.notify_all()
+
+    def _next(self) -> list[T] | None:
+        """The next item; nothing when ``tend`` is due; None at the end."""
+        with self._changed:
+            if not self._items and not self._closing:
+                self._changed.wait(self._period_s)
+            if self._items:
+                item, size = self._items.popleft()
+                self._size -= size
+                self._changed.notify_all()
+                return [item]
+            return None if self._closing else []

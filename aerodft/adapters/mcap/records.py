@@ -1,0 +1,101 @@
+"""Inputs and outputs as the messages of a recording's data file."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+
+from aerodft.adapters.codec import events, measurement, pose, status
+from aerodft.adapters.codec.keys import Keys
+from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
+from aerodft.adapters.mcap.foxglove import location_fix
+from aerodft.model.batch import Batch
+from aerodft.model.measurement import Measurement
+from aerodft.model.pose import PoseSample
+from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.settings import SECOND_NS
+
+_FIX_PERIOD_NS = SECOND_NS // 5
+_SEQUENCE_MASK = 0xFFFFFFFF
+
+
+class Record(NamedTuple):
+    """One message to be written."""
+
+    log_ns: int
+    channel: Channel
+    data: bytes
+    sequence: int = 0
+
+
+def image_sequence(index: int) -> int:
+    """The message sequence of an image's stamps and of its JPEG, by which the two find each other."""
+    return index & _SEQUENCE_MASK
+
+
+class Records:
+    """Makes records; remembers the channels of senders and probes. Used by one thread."""
+
+    def __init__(self, keys: Keys, frame: str) -> None:
+        self._keys = keys
+        self._frame = frame
+        self._senders: dict[tuple[WireProtocol, str], Channel] = {}
+        self._probes: dict[str, Channel] = {}
+        self._observed: dict[str, Channel] = {}
+        self._image = json_channel(keys.image, events.IMAGE_SCHEMA)
+        self._pose = json_channel(keys.pose, pose.SCHEMA)
+        self._status = json_channel(keys.status, status.SCHEMA)
+        self._location = protobuf_channel(keys.location, LocationFix)
+        self._measurements = measurement.MeasurementEncoder()
+        self._fixed_ns = 0
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels that every data file has from the start."""
+        return self._image, self._pose, self._status, self._location
+
+    def of_inputs(self, batch: Batch) -> list[Record]:
+        """All inputs of a tick, in order of arrival."""
+        records = [record for block in batch.raw for record in self._frames(block)]
+        for image in batch.images:
+            data = events.encode_image(image)
+            records.append(Record(image.arrival_ns, self._image, data, image_sequence(image.index)))
+        for seen in batch.observations:
+            channel = self._observed.get(seen.name)
+            if channel is None:
+                channel = json_channel(self._keys.observation(seen.name), events.OBSERVATION_SCHEMA)
+                self._observed[seen.name] = channel
+            records.append(Record(seen.arrival_ns, channel, events.encode_observation(seen)))
+        records.sort(key=lambda record: record.log_ns)
+        return records
+
+    def of_measurement(self, value: Measurement, now_ns: int) -> Record:
+        """A measurement, at the tick that made it."""
+        channel = self._probes.get(value.name)
+        if channel is None:
+            channel = json_channel(self._keys.measurement(value.name), measurement.SCHEMA)
+            self._probes[value.name] = channel
+        return Record(now_ns, channel, self._measurements.encode(value))
+
+    def of_pose(self, sample: PoseSample, now_ns: int) -> list[Record]:
+        """A pose, and a few times a second a position for maps."""
+        records = [Record(now_ns, self._pose, pose.encode_pose(sample))]
+        if abs(now_ns - self._fixed_ns) >= _FIX_PERIOD_NS and (fix := location_fix(sample, self._frame)) is not None:
+            self._fixed_ns = now_ns
+            records.append(Record(now_ns, self._location, fix))
+        return records
+
+    def of_status(self, value: status.StationStatus) -> Record:
+        """A station's state."""
+        return Record(value.stamp_ns, self._status, status.encode_status(value))
+
+    def _frames(self, block: RawBlock) -> Iterator[Record]:
+        sender = (block.protocol, block.sender)
+        channel = self._senders.get(sender)
+        if channel is None:
+            channel = self._senders[sender] = raw_channel(*sender)
+        data = block.data
+        for arrival_ns, start, size in zip(
+            block.arrival_ns.tolist(), block.offset.tolist(), block.length.tolist(), strict=True
+        ):
+            yield Record(arrival_ns, channel, data[start : start + size])

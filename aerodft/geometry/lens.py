@@ -119,7 +119,8 @@ def _brown_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple
     _, forward = _brown(coefficients, xy)
     jac = np.zeros((*xy.shape[:-1], 3, 2))
     jac[..., :2, :] = _inverse_2x2(forward)
-    return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), jac
+    ahead = np.where(np.isnan(xy[..., :1]), np.nan, 1.0)
+    return np.concatenate([xy, ahead], axis=-1), jac
 
 
 def _invert_brown(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:

@@ -1,0 +1,209 @@
+"""What an ideal observer sees: the true pixels of banks and landmarks, and the same with chosen noise."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+
+from aerodft.geometry.lens import pixels_from_rays
+from aerodft.geometry.rotation import camera_angles, inverse, matrix
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.camera import Camera
+from aerodft.model.pose import Pose
+from aerodft.model.probe import ProbeKind
+from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.world import World
+
+MARGIN_PX = 4.0
+_LOWEST_M = 1.0
+_STATION_STEP_M = 1.0
+_STATION_REACH_M = 400.0
+_STATIONS_APART_M = 15.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observing:
+    """What is observed, and how well.
+
+    Attributes:
+        std_px: Noise of every coordinate.
+        margin_px: Points closer to the image's border are not observed.
+        stations_m: River stations of the probes ``width-a``, ``width-b``, ...; see :func:`busiest_stations`.
+        seed: Of the noise.
+    """
+
+    std_px: float = 0.5
+    margin_px: float = MARGIN_PX
+    stations_m: tuple[float, ...] = ()
+    seed: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sighting:
+    """One probe in one image, as it truly is and as it is observed.
+
+    Attributes:
+        stamp_ns: The image's stamp.
+        name: The probe's name.
+        kind: What it measures.
+        points_enu_m: ``(k, 3)`` the truth.
+        pixels: ``(k, 2)`` the truth.
+        observed: ``(k, 2)`` with noise.
+        std_px: Of the noise.
+        pose: The camera's true pose.
+    """
+
+    stamp_ns: int
+    name: str
+    kind: ProbeKind
+    points_enu_m: FloatArray
+    pixels: FloatArray
+    observed: FloatArray
+    std_px: float
+    pose: Pose
+
+    @property
+    def value_m(self) -> float | None:
+        """The distance between two points; None for a single one."""
+        if self.kind is not ProbeKind.DISTANCE:
+            return None
+        return float(np.linalg.norm(self.points_enu_m[1] - self.points_enu_m[0]))
+
+    def observation_line(self) -> bytes:
+        """JSON for an observation file or topic."""
+        return orjson.dumps(
+            {
+                "stamp_ns": str(self.stamp_ns),
+                "name": self.name,
+                "pixels": self.observed.tolist(),
+                "std_px": self.std_px,
+            }
+        )
+
+    def truth_line(self) -> bytes:
+        """JSON for the truth file."""
+        return orjson.dumps(
+            {
+                "stamp_ns": str(self.stamp_ns),
+                "name": self.name,
+                "kind": str(self.kind),
+                "value": self.value_m,
+                "unit": "m",
+                "pixels": self.pixels.tolist(),
+                "enu_m": self.points_enu_m.tolist(),
+                "pose": pose_document(self.pose),
+            }
+        )
+
+
+def pose_document(pose: Pose) -> dict[str, Any]:
+    """A true pose as people read it, and as quaternion."""
+    tilt, roll, heading = (math.degrees(float(angle)) for angle in camera_angles(pose.wxyz))
+    return {
+        "position_enu_m": pose.position_enu_m.tolist(),
+        "enu_wxyz_cam": pose.wxyz.tolist(),
+        "height_agl_m": float(pose.position_enu_m[2]),
+        "tilt_deg": tilt,
+        "roll_deg": roll,
+        "heading_deg": heading,
+    }
+
+
+def pixels_of(camera: Camera, pose: Pose, points_enu_m: FloatArray) -> FloatArray:
+    """Pixels ``(..., 2)`` of points ``(..., 3)``; NaN behind the camera and beyond the lens model."""
+    return pixels_from_rays(camera, (points_enu_m - pose.position_enu_m) @ matrix(inverse(pose.wxyz)).T)
+
+
+def busiest_stations(
+    world: World, camera: Camera, trajectory: Trajectory, stamps_ns: IntArray, count: int
+) -> tuple[float, ...]:
+    """The ``count`` river stations (15 m or more apart) of which both banks are seen in the most images, ascending."""
+    stations = np.arange(-_STATION_REACH_M, _STATION_REACH_M, 5 * _STATION_STEP_M)
+    banks, seen = world.river.crossing(stations), np.zeros(len(stations))
+    for stamp in stamps_ns.tolist():
+        pose = trajectory.pose(stamp)
+        if pose.position_enu_m[2] > _LOWEST_M:
+            seen += _inside(camera, pixels_of(camera, pose, banks), MARGIN_PX).all(axis=-1)
+    chosen: list[float] = []
+    for index in np.argsort(-seen, kind="stable"):
+        station = float(stations[index])
+        if len(chosen) < count and seen[index] and all(abs(station - s) >= _STATIONS_APART_M for s in chosen):
+            chosen.append(station)
+    return tuple(sorted(chosen))
+
+
+def sightings(
+    world: World, camera: Camera, trajectory: Trajectory, stamps_ns: Iterable[int], observing: Observing
+) -> Iterator[Sighting]:
+    """What can be seen at the images' stamps, in their order; nothing from below 1 m.
+
+    ``width-a``, ... are the river's width at fixed stations; ``river`` is its width where the camera looks, at another
+    station in every image; ``marker-N`` the centre of a marker, ``post-N`` the foot of a post, ``walker-N`` feet.
+    """
+    generator = np.random.default_rng([observing.seed, 3])
+    fixed = _fixed_targets(world, observing)
+    stations = np.arange(-_STATION_REACH_M, _STATION_REACH_M, _STATION_STEP_M)
+    banks = world.river.crossing(stations)
+    for stamp in stamps_ns:
+        pose = trajectory.pose(stamp)
+        if pose.position_enu_m[2] <= _LOWEST_M:
+            continue
+        time_s = (stamp - trajectory.start_ns) / 1e9
+        targets = dict(fixed)
+        nearest = _where_it_looks(camera, pose, banks, observing.margin_px)
+        if nearest is not None:
+            targets["river"] = banks[nearest]
+        targets |= {f"walker-{i}": walker.foot_enu_m(time_s)[None] for i, walker in enumerate(world.walkers)}
+        for name, points in targets.items():
+            pixels = pixels_of(camera, pose, points)
+            if not _inside(camera, pixels, observing.margin_px).all():
+                continue
+            yield Sighting(
+                stamp_ns=stamp,
+                name=name,
+                kind=ProbeKind.DISTANCE if len(points) > 1 else ProbeKind.POSITION,
+                points_enu_m=points,
+                pixels=pixels,
+                observed=pixels + observing.std_px * generator.standard_normal(pixels.shape),
+                std_px=observing.std_px,
+                pose=pose,
+            )
+
+
+def write_lines(path: Path, lines: Iterable[bytes]) -> int:
+    """Write JSON lines; returns how many."""
+    count = 0
+    with path.open("wb") as file:
+        for line in lines:
+            file.write(line + b"\n")
+            count += 1
+    return count
+
+
+def _fixed_targets(world: World, observing: Observing) -> dict[str, FloatArray]:
+    targets = {
+        f"width-{chr(ord('a') + index)}": world.river.crossing(station)
+        for index, station in enumerate(observing.stations_m)
+    }
+    return targets | {name: point[None] for name, point in world.landmarks_enu_m().items()}
+
+
+def _inside(camera: Camera, pixels: FloatArray, margin_px: float) -> FloatArray:
+    """Whether pixels ``(..., 2)`` are in the image and ``margin_px`` from its border, ``(...)`` bool."""
+    low, high = margin_px - 0.5, np.array([camera.width_px, camera.height_px]) - 0.5 - margin_px
+    return np.asarray(np.all((pixels >= low) & (pixels <= high), axis=-1))
+
+
+def _where_it_looks(camera: Camera, pose: Pose, banks_enu_m: FloatArray, margin_px: float) -> int | None:
+    """The crossing ``(n, 2, 3)`` in view whose middle is closest to the image's; None where none is in view."""
+    pixels = pixels_of(camera, pose, banks_enu_m)
+    seen = _inside(camera, pixels, margin_px).all(axis=-1)
+    if not seen.any():
+        return None
+    middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
+    off = np.linalg.norm(pixels.mean(axis=-2) - middle, axis=-1)
+    return int(np.argmin(np.where(seen, off, np.inf)))

@@ -1,0 +1,248 @@
+"""A whole simulated flight: what is flown, over what, seen and told by whom; and its files."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import orjson
+import tomli_w
+
+from aerodft.adapters.config.camera import camera_document
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import InputError, NoAnswerError
+from aerodft.model.arrays import FloatArray, ImageArray, IntArray
+from aerodft.model.camera import Camera
+from aerodft.sim.atlas import world_document
+from aerodft.sim.observations import Observing, Sighting, busiest_stations, pose_document, sightings, write_lines
+from aerodft.sim.plan import survey
+from aerodft.sim.recorded import from_log, thin_log
+from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.river import River
+from aerodft.sim.telemetry import Autopilot, Radio, datagrams, received, write_tlog
+from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.video import write_video
+from aerodft.sim.world import DEFAULT_ORIGIN, World, furnished
+
+EPOCH_NS = 1_795_221_278 * SECOND_NS
+"""UTC at which generated flights start, unless they are live."""
+
+STATIONS = 3
+_EXPOSURE_SAMPLES = 5
+_AIRBORNE_M = 5.0
+_HOME_FROM_RIVER_M = 26.0
+
+Progress = Callable[[int, int], None]
+"""Told how many images of how many are done."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scenario:
+    """Everything that a simulated flight depends on.
+
+    Attributes:
+        camera: The camera.
+        world: What it flies over.
+        trajectory: How it flies.
+        image_stamps_ns: ``(n,)`` when images are taken, host UTC.
+        fps: Their nominal rate.
+        autopilot: What the telemetry says.
+        radio: What becomes of it on the way.
+        imaging: How the image is spoilt.
+        exposure_ns: Exposure of an image, for motion blur; 0 is sharp.
+        observing: What is observed.
+        log: The telemetry log that the flight was taken from; None for a generated flight.
+        thin: Of that log's frames, every how many are kept.
+    """
+
+    camera: Camera
+    world: World
+    trajectory: Trajectory
+    image_stamps_ns: IntArray
+    fps: float
+    autopilot: Autopilot = field(default_factory=Autopilot)
+    radio: Radio = field(default_factory=Radio)
+    imaging: Imaging = field(default_factory=Imaging)
+    exposure_ns: int = 0
+    observing: Observing = field(default_factory=Observing)
+    log: Path | None = None
+    thin: int = 1
+
+    def shifted(self, by_ns: int) -> "Scenario":
+        """The same flight at another time."""
+        return replace(self, trajectory=self.trajectory.shifted(by_ns), image_stamps_ns=self.image_stamps_ns + by_ns)
+
+    def images(self) -> Iterator[tuple[int, ImageArray]]:
+        """``(stamp_ns, (h, w, 3) uint8 BGR)`` of every image, rendered as they are asked for."""
+        renderer = Renderer(self.camera, self.world, self.imaging)
+        for stamp in self.image_stamps_ns.tolist():
+            yield stamp, self._exposed(renderer, stamp)
+
+    def _exposed(self, renderer: Renderer, stamp_ns: int) -> ImageArray:
+        """The stamp is the middle of the exposure."""
+        if self.exposure_ns == 0:
+            time_s = (stamp_ns - self.trajectory.start_ns) / SECOND_NS
+            return renderer.render(self.trajectory.pose(stamp_ns), time_s)
+        offsets = np.linspace(-0.5, 0.5, _EXPOSURE_SAMPLES) * self.exposure_ns
+        moments = [stamp_ns + round(offset) for offset in offsets.tolist()]
+        times_s = [(moment - self.trajectory.start_ns) / SECOND_NS for moment in moments]
+        return renderer.render_exposure([self.trajectory.pose(moment) for moment in moments], times_s)
+
+
+def default_camera(width_px: int, height_px: int) -> Camera:
+    """62 degrees wide, square pixels, mild distortion."""
+    focal_px = width_px / 2 / float(np.tan(np.radians(31.0)))
+    return Camera(
+        name=f"simulated {width_px}x{height_px}",
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=focal_px,
+        fy_px=focal_px,
+        cx_px=(width_px - 1) / 2,
+        cy_px=(height_px - 1) / 2,
+        distortion=(-0.08, 0.02, 0.0005, -0.0003, 0.0),
+    )
+
+
+def generated(
+    camera: Camera, *, duration_s: float = 20.0, fps: float = 10.0, height_m: float = 40.0, seed: int = 1
+) -> Scenario:
+    """A survey of the default river from a home on its left bank."""
+    river = River(origin_en_m=(0.0, -_HOME_FROM_RIVER_M))
+    trajectory = survey(river, origin=DEFAULT_ORIGIN, duration_s=duration_s, height_m=height_m, start_ns=EPOCH_NS)
+    step_ns = round(SECOND_NS / fps)
+    stamps = np.arange(trajectory.start_ns, trajectory.end_ns, step_ns, dtype=np.int64)
+    return _observed(
+        Scenario(
+            camera=camera,
+            world=furnished(river, seed=seed),
+            trajectory=trajectory,
+            image_stamps_ns=stamps,
+            fps=fps,
+            autopilot=Autopilot(seed=seed),
+            radio=Radio(seed=seed),
+            imaging=Imaging(seed=seed),
+            observing=Observing(seed=seed),
+        )
+    )
+
+
+def recorded(
+    camera: Camera,
+    log: Path,
+    *,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    fps: float | None = None,
+    seed: int = 1,
+    thin: int = 1,
+) -> Scenario:
+    """A recorded flight over a river along its ground track, an image at every sample of the gimbal.
+
+    Args:
+        camera: The camera.
+        log: Telemetry log (.tlog).
+        start_s: First image, after the first sample.
+        duration_s: Until the last image; None for the rest of the flight.
+        fps: Take images at samples only about this often; None for all.
+        seed: Of everything random.
+        thin: Of the log's frames, every how many are kept in the written log.
+
+    Raises:
+        InputError: The log cannot be read.
+        NoAnswerError: The log tells no flight, or none in this interval.
+    """
+    whole = from_log(log)
+    start_ns = whole.start_ns + round(start_s * SECOND_NS)
+    end_ns = whole.end_ns + 1 if duration_s is None else start_ns + round(duration_s * SECOND_NS)
+    trajectory = whole.cut(start_ns, end_ns)
+    if len(trajectory.stamp_ns) < 2:  # noqa: PLR2004 (a motion has two ends)
+        length_s = (whole.end_ns - whole.start_ns) / SECOND_NS
+        raise NoAnswerError(
+            "no flight in this interval", where=log, got=f"--start {start_s:g}", expected=f"0 to {length_s:.1f} s"
+        )
+    rate_hz = SECOND_NS / float(np.median(np.diff(trajectory.stamp_ns)))
+    step = 1 if fps is None else max(round(rate_hz / fps), 1)
+    scenario = Scenario(
+        camera=camera,
+        world=furnished(_along_track(whole), origin=whole.origin, seed=seed),
+        trajectory=trajectory,
+        image_stamps_ns=trajectory.stamp_ns[::step],
+        fps=rate_hz / step,
+        imaging=Imaging(seed=seed),
+        observing=Observing(seed=seed),
+        log=log,
+        thin=thin,
+    )
+    return _observed(scenario)
+
+
+def _observed(scenario: Scenario) -> Scenario:
+    sample = scenario.image_stamps_ns[:: max(len(scenario.image_stamps_ns) // 200, 1)]
+    stations = busiest_stations(scenario.world, scenario.camera, scenario.trajectory, sample, STATIONS)
+    return replace(scenario, observing=replace(scenario.observing, stations_m=stations))
+
+
+def _along_track(trajectory: Trajectory) -> River:
+    """A river under the flight: along the longest stretch of its ground track."""
+    up = trajectory.position_enu_m[:, 2]
+    track = trajectory.position_enu_m[up > min(_AIRBORNE_M, float(up.max())) - 1e-9, :2]
+    middle = track.mean(axis=0)
+    direction: FloatArray = np.linalg.svd(track - middle, full_matrices=False)[2][0]
+    return River(
+        origin_en_m=(float(middle[0]), float(middle[1])), azimuth_rad=float(np.arctan2(direction[0], direction[1]))
+    )
+
+
+def write_files(scenario: Scenario, folder: Path, *, video: bool = True, progress: Progress | None = None) -> None:
+    """Write the flight's files.
+
+    ``flight.tlog``, ``observations.jsonl``, ``truth.jsonl`` (the same probes without noise), ``poses.jsonl`` (every
+    image's true pose), ``camera.toml``, ``world.geojson`` and, on request, ``video.mp4``.
+
+    Raises:
+        InputError: The folder cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_telemetry(scenario, folder / "flight.tlog")
+    except OSError as error:
+        raise InputError("cannot be written", where=folder, got=error.strerror, hint="choose another folder") from None
+    seen = list(_sightings(scenario))
+    write_lines(folder / "observations.jsonl", (each.observation_line() for each in seen))
+    write_lines(folder / "truth.jsonl", (each.truth_line() for each in seen))
+    write_lines(folder / "poses.jsonl", _pose_lines(scenario))
+    (folder / "camera.toml").write_text(tomli_w.dumps(camera_document(scenario.camera)))
+    (folder / "world.geojson").write_bytes(orjson.dumps(world_document(scenario.world), option=orjson.OPT_INDENT_2))
+    if video:
+        write_video(folder / "video.mp4", _watched(scenario, progress), fps=scenario.fps)
+
+
+def _sightings(scenario: Scenario) -> Iterator[Sighting]:
+    return sightings(
+        scenario.world,
+        scenario.camera,
+        scenario.trajectory,
+        scenario.image_stamps_ns.tolist(),
+        scenario.observing,
+    )
+
+
+def _write_telemetry(scenario: Scenario, path: Path) -> None:
+    if scenario.log is None:
+        write_tlog(path, received(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio))
+    else:
+        thin_log(scenario.log, path, keep_every=scenario.thin)
+
+
+def _pose_lines(scenario: Scenario) -> Iterator[bytes]:
+    for stamp in scenario.image_stamps_ns.tolist():
+        yield orjson.dumps({"stamp_ns": str(stamp), "pose": pose_document(scenario.trajectory.pose(stamp))})
+
+
+def _watched(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:
+    total = len(scenario.image_stamps_ns)
+    for done, image in enumerate(scenario.images()):
+        yield image
+        if progress is not None:
+            progress(done + 1, total)

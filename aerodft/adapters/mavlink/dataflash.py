@@ -10,18 +10,18 @@ from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE
 from aerodft.adapters.mavlink.files import map_log, wrong_type
-from aerodft.adapters.mavlink.framing import (
+from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
+from aerodft.adapters.mavlink.jit import njit
+from aerodft.adapters.mavlink.kernels import (
     AT_SYNC,
+    MAX_STAMP_US,
     N_OK,
     N_SKIPPED,
     N_TRUNCATED,
     STATE_SIZE,
     Bytes,
-    FrameCounts,
-    counts_of,
+    settle_all,
 )
-from aerodft.adapters.mavlink.jit import njit
-from aerodft.adapters.mavlink.stamps import MAX_STAMP_US, settle
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
@@ -29,7 +29,6 @@ from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
 BLOCK_MESSAGES: Final = 4096
 _BLOCK_BYTES: Final = 1 << 20
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
-_LAST_US, _DATAFLASH_STATE = STATE_SIZE, STATE_SIZE + 1
 _FIRST, _SECOND = HEAD
 _TYPES = 256
 _TIMED = 1 << 8  # beside a type's length: the message starts with TimeUS
@@ -89,8 +88,9 @@ def _scan_dataflash(
         start: Where to go on.
         limit: Where to stop looking.
         types: ``(256,)`` size of each known type, and ``_TIMED``; learns.
-        rows: ``(3, n)`` filled with each message's offset, its size, and its time since boot in us.
-        state: ``(_DATAFLASH_STATE,)``, updated.
+        rows: ``(3, n)`` filled with each message's offset, its size, and its time since boot in us,
+            -1 where it has none.
+        state: ``(STATE_SIZE,)``, updated.
 
     Returns:
         Number of messages, and where to go on.
@@ -108,11 +108,7 @@ def _scan_dataflash(
         end = at + size
         if data[at + 2] == FMT_TYPE:
             _learn(data, at, types)
-        stamp = _time_us(data, at, types)
-        if stamp >= 0:
-            following = _time_us(data, end, types) if _size_at(data, end, types) > 0 else -1
-            state[_LAST_US] = settle(stamp, state[_LAST_US], following)
-        rows[0, found], rows[1, found], rows[2, found] = at, size, state[_LAST_US]
+        rows[0, found], rows[1, found], rows[2, found] = at, size, _time_us(data, at, types)
         found += 1
         state[N_OK] += 1
         state[AT_SYNC] = end
@@ -137,7 +133,7 @@ class DataflashSource:
         self._path = path
         self._data = map_log(path, _EXPECTED)
         self._state, self._types = _fresh()
-        if not next(self._scan(), None):
+        if not self._describes_itself():
             raise wrong_type(path, _EXPECTED, got=f"{looks_like(path)} without a valid message")
         self._first_us, self._unix_minus_boot_ns, self._has_gps = self._tie()
 
@@ -169,10 +165,12 @@ class DataflashSource:
         """Blocks whose arrival is still the time since boot, 0 before the first stamp."""
         self._state, self._types = _fresh()
         rows = np.empty((3, BLOCK_MESSAGES), dtype=np.int64)
-        at, size = 0, len(self._data)
+        at, size, last_us = 0, len(self._data), 0
         while at < size:
             found, at = _scan_dataflash(self._data, at, at + _BLOCK_BYTES, self._types, rows, self._state)
             if found:
+                settle_all(rows[2, :found], last_us)
+                last_us = int(rows[2, found - 1])
                 start, stop = int(rows[0, 0]), int(rows[0, found - 1] + rows[1, found - 1])
                 yield RawBlock(
                     protocol=WireProtocol.DATAFLASH,
@@ -182,6 +180,14 @@ class DataflashSource:
                     length=rows[1, :found].copy(),
                     data=self._data[start:stop].tobytes(),
                 )
+
+    def _describes_itself(self) -> bool:
+        """Whether the first block declares the format of any message."""
+        decoder = DataflashDecoder()
+        for block in self._scan():
+            decoder.decode(block)
+            break
+        return bool(decoder.formats)
 
     def _tie(self) -> tuple[int, int, bool]:
         """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS."""
@@ -215,4 +221,4 @@ def _fresh() -> tuple[IntArray, IntArray]:
     """The state and the known types before the first byte."""
     types = np.zeros(_TYPES, dtype=np.int64)
     types[FMT_TYPE] = FMT_SIZE
-    return np.zeros(_DATAFLASH_STATE, dtype=np.int64), types
+    return np.zeros(STATE_SIZE, dtype=np.int64), types

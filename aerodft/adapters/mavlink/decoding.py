@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
 from aerodft.adapters.mavlink.dialect import frame_table, message_name, payload_dtype
-from aerodft.adapters.mavlink.framing import Bytes
+from aerodft.adapters.mavlink.kernels import gather, read_headers
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
 
@@ -44,7 +44,6 @@ class MavlinkDecoder:
 
     def __init__(self, system: int | None = None) -> None:
         self._state = pick.fresh_state(system)
-        self._tables = (frame_table(), pick.SLOTS)
         self.rejected: Counter[str] = Counter()
 
     @property
@@ -55,7 +54,7 @@ class MavlinkDecoder:
 
     @property
     def damaged(self) -> int:
-        """Frames of wanted messages that failed the framer's check."""
+        """Frames that failed the framer's check."""
         return int(self._state[pick.DAMAGED])
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
@@ -66,23 +65,24 @@ class MavlinkDecoder:
         """
         if block.protocol is not WireProtocol.MAVLINK:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.MAVLINK}")
-        found = np.empty((3, len(block.offset)), dtype=np.int64)
+        count = len(block.offset)
+        heads, slots = np.empty((5, count), dtype=np.int64), np.empty(count, dtype=np.int64)
         data = np.frombuffer(block.data, dtype=np.uint8)
-        pick.select(data, np.stack([block.offset, block.length]), self._tables, self._state, found)
+        read_headers(data, np.stack([block.offset, block.length]), frame_table(), heads)
+        pick.select(data, heads, pick.SLOTS, self._state, slots)
         tracks = (
-            self._track(slot, found, data, block)
-            for slot in np.unique(found[0]).tolist()
+            self._track(slot, np.flatnonzero(slots == slot), heads, block)
+            for slot in np.unique(slots).tolist()
             if slot >= 0 and pick.WANTED[slot] in _MAKERS
         )
         return tuple(track for track in tracks if track is not None)
 
-    def _track(self, slot: int, found: IntArray, data: Bytes, block: RawBlock) -> Track | None:
+    def _track(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Track | None:
         """The track of one message's rows."""
-        index = np.flatnonzero(found[0] == slot)
         message_id = pick.WANTED[slot]
         dtype = _DTYPES[message_id]
         raw = np.zeros((len(index), dtype.itemsize), dtype=np.uint8)
-        pick.gather(data, found[1:, index], raw)
+        gather(np.frombuffer(block.data, dtype=np.uint8), heads[3:, index], raw)
         payload = raw.view(dtype)[:, 0]
         own_clock = self._state[pick.LOCKS + slot] not in {-1, self._state[pick.COMPONENT]}
         boot_ns = np.full(len(index), NO_BOOT_TIME, dtype=np.int64) if own_clock else to.boot_ns_of(payload)

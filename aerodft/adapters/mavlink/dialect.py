@@ -52,7 +52,11 @@ def payload_dtype(message_id: int) -> np.dtype[np.void]:
 
 
 def _base_length(message: Any) -> int:  # noqa: ANN401 - pymavlink's classes have no type
-    """Payload bytes without extensions: CRC_EXTRA covers exactly the fields before them."""
+    """Payload bytes without extensions: CRC_EXTRA covers exactly the fields before them.
+
+    By chance (1 in 256) a shorter run of fields has the same CRC_EXTRA; then the frame check is wider than it need be,
+    and no valid frame is refused.
+    """
     crc = x25crc()
     crc.accumulate_str(f"{message.msgname} ")
     size = 0

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import payload_dtype
-from aerodft.adapters.mavlink.framing import FRAME, Bytes, Table, probe
 from aerodft.adapters.mavlink.jit import njit
+from aerodft.adapters.mavlink.kernels import Bytes
 from aerodft.model.arrays import IntArray
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
@@ -35,8 +35,6 @@ ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
 _IDS = 1 << 16
-_V1, _V1_HEAD, _V2_HEAD = 0xFE, 6, 10
-_HEADS = 10
 _TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # structured: it has fields
 _AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
 _ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
@@ -63,14 +61,6 @@ def fresh_state(system: int | None) -> IntArray:
     if system is not None:
         state[SYSTEM] = system
     return state
-
-
-@njit
-def message_id_at(data: Bytes, at: int) -> int:
-    """The id in the header of the frame that stands at ``at``."""
-    if data[at] == _V1:
-        return int(np.int64(data[at + 5]))
-    return int(np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16)
 
 
 @njit
@@ -119,56 +109,30 @@ def _superseded(state: IntArray, message_id: int, orientation: int) -> bool:
 
 
 @njit
-def select(
-    data: Bytes, frames: IntArray, tables: tuple[Table, npt.NDArray[np.int16]], state: IntArray, rows: IntArray
-) -> None:
+def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: IntArray, rows: IntArray) -> None:
     """Find what is to be decoded.
 
     Args:
         data: The block's bytes.
-        frames: ``(2, n)`` offset and length of each frame.
-        tables: ``frame_table()`` and ``SLOTS``.
+        heads: ``(5, n)`` from ``kernels.read_headers``.
+        slots: ``SLOTS``.
         state: From ``fresh_state``, updated.
-        rows: ``(3, n)`` filled with the index into ``WANTED`` (-1: not decoded), the payload's start and its length.
+        rows: ``(n,)`` filled with the index into ``WANTED``, -1 for what is not decoded.
     """
-    table, slots = tables
-    for k in range(frames.shape[1]):
-        rows[0, k] = -1
-        at, end = frames[0, k], frames[0, k] + frames[1, k]
-        if at < 0 or end > len(data) or end - at < _HEADS - 2:
+    for k in range(heads.shape[1]):
+        rows[k] = -1
+        message_id, system, component, payload_at, length = heads[:, k]
+        if message_id < 0:
             state[DAMAGED] += 1
-            continue
-        message_id = message_id_at(data, at) if data[at] == _V1 or end - at >= _HEADS else _IDS
-        slot = slots[message_id] if message_id < _IDS else -1
+        slot = slots[message_id] if 0 <= message_id < _IDS else -1
         if slot < 0:
             continue
-        verdict, size = probe(data, at, end, table)
-        if verdict != FRAME or size != end - at:
-            state[DAMAGED] += 1
-            continue
-        head, first = (_V1_HEAD, 3) if data[at] == _V1 else (_V2_HEAD, 5)
-        system, component, length = int(data[at + first]), int(data[at + first + 1]), int(data[at + 1])
-        if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, at + head, length):
+        if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, payload_at, length):
             if state[SYSTEM] == _UNDECIDED:
                 state[SYSTEM] = system
             if state[SYSTEM] == system:
                 state[COMPONENT] = component
         if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM] or not _admit(state, message_id, slot, component):
             continue
-        if not _superseded(state, message_id, _byte(data, at + head, length, _ORIENTATION_AT)):
-            rows[0, k], rows[1, k], rows[2, k] = slot, at + head, length
-
-
-@njit
-def gather(data: Bytes, places: IntArray, out: npt.NDArray[np.uint8]) -> None:
-    """Copy payloads to rows of equal size, with zeros where MAVLink 2 cut them off.
-
-    Args:
-        data: The block's bytes.
-        places: ``(2, k)`` start and length of each payload.
-        out: ``(k, size)`` zeros, filled.
-    """
-    for k in range(places.shape[1]):
-        at = places[0, k]
-        for i in range(min(places[1, k], out.shape[1])):
-            out[k, i] = data[at + i]
+        if not _superseded(state, message_id, _byte(data, payload_at, length, _ORIENTATION_AT)):
+            rows[k] = slot

@@ -6,28 +6,24 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat
-from aerodft.adapters.mavlink.dialect import message_name
-from aerodft.adapters.mavlink.framing import Bytes
-from aerodft.adapters.mavlink.jit import njit
-from aerodft.adapters.mavlink.selection import RANGEFINDER, gather, message_id_at
+from aerodft.adapters.mavlink.dialect import frame_table, message_name
+from aerodft.adapters.mavlink.kernels import gather, read_headers
+from aerodft.adapters.mavlink.selection import RANGEFINDER
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
 SECOND_NS: Final = 10**9
-_V1, _V1_HEAD, _V2_HEAD = 0xFE, 6, 10
 _SYSTEM_BITS, _COMPONENT_BITS = 24, 32
 _BYTE = 0xFF
 _ID_MASK = (1 << 24) - 1
 
 
-@njit
-def stream_keys(data: Bytes, offsets: IntArray, keys: IntArray) -> None:
-    """Message id | system << 24 | component << 32 of each frame, into ``keys`` ``(n,)``."""
-    for k in range(len(offsets)):
-        at = offsets[k]
-        first = at + 3 if data[at] == _V1 else at + 5
-        sender = np.int64(data[first]) << _SYSTEM_BITS | np.int64(data[first + 1]) << _COMPONENT_BITS
-        keys[k] = message_id_at(data, at) | sender
+def _heads(block: RawBlock) -> IntArray:
+    """``(5, n)`` from ``kernels.read_headers``; no good frame has id -1."""
+    heads = np.empty((5, len(block.offset)), dtype=np.int64)
+    data = np.frombuffer(block.data, dtype=np.uint8)
+    read_headers(data, np.stack([block.offset, block.length]), frame_table(), heads)
+    return heads
 
 
 @dataclass(slots=True)
@@ -81,13 +77,13 @@ class StreamTable:
         """Count a block's frames; ``formats`` names an on-board log's messages."""
         if not len(block.offset):
             return
-        data = np.frombuffer(block.data, dtype=np.uint8)
-        keys = np.empty(len(block.offset), dtype=np.int64)
         if block.protocol is WireProtocol.MAVLINK:
-            stream_keys(data, np.ascontiguousarray(block.offset), keys)
+            heads = _heads(block)
+            keys = np.where(heads[0] < 0, -1, heads[0] | heads[1] << _SYSTEM_BITS | heads[2] << _COMPONENT_BITS)
         else:
-            keys[:] = data[block.offset + HEAD_SIZE - 1]
-        for key in np.unique(keys).tolist():
+            kinds = np.frombuffer(block.data, dtype=np.uint8)[block.offset + HEAD_SIZE - 1]
+            keys = kinds.astype(np.int64)
+        for key in np.unique(keys[keys >= 0]).tolist():
             arrival_ns = block.arrival_ns[keys == key]
             if key not in self._streams:
                 self._streams[key] = _new_stream(block.protocol, key, int(arrival_ns[0]), formats)
@@ -108,12 +104,9 @@ def rangefinder_readings_m(block: RawBlock) -> FloatArray:
     """Every finite RANGEFINDER distance in a block ``(n,)``, also where a better message makes it superfluous."""
     if block.protocol is not WireProtocol.MAVLINK:
         return np.empty(0)
-    data = np.frombuffer(block.data, dtype=np.uint8)
-    keys = np.empty(len(block.offset), dtype=np.int64)
-    stream_keys(data, np.ascontiguousarray(block.offset), keys)
-    at = block.offset[(keys & _ID_MASK) == RANGEFINDER]
-    head = np.where(data[at] == _V1, _V1_HEAD, _V2_HEAD)
-    raw = np.zeros((len(at), 4), dtype=np.uint8)
-    gather(data, np.stack([at + head, data[at + 1].astype(np.int64)]), raw)
+    heads = _heads(block)
+    index = np.flatnonzero(heads[0] == RANGEFINDER)
+    raw = np.zeros((len(index), 4), dtype=np.uint8)
+    gather(np.frombuffer(block.data, dtype=np.uint8), heads[3:, index], raw)
     distance_m = raw.view("<f4")[:, 0].astype(np.float64)
     return distance_m[np.isfinite(distance_m)]

@@ -9,22 +9,8 @@ import numpy as np
 from aerodft.adapters.filetype import content_looks_like
 from aerodft.adapters.mavlink.dialect import frame_table
 from aerodft.adapters.mavlink.files import map_log, wrong_type
-from aerodft.adapters.mavlink.framing import (
-    AT_SYNC,
-    FRAME,
-    INCOMPLETE,
-    MIN_FRAME,
-    N_OK,
-    STATE_SIZE,
-    Bytes,
-    FrameCounts,
-    Table,
-    counts_of,
-    note_damage,
-    probe,
-)
-from aerodft.adapters.mavlink.jit import njit
-from aerodft.adapters.mavlink.stamps import BACK_US, big_endian_stamp, settle
+from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
+from aerodft.adapters.mavlink.kernels import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE, probe, scan_tlog
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock, WireProtocol
@@ -32,56 +18,8 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 BLOCK_FRAMES: Final = 4096
 _BLOCK_BYTES: Final = 1 << 20
 _PROBE_BYTES: Final = 1 << 24
-_STAMP = 8
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _STAMPED: Final = "a MAVLink .tlog"
-_LAST_US, _BACKWARDS, _TLOG_STATE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
-_MAGICS = (0xFD, 0xFE)
-
-
-@njit
-def _following_stamp(data: Bytes, at: int) -> int:
-    """The stamp of the record that should start at ``at``; -1 where none does."""
-    if at + _STAMP >= len(data) or data[at + _STAMP] not in _MAGICS:
-        return -1
-    return big_endian_stamp(data, at)
-
-
-@njit
-def _scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray, state: IntArray) -> tuple[int, int]:
-    """Find records from ``start``, until ``rows`` is full or ``limit`` is passed.
-
-    Args:
-        data: The whole file.
-        start: Where to go on.
-        limit: Where to stop looking.
-        table: ``frame_table()``.
-        rows: ``(3, n)`` filled with each frame's offset, its size, and its arrival in us.
-        state: ``(_TLOG_STATE,)``, updated.
-
-    Returns:
-        Number of frames, and where to go on.
-    """
-    at, found, stop = start, 0, len(data)
-    while at < min(stop, limit) and found < rows.shape[1]:
-        verdict, size = INCOMPLETE, 0
-        if at + _STAMP < stop:
-            verdict, size = probe(data, at + _STAMP, stop, table)
-        if verdict == FRAME:
-            end = at + _STAMP + size
-            stamp = big_endian_stamp(data, at)
-            if 0 <= stamp < state[_LAST_US] - BACK_US:
-                state[_BACKWARDS] += 1
-            state[_LAST_US] = settle(stamp, state[_LAST_US], _following_stamp(data, end))
-            rows[0, found], rows[1, found], rows[2, found] = at + _STAMP, size, state[_LAST_US]
-            found += 1
-            state[N_OK] += 1
-            state[AT_SYNC] = end
-            at = end
-        else:
-            note_damage(state, at, verdict, size + _STAMP)
-            at += 1
-    return found, at
 
 
 class TlogSource:
@@ -119,7 +57,7 @@ class TlogSource:
         rows = np.empty((3, BLOCK_FRAMES), dtype=np.int64)
         at, size = 0, len(self._data)
         while at < size:
-            found, at = _scan_tlog(self._data, at, at + _BLOCK_BYTES, frame_table(), rows, self._state)
+            found, at = scan_tlog(self._data, at, at + _BLOCK_BYTES, frame_table(), rows, self._state)
             if found:
                 yield self._block(rows[:, :found])
 
@@ -136,7 +74,7 @@ class TlogSource:
 
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each kind of damage met so far; complete once ``events`` has ended."""
-        counts, backwards = self.counts, int(self._state[_BACKWARDS])
+        counts, backwards = self.counts, int(self._state[BACKWARDS])
         sentences = []
         if counts.truncated:
             sentences.append(f"{self._path}: the last frame is cut off; everything before it was read")
@@ -165,10 +103,10 @@ class TlogSource:
                 self._path, _EXPECTED, got="MAVLink frames without stamps", hint="record with time stamps (.tlog)"
             )
         rows = np.empty((3, 1), dtype=np.int64)
-        if not _scan_tlog(self._data, 0, _PROBE_BYTES, table, rows, _fresh_state())[0]:
+        if not scan_tlog(self._data, 0, _PROBE_BYTES, table, rows, _fresh_state())[0]:
             got = seen if seen != _STAMPED else "no valid MAVLink frame"
             raise wrong_type(self._path, _EXPECTED, got=got)
 
 
 def _fresh_state() -> IntArray:
-    return np.zeros(_TLOG_STATE, dtype=np.int64)
+    return np.zeros(TLOG_STATE, dtype=np.int64)

@@ -1,0 +1,186 @@
+import os
+import struct
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink import DFReader
+from scipy.spatial.transform import Rotation
+
+from aerodft.adapters.mavlink.composite import CompositeDecoder
+from aerodft.adapters.mavlink.dataflash import DataflashSource
+from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
+from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
+from aerodft.model.telemetry import (
+    ClockTrack,
+    GimbalTrack,
+    HeightTrack,
+    PositionTrack,
+    RawBlock,
+    Track,
+    VehicleTrack,
+)
+
+USED = ("GPS", "ATT", "MNT", "POS", "RFND", "TERR")
+
+
+@pytest.fixture(scope="module")
+def cut_log(data_folder: Path) -> Path:
+    """A flight's on-board log, cut short."""
+    return data_folder / "sitl/brushless_cut.BIN"
+
+
+@pytest.fixture(scope="module")
+def theirs(cut_log: Path) -> dict[str, list[Any]]:
+    """Messages by pymavlink, by type; ``*`` all of them."""
+    log = DFReader.DFReader_binary(str(cut_log), zero_time_base=False)
+    found: dict[str, list[Any]] = defaultdict(list)
+    while (message := log.recv_msg()) is not None:
+        found["*"].append(message.get_type())
+        if message.get_type() in USED:
+            found[message.get_type()].append(message)
+    log.filehandle.close()
+    log.data_map.close()
+    return found
+
+
+def _blocks(path: Path) -> list[RawBlock]:
+    return [event for event in DataflashSource(path).events() if isinstance(event, RawBlock)]
+
+
+def _tracks(blocks: list[RawBlock], kind: type[Track]) -> dict[str, Any]:
+    """Fields of our tracks of one kind, joined, by source."""
+    decoder = DataflashDecoder()
+    columns: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    for block in blocks:
+        for track in decoder.decode(block):
+            if isinstance(track, kind):
+                for cls in type(track).__mro__:
+                    for name in getattr(cls, "__slots__", ()):
+                        columns[str(getattr(track, "source", ""))][name].append(getattr(track, name))
+    return {
+        source: {n: np.concatenate(c) if isinstance(c[0], np.ndarray) else c[0] for n, c in fields.items()}
+        for source, fields in columns.items()
+    }
+
+
+def test_the_same_messages_as_pymavlink(cut_log: Path, theirs: dict[str, list[Any]]) -> None:
+    assert sum(len(block.offset) for block in _blocks(cut_log)) == len(theirs["*"])
+
+
+def test_clock(cut_log: Path, theirs: dict[str, list[Any]]) -> None:
+    clock = _tracks(_blocks(cut_log), ClockTrack)[""]
+    good = [m for m in theirs["GPS"] if m.Status >= 3]
+    unix_s = [315964800 + m.GWk * 604800 + m.GMS * 1e-3 - 18 for m in good]
+    np.testing.assert_allclose(clock["unix_ns"] / 1e9, unix_s, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(clock["boot_ns"], [m.TimeUS * 1000 for m in good])
+
+
+def test_attitudes(cut_log: Path, theirs: dict[str, list[Any]]) -> None:
+    blocks = _blocks(cut_log)
+    for kind, source, message, yaw in ((VehicleTrack, "", "ATT", "Yaw"), (GimbalTrack, "MNT", "MNT", "YawB")):
+        ours = _tracks(blocks, kind)[source]
+        angles_deg = [(getattr(m, yaw), m.Pitch, m.Roll) for m in theirs[message]]
+        truth = Rotation.from_euler("ZYX", angles_deg, degrees=True).as_quat(scalar_first=True)
+        sign = np.sign(np.sum(ours["wxyz"] * truth, axis=-1, keepdims=True))
+        np.testing.assert_allclose(ours["wxyz"] * sign, truth, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(ours["boot_ns"], [m.TimeUS * 1000 for m in theirs[message]])
+
+
+def test_positions_and_heights(cut_log: Path, theirs: dict[str, list[Any]]) -> None:
+    blocks = _blocks(cut_log)
+    position = _tracks(blocks, PositionTrack)[""]
+    fixes = [m for m in theirs["POS"] if m.Lat or m.Lng]
+    np.testing.assert_allclose(np.degrees(position["lat_rad"]), [m.Lat for m in fixes], rtol=1e-15)
+    np.testing.assert_allclose(np.degrees(position["lon_rad"]), [m.Lng for m in fixes], rtol=1e-15)
+    np.testing.assert_array_equal(position["alt_msl_m"], [m.Alt for m in fixes])
+    np.testing.assert_array_equal(position["height_home_m"], [m.RelHomeAlt for m in fixes])
+    heights = _tracks(blocks, HeightTrack)
+    down = [m for m in theirs["RFND"] if m.Stat == 4 and m.Orient == 25]
+    np.testing.assert_array_equal(heights["rangefinder"]["value_m"], [m.Dist for m in down])
+    assert heights["rangefinder"]["slant"]
+    terrain = [m for m in theirs["TERR"] if m.Status == 2 and m.Spacing]
+    np.testing.assert_array_equal(heights["terrain"]["value_m"], [m.CHeight for m in terrain])
+    assert not heights["terrain"]["slant"]
+
+
+def test_arrival_is_utc_and_does_not_decrease(cut_log: Path) -> None:
+    blocks = _blocks(cut_log)
+    arrival_ns = np.concatenate([block.arrival_ns for block in blocks])
+    assert (np.diff(arrival_ns) >= 0).all()
+    clock = _tracks(blocks, ClockTrack)[""]
+    assert np.abs(clock["arrival_ns"] - clock["unix_ns"]).max() < 0.3e9
+
+
+def test_the_cut_is_said(cut_log: Path) -> None:
+    source = DataflashSource(cut_log)
+    list(source.events())
+    assert [sentence for sentence in source.warnings() if "cut off" in sentence]
+    assert source.counts.truncated == 1
+
+
+def test_tracks_do_not_depend_on_how_messages_are_cut(cut_log: Path, tmp_path: Path) -> None:
+    head = tmp_path / "head.bin"
+    head.write_bytes(cut_log.read_bytes()[:700_000])
+    blocks = _blocks(head)
+    pieces = [b.rows(k, k + 97) for b in blocks for k in range(0, len(b.offset), 97)]
+    for kind in (VehicleTrack, GimbalTrack, PositionTrack, HeightTrack, ClockTrack):
+        whole, cut = _tracks(blocks, kind), _tracks(pieces, kind)
+        assert whole.keys() == cut.keys()
+        for source, fields in whole.items():
+            for name, values in fields.items():
+                np.testing.assert_array_equal(cut[source][name], values)
+
+
+def test_damage_in_the_middle_costs_few_messages(cut_log: Path, tmp_path: Path) -> None:
+    content = bytearray(cut_log.read_bytes()[:1_000_000])
+    path = tmp_path / "damaged.bin"
+    path.write_bytes(content)
+    whole = sum(len(b.offset) for b in _blocks(path))
+    content[500_000:500_200] = bytes(200)
+    path.write_bytes(content)
+    source = DataflashSource(path)
+    assert 0 < whole - sum(len(b.offset) for b in source.events() if isinstance(b, RawBlock)) < 30
+    assert source.counts.skipped_bytes < 600
+
+
+def _message(kind: int, payload: bytes) -> bytes:
+    return bytes((0xA3, 0x95, kind)) + payload
+
+
+def _fmt(kind: int, size: int, name: bytes, codes: bytes, columns: bytes) -> bytes:
+    return _message(128, struct.pack("<BB4s16s64s", kind, size + 3, name, codes, columns))
+
+
+def test_a_log_without_gps_takes_the_files_time(tmp_path: Path) -> None:
+    path = tmp_path / "indoor.bin"
+    rows = [_message(10, struct.pack("<Qfff", 2_000_000 + k * 100_000, 1.0, 2.0, 3.0)) for k in range(11)]
+    path.write_bytes(_fmt(10, 20, b"ATT", b"Qfff", b"TimeUS,Roll,Pitch,Yaw") + b"".join(rows))
+    os.utime(path, (1_600_000_000, 1_600_000_000))
+    source = DataflashSource(path)
+    (block,) = source.events()
+    assert isinstance(block, RawBlock)
+    assert int(block.arrival_ns[-1]) == 1_600_000_000 * 10**9
+    assert int(block.arrival_ns[0]) == int(block.arrival_ns[1]) == 1_599_999_999 * 10**9
+    assert any("no GPS time" in sentence for sentence in source.warnings())
+    (track,) = CompositeDecoder().decode(block)
+    assert isinstance(track, VehicleTrack)
+    assert len(track.arrival_ns) == 11
+
+
+def test_rows_without_value_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "nan.bin"
+    rows = [_message(10, struct.pack("<QBfff", k + 1, k == 2, 0.0, -30.0, yaw)) for k, yaw in enumerate([np.nan, 5, 6])]
+    path.write_bytes(_fmt(10, 21, b"MNT", b"QBfff", b"TimeUS,I,Roll,Pitch,YawB") + b"".join(rows))
+    decoder = DataflashDecoder()
+    (track,) = decoder.decode(_blocks(path)[0])
+    assert track.boot_ns.tolist() == [2000]
+    assert decoder.rejected == {"MNT: another instance": 1, "MNT: YawB is no angle": 1}
+
+
+def test_leap_seconds_of_their_time() -> None:
+    # 2016-07-01 00:00:00 UTC was GPS week 1903, second 432017; 2020-01-01 00:00:00 UTC was week 2086, second 259218.
+    unix_ns = gps_to_unix_ns(np.array([1903, 2086]), np.array([432_017_000, 259_218_000]))
+    assert unix_ns.tolist() == [1_467_331_200 * 10**9, 1_577_836_800 * 10**9]

@@ -1,0 +1,260 @@
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from scipy.spatial.transform import Rotation
+
+from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.telemetry import (
+    NO_BOOT_TIME,
+    ClockTrack,
+    GimbalTrack,
+    HeightTrack,
+    PositionTrack,
+    RawBlock,
+    Track,
+    VehicleTrack,
+    WireProtocol,
+)
+
+Pack = Callable[..., bytes]
+MakeBlock = Callable[[list[bytes]], RawBlock]
+
+AUTOPILOT = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)
+GROUND_STATION = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+NAN = math.nan
+
+
+def _attitude(**angles: float) -> dialect.MAVLink_message:
+    values = {"roll": 0.1, "pitch": -0.2, "yaw": 0.3} | angles
+    return dialect.MAVLink_attitude_message(5000, values["roll"], values["pitch"], values["yaw"], 0, 0, 0)
+
+
+def _gimbal(
+    flags: int, q: tuple[float, float, float, float] = (1, 0, 0, 0), failure: int = 0
+) -> dialect.MAVLink_message:
+    return dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, 4000, flags, q, NAN, NAN, NAN, failure)
+
+
+def _sensor(current_cm: int, **other: int) -> dialect.MAVLink_message:
+    values = {"least": 20, "most": 6000, "orientation": 25, "covariance": 255, "quality": 0} | other
+    return dialect.MAVLink_distance_sensor_message(
+        3000,
+        values["least"],
+        values["most"],
+        current_cm,
+        0,
+        0,
+        values["orientation"],
+        values["covariance"],
+        signal_quality=values["quality"],
+    )
+
+
+def _terrain(spacing: int, height_m: float) -> dialect.MAVLink_message:
+    return dialect.MAVLink_terrain_report_message(-353_000_000, 1_490_000_000, spacing, 500.0, height_m, 0, 10)
+
+
+@pytest.fixture
+def decode(pack: Pack, block: MakeBlock) -> Callable[..., tuple[Track, ...]]:
+    """Decodes messages after an autopilot's heartbeat."""
+
+    def decoded(
+        *messages: dialect.MAVLink_message, decoder: MavlinkDecoder | None = None, v1: bool = False
+    ) -> tuple[Track, ...]:
+        frames = [pack(AUTOPILOT, v1=v1), *(pack(message, v1=v1) for message in messages)]
+        return (decoder or MavlinkDecoder()).decode(block(frames))
+
+    return decoded
+
+
+Decode = Callable[..., tuple[Track, ...]]
+
+
+@pytest.mark.parametrize(
+    ("flags", "earth"),
+    [
+        (0, False),
+        (16, True),
+        (32, False),
+        (32 | 16, False),
+        (64, True),
+        (64 | 16, True),
+        (32 | 64, False),
+        (44, False),
+        (12, False),
+    ],
+)
+def test_gimbal_yaw_frame_rule(decode: Decode, *, flags: int, earth: bool) -> None:
+    (track,) = decode(_gimbal(flags))
+    assert isinstance(track, GimbalTrack)
+    assert track.yaw_in_earth.tolist() == [earth]
+
+
+def test_gimbal_rows_without_value_are_left_out_and_counted(decode: Decode) -> None:
+    decoder = MavlinkDecoder()
+    bad = [
+        _gimbal(32, failure=1),
+        _gimbal(32, (NAN, 0, 0, 0)),
+        _gimbal(32, (0, 0, 0, 0)),
+        _gimbal(32, (math.inf, 0, 0, 0)),
+    ]
+    (track,) = decode(*bad, _gimbal(32, (0.7071, 0, -0.7071, 0)), decoder=decoder)
+    assert isinstance(track, GimbalTrack)
+    np.testing.assert_allclose(track.wxyz, [[math.sqrt(0.5), 0, -math.sqrt(0.5), 0]], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(track.wxyz, axis=-1), 1, atol=1e-15)
+    assert decoder.rejected == {
+        "GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal reports a failure": 1,
+        "GIMBAL_DEVICE_ATTITUDE_STATUS: q is no rotation": 3,
+    }
+
+
+def test_mount_status_of_mavlink_1(decode: Decode) -> None:
+    status = dialect.MAVLink_mount_status_message(0, 0, -6000, 500, 2000)
+    (first,), (second,) = decode(status, v1=True), decode(status)
+    assert isinstance(first, GimbalTrack)
+    assert isinstance(second, GimbalTrack)
+    np.testing.assert_array_equal(first.wxyz, second.wxyz)
+
+
+def test_mount_messages(decode: Decode) -> None:
+    orientation = dialect.MAVLink_mount_orientation_message(4000, 5.0, -60.0, 20.0)
+    status = dialect.MAVLink_mount_status_message(0, 0, -6000, 500, 2000)
+    by_source = {t.source: t for t in decode(orientation, status) if isinstance(t, GimbalTrack)}
+    truth = Rotation.from_euler("ZYX", [20, -60, 5], degrees=True).as_quat(scalar_first=True)
+    for source, boot_ns in ((GimbalSource.MOUNT_ORIENTATION, 4 * 10**9), (GimbalSource.MOUNT_STATUS, NO_BOOT_TIME)):
+        np.testing.assert_allclose(by_source[source].wxyz, [truth], atol=1e-7)
+        assert by_source[source].boot_ns.tolist() == [boot_ns]
+        assert not by_source[source].yaw_in_earth.any()
+
+
+def test_mount_rows_without_value(decode: Decode) -> None:
+    decoder = MavlinkDecoder()
+    zero = dialect.MAVLink_mount_status_message(0, 0, 0, 0, 0)
+    unknown = dialect.MAVLink_mount_orientation_message(4000, 0.0, -60.0, NAN)
+    assert decode(zero, unknown, decoder=decoder) == ()
+    assert decoder.rejected == {
+        "MOUNT_STATUS: all angles zero": 1,
+        "MOUNT_ORIENTATION: yaw is no angle": 1,
+    }
+
+
+@pytest.mark.parametrize("field", ["roll", "pitch", "yaw"])
+@pytest.mark.parametrize("value", [NAN, math.inf, -math.inf, 1e30])
+def test_attitude_without_value(decode: Decode, field: str, value: float) -> None:
+    decoder = MavlinkDecoder()
+    (track,) = decode(_attitude(**{field: value}), _attitude(), decoder=decoder)
+    assert isinstance(track, VehicleTrack)
+    truth = Rotation.from_euler("ZYX", [0.3, -0.2, 0.1]).as_quat(scalar_first=True)
+    np.testing.assert_allclose(track.wxyz, [truth], atol=1e-7)
+    assert decoder.rejected == {f"ATTITUDE: {field} is no angle": 1}
+
+
+def test_clock_rows(decode: Decode) -> None:
+    decoder = MavlinkDecoder()
+    times_us = [0, 86_400_000_000, 1_795_221_245_168_985, 2**63]
+    (track,) = decode(*(dialect.MAVLink_system_time_message(t, 77) for t in times_us), decoder=decoder)
+    assert isinstance(track, ClockTrack)
+    assert track.unix_ns.tolist() == [1_795_221_245_168_985_000]
+    assert track.boot_ns.tolist() == [77_000_000]
+    assert decoder.rejected == {"SYSTEM_TIME: no UTC yet": 2, "SYSTEM_TIME: impossible year": 1}
+
+
+def test_position_rows(decode: Decode) -> None:
+    rows = [(0, 0), (-353_632_621, 1_491_652_374), (0, 1_491_652_374), (2_000_000_000, 1)]
+    messages = [
+        dialect.MAVLink_global_position_int_message(9, lat, lon, 584_090, -120, 0, 0, 0, 65535) for lat, lon in rows
+    ]
+    (track,) = decode(*messages)
+    assert isinstance(track, PositionTrack)
+    np.testing.assert_allclose(np.degrees(track.lat_rad), [-35.3632621, 0])
+    np.testing.assert_allclose(track.alt_msl_m, 584.09)
+    np.testing.assert_allclose(track.height_home_m, -0.12)
+
+
+def test_distance_sensor_rows(decode: Decode) -> None:
+    bad = [_sensor(0), _sensor(19), _sensor(6001), _sensor(65535, most=65535), _sensor(500, quality=1)]
+    decoder = MavlinkDecoder()
+    (track,) = decode(
+        *bad, _sensor(700, orientation=0), _sensor(500, covariance=4), _sensor(600, covariance=0), decoder=decoder
+    )
+    assert isinstance(track, HeightTrack)
+    assert track.source is HeightSource.RANGEFINDER
+    assert track.slant
+    np.testing.assert_array_equal(track.value_m, [5.0, 6.0])
+    np.testing.assert_array_equal(track.std_m, [0.02, NAN])
+    assert decoder.rejected.total() == len(bad)
+
+
+def test_rangefinder_gives_way_to_the_distance_sensor(decode: Decode) -> None:
+    messages = [dialect.MAVLink_rangefinder_message(d, 0) for d in (0.0, NAN, 12.5)]
+    after = dialect.MAVLink_rangefinder_message(99.0, 0)
+    first, second = decode(*messages, _sensor(800), after)[::-1]
+    assert isinstance(first, HeightTrack)
+    assert isinstance(second, HeightTrack)
+    assert first.value_m.tolist() == [12.5]
+    assert first.boot_ns.tolist() == [NO_BOOT_TIME]
+    assert second.value_m.tolist() == [8.0]
+
+
+def test_terrain_rows(decode: Decode) -> None:
+    (track,) = decode(_terrain(0, 584.0), _terrain(100, NAN), _terrain(100, 42.5))
+    assert isinstance(track, HeightTrack)
+    assert (track.source, track.slant) == (HeightSource.TERRAIN, False)
+    assert track.value_m.tolist() == [42.5]
+
+
+@pytest.mark.parametrize(
+    ("terrain_m", "clearance_m", "value_m"),
+    [(540.0, 30.0, [30.0]), (31.0, -1.0, [31.0]), (31.0, NAN, [31.0]), (-2000.0, -1.0, []), (NAN, NAN, [])],
+)
+def test_altitude_rows(decode: Decode, terrain_m: float, clearance_m: float, value_m: list[float]) -> None:
+    tracks = decode(dialect.MAVLink_altitude_message(7_000_000, 0, 0, 0, 0, terrain_m, clearance_m))
+    assert [v for t in tracks if isinstance(t, HeightTrack) for v in t.value_m.tolist()] == value_m
+    assert all(t.boot_ns.tolist() == [7 * 10**9] for t in tracks)
+
+
+def test_the_first_vehicle_is_followed(pack: Pack, block: MakeBlock) -> None:
+    frames = [
+        pack(GROUND_STATION, system=255, component=190),
+        pack(_attitude(), system=9, component=154),  # a gimbal's own attitude
+        pack(_attitude(), system=3),
+        pack(_attitude(), system=4),
+        pack(_attitude(), system=3, component=154),
+        pack(_attitude(), system=3),
+    ]
+    decoder = MavlinkDecoder()
+    (track,) = decoder.decode(block(frames))
+    assert decoder.system == 3
+    assert track.arrival_ns.tolist() == [10**18 + 2 * 10**6, 10**18 + 5 * 10**6]
+    chosen = MavlinkDecoder(4)
+    assert len(chosen.decode(block(frames))[0].arrival_ns) == 1
+
+
+def test_a_gimbal_with_a_clock_of_its_own_has_no_boot_time(pack: Pack, block: MakeBlock) -> None:
+    frames = [pack(AUTOPILOT), pack(_gimbal(32), component=154), pack(_gimbal(64), component=1)]
+    (track,) = MavlinkDecoder().decode(block(frames))
+    assert isinstance(track, GimbalTrack)
+    assert track.boot_ns.tolist() == [NO_BOOT_TIME]
+    assert track.yaw_in_earth.tolist() == [False]  # the second sender of the same message is not mixed in
+
+
+def test_damaged_frames_are_counted(pack: Pack, block: MakeBlock) -> None:
+    broken = bytearray(pack(_attitude()))
+    broken[12] ^= 4
+    decoder = MavlinkDecoder()
+    made = block([pack(AUTOPILOT), bytes(broken), pack(_attitude())[:-5], b"\xfd", b"", pack(_attitude())])
+    (track,) = decoder.decode(made)
+    assert len(track.arrival_ns) == 1
+    assert decoder.damaged == 4
+    outside = replace(made, offset=made.offset + 10**6)
+    assert decoder.decode(outside) == ()
+
+
+def test_another_protocol_is_a_broken_contract(block: MakeBlock) -> None:
+    with pytest.raises(ValueError, match="must be mavlink"):
+        MavlinkDecoder().decode(replace(block([b"x" * 20]), protocol=WireProtocol.DATAFLASH))

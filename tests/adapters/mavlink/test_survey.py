@@ -1,0 +1,139 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from aerodft.adapters.mavlink.composite import open_log
+from aerodft.adapters.mavlink.findings import document, problems
+from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.survey import Survey, SurveyReport
+from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.feed import block_of
+
+UTC_US = 1_800_000_000_000_000
+
+
+def _survey(path: Path) -> SurveyReport:
+    source = open_log(path)
+    survey = Survey(path.name)
+    for event in source.events():
+        assert isinstance(event, RawBlock)
+        survey.add(event)
+    return survey.report(counts=source.counts, warnings=source.warnings())
+
+
+def _says(report: SurveyReport, *words: str) -> bool:
+    return any(all(word in sentence for word in words) for sentence in problems(report))
+
+
+def test_counts_are_pymavlinks(data_folder: Path) -> None:
+    path = data_folder / "sitl/cold_boot.tlog"
+    log = mavutil.mavlink_connection(str(path))
+    theirs: dict[str, int] = {}
+    while (message := log.recv_msg()) is not None:
+        theirs[message.get_type()] = theirs.get(message.get_type(), 0) + 1
+    log.close()
+    report = _survey(path)
+    assert {s.name: s.count for s in report.streams} == theirs
+    assert {(s.system, s.component) for s in report.streams} == {(1, 1)}
+    assert next(s for s in report.streams if s.name == "ATTITUDE").rate_hz == pytest.approx(10, abs=0.1)
+
+
+def test_a_cold_boot(data_folder: Path) -> None:
+    report = _survey(data_folder / "sitl/cold_boot.tlog")
+    assert {source.name for source in report.heights} == {"home"}
+    assert _says(report, "above home only")
+    assert _says(report, "TERRAIN_REPORT", "spacing is 0", "102 of 178")
+    assert _says(report, "RANGEFINDER never says more than 0.00 m")
+    assert report.clock.known_after_s == pytest.approx(9.0, abs=0.2)
+
+
+def test_an_old_quad(data_folder: Path) -> None:
+    report = _survey(data_folder / "logs/dronekit_quad.tlog")
+    assert report.usable
+    gap = next(gap for gap in report.gaps if gap.message == "GLOBAL_POSITION_INT" and gap.duration_s > 10)
+    assert (gap.start_s, gap.duration_s) == (pytest.approx(235.6, abs=0.05), pytest.approx(18.8, abs=0.05))
+    assert _says(report, "MOUNT_STATUS has no time stamp")
+    assert _says(report, "telemetry ends at 1051.7 s")
+    assert _says(report, "cut off")
+    assert _says(report, "1314 frames", "not known")
+    (gimbal,) = report.attitudes
+    assert (gimbal.low, gimbal.high) == (pytest.approx(-20.9, abs=0.05), pytest.approx(48.6, abs=0.05))
+
+
+def test_a_plane_without_gimbal(data_folder: Path) -> None:
+    report = _survey(data_folder / "logs/vtol.tlog")
+    assert report.attitudes == ()
+    assert report.usable
+    assert _says(report, "no gimbal attitude")
+    assert _says(report, "clock is 15.9 s ahead")
+
+
+def test_an_on_board_log(data_folder: Path) -> None:
+    report = _survey(data_folder / "sitl/brushless_cut.BIN")
+    assert {source.name for source in report.heights} == {"home", "rangefinder", "terrain"}
+    assert [source.name for source in report.attitudes] == ["MNT"]
+    assert {"ATT", "FMT", "GPS"} <= {stream.name for stream in report.streams}
+    assert _says(report, "cut off")
+
+
+@pytest.fixture
+def made(pack: Callable[..., bytes]) -> Callable[..., SurveyReport]:
+    """The report on messages ``(seconds, message, system)``."""
+
+    def report(*messages: tuple[float, dialect.MAVLink_message, int]) -> SurveyReport:
+        survey = Survey("made")
+        survey.add(
+            block_of(
+                WireProtocol.MAVLINK,
+                "made",
+                [UTC_US * 1000 + int(at_s * 1e9) for at_s, _, _ in messages],
+                [pack(message, system=system) for _, message, system in messages],
+            )
+        )
+        return survey.report(counts=FrameCounts(frames=len(messages)))
+
+    return report
+
+
+def test_problems_of_a_made_log(made: Callable[..., SurveyReport]) -> None:
+    attitude = dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0, 0, 0)
+    rangefinder = dialect.MAVLink_rangefinder_message(0.04, 0)
+    times_s = np.r_[np.arange(0, 5, 0.1), np.arange(9, 12, 0.1)]
+    report = made(
+        *[(t, attitude, 1) for t in times_s],
+        (12.0, attitude, 2),
+        (12.1, rangefinder, 1),
+        (30.0, dialect.MAVLink_statustext_message(6, b"hello"), 1),
+    )
+    assert report.systems == (1, 2)
+    assert _says(report, "more than one vehicle")
+    assert _says(report, "RANGEFINDER never says more than 0.04 m")
+    assert _says(report, "no UTC")
+    assert _says(report, "ATTITUDE is silent for 4.1 s at 4.9 s")
+    assert _says(report, "telemetry ends at 12.1 s, 17.9 s before")
+    assert _says(report, "fixed to the vehicle")
+
+
+def test_nothing_received(made: Callable[..., SurveyReport]) -> None:
+    report = Survey("udpin:14550").report(counts=FrameCounts())
+    assert not report.usable
+    assert problems(report) == ["nothing was received: is the sender on, and does it send to this address?"]
+    unusable = made((0.0, dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3), 1))
+    assert _says(unusable, "no height")
+    assert _says(unusable, "no attitude")
+
+
+def test_the_document_is_json(data_folder: Path) -> None:
+    report = _survey(data_folder / "sitl/brushless_consumer.tlog")
+    found = json.loads(json.dumps(document(report), allow_nan=False))
+    assert found["schema"] == "aerodft.doctor/1"
+    assert found["usable"] is True
+    assert {source["source"] for source in found["heights"]} == {"home", "rangefinder", "terrain"}
+    assert found["attitudes"][0]["source"] == "GIMBAL_DEVICE_ATTITUDE_STATUS"
+    assert found["attitudes"][0]["low"] == pytest.approx(-90, abs=0.5)
+    assert found["first_ns"] == str(report.first_ns)

@@ -1,0 +1,78 @@
+"""Decoding a tiled log, against pymavlink: ``python tests/bench/bench_tlog.py LOG [--tiles 20]``."""
+
+import argparse
+import struct
+import tempfile
+import time
+from pathlib import Path
+
+from pymavlink import mavutil
+
+from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.mavlink.tlog import TlogSource
+from aerodft.model.telemetry import RawBlock
+
+USED = [
+    "SYSTEM_TIME",
+    "ATTITUDE",
+    "GLOBAL_POSITION_INT",
+    "DISTANCE_SENSOR",
+    "RANGEFINDER",
+    "TERRAIN_REPORT",
+    "ALTITUDE",
+    "GIMBAL_DEVICE_ATTITUDE_STATUS",
+    "MOUNT_ORIENTATION",
+    "MOUNT_STATUS",
+]
+
+
+def _tile(log: Path, tiles: int, out: Path) -> int:
+    """Write the log ``tiles`` times over, each later than the last; returns the number of frames."""
+    blocks = [event for event in TlogSource(log).events() if isinstance(event, RawBlock)]
+    span_ns = int(blocks[-1].arrival_ns[-1] - blocks[0].arrival_ns[0]) + 10**9
+    frames = 0
+    with out.open("wb") as file:
+        for tile in range(tiles):
+            for b in blocks:
+                rows = zip(b.arrival_ns.tolist(), b.offset.tolist(), b.length.tolist(), strict=True)
+                for arrival_ns, offset, length in rows:
+                    stamp = struct.pack(">Q", (arrival_ns + tile * span_ns) // 1000)
+                    file.write(stamp + b.data[offset : offset + length])
+                    frames += 1
+    return frames
+
+
+def _ours(path: Path) -> float:
+    start_s = time.perf_counter()
+    decoder = MavlinkDecoder()
+    for event in TlogSource(path).events():
+        if isinstance(event, RawBlock):
+            decoder.decode(event)
+    return time.perf_counter() - start_s
+
+
+def _theirs(path: Path) -> float:
+    start_s = time.perf_counter()
+    log = mavutil.mavlink_connection(str(path))
+    while log.recv_match(type=USED) is not None:
+        pass
+    log.close()
+    return time.perf_counter() - start_s
+
+
+def main() -> None:
+    """Print both times and their ratio."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("log", type=Path)
+    parser.add_argument("--tiles", type=int, default=20)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "tiled.tlog"
+        frames = _tile(args.log, args.tiles, path)
+        _ours(args.log)
+        ours_s, theirs_s = min(_ours(path) for _ in range(3)), _theirs(path)
+    print(f"{frames} frames: aerodft {ours_s:.3f} s, recv_match {theirs_s:.2f} s, ratio {theirs_s / ours_s:.0f}")
+
+
+if __name__ == "__main__":
+    main()

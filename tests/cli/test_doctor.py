@@ -1,0 +1,83 @@
+import json
+import socket
+import threading
+from pathlib import Path
+
+import pytest
+import typer
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from typer.testing import CliRunner
+
+from aerodft.cli.doctor import doctor
+from aerodft.errors import InputError, NoAnswerError
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+app = typer.Typer(pretty_exceptions_enable=False)
+app.command()(doctor)
+
+
+@pytest.fixture
+def flight() -> Path:
+    if not DATA.is_dir():
+        pytest.skip(f"no recorded flights: {DATA} is absent")
+    return DATA / "sitl/brushless_consumer.tlog"
+
+
+def test_json_is_one_document(flight: Path) -> None:
+    result = CliRunner().invoke(app, [str(flight), "--json"])
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["usable"] is True
+
+
+def test_people_get_tables_and_sentences(flight: Path) -> None:
+    result = CliRunner().invoke(app, [str(flight)])
+    assert result.exit_code == 0
+    assert "GIMBAL_DEVICE_ATTITUDE_STATUS" in result.stdout
+    assert "below the sensor's minimum" in result.stdout
+
+
+def test_unreadable_and_useless_input(tmp_path: Path) -> None:
+    (tmp_path / "notes.tlog").write_text("not a log at all, just some words\n" * 10)
+    result = CliRunner().invoke(app, [str(tmp_path / "notes.tlog")])
+    assert isinstance(result.exception, InputError)
+    assert result.exception.exit_code == 3
+    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    frame = bytes(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(mav))
+    (tmp_path / "idle.tlog").write_bytes(b"".join((k * 10**6 + 10**15).to_bytes(8, "big") + frame for k in range(9)))
+    result = CliRunner().invoke(app, [str(tmp_path / "idle.tlog"), "--json"])
+    assert isinstance(result.exception, NoAnswerError)
+    assert result.exception.exit_code == 4
+    assert json.loads(result.stdout)["problems"]
+
+
+def test_a_live_link() -> None:
+    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    frames = [
+        bytes(message.pack(mav))
+        for message in (
+            dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0, 0, 0),
+            dialect.MAVLink_distance_sensor_message(1, 20, 6000, 500, 0, 0, 25, 255),
+        )
+    ]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reserved:
+        reserved.bind(("127.0.0.1", 0))
+        port = reserved.getsockname()[1]
+    done = threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not done.wait(0.02):
+                for frame in frames:
+                    sender.sendto(frame, ("127.0.0.1", port))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        result = CliRunner().invoke(app, [f"udpin:{port}", "--seconds", "0.5", "--json"])
+    finally:
+        done.set()
+        thread.join()
+    found = json.loads(result.stdout)
+    assert result.exit_code == 0
+    assert {stream["message"] for stream in found["streams"]} == {"ATTITUDE", "DISTANCE_SENSOR"}
+    assert [source["source"] for source in found["heights"]] == ["rangefinder"]

@@ -81,7 +81,7 @@ class Lane(Generic[T]):
                     self._work(part)
                 self._tend()
         except Exception as error:  # noqa: BLE001 - close raises it, in the thread that can report it
-            _log.error("%s ended early: %r", self._thread.name, error)  # noqa: TRY400 - close gives the traceback
+            _log.error("%s ended early: %r", self._thread.name, error)
             with self._changed:
                 self._error = error
                 self._items.clear()

@@ -1,0 +1,95 @@
+"""A recording's inputs as a ``Source``: the pipeline takes them as it took the live ones."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from aerodft.adapters.codec import events
+from aerodft.adapters.mcap.channels import SENDER_KEY
+from aerodft.adapters.mcap.reading import ReadChannel, ReadMessage
+from aerodft.model.batch import Event
+from aerodft.model.image import Image
+from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.feed import block_of, first_arrival_ns
+from aerodft.service.settings import SECOND_NS
+from replay.pixels import JpegStore
+from replay.recording import Recording
+
+_BLOCK_FRAMES = 4096
+_PROTOCOLS = frozenset(protocol.value for protocol in WireProtocol)
+
+
+class RecordingSource:
+    """Raw telemetry, images and observations of a recording, in order of first arrival.
+
+    Args:
+        recording: The recording.
+        from_ns: Earliest arrival; None for the start.
+        to_ns: Arrivals stop before it; None for the end.
+        pixels: Whether images get their recorded pixels.
+    """
+
+    def __init__(
+        self, recording: Recording, *, from_ns: int | None = None, to_ns: int | None = None, pixels: bool = False
+    ) -> None:
+        self._recording = recording
+        self._from_ns = from_ns
+        self._to_ns = to_ns
+        self._jpegs = JpegStore(recording) if pixels else None
+
+    def events(self) -> Iterator[Event]:
+        """All events, (first) arrivals not decreasing; at most a second of telemetry is held in memory."""
+        blocks = _Blocks()
+        for message in self._recording.messages(from_ns=self._from_ns, to_ns=self._to_ns):
+            if message.channel.encoding in _PROTOCOLS:
+                if blocks.is_full(message):
+                    yield from blocks.take()
+                blocks.add(message)
+            elif message.channel.schema == events.IMAGE_SCHEMA:
+                yield from blocks.take()
+                yield self._image(message.data)
+            elif message.channel.schema == events.OBSERVATION_SCHEMA:
+                yield from blocks.take()
+                yield events.decode_observation(message.data)
+        yield from blocks.take()
+
+    def _image(self, data: bytes) -> Image:
+        image = events.decode_image(data)
+        if self._jpegs is None:
+            return image
+        return replace(image, pixels=self._jpegs.pixels(image.arrival_ns, image.index))
+
+
+class _Blocks:
+    """Frames by sender, collected until something else arrives."""
+
+    def __init__(self) -> None:
+        self._frames: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
+        self._count = 0
+        self._first_ns = 0
+
+    def is_full(self, message: ReadMessage) -> bool:
+        return self._count >= _BLOCK_FRAMES or (self._count > 0 and message.log_ns - self._first_ns > SECOND_NS)
+
+    def add(self, message: ReadMessage) -> None:
+        if not self._count:
+            self._first_ns = message.log_ns
+        arrivals_ns, frames = self._frames.setdefault(_sender(message.channel), ([], []))
+        arrivals_ns.append(message.log_ns)
+        frames.append(message.data)
+        self._count += 1
+
+    def take(self) -> list[RawBlock]:
+        """What was collected, in order of first arrival."""
+        if not self._count:
+            return []
+        blocks = [
+            block_of(WireProtocol(protocol), sender, arrivals_ns, frames)
+            for (protocol, sender), (arrivals_ns, frames) in self._frames.items()
+        ]
+        self._frames.clear()
+        self._count = 0
+        return sorted(blocks, key=first_arrival_ns)
+
+
+def _sender(channel: ReadChannel) -> tuple[str, str]:
+    return channel.encoding, channel.metadata.get(SENDER_KEY, "")

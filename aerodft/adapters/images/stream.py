@@ -1,0 +1,248 @@
+"""Live streams: read in a thread, stamped by the host's clock, newest image first when somebody is slow."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import av
+from av.container import InputContainer
+from av.video.stream import VideoStream
+
+from aerodft.adapters.images.arrival import ArrivalClock
+from aerodft.adapters.images.pixels import FramePixels
+from aerodft.adapters.images.udp import UdpFile
+from aerodft.adapters.timestamps import SECOND_NS
+from aerodft.errors import LinkError
+from aerodft.model.image import Image, StampClock
+from aerodft.service.ports import Clock
+
+_LOG = logging.getLogger(__name__)
+_WAITING = 4  # images between reading and delivery; the oldest gives way
+_OPEN_S = 4.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 5.0
+_STOP_S = 0.9
+_OPTIONS = {
+    "fflags": "nobuffer",
+    "flags": "low_delay",
+    "analyzeduration": "500000",
+    "probesize": "500000",
+    "rtsp_transport": "tcp",
+    "protocol_whitelist": "file,rtp,udp,tcp,tls,rtsp,http,https,crypto,data",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamStatus:
+    """How a stream is doing.
+
+    Attributes:
+        connected: Whether images are coming.
+        images: Delivered so far.
+        left_out: Too many for the receiver, damaged, or stamped not after the one before.
+        losses: How often the stream broke off.
+        reason: Of the last loss.
+    """
+
+    connected: bool = False
+    images: int = 0
+    left_out: int = 0
+    losses: int = 0
+    reason: str = ""
+
+
+class StreamReader:
+    """A live stream: ``udp://`` (MPEG-TS or plain H.264), ``rtsp://``, ``/dev/video0``, or what else FFmpeg opens.
+
+    A stream that breaks off is opened again, with a growing pause. Stamps are the host's (``StampClock.HOST``): the
+    stream's own, put where the least delayed images arrived, plus the time offset. The first half second is not
+    delivered, because its delay is not known yet.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        on_image: Callable[[Image], None],
+        *,
+        clock: Clock,
+        time_offset_s: float = 0.0,
+        silence_s: float = 3.0,
+    ) -> None:
+        """Describe the stream; nothing is opened yet.
+
+        Args:
+            url: The stream.
+            on_image: Called with each image, from one thread; while it takes long, older images give way.
+            clock: The host's clock.
+            time_offset_s: Added to every stamp; usually negative, by the time from exposure to arrival.
+            silence_s: How long a silence counts as a loss; the stream is then opened again.
+        """
+        self.url = url
+        self._on_image = on_image
+        self._clock = clock
+        self._silence_s = silence_s
+        self._offset_ns = round(time_offset_s * SECOND_NS)
+        self._stopping = threading.Event()
+        self._changed = threading.Condition()
+        self._waiting: deque[Image] = deque()
+        self._status = StreamStatus()
+        self._index = 0
+        self._last_stamp_ns = 0
+        self._udp: UdpFile | None = None
+        self._reader = threading.Thread(target=self._run, name="image-reader", daemon=True)
+        self._deliverer = threading.Thread(target=self._deliver, name="image-delivery", daemon=True)
+
+    @property
+    def status(self) -> StreamStatus:
+        """How it is doing now."""
+        return self._status
+
+    def start(self) -> None:
+        """Begin; once only.
+
+        Raises:
+            ConfigError: A UDP address without a port.
+            LinkError: The UDP port is taken, or the device does not exist.
+        """
+        if self.url.startswith("udp:"):
+            self._udp = UdpFile(self.url, clock=self._clock, stopping=self._stopping, silence_s=self._silence_s)
+        elif self.url.startswith("/") and not Path(self.url).exists():
+            raise LinkError("no such device", where=self.url, hint="is the camera plugged in?")
+        self._reader.start()
+        self._deliverer.start()
+
+    def stop(self) -> None:
+        """End within a second; no call of ``on_image`` begins after this returns.
+
+        A connection that hangs in a foreign server's hands is left behind, and ends by its own time limit.
+        """
+        self._stopping.set()
+        with self._changed:
+            self._changed.notify_all()
+        for thread in (self._deliverer, self._reader):
+            if thread.is_alive():
+                thread.join(_STOP_S)
+        if self._udp is not None:
+            self._udp.close()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.stop()
+
+    def _run(self) -> None:
+        pause_s = _FIRST_PAUSE_S
+        while not self._stopping.is_set():
+            before = self._index
+            try:
+                with self._opened() as (container, stream):
+                    self._read(container, stream)
+                reason = "it ended, or fell silent"
+            except (av.FFmpegError, OSError) as error:
+                reason = error.strerror or "unreadable"
+            if self._stopping.is_set():
+                return
+            pause_s = _FIRST_PAUSE_S if self._index > before else min(2 * pause_s, _LONGEST_PAUSE_S)
+            with self._changed:
+                losses = self._status.losses + 1
+                self._status = replace(self._status, connected=False, losses=losses, reason=reason)
+            _LOG.warning("%s: no images (%s); trying again in %.1f s", self.url, reason, pause_s)
+            self._stopping.wait(pause_s)
+
+    @contextmanager
+    def _opened(self) -> Iterator[tuple[InputContainer, VideoStream]]:
+        if self._udp is not None:
+            container = av.open(self._udp, "r", format=self._udp.await_format(), options=_OPTIONS)
+        else:
+            kind = "v4l2" if self.url.startswith("/dev/video") else None
+            container = av.open(self.url, "r", format=kind, options=_OPTIONS, timeout=(_OPEN_S, self._silence_s))
+        with container:
+            if not container.streams.video:
+                raise OSError(0, "it carries no video")
+            stream = container.streams.video[0]
+            stream.thread_type = "SLICE"  # decoding several images at once would hold each one back
+            yield container, stream
+
+    def _read(self, container: InputContainer, stream: VideoStream) -> None:
+        arrivals = ArrivalClock()
+        base = stream.time_base or Fraction(1, SECOND_NS)
+        seen_key = False
+        for packet in container.demux(stream):
+            if self._stopping.is_set():
+                return
+            arrival_ns = self._arrival_ns(packet.pos)
+            if packet.pts is not None:
+                arrivals.observe(round(packet.pts * base * SECOND_NS), arrival_ns)
+            if not seen_key and packet.is_keyframe:
+                seen_key = True
+                _LOG.info("%s: first key image", self.url)
+            if seen_key:
+                self._decode(packet, base, arrivals, arrival_ns)
+
+    def _arrival_ns(self, offset: int | None) -> int:
+        known = self._udp.arrival_ns(offset) if self._udp is not None and offset is not None and offset >= 0 else None
+        return self._clock.now_ns() if known is None else known
+
+    def _decode(
+        self, packet: "av.Packet[VideoStream]", base: Fraction, arrivals: ArrivalClock, arrival_ns: int
+    ) -> None:
+        try:
+            frames = packet.decode()
+        except av.FFmpegError:
+            self._leave_out()
+            return
+        for frame in frames:
+            if frame.pts is None:
+                stamp_ns = arrival_ns
+            elif arrivals.settled:
+                stamp_ns = arrivals.stamp_ns(round(frame.pts * base * SECOND_NS))
+            else:
+                continue
+            if frame.is_corrupt or stamp_ns <= self._last_stamp_ns:
+                self._leave_out()
+                continue
+            self._last_stamp_ns = stamp_ns
+            self._put(frame, stamp_ns)
+
+    def _put(self, frame: av.VideoFrame, stamp_ns: int) -> None:
+        image = Image(
+            index=self._index,
+            stamp_ns=stamp_ns + self._offset_ns,
+            arrival_ns=self._clock.now_ns(),
+            clock=StampClock.HOST,
+            width_px=frame.width,
+            height_px=frame.height,
+            pixels=FramePixels(frame),
+        )
+        self._index += 1
+        with self._changed:
+            if not self._status.connected:
+                self._status = replace(self._status, connected=True)
+                _LOG.info("%s: images are coming, %d x %d px", self.url, frame.width, frame.height)
+            if len(self._waiting) == _WAITING:
+                self._waiting.popleft()
+                self._status = replace(self._status, left_out=self._status.left_out + 1)
+            self._waiting.append(image)
+            self._changed.notify_all()
+
+    def _leave_out(self) -> None:
+        with self._changed:
+            self._status = replace(self._status, left_out=self._status.left_out + 1)
+
+    def _deliver(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._stopping.is_set())
+                if self._stopping.is_set():
+                    return
+                image = self._waiting.popleft()
+                self._status = replace(self._status, images=self._status.images + 1)
+            self._on_image(image)

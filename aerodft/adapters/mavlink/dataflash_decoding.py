@@ -10,7 +10,7 @@ import numpy as np
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat, parse_format
 from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
-from aerodft.adapters.mavlink.kernels import Bytes, gather
+from aerodft.adapters.mavlink.kernels import MAX_STAMP_US, Bytes, gather
 from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
@@ -29,6 +29,7 @@ from aerodft.model.telemetry import (
 _GPS_FIX_3D: Final = 3
 _RANGEFINDER_GOOD: Final = 4
 _TERRAIN_OK: Final = 2
+_MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
 _FULL_TURN_DEG: Final = math.degrees(to.MAX_ANGLE_RAD)
 
 
@@ -102,7 +103,9 @@ def _pos(m: _Messages, rejected: Counter[str]) -> Track | None:
     if not m.has("Lat", "Lng", "Alt", "RelHomeAlt"):
         return None
     nowhere = (m.rows.payload["Lat"] == 0) & (m.rows.payload["Lng"] == 0)
-    if not m.kept(rejected, {"no position yet": nowhere, **m.not_finite("Alt", "RelHomeAlt")}):
+    impossible = (np.abs(m.values("Lat")) > _MAX_LAT_DEG) | (np.abs(m.values("Lng")) > _MAX_LON_DEG)
+    faults = {"no position yet": nowhere, "impossible position": impossible, **m.not_finite("Alt", "RelHomeAlt")}
+    if not m.kept(rejected, faults):
         return None
     return PositionTrack(
         lat_rad=np.radians(m.values("Lat")),
@@ -157,11 +160,13 @@ class DataflashDecoder:
 
     Attributes:
         rejected: Rows left out, by ``MESSAGE: reason``.
+        damaged: Messages that are not whole.
         formats: What the log has declared so far, by type number.
     """
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
+        self.damaged = 0
         self.formats: dict[int, MessageFormat] = {}
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
@@ -173,7 +178,10 @@ class DataflashDecoder:
         if block.protocol is not WireProtocol.DATAFLASH:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.DATAFLASH}")
         data = np.frombuffer(block.data, dtype=np.uint8)
-        kinds = data[block.offset + HEAD_SIZE - 1]
+        whole = (block.offset >= 0) & (block.length >= HEAD_SIZE) & (block.offset + block.length <= len(data))
+        self.damaged += int(np.count_nonzero(~whole))
+        kinds = np.full(len(whole), -1, dtype=np.int64)
+        kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
         self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
         tracks = (self._track(kind, np.flatnonzero(kinds == kind), data, block) for kind in np.unique(kinds).tolist())
         return tuple(track for track in tracks if track is not None)
@@ -192,6 +200,8 @@ class DataflashDecoder:
         raw = np.zeros((len(index), layout.dtype.itemsize), dtype=np.uint8)
         gather(data, np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE]), raw)
         payload = raw.view(layout.dtype)[:, 0]
-        boot_ns = payload["TimeUS"].astype(np.int64) * 1000
+        late = payload["TimeUS"] >= MAX_STAMP_US
+        boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
         rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns)
-        return _MAKERS[layout.name](_Messages(layout, rows), self.rejected)
+        good = rows.kept(self.rejected, {"impossible time": late})
+        return None if good is None else _MAKERS[layout.name](_Messages(layout, good), self.rejected)

@@ -27,6 +27,11 @@ _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
 }
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
 
+_NOTHING: Final = np.zeros(0, dtype=np.int64)
+_EMPTY: Final = RawBlock(
+    protocol=WireProtocol.MAVLINK, sender="", arrival_ns=_NOTHING, offset=_NOTHING, length=_NOTHING, data=b""
+)
+
 
 class MavlinkDecoder:
     """Decodes the wanted messages of one vehicle; a ``service.ports.TelemetryDecoder``.
@@ -45,6 +50,7 @@ class MavlinkDecoder:
     def __init__(self, system: int | None = None) -> None:
         self._state = pick.fresh_state(system)
         self.rejected: Counter[str] = Counter()
+        self.decode(_EMPTY)  # compiles on the very first run, which takes seconds: not while frames wait
 
     @property
     def system(self) -> int | None:

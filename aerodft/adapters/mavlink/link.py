@@ -50,6 +50,7 @@ class MavlinkLink:
         self.address = parse_address(address) if isinstance(address, str) else address
         self._inbox = inbox
         self._framers: dict[str, StreamFramer] = {}
+        StreamFramer().push(_heartbeat())  # compiles on the very first run, which takes seconds: not while bytes wait
         self._transport: Transport = open_transport(self.address)
         self._stop = threading.Event()
         _LOG.info("%s: opened %s", self.address.text, self.place)

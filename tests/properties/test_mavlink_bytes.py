@@ -1,0 +1,111 @@
+"""Whatever bytes come in: nothing raises, nothing warns, and what comes out is finite."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from pymavlink.generator.mavcrc import x25crc
+
+from aerodft.adapters.mavlink.dataflash import DataflashSource
+from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
+from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.mavlink.framing import StreamFramer
+from aerodft.adapters.mavlink.selection import WANTED
+from aerodft.errors import InputError
+from aerodft.model.telemetry import RawBlock, Track, WireProtocol
+from aerodft.service.feed import block_of
+
+START_NS = 10**18
+quickly = settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def _frame(message_id: int, payload: bytes) -> bytes:
+    """A MAVLink 2 frame of system 1, component 1, with the right checksum, not truncated."""
+    body = struct.pack("<BBBBBB", len(payload), 0, 0, 0, 1, 1) + message_id.to_bytes(3, "little") + payload
+    crc = x25crc(body + bytes([dialect.mavlink_map[message_id].crc_extra])).crc
+    return b"\xfd" + body + crc.to_bytes(2, "little")
+
+
+@st.composite
+def valid_frames(draw: st.DrawFn) -> bytes:
+    """A frame of a wanted message with any payload."""
+    message_id = draw(st.sampled_from(WANTED))
+    size = draw(st.integers(1, dialect.mavlink_map[message_id].unpacker.size))
+    return _frame(message_id, draw(st.binary(min_size=size, max_size=size)))
+
+
+def _assert_sound(tracks: tuple[Track, ...]) -> None:
+    for track in tracks:
+        for cls in type(track).__mro__:
+            for name in getattr(cls, "__slots__", ()):
+                values = getattr(track, name)
+                if isinstance(values, np.ndarray):
+                    assert len(values) == len(track.arrival_ns) > 0
+                    assert name == "std_m" or np.isfinite(values).all()
+                if name == "wxyz":
+                    np.testing.assert_allclose(np.linalg.norm(values, axis=-1), 1, atol=1e-9)
+
+
+@quickly
+@given(st.lists(valid_frames(), max_size=20))
+def test_any_payload_decodes_to_sound_tracks(frames: list[bytes]) -> None:
+    vehicle = _frame(0, struct.pack("<IBBBBB", 0, 2, 3, 0, 4, 3))
+    frames = [vehicle, *frames]
+    assert StreamFramer().push(b"".join(frames)) == frames
+    decoder = MavlinkDecoder()
+    block = block_of(WireProtocol.MAVLINK, "any", range(START_NS, START_NS + len(frames)), frames)
+    _assert_sound(decoder.decode(block))
+    assert decoder.damaged == 0
+
+
+@quickly
+@given(st.lists(st.binary(max_size=300), max_size=10))
+def test_any_bytes_are_framed_without_error(pieces: list[bytes]) -> None:
+    framer = StreamFramer()
+    found = [frame for piece in pieces for frame in framer.push(piece)] + framer.flush()
+    stream = b"".join(pieces)
+    assert sum(map(len, found)) + framer.counts.skipped_bytes <= len(stream)
+    assert all(frame in stream for frame in found)
+
+
+@quickly
+@given(st.lists(st.binary(max_size=40), min_size=1, max_size=10))
+def test_any_frames_decode_without_error(frames: list[bytes]) -> None:
+    for protocol, decoder in ((WireProtocol.MAVLINK, MavlinkDecoder()), (WireProtocol.DATAFLASH, DataflashDecoder())):
+        _assert_sound(decoder.decode(block_of(protocol, "any", range(len(frames)), frames)))
+
+
+@pytest.fixture(scope="module")
+def log_head() -> bytes:
+    path = Path(__file__).parents[2].parent / "shared/data/sitl/brushless_cut.BIN"
+    if not path.is_file():
+        pytest.skip(f"no recorded flight: {path} is absent")
+    return path.read_bytes()[:150_000]
+
+
+@settings(parent=quickly, max_examples=40)
+@given(places=st.lists(st.integers(0, 149_999), min_size=1, max_size=30), value=st.integers(0, 255))
+def test_a_damaged_on_board_log_never_raises_anything_else(
+    log_head: bytes, tmp_path: Path, places: list[int], value: int
+) -> None:
+    content = bytearray(log_head)
+    for place in places:
+        content[place] = value
+    path = tmp_path / "damaged.bin"
+    path.write_bytes(content)
+    try:
+        source = DataflashSource(path)
+    except InputError:
+        return
+    decoder = DataflashDecoder()
+    last_ns = 0
+    for event in source.events():
+        assert isinstance(event, RawBlock)
+        assert last_ns <= event.arrival_ns[0]
+        assert (np.diff(event.arrival_ns) >= 0).all()
+        last_ns = int(event.arrival_ns[-1])
+        _assert_sound(decoder.decode(event))

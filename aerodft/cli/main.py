@@ -28,7 +28,7 @@ COMMANDS: Final = {
     "doctor": "Say what a log or a live link holds, and what is wrong with it.",
     "demo": "Fly a simulated flight through everything and show the result.",
 }
-"""Every command with its line of help; ``x`` is the function ``x`` of ``aerodft.cli.x`` (``import_`` for ``import``)."""
+"""Every command with its line of help; ``x`` is the function ``x`` of ``aerodft.cli.x``, ``import`` is ``import_``."""
 
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
 
@@ -55,7 +55,7 @@ def _command(name: str, wanted: str | None) -> Callable[..., None]:
 
 
 def build_app(arguments: list[str]) -> typer.Typer:
-    """The application for these arguments; only their command's module is loaded: ``measure`` needs no video library."""
+    """The application for these arguments, with only their command loaded: ``measure`` needs no video library."""
     wanted = next((argument for argument in arguments if argument in COMMANDS), None)
     app = typer.Typer(
         add_completion=False,

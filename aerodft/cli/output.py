@@ -1,10 +1,12 @@
 """What commands print: JSON or tables on stdout, progress and words on stderr."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 
 import orjson
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
 
 from aerodft.model.measurement import Measurement
@@ -34,3 +36,16 @@ def print_measurements(measurements: Iterable[Measurement]) -> None:
         status = str(item.status) if item.status is Status.OK else f"{item.status}: {'; '.join(item.reasons)}"
         table.add_row(item.name, item.kind, value, interval, ground, status)
     Console().print(table)
+
+
+@contextmanager
+def progress_bar(what: str, first_ns: int, last_ns: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar over a range of times on stderr, on a terminal only.
+
+    Yields:
+        What to call with the time that has been reached.
+    """
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(what, total=max(last_ns - first_ns, 1))
+        yield lambda now_ns: bar.update(task, completed=now_ns - first_ns)

@@ -1,0 +1,141 @@
+"""A recorded flight's sources: its log, its images and what was observed in them, on one axis of arrival times."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from aerodft.adapters.codec.observations import load_observations
+from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
+from aerodft.adapters.images.rate import RateSource
+from aerodft.adapters.images.stills import StillsFolderSource
+from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
+from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.cli.wiring import Late, SizeChecked
+from aerodft.errors import InputError, NoAnswerError
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.telemetry import RawBlock
+from aerodft.service.ports import Source
+from aerodft.service.settings import SECOND_NS, TelemetrySettings
+from aerodft.service.span import LogSpan, survey_span
+
+DEFAULT_RATE_HZ = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """Everything that an import runs over.
+
+    Attributes:
+        sources: Telemetry, images and observations.
+        first_ns: First arrival, roughly; for the progress bar.
+        last_ns: Last arrival, roughly.
+    """
+
+    sources: tuple[Source, ...]
+    first_ns: int
+    last_ns: int
+
+
+def open_flight(station: StationConfig, log: Path | None, observation_files: tuple[Path, ...]) -> Flight:
+    """Open and check all sources of a station's recorded flight.
+
+    Raises:
+        InputError: A source cannot be read, or images and log do not overlap in time.
+        NoAnswerError: The log holds no height or no camera attitude that the configuration could use.
+    """
+    span = LogSpan()
+    sources: list[Source] = []
+    if log is not None:
+        source = open_log(log)
+        sources.append(source)
+        telemetry = station.pipeline.telemetry or TelemetrySettings()
+        blocks = (event for event in source.events() if isinstance(event, RawBlock))
+        with _quiet():
+            span = survey_span(blocks, CompositeDecoder(telemetry.system))
+        _check_sources(log, span, telemetry)
+    images, stamps = _images(station, span)
+    _check_overlap(span, stamps, log, station)
+    files = [load_observations(path, dict(enumerate(stamps))) for path in observation_files]
+    offset_ns = round(station.observations.time_offset_s * SECOND_NS)
+    lateness_ns = span.jitter_ns if isinstance(images, RateSource) else span.lateness_ns
+    sources.append(Late(images, lateness_ns=lateness_ns))
+    sources += [Late(file, lateness_ns=span.lateness_ns, offset_ns=offset_ns) for file in files]
+    ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
+    ends += [stamp + span.lateness_ns for stamp in (stamps[:1] + stamps[-1:])]
+    return Flight(tuple(sources), min(ends), max(ends))
+
+
+def _images(station: StationConfig, span: LogSpan) -> tuple[Source, list[int]]:
+    """The image source and all its stamps; without images, stamps at a rate over the log."""
+    chosen, offset_s, camera = station.images.source, station.images.time_offset_s, station.pipeline.camera
+    decode = station.record.image_hz > 0
+    if isinstance(chosen, VideoFile):
+        video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, time_offset_s=offset_s, decode=decode)
+        with _quiet():
+            bare = VideoFileSource(chosen.path, start_ns=video.start_ns - round(offset_s * SECOND_NS), decode=False)
+            stamps = [image.stamp_ns + round(offset_s * SECOND_NS) for image in bare.events()]
+        return SizeChecked(video, camera, chosen.path), stamps
+    if isinstance(chosen, Stills):
+        stills = StillsFolderSource(
+            chosen.folder,
+            pattern=chosen.pattern,
+            utc_offset=chosen.utc_offset,
+            time_offset_s=offset_s,
+            decode=decode,
+        )
+        return SizeChecked(stills, camera, chosen.folder), list(stills.span_ns)
+    if span.first_arrival_ns is None or span.last_arrival_ns is None:
+        raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
+    rate_hz = chosen.rate_hz if isinstance(chosen, Rate) else DEFAULT_RATE_HZ
+    return RateSource(span.first_arrival_ns, span.last_arrival_ns, rate_hz), []
+
+
+def _check_sources(log: Path, span: LogSpan, telemetry: TelemetrySettings) -> None:
+    heights = {*span.heights, *([HeightSource.MANUAL] if telemetry.height.manual_m is not None else [])}
+    for what, order, there in (
+        ("height", telemetry.height.order, heights),
+        ("camera attitude", telemetry.attitude.order, span.attitudes),
+    ):
+        usable = set(order) & set(there)
+        if what == "camera attitude" and telemetry.attitude.fixed_mount is None:
+            usable -= {GimbalSource.FIXED_MOUNT}
+        if not usable:
+            others = ", ".join(sorted(map(str, set(there) - {GimbalSource.FIXED_MOUNT}))) or "none"
+            raise NoAnswerError(
+                f"no {what} in the log",
+                where=log,
+                got=others,
+                expected=f"one of {', '.join(order)}",
+                hint="see `aerodft doctor`, and telemetry.height.order / telemetry.attitude.order in the config",
+            )
+
+
+def _check_overlap(span: LogSpan, stamps: list[int], log: Path | None, station: StationConfig) -> None:
+    if not stamps or span.first_ns is None or span.last_ns is None:
+        return
+    if stamps[-1] >= span.first_ns and stamps[0] <= span.last_ns:
+        return
+    source = station.images.source
+    where = source.path if isinstance(source, VideoFile) else getattr(source, "folder", "images")
+    raise InputError(
+        f"images and log {log} do not overlap in time",
+        where=where,
+        got=f"images {unix_ns_to_iso(stamps[0])} to {unix_ns_to_iso(stamps[-1])}",
+        expected=f"within {unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
+        hint="check --video-start and images.time_offset_s",
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence warnings of a first pass: the second says them."""
+    logger = logging.getLogger("aerodft.adapters")
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

@@ -1,0 +1,58 @@
+"""Times as people write them on the command line."""
+
+import math
+from datetime import timedelta
+
+from aerodft.adapters.timestamps import iso_to_unix_ns
+from aerodft.errors import UsageError
+from aerodft.service.settings import SECOND_NS
+
+_EXPECTED = "ISO 8601 (UTC unless it says otherwise), seconds, or nanoseconds since 1970"
+_LEAST_UNIX_S = 1e8  # 1973; anything below is seconds from a start
+_LEAST_UNIX_NS = 1e17
+
+
+def parse_utc(option: str, text: str) -> int:
+    """A UTC instant in ns.
+
+    Raises:
+        UsageError: The text is no such time.
+    """
+    number = _number(text)
+    if number is None:
+        try:
+            return iso_to_unix_ns(text, default_offset=timedelta())
+        except ValueError:
+            raise UsageError(option, got=repr(text), expected=_EXPECTED) from None
+    if abs(number) < _LEAST_UNIX_S:
+        raise UsageError(option, got=repr(text), expected=_EXPECTED)
+    return _unix_ns(text, number)
+
+
+def parse_instant(option: str, text: str, start_ns: int) -> int:
+    """A UTC instant in ns, given as such or in seconds from ``start_ns``.
+
+    Raises:
+        UsageError: The text is no such time.
+    """
+    number = _number(text)
+    if number is not None and abs(number) < _LEAST_UNIX_S:
+        return start_ns + round(number * SECOND_NS)
+    return parse_utc(option, text)
+
+
+def _unix_ns(text: str, number: float) -> int:
+    if text.isdigit():
+        return int(text) if number >= _LEAST_UNIX_NS else int(text) * SECOND_NS
+    whole, _, fraction = text.partition(".")
+    if whole.isdigit() and fraction.isdigit():  # exact: a double holds unix seconds to 0.2 us only
+        return int(whole) * SECOND_NS + int(fraction.ljust(9, "0")[:9])
+    return round(number * SECOND_NS)
+
+
+def _number(text: str) -> float | None:
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None

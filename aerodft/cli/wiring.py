@@ -1,0 +1,154 @@
+"""Where ports meet adapters: pipelines, recorders and feeds out of a station's configuration."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from aerodft.adapters.config.resolved import resolved_toml
+from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.mavlink.composite import CompositeDecoder
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.errors import InputError
+from aerodft.model.batch import Batch, Event
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
+from aerodft.model.measurement import Measurement
+from aerodft.model.pose import PoseSample
+from aerodft.model.telemetry import RawBlock
+from aerodft.service.pipeline import Pipeline
+from aerodft.service.ports import Feed, Output, Sink, Source
+from calibration.biases import BiasCalibrator
+
+
+def build_pipeline(station: StationConfig) -> Pipeline:
+    """The pipeline of a station, with its telemetry decoder and calibration."""
+    telemetry = station.pipeline.telemetry
+    decoder = CompositeDecoder(None if telemetry is None else telemetry.system)
+    calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
+    return Pipeline(station.pipeline, decoder, calibrator)
+
+
+def build_recorder(
+    station: StationConfig, folder: Path, *, started_ns: int, lossless: bool, image_hz: float | None = None
+) -> McapRecorder:
+    """A recorder into a new folder; the configuration is written beside the segments, complete in itself."""
+    settings = RecorderSettings(
+        station=station.pipeline.station,
+        camera=station.pipeline.camera,
+        lossless=lossless,
+        max_image_hz=station.record.image_hz if image_hz is None else image_hz,
+        jpeg_quality=station.record.jpeg_quality,
+    )
+    return McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": resolved_toml(station)})
+
+
+@dataclass(slots=True)
+class Tally:
+    """What a run made.
+
+    Attributes:
+        images: Images (or stamps) that were evaluated.
+        measurements: Number of measurements by status.
+        poses: Number of poses by status.
+        reasons: Why poses had no answer: the first sentence of each status, in the order in which they came.
+    """
+
+    images: int = 0
+    measurements: Counter[str] = field(default_factory=Counter)
+    poses: Counter[str] = field(default_factory=Counter)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def inputs(self, batch: Batch) -> None:
+        """Nothing is counted before it is answered."""
+
+    def outputs(self, outputs: tuple[Output, ...]) -> None:
+        """Count one tick's outputs."""
+        for item in outputs:
+            if isinstance(item, Image):
+                self.images += 1
+            elif isinstance(item, Measurement):
+                self.measurements[str(item.status)] += 1
+            elif isinstance(item, PoseSample):
+                self.poses[str(item.status)] += 1
+                if item.reasons:
+                    self.reasons.setdefault(str(item.status), "; ".join(item.reasons))
+
+    def close(self) -> None:
+        """Nothing to write out."""
+
+
+def run(feed: Feed, pipeline: Pipeline, sinks: tuple[Sink, ...], on_tick: Callable[[int], None] | None = None) -> None:
+    """Drive a pipeline with a feed until it ends; every sink sees every input and output."""
+    for batch in feed.batches():
+        for sink in sinks:
+            sink.inputs(batch)
+        outputs = pipeline.step(batch)
+        for sink in sinks:
+            sink.outputs(outputs)
+        if on_tick is not None:
+            on_tick(batch.now_ns)
+    outputs = pipeline.finish()
+    for sink in sinks:
+        sink.outputs(outputs)
+
+
+class Late:
+    """A source whose images and observations arrive some time after their stamps, beside the telemetry they need.
+
+    Args:
+        source: Images or observations.
+        lateness_ns: Added to arrivals.
+        offset_ns: Added to stamps and arrivals.
+    """
+
+    def __init__(self, source: Source, *, lateness_ns: int, offset_ns: int = 0) -> None:
+        self._source = source
+        self._lateness_ns = lateness_ns
+        self._offset_ns = offset_ns
+
+    def events(self) -> Iterator[Event]:
+        """The source's events, moved; raw telemetry passes as it is."""
+        for event in self._source.events():
+            if isinstance(event, RawBlock):
+                yield event
+            else:
+                arrival_ns = event.arrival_ns + self._offset_ns + self._lateness_ns
+                yield replace(event, stamp_ns=event.stamp_ns + self._offset_ns, arrival_ns=arrival_ns)
+
+
+class SizeChecked:
+    """A source whose images must be of the camera's size: intrinsics of another mode give wrong metres."""
+
+    def __init__(self, source: Source, camera: Camera, where: object) -> None:
+        self._source = source
+        self._camera = camera
+        self._where = where
+
+    def events(self) -> Iterator[Event]:
+        """The source's events.
+
+        Raises:
+            InputError: At the first image of another size.
+        """
+        for event in self._source.events():
+            if isinstance(event, Image):
+                check_size(event, self._camera, self._where)
+            yield event
+
+
+def check_size(image: Image, camera: Camera, where: object) -> None:
+    """Refuse an image that the camera file is not about.
+
+    Raises:
+        InputError: The sizes differ.
+    """
+    if image.width_px is None or (image.width_px, image.height_px) == (camera.width_px, camera.height_px):
+        return
+    raise InputError(
+        "images are of another size than the camera file",
+        where=where,
+        got=f"{image.width_px} x {image.height_px} px",
+        expected=f"{camera.width_px} x {camera.height_px} px of {camera.name!r}",
+        hint="a camera file belongs to one mode (size, crop, zoom)",
+    )

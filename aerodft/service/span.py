@@ -1,0 +1,77 @@
+"""What a whole log covers, before it is run: its time in UTC, how late it came, and which sources it has."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
+from aerodft.service.ports import TelemetryDecoder
+from aerodft.service.timing import ClockChange, ClockMap
+
+
+@dataclass(slots=True)
+class LogSpan:
+    """A log's extent.
+
+    Attributes:
+        first_arrival_ns: Host UTC of the first frame; None for a log without frames.
+        last_arrival_ns: Host UTC of the last frame.
+        first_ns: Vehicle's UTC of the first sample; None for a log without samples.
+        last_ns: Vehicle's UTC of the last sample.
+        lateness_ns: Longest time from a sample's UTC to its arrival, since the clocks last jumped. An image that is
+            to meet its telemetry must arrive this much after its stamp.
+        jitter_ns: How much later the latest sample came than the earliest, likewise. Stamps of the host's own clock are
+            matched to the earliest, and must wait this long.
+        heights: Height sources with at least one sample.
+        attitudes: Attitude sources with at least one sample.
+    """
+
+    first_arrival_ns: int | None = None
+    last_arrival_ns: int | None = None
+    first_ns: int | None = None
+    last_ns: int | None = None
+    lateness_ns: int = 0
+    jitter_ns: int = 0
+    heights: set[HeightSource] = field(default_factory=set)
+    attitudes: set[GimbalSource] = field(default_factory=set)
+
+
+def survey_span(blocks: Iterable[RawBlock], decoder: TelemetryDecoder) -> LogSpan:
+    """Read through a log once, decoding but measuring nothing."""
+    span, clock = LogSpan(), ClockMap()
+    late: list[int] = []
+    for block in blocks:
+        arrivals = block.arrival_ns
+        if len(arrivals) == 0:
+            continue
+        span.first_arrival_ns = int(arrivals[0]) if span.first_arrival_ns is None else span.first_arrival_ns
+        span.last_arrival_ns = int(arrivals[-1])
+        tracks = decoder.decode(block)
+        if clock.update(tracks) is ClockChange.JUMPED:
+            late.clear()
+        for track in tracks:
+            stamps = clock.to_utc(track)
+            if len(stamps) == 0:
+                continue
+            late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
+            low, high = int(stamps.min()), int(stamps.max())
+            span.first_ns = low if span.first_ns is None else min(span.first_ns, low)
+            span.last_ns = high if span.last_ns is None else max(span.last_ns, high)
+            _note_source(span, track)
+    span.lateness_ns = max(late, default=0)
+    span.jitter_ns = span.lateness_ns - min(late, default=0)
+    return span
+
+
+def _note_source(span: LogSpan, track: Track) -> None:
+    match track:
+        case PositionTrack():
+            span.heights.add(HeightSource.HOME)
+        case HeightTrack():
+            span.heights.add(track.source)
+        case GimbalTrack():
+            span.attitudes.add(track.source)
+        case VehicleTrack():
+            span.attitudes.add(GimbalSource.FIXED_MOUNT)
+        case _:
+            pass

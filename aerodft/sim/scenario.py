@@ -215,7 +215,7 @@ def write_files(scenario: Scenario, folder: Path, *, video: bool = True, progres
     (folder / "camera.toml").write_text(tomli_w.dumps(camera_document(scenario.camera)))
     (folder / "world.geojson").write_bytes(orjson.dumps(world_document(scenario.world), option=orjson.OPT_INDENT_2))
     if video:
-        write_video(folder / "video.mp4", _watched(scenario, progress), fps=scenario.fps)
+        write_video(folder / "video.mp4", watched(scenario, progress), fps=scenario.fps)
 
 
 def _sightings(scenario: Scenario) -> Iterator[Sighting]:
@@ -240,7 +240,8 @@ def _pose_lines(scenario: Scenario) -> Iterator[bytes]:
         yield orjson.dumps({"stamp_ns": str(stamp), "pose": pose_document(scenario.trajectory.pose(stamp))})
 
 
-def _watched(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:
+def watched(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:
+    """The images of ``scenario``, with ``progress`` told about each."""
     total = len(scenario.image_stamps_ns)
     for done, image in enumerate(scenario.images()):
         yield image

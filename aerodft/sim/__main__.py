@@ -1,0 +1,187 @@
+"""``python -m aerodft.sim``: a simulated flight, as files or live."""
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import orjson
+import typer
+from rich.console import Console
+from rich.progress import Progress as Bar
+
+from aerodft.adapters.config.camera import load_camera
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import AerodftError, UsageError
+from aerodft.service.clock import WallClock
+from aerodft.sim.bus import observation_publisher
+from aerodft.sim.live import Outlets, encoded, perform, udp_sender
+from aerodft.sim.options import (
+    parse_autopilot,
+    parse_biases,
+    parse_numbers,
+    parse_radio,
+    parse_size,
+    parse_stds,
+)
+from aerodft.sim.scenario import Progress, Scenario, default_camera, generated, recorded, write_files
+from aerodft.sim.telemetry import Biases, drawn_biases
+
+_LEAD_NS = SECOND_NS
+_EXAMPLE = (
+    "Examples: python -m aerodft.sim --out flight --duration 20    "
+    "python -m aerodft.sim --out flight --live --mavlink udpout:127.0.0.1:14550 --video udp://127.0.0.1:5600 "
+    "--std height=0.3,tilt=0.3"
+)
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+@app.command(epilog=_EXAMPLE, no_args_is_help=True)
+def simulate(
+    out: Annotated[Path, typer.Option(help="Folder for the flight's files.")],
+    log: Annotated[Path | None, typer.Option(help="Fly as this telemetry log (.tlog) did.")] = None,
+    start: Annotated[float, typer.Option(min=0.0, help="With --log: seconds to leave out at its start.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=2.0, help="Seconds; 20, or with --log the rest of it.")] = None,
+    thin: Annotated[int, typer.Option(min=1, help="With --log: write every n-th frame of each message.")] = 1,
+    fps: Annotated[float | None, typer.Option(min=0.1, help="Images a second; 10, with --log every sample.")] = None,
+    size: Annotated[str, typer.Option(help="Image size.")] = "1280x720",
+    camera: Annotated[Path | None, typer.Option(help="Camera file; its size replaces --size.")] = None,
+    height: Annotated[float, typer.Option(min=2.0, help="Height of a generated flight, m.")] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 1,
+    std: Annotated[str, typer.Option(help="Draw biases with these stds: height=0.3,tilt=0.3,roll=0.2,heading=1")] = "",
+    bias: Annotated[str, typer.Option(help="Add these biases (said minus true): tilt=0.4,height=-1")] = "",
+    noise: Annotated[str, typer.Option(help="White noise of every sample: height=0.05,tilt=0.05,position=0.1")] = "",
+    autopilot: Annotated[str, typer.Option(help="Camera behind the gimbal, UTC minus host's, s: lag=0.1,clock=2")] = "",
+    radio: Annotated[
+        str, typer.Option(help="latency=0.02,jitter=0.005,drop=0.01,duplicate=0.01,reorder=0.01,mute=5,unmute=7")
+    ] = "",
+    observe: Annotated[str, typer.Option(help="Observations: std=0.5 (px), delay=0.05 (s, live)")] = "",
+    image: Annotated[str, typer.Option(help="Images: noise=2 (grey levels), exposure=0 (s; motion blur)")] = "",
+    no_video: Annotated[bool, typer.Option("--no-video", help="Write no video file.")] = False,
+    live: Annotated[bool, typer.Option("--live", help="Fly now, in real time.")] = False,
+    mavlink: Annotated[str | None, typer.Option(help="With --live: udpout:HOST:PORT")] = None,
+    video: Annotated[str | None, typer.Option(help="With --live: udp://HOST:PORT (H.264 in MPEG-TS)")] = None,
+    zenoh: Annotated[str | None, typer.Option(help="With --live: publish observations, tcp/HOST:PORT")] = None,
+    station: Annotated[str, typer.Option(help="Station's name in zenoh keys.")] = "sim",
+) -> None:
+    """Simulate a flight over a river with known truth: images, MAVLink, observations.
+
+    Writes flight.tlog, video.mp4, observations.jsonl, truth.jsonl, poses.jsonl, camera.toml and world.geojson. With
+    --live the flight takes place now: it is rendered first, then one line of JSON on stdout says when it starts, and
+    every byte is sent at its time; no video file is written.
+    """
+    if not live and (mavlink or video or zenoh):
+        raise UsageError("--mavlink, --video and --zenoh send a live flight", expected="--live with them")
+    lens = default_camera(*parse_size(size)) if camera is None else load_camera(camera)
+    if log is None:
+        scenario = generated(lens, duration_s=duration or 20.0, fps=fps or 10.0, height_m=height, seed=seed)
+    else:
+        scenario = recorded(lens, log, start_s=start, duration_s=duration, fps=fps, seed=seed, thin=thin)
+    lag_ns, clock_ns = parse_autopilot("--autopilot", autopilot)
+    biases = _sum(drawn_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias))
+    told = replace(scenario.autopilot, biases=biases, noise=parse_stds("--noise", noise))
+    observing = parse_numbers("--observe", observe, std=0.5, delay=0.05)
+    imaging = parse_numbers("--image", image, noise=2.0, exposure=0.0)
+    scenario = replace(
+        scenario,
+        autopilot=replace(told, gimbal_lag_ns=lag_ns, clock_offset_ns=clock_ns),
+        radio=parse_radio("--radio", radio, seed=seed),
+        imaging=replace(scenario.imaging, noise_std=imaging["noise"]),
+        observing=replace(scenario.observing, std_px=observing["std"]),
+        exposure_ns=round(imaging["exposure"] * SECOND_NS),
+    )
+    if live:
+        delay_ns = round(observing["delay"] * SECOND_NS)
+        _fly(scenario, out, (mavlink, video, zenoh), station=station, observe_delay_ns=delay_ns)
+    else:
+        with _progress() as progress:
+            write_files(scenario, out, video=not no_video, progress=progress)
+        _tell(scenario)
+
+
+def _fly(
+    scenario: Scenario,
+    out: Path,
+    addresses: tuple[str | None, str | None, str | None],
+    *,
+    station: str,
+    observe_delay_ns: int,
+) -> None:
+    """Render, then fly at once; ``addresses`` are those of MAVLink, video and zenoh."""
+    mavlink, video, zenoh = addresses
+    with ExitStack() as stack:
+        outlets = Outlets(
+            telemetry=stack.enter_context(udp_sender(mavlink)) if mavlink else None,
+            video=stack.enter_context(udp_sender(video)) if video else None,
+            observe=stack.enter_context(observation_publisher(zenoh, station)) if zenoh else None,
+            observe_delay_ns=observe_delay_ns,
+        )
+        packets: list[list[bytes]] = []
+        if video:
+            with _progress() as progress:
+                packets = encoded(scenario, progress)
+        clock = WallClock()
+        # Whole microseconds: the logs and the video know nothing finer.
+        start_ns = (clock.now_ns() + _LEAD_NS) // 1000 * 1000
+        scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
+        write_files(scenario, out, video=False)
+        _tell(scenario)
+        perform(scenario, packets, outlets, clock)
+
+
+def _tell(scenario: Scenario) -> None:
+    """One line of JSON on stdout: when the flight is, and which errors it was given."""
+    biases = scenario.autopilot.biases
+    document = {
+        "start_ns": str(scenario.trajectory.start_ns),
+        "end_ns": str(scenario.trajectory.end_ns),
+        "images": len(scenario.image_stamps_ns),
+        "stations_m": scenario.observing.stations_m,
+        "bias": {
+            "height_m": biases.height_m,
+            "tilt_deg": math.degrees(biases.tilt_rad),
+            "pan_deg": math.degrees(biases.pan_rad),
+            "roll_deg": math.degrees(biases.roll_rad),
+            "heading_deg": math.degrees(biases.heading_rad),
+        },
+    }
+    sys.stdout.buffer.write(orjson.dumps(document, option=orjson.OPT_APPEND_NEWLINE))
+    sys.stdout.flush()
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A bar on stderr where that is a terminal."""
+    console = Console(stderr=True)
+    with Bar(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("rendering")
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _sum(a: Biases, b: Biases) -> Biases:
+    return Biases(
+        height_m=a.height_m + b.height_m,
+        tilt_rad=a.tilt_rad + b.tilt_rad,
+        pan_rad=a.pan_rad + b.pan_rad,
+        roll_rad=a.roll_rad + b.roll_rad,
+        heading_rad=a.heading_rad + b.heading_rad,
+    )
+
+
+def main() -> None:
+    """Entry point; errors are one sentence and an exit code."""
+    try:
+        app()
+    except AerodftError as error:
+        print(f"aerodft.sim: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""The simulated flight in real time: rendered and encoded beforehand, then every byte sent when it is due."""
+
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import LinkError, UsageError
+from aerodft.service.ports import Clock
+from aerodft.sim.observations import Sighting, sightings
+from aerodft.sim.scenario import Progress, Scenario, watched
+from aerodft.sim.telemetry import datagrams, received
+from aerodft.sim.video import TransportStream
+
+Send = Callable[[bytes], None]
+Observe = Callable[[Sighting], None]
+_MAX_PORT = 65535
+_ADDRESSES = "udpout:HOST:PORT or udp://HOST:PORT"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outlets:
+    """Where the flight goes; what is None is not sent.
+
+    Attributes:
+        telemetry: Takes MAVLink datagrams.
+        video: Takes MPEG-TS datagrams.
+        observe: Takes sightings, true and noisy pixels at once.
+        observe_delay_ns: How long an observer takes to find the pixels.
+    """
+
+    telemetry: Send | None = None
+    video: Send | None = None
+    observe: Observe | None = None
+    observe_delay_ns: int = SECOND_NS // 20
+
+
+def encoded(scenario: Scenario, progress: Progress | None = None) -> list[list[bytes]]:
+    """Every image's datagrams: the slow part, to be done before the clock starts."""
+    with TransportStream(scenario.fps) as stream:
+        start_ns = int(scenario.image_stamps_ns[0])
+        return [stream.encode(image, stamp - start_ns) for stamp, image in watched(scenario, progress)]
+
+
+def perform(scenario: Scenario, video: list[list[bytes]], outlets: Outlets, clock: Clock) -> None:
+    """Send everything at its time by ``clock``, in one thread; returns after the last byte.
+
+    Args:
+        scenario: The flight, shifted to when it shall take place.
+        video: :func:`encoded` images, one list of datagrams each.
+        outlets: Where to.
+        clock: Paces the flight; its time is the scenario's host UTC.
+    """
+    for due_ns, act in sorted(_acts(scenario, video, outlets), key=lambda each: each[0]):
+        clock.sleep_until(due_ns)
+        act()
+
+
+def _acts(scenario: Scenario, video: list[list[bytes]], outlets: Outlets) -> Iterator[tuple[int, Callable[[], None]]]:
+    stamps: list[int] = scenario.image_stamps_ns.tolist()
+    if outlets.telemetry is not None:
+        for each in received(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio):
+            yield each.due_ns, _call(outlets.telemetry, [each.data])
+    if outlets.video is not None:
+        for stamp, packets in zip(stamps, video, strict=True):
+            yield stamp, _call(outlets.video, packets)
+    if outlets.observe is not None:
+        for seen in sightings(scenario.world, scenario.camera, scenario.trajectory, stamps, scenario.observing):
+            yield seen.stamp_ns + outlets.observe_delay_ns, _observed(outlets.observe, seen)
+
+
+def _call(send: Send, packets: list[bytes]) -> Callable[[], None]:
+    def act() -> None:
+        for packet in packets:
+            send(packet)
+
+    return act
+
+
+def _observed(observe: Observe, seen: Sighting) -> Callable[[], None]:
+    return lambda: observe(seen)
+
+
+def parse_udp(text: str) -> tuple[str, int]:
+    """Host and port of ``udpout:HOST:PORT`` or ``udp://HOST:PORT``.
+
+    Raises:
+        UsageError: Anything else.
+    """
+    url = f"udp://{text.removeprefix('udpout:')}" if text.startswith("udpout:") else text
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if parts.scheme != "udp" or not host or not port or port > _MAX_PORT:
+        raise UsageError("no address to send to", got=text, expected=_ADDRESSES)
+    return host, port
+
+
+@contextmanager
+def udp_sender(text: str) -> Iterator[Send]:
+    """Datagrams to an address; it does not matter whether anybody listens.
+
+    Raises:
+        UsageError: Not an address.
+        LinkError: The host is unknown or unreachable.
+    """
+    host, port = parse_udp(text)
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    except socket.gaierror:
+        raise LinkError("unknown host", where=text, got=host, hint="check the name, or give the address") from None
+    with socket.socket(family, kind, protocol) as link:
+
+        def send(data: bytes) -> None:
+            try:
+                link.sendto(data, address)
+            except OSError as error:
+                raise LinkError("cannot send", where=text, got=error.strerror, hint="check the network") from error
+
+        yield send

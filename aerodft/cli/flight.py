@@ -16,7 +16,6 @@ from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.wiring import Late, SizeChecked
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import RawBlock
 from aerodft.service.ports import Source
 from aerodft.service.settings import SECOND_NS, TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
@@ -52,9 +51,8 @@ def open_flight(station: StationConfig, log: Path | None, observation_files: tup
         source = open_log(log)
         sources.append(source)
         telemetry = station.pipeline.telemetry or TelemetrySettings()
-        blocks = (event for event in source.events() if isinstance(event, RawBlock))
         with _quiet():
-            span = survey_span(blocks, CompositeDecoder(telemetry.system))
+            span = survey_span(source, CompositeDecoder(telemetry.system))
         _check_sources(log, span, telemetry)
     images, stamps = _images(station, span)
     _check_overlap(span, stamps, log, station)

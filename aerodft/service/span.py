@@ -1,11 +1,12 @@
 """What a whole log covers, before it is run: its time in UTC, how late it came, and which sources it has."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
-from aerodft.service.ports import TelemetryDecoder
+from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, Track, VehicleTrack
+from aerodft.service.feed import MergedFeed
+from aerodft.service.ports import Source, TelemetryDecoder
+from aerodft.service.settings import SECOND_NS
 from aerodft.service.timing import ClockChange, ClockMap
 
 
@@ -36,31 +37,33 @@ class LogSpan:
     attitudes: set[GimbalSource] = field(default_factory=set)
 
 
-def survey_span(blocks: Iterable[RawBlock], decoder: TelemetryDecoder) -> LogSpan:
+def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
     """Read through a log once, decoding but measuring nothing."""
     span, clock = LogSpan(), ClockMap()
     late: list[int] = []
-    for block in blocks:
-        arrivals = block.arrival_ns
-        if len(arrivals) == 0:
-            continue
-        span.first_arrival_ns = int(arrivals[0]) if span.first_arrival_ns is None else span.first_arrival_ns
-        span.last_arrival_ns = int(arrivals[-1])
-        tracks = decoder.decode(block)
-        if clock.update(tracks) is ClockChange.JUMPED:
+    for batch in MergedFeed([log], SECOND_NS, linger_ns=0).batches():
+        for block in batch.raw:
+            first = int(block.arrival_ns[0])
+            span.first_arrival_ns = first if span.first_arrival_ns is None else span.first_arrival_ns
+            span.last_arrival_ns = int(block.arrival_ns[-1])
+        tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
+        jumped = clock.update(tracks) is ClockChange.JUMPED
+        if jumped:
             late.clear()
         for track in tracks:
-            stamps = clock.to_utc(track)
-            if len(stamps) == 0:
-                continue
-            late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
-            low, high = int(stamps.min()), int(stamps.max())
-            span.first_ns = low if span.first_ns is None else min(span.first_ns, low)
-            span.last_ns = high if span.last_ns is None else max(span.last_ns, high)
             _note_source(span, track)
+            if not jumped:  # the rows before the jump are on the other clock
+                stamps = clock.to_utc(track)
+                late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
+                _extend(span, int(stamps.min()), int(stamps.max()))
     span.lateness_ns = max(late, default=0)
     span.jitter_ns = span.lateness_ns - min(late, default=0)
     return span
+
+
+def _extend(span: LogSpan, low_ns: int, high_ns: int) -> None:
+    span.first_ns = low_ns if span.first_ns is None else min(span.first_ns, low_ns)
+    span.last_ns = high_ns if span.last_ns is None else max(span.last_ns, high_ns)
 
 
 def _note_source(span: LogSpan, track: Track) -> None:

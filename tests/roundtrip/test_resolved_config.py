@@ -94,6 +94,8 @@ def test_the_id_follows_what_numbers_depend_on_and_nothing_else() -> None:
         pipeline=replace(station.pipeline, station="other"),
     )
     assert refreshed(elsewhere).pipeline.config_id == own
+    whole = replace(station.pipeline, max_range_m=500)  # an int where a float is meant
+    assert refreshed(replace(station, pipeline=whole)).pipeline.config_id == own
     stills = Stills(folder=Path("/x"), pattern="{unix_s}")
     assert refreshed(replace(station, images=replace(station.images, source=stills))).pipeline.config_id == own
     changed = [

@@ -63,9 +63,31 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         ConfigError: As :func:`load_station`.
     """
     table = validated(ConfigTable, parse_toml(data, where), where)
+    telemetry, observations, zenoh, record = table.telemetry, table.observations, table.zenoh, table.record
+    return refreshed(
+        StationConfig(
+            pipeline=_pipeline(table, where, folder),
+            link=_link(telemetry),
+            images=images_from(table.images, folder),
+            observations=ObservationSettings(
+                files=tuple(folder / file for file in observations.files),
+                topic=observations.topic,
+                time_offset_s=observations.time_offset_s,
+            ),
+            zenoh=ZenohSettings(enabled=zenoh.enabled, listen=zenoh.listen, connect=zenoh.connect),
+            record=RecordSettings(
+                folder=Path(record.folder), image_hz=record.image_hz, jpeg_quality=record.jpeg_quality
+            ),
+            fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
+            calibration=None if telemetry is None else _telemetry_calibration(telemetry, folder),
+        )
+    )
+
+
+def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
+    """What the table says of the pipeline; the fixed pose and the id come with ``refreshed``."""
     camera, model = _camera(table.camera, where, folder)
-    fixed = None if table.pose is None else _fixed_pose(table.pose, where, folder)
-    pipeline = PipelineSettings(
+    return PipelineSettings(
         station=table.station.name,
         camera=camera,
         probes=probes_from(table.probe, camera, where),
@@ -76,26 +98,6 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         time_std_s=table.images.time_std_s,
         match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
         tick_ns=table.station.tick_ms * 1_000_000,
-    )
-    return refreshed(
-        StationConfig(
-            pipeline=pipeline,
-            link=_link(table.telemetry),
-            images=images_from(table.images, folder),
-            observations=ObservationSettings(
-                files=tuple(folder / file for file in table.observations.files),
-                topic=table.observations.topic,
-                time_offset_s=table.observations.time_offset_s,
-            ),
-            zenoh=ZenohSettings(enabled=table.zenoh.enabled, listen=table.zenoh.listen, connect=table.zenoh.connect),
-            record=RecordSettings(
-                folder=Path(table.record.folder),
-                image_hz=table.record.image_hz,
-                jpeg_quality=table.record.jpeg_quality,
-            ),
-            fixed_pose=fixed,
-            calibration=None if table.telemetry is None else _telemetry_calibration(table.telemetry, folder),
-        )
     )
 
 

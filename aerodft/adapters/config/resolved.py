@@ -48,8 +48,17 @@ def config_id(station: StationConfig) -> str:
         document["observations"].pop(key, None)
     for key in ("connection", "baud", "bias"):
         document.get("telemetry", {}).pop(key, None)
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+
+
+def _as_numbers(value: Any) -> Any:  # noqa: ANN401 (whatever TOML can hold)
+    """Every whole number as the float that equals it: 50 m and 50.0 m are one height."""
+    if isinstance(value, dict):
+        return {key: _as_numbers(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_as_numbers(each) for each in value]
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def resolved_toml(station: StationConfig) -> str:

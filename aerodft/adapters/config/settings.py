@@ -128,13 +128,7 @@ def pose_sample(fixed: FixedPose, origin: GeoOrigin | None) -> PoseSample:
     Returns:
         A sample with stamp 0, in ENU of ``origin`` where the camera's position is known, else above its own foot.
     """
-    east_m = north_m = 0.0
-    if fixed.lat_rad is not None and fixed.lon_rad is not None:
-        if origin is None:
-            foot_msl_m = None if fixed.alt_msl_m is None else fixed.alt_msl_m - fixed.height_agl_m
-            origin = GeoOrigin(lat_rad=fixed.lat_rad, lon_rad=fixed.lon_rad, alt_msl_m=foot_msl_m)
-        else:
-            east_m, north_m = map(float, east_north(origin, fixed.lat_rad, fixed.lon_rad))
+    origin, east_m, north_m = _placed(fixed, origin)
     return PoseSample(
         stamp_ns=0,
         status=Status.OK,
@@ -148,7 +142,7 @@ def pose_sample(fixed: FixedPose, origin: GeoOrigin | None) -> PoseSample:
             north_m=north_m,
         ),
         std=fixed.std,
-        origin=origin if fixed.lat_rad is not None else None,
+        origin=origin,
         lat_rad=fixed.lat_rad,
         lon_rad=fixed.lon_rad,
         alt_msl_m=fixed.alt_msl_m,
@@ -157,6 +151,17 @@ def pose_sample(fixed: FixedPose, origin: GeoOrigin | None) -> PoseSample:
         attitude_source=GimbalSource.MANUAL,
         calibration=fixed.calibration,
     )
+
+
+def _placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
+    """The ENU origin with the camera's east and north (m) in it; no origin where the position is unknown."""
+    if fixed.lat_rad is None or fixed.lon_rad is None:
+        return None, 0.0, 0.0
+    if origin is None:
+        foot_msl_m = None if fixed.alt_msl_m is None else fixed.alt_msl_m - fixed.height_agl_m
+        return GeoOrigin(lat_rad=fixed.lat_rad, lon_rad=fixed.lon_rad, alt_msl_m=foot_msl_m), 0.0, 0.0
+    east_m, north_m = map(float, east_north(origin, fixed.lat_rad, fixed.lon_rad))
+    return origin, east_m, north_m
 
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:

@@ -100,6 +100,11 @@ class VideoFileSource:
             _LOG.warning("%s: flagged as rotated by %d deg; pixels are used as stored", path, self.info.rotation_deg)
         self.start_ns = start_ns + round(time_offset_s * SECOND_NS)
 
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """UTC of start and end, time offset applied; None where the container does not say how long it is."""
+        return None if self.info.duration_ns is None else (self.start_ns, self.start_ns + self.info.duration_ns)
+
     def events(self) -> Iterator[Image]:
         """All images whose stamp is sound; what was left out is logged as a warning at the end."""
         losses = _Losses()

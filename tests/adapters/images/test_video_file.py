@@ -71,7 +71,11 @@ def test_a_time_line_that_starts_elsewhere_starts_at_the_first_image(tmp_path: P
 
 def test_the_time_offset_moves_stamp_and_arrival(tmp_path: Path, make_video: MakeVideo) -> None:
     path = make_video(tmp_path / "a.mp4", [0, 40])
-    images = list(VideoFileSource(path, start_ns=START_NS, time_offset_s=-1.5).events())
+    source = VideoFileSource(path, start_ns=START_NS, time_offset_s=-1.5)
+    images = list(source.events())
+    assert source.span_ns is not None
+    assert source.span_ns[0] == images[0].stamp_ns
+    assert source.span_ns[1] > images[1].stamp_ns
     assert [image.stamp_ns for image in images] == [START_NS - 1_500_000_000, START_NS - 1_460_000_000]
     assert [image.arrival_ns for image in images] == [image.stamp_ns for image in images]
 

@@ -184,6 +184,21 @@ def test_serial_device(received: Received) -> None:
     os.close(theirs)
 
 
+def test_a_lost_serial_device_is_said_and_waited_for(received: Received, caplog: pytest.LogCaptureFixture) -> None:
+    ours, theirs = pty.openpty()
+    device = os.ttyname(theirs)
+    with caplog.at_level(logging.WARNING), MavlinkLink(device, received) as link:
+        os.close(theirs)
+        os.close(ours)
+        deadline_s = time.monotonic() + WAIT_S
+        while "is lost" not in caplog.text and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        start_s = time.monotonic()
+        link.close()
+        assert time.monotonic() - start_s < 0.5
+    assert f"{device} is lost" in caplog.text
+
+
 def test_close_is_quick_and_gives_the_port_back(received: Received, free_port: int) -> None:
     for text in (f"udpin:{free_port}", f"tcpin:{free_port}", f"tcp:{LOOPBACK}:{free_port}") * 2:
         link = MavlinkLink(text, received)

@@ -56,7 +56,7 @@ def measure(
     if not probe:
         raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
     if recording is not None:
-        from aerodft.cli.recorded_pose import recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
+        from aerodft.cli.recorded import recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
 
         if at is None:
             raise UsageError("--recording needs --at TIME", expected="seconds from its start, UTC ns, or ISO 8601")

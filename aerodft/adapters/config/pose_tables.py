@@ -88,7 +88,7 @@ class TelemetryTable(Table):
     connection: Text | None = None
     baud: Count = 57600
     system: Annotated[int, Field(ge=1, le=255)] | None = None
-    wait_s: NonNegative = 1.0
+    wait_s: NonNegative = 2.0
     horizontal_std_m: NonNegative = 2.0
     height: HeightTable = HeightTable()
     attitude: AttitudeTable = AttitudeTable()

@@ -1,0 +1,51 @@
+"""``aerodft recompute``: the same pipeline over a recording's raw input."""
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodft.adapters.config.loading import load_station, with_calibration
+from aerodft.adapters.config.resolved import refreshed
+from aerodft.cli.import_ import report
+from aerodft.cli.output import progress_bar
+from aerodft.cli.recorded import recorded_station, reoffset
+from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, run
+from aerodft.service.feed import MergedFeed
+from replay.recording import Recording
+from replay.source import RecordingSource
+
+
+def recompute(
+    recording: Annotated[Path, typer.Argument(help="Folder of the recording.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="New folder for the new recording.")],
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="Another configuration.")] = None,
+    calibration: Annotated[Path | None, typer.Option(help="Another calibration.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    r"""Compute a recording's measurements anew.
+
+    With the recording's own configuration the measurements are identical to the byte on the same machine. Images are
+    copied, not encoded again.
+
+    \b
+    Example:
+      aerodft recompute recordings/flight --calibration better.toml -o recordings/flight-better
+    """
+    old = Recording(recording)
+    was = recorded_station(old)
+    station = was if config is None else refreshed(load_station(config))
+    if calibration is not None:
+        station = with_calibration(station, calibration)
+    recorder = build_recorder(station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
+    tally, pipeline = Tally(), build_pipeline(station)
+    feed = MergedFeed([reoffset(RecordingSource(old), was, station)], station.pipeline.tick_ns)
+    try:
+        with progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
+            run(feed, pipeline, (recorder, tally), progress)
+    finally:
+        recorder.close()
+    for number, segment in enumerate(old.images, start=1):
+        shutil.copy2(segment.path, output / f"images_{number:03d}.mcap")
+    report(output, tally, pipeline.counts.unknown_probe, as_json=json)

@@ -1,0 +1,125 @@
+"""Recordings as input again: their configuration, their sources, and the pose that they had at a time."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from aerodft.adapters.config.loading import parse_station
+from aerodft.adapters.config.station import StationConfig
+from aerodft.cli.times import parse_instant
+from aerodft.cli.wiring import build_pipeline
+from aerodft.dft.measure import Setup
+from aerodft.errors import InputError, NoAnswerError
+from aerodft.model.batch import Event
+from aerodft.model.image import Image
+from aerodft.model.observation import Observation
+from aerodft.model.pose import PoseSample
+from aerodft.model.telemetry import RawBlock
+from aerodft.service.feed import MergedFeed
+from aerodft.service.ports import Source
+from aerodft.service.settings import SECOND_NS
+from replay.recording import Recording
+from replay.source import RecordingSource
+
+_LATEST_NS = 30 * SECOND_NS
+"""Telemetry that came later than this after its stamp is not waited for; less than the pipeline remembers."""
+
+
+def recorded_station(recording: Recording) -> StationConfig:
+    """The configuration that a recording was made with.
+
+    Raises:
+        InputError: It has none, or one that this version cannot read.
+    """
+    text = recording.text("config.toml")
+    if text is None:
+        raise InputError("no config.toml beside the segments", where=recording.folder, hint="pass --config")
+    return parse_station(text.encode(), where=str(recording.folder / "config.toml"), folder=recording.folder)
+
+
+class Reoffset:
+    """A recording's source under another time offset: images and what was observed in them move alike."""
+
+    def __init__(self, source: Source, *, image_shift_ns: int, observation_shift_ns: int) -> None:
+        self._source = source
+        self._image_shift_ns = image_shift_ns
+        self._observation_shift_ns = observation_shift_ns
+
+    def events(self) -> Iterator[Event]:
+        """The source's events with their stamps moved."""
+        for event in self._source.events():
+            if isinstance(event, Image):
+                yield replace(event, stamp_ns=event.stamp_ns + self._image_shift_ns)
+            elif isinstance(event, Observation):
+                shift_ns = self._image_shift_ns + self._observation_shift_ns
+                yield replace(event, stamp_ns=event.stamp_ns + shift_ns)
+            else:
+                yield event
+
+
+def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:
+    """The source as the new configuration's time offsets would have stamped it."""
+    images_s = new.images.time_offset_s - old.images.time_offset_s
+    observations_s = new.observations.time_offset_s - old.observations.time_offset_s
+    if images_s == 0 and observations_s == 0:
+        return source
+    return Reoffset(
+        source,
+        image_shift_ns=round(images_s * SECOND_NS),
+        observation_shift_ns=round(observations_s * SECOND_NS),
+    )
+
+
+class _TelemetryOnly:
+    """A source without its images and observations."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def events(self) -> Iterator[Event]:
+        return (event for event in self._source.events() if isinstance(event, RawBlock))
+
+
+def recorded_setup(folder: Path, at: str) -> tuple[Setup, PoseSample]:
+    """Camera and pose of a recording at a time.
+
+    Args:
+        folder: The recording.
+        at: Seconds from its start, or UTC.
+
+    Raises:
+        InputError: The folder is no recording.
+        UsageError: ``at`` is no time.
+        NoAnswerError: The time is outside the recording.
+    """
+    recording = Recording(folder)
+    station = recorded_station(recording)
+    stamp_ns = parse_instant("--at", at, recording.start_ns)
+    if not recording.start_ns - SECOND_NS <= stamp_ns <= recording.end_ns + SECOND_NS:
+        length_s = (recording.end_ns - recording.start_ns) / SECOND_NS
+        raise NoAnswerError(
+            "--at is outside the recording",
+            where=folder,
+            got=at,
+            expected=f"0 to {length_s:.1f} s from its start",
+        )
+    settings = station.pipeline
+    setup = Setup(
+        camera=settings.camera,
+        model=settings.model,
+        max_range_m=settings.max_range_m,
+        config_id=settings.config_id,
+    )
+    return setup, _pose_at(recording, station, stamp_ns)
+
+
+def _pose_at(recording: Recording, station: StationConfig, stamp_ns: int) -> PoseSample:
+    """The pose at a stamp, from the telemetry around it and what is needed to know the clocks."""
+    pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, probes=())))
+    wait_ns = _LATEST_NS if station.pipeline.telemetry else 0
+    feed = MergedFeed([_TelemetryOnly(RecordingSource(recording))], station.pipeline.tick_ns)
+    for batch in feed.batches():
+        pipeline.step(batch)
+        if batch.now_ns > stamp_ns + wait_ns:
+            break
+    return pipeline.pose_at(stamp_ns)

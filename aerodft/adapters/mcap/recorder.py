@@ -16,9 +16,9 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.codec.status import StationStatus
 from aerodft.adapters.jpeg import encode_jpeg
+from aerodft.adapters.lane import Lane
 from aerodft.adapters.mcap.channels import protobuf_channel
 from aerodft.adapters.mcap.foxglove import camera_calibration, compressed_image
-from aerodft.adapters.mcap.lane import Lane
 from aerodft.adapters.mcap.records import Record, Records, image_sequence
 from aerodft.adapters.mcap.segment import Segment
 from aerodft.adapters.mcap.series import Series

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The bus: measurements published, questions answered, observations taken, over zenoh."""

@@ -1,0 +1,215 @@
+"""One station on the bus: a ``Sink`` that publishes, and the queries and observations that come in."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import zenoh
+
+from aerodft.adapters.codec import events
+from aerodft.adapters.codec.keys import Keys
+from aerodft.adapters.codec.measurement import MeasurementEncoder, encode_measurements
+from aerodft.adapters.codec.observations import parse_observation
+from aerodft.adapters.codec.pose import encode_pose
+from aerodft.adapters.codec.requests import (
+    MeasureRequest,
+    encode_probes,
+    parse_history_request,
+    parse_measure_request,
+)
+from aerodft.adapters.codec.status import StationStatus, encode_status
+from aerodft.adapters.jpeg import encode_jpeg
+from aerodft.adapters.lane import Lane
+from aerodft.adapters.zenoh.answering import Answer, declare_answer
+from aerodft.adapters.zenoh.publishing import Publishers
+from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, close_session, open_session
+from aerodft.errors import AerodftError, InputError
+from aerodft.model.batch import Batch
+from aerodft.model.image import Image
+from aerodft.model.measurement import Measurement
+from aerodft.model.observation import Observation
+from aerodft.model.pose import PoseSample
+from aerodft.model.probe import Probe
+from aerodft.service.ports import Output
+from aerodft.service.settings import SECOND_NS
+
+_QUEUED_TICKS = 256
+_LOG_EVERY = 1000
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusSettings:
+    """How a station is on the bus.
+
+    Attributes:
+        station: Name in key expressions.
+        listen: Endpoint; None to listen nowhere.
+        connect: Endpoints of others.
+        max_image_hz: Images per second that are published; 0 for none.
+        jpeg_quality: 0 to 100.
+        history: Measurements that ``history`` queries can ask for.
+    """
+
+    station: str
+    listen: str | None = DEFAULT_LISTEN
+    connect: tuple[str, ...] = ()
+    max_image_hz: float = 2.0
+    jpeg_quality: int = 75
+    history: int = 1000
+
+
+class _Remembered(NamedTuple):
+    name: str
+    payload: bytes
+
+
+class ZenohBus:
+    """Publishes what a pipeline makes, answers ``measure``, ``probes`` and ``history``, and takes observations.
+
+    Publishing drops what a slow subscriber does not take, and never waits for one.
+
+    Args:
+        settings: How.
+        probes: What ``probes`` queries show.
+        on_measure: Answers ``measure`` queries, in a thread of the bus.
+        on_observation: Takes observations (their arrival is to be set), in a thread of the bus.
+
+    Raises:
+        LinkError: An endpoint is busy or makes no sense.
+    """
+
+    def __init__(
+        self,
+        settings: BusSettings,
+        *,
+        probes: Sequence[Probe] = (),
+        on_measure: Callable[[MeasureRequest], list[Measurement]] | None = None,
+        on_observation: Callable[[Observation], None] | None = None,
+    ) -> None:
+        self._settings = settings
+        self._keys = Keys(settings.station)
+        self._encoder = MeasurementEncoder()
+        self._history: deque[_Remembered] = deque(maxlen=settings.history)
+        self._history_lock = threading.Lock()
+        self._last_image_ns: int | None = None
+        self._malformed = self._shed_images = self._shed_outputs = 0
+        self._session = open_session(settings.listen, settings.connect)
+        self._publishers = Publishers(self._session)
+        self._lane: Lane[tuple[Output, ...] | StationStatus] = Lane(
+            "publish", self._publish, _nothing, capacity=_QUEUED_TICKS
+        )
+        self._image_lane: Lane[Image] = Lane("publish-images", self._publish_image, _nothing, capacity=2)
+        self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
+            self._session.liveliness().declare_token(self._keys.alive),
+            *self._answers(tuple(probes), on_measure),
+        ]
+        if on_observation is not None:
+            self._declared.append(self._observations(on_observation))
+
+    @property
+    def malformed(self) -> int:
+        """Observations that came in and were none."""
+        return self._malformed
+
+    @property
+    def shed(self) -> int:
+        """Ticks and images that were not published because publishing was too slow."""
+        return self._shed_outputs + self._shed_images
+
+    def inputs(self, batch: Batch) -> None:
+        """Offer the images of one tick, as many as the rate allows."""
+        for image in batch.images:
+            if image.pixels is not None and self._is_due(image):
+                self._last_image_ns = image.arrival_ns
+                self._shed_images += not self._image_lane.put(image)
+
+    def outputs(self, outputs: tuple[Output, ...]) -> None:
+        """Publish one tick's poses and measurements."""
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement))
+        if kept:
+            self._shed_outputs += not self._lane.put(kept)
+
+    def status(self, value: StationStatus) -> None:
+        """Publish the station's state."""
+        self._lane.put(value)
+
+    def close(self) -> None:
+        """Publish what is left, withdraw, and close the session."""
+        try:
+            self._image_lane.close()
+            self._lane.close()
+        finally:
+            for declared in reversed(self._declared):
+                declared.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+            self._publishers.close()
+            close_session(self._session)
+
+    def _publish(self, work: tuple[Output, ...] | StationStatus) -> None:
+        if isinstance(work, StationStatus):
+            self._publishers.json(self._keys.status, encode_status(work))
+            return
+        for item in work:
+            if isinstance(item, Measurement):
+                payload = self._encoder.encode(item)
+                with self._history_lock:
+                    self._history.append(_Remembered(item.name, payload))
+                self._publishers.json(self._keys.measurement(item.name), payload)
+            elif isinstance(item, PoseSample):
+                self._publishers.json(self._keys.pose, encode_pose(item))
+
+    def _publish_image(self, image: Image) -> None:
+        try:
+            jpeg = encode_jpeg(image, self._settings.jpeg_quality)
+        except (AerodftError, OSError, ValueError) as error:
+            _log.debug("image %d cannot be published: %s", image.index, error)
+            return
+        self._publishers.jpeg(self._keys.image, jpeg, events.encode_image(image))
+
+    def _is_due(self, image: Image) -> bool:
+        rate_hz = self._settings.max_image_hz
+        if rate_hz <= 0 or self._last_image_ns is None:
+            return rate_hz > 0
+        return image.arrival_ns - self._last_image_ns >= 0.9 * SECOND_NS / rate_hz
+
+    def _answers(
+        self, probes: tuple[Probe, ...], on_measure: Callable[[MeasureRequest], list[Measurement]] | None
+    ) -> "list[zenoh.Queryable[None]]":
+        answers: list[tuple[str, Answer]] = [
+            (self._keys.probes, lambda _: encode_probes(probes)),
+            (self._keys.history, self._answer_history),
+        ]
+        if on_measure is not None:
+            answers.append(
+                (self._keys.measure, lambda data: encode_measurements(on_measure(parse_measure_request(data))))
+            )
+        return [declare_answer(self._session, key, answer) for key, answer in answers]
+
+    def _answer_history(self, data: bytes) -> bytes:
+        last, name = parse_history_request(data)
+        with self._history_lock:
+            found = [item.payload for item in self._history if name is None or item.name == name]
+        return b"[" + b",".join(found[max(len(found) - last, 0) :]) + b"]"
+
+    def _observations(self, on_observation: Callable[[Observation], None]) -> "zenoh.Subscriber[None]":
+        def take(sample: zenoh.Sample) -> None:
+            key = str(sample.key_expr)
+            name = self._keys.observed_probe(key)
+            try:
+                seen = parse_observation(sample.payload.to_bytes(), name=name, arrival_ns=0, source=key)
+            except InputError as error:
+                if self._malformed % _LOG_EVERY == 0:
+                    _log.warning("observation left out: %s", error)
+                self._malformed += 1
+            else:
+                on_observation(seen)
+
+        return self._session.declare_subscriber(self._keys.observations, take)
+
+
+def _nothing() -> None:
+    """Publishing needs no tending."""

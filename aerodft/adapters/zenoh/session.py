@@ -1,0 +1,90 @@
+"""zenoh sessions that open what they were told to open, and nothing else."""
+
+import json
+import logging
+import socket
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import zenoh
+
+from aerodft.errors import LinkError
+
+DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+
+_log = logging.getLogger(__name__)
+
+
+def open_session(listen: str | None, connect: Sequence[str] = ()) -> zenoh.Session:
+    """Open a peer without multicast and gossip.
+
+    Args:
+        listen: Endpoint such as ``tcp/127.0.0.1:7447``; None to listen nowhere.
+        connect: Endpoints to connect to; one that is not there yet is tried again until it is.
+
+    Raises:
+        LinkError: An endpoint is busy or makes no sense.
+    """
+    config = zenoh.Config()
+    settings = {
+        "mode": "peer",
+        "listen/endpoints": [] if listen is None else [listen],
+        "listen/exit_on_failure": True,
+        "connect/endpoints": list(connect),
+        "connect/exit_on_failure": False,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+    }
+    where = ", ".join((*([listen] if listen else []), *connect))
+    try:
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise _link_error(where, error) from error
+    _log.info("zenoh listens on %s, connects to %s", listen or "nothing", ", ".join(connect) or "nothing")
+    return session
+
+
+@contextmanager
+def session_on(listen: str | None, connect: Sequence[str] = ()) -> Iterator[zenoh.Session]:
+    """A session that is closed at the end.
+
+    Raises:
+        LinkError: As ``open_session``.
+    """
+    session = open_session(listen, connect)
+    try:
+        yield session
+    finally:
+        close_session(session)
+
+
+def close_session(session: zenoh.Session) -> None:
+    """Close a session; one that cannot say goodbye to a stuck peer is left to the end of the process."""
+    try:
+        session.close()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+    except zenoh.ZError as error:
+        _log.warning("zenoh did not close in time: %s", _short(error))
+
+
+def free_endpoint() -> str:
+    """A loopback endpoint with a port that nobody listens on now."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+def _link_error(where: str, error: zenoh.ZError) -> LinkError:
+    if "in use" in str(error):
+        return LinkError(
+            "the port is busy",
+            where=where,
+            expected="a free port",
+            hint="another service runs there, or choose another port in the configuration",
+        )
+    return LinkError("zenoh cannot be opened", where=where, got=_short(error), expected="tcp/HOST:PORT")
+
+
+def _short(error: zenoh.ZError) -> str:
+    """The error without the source locations that zenoh puts behind it."""
+    return str(error).split(" at /", 1)[0].split(" at ", 1)[0]

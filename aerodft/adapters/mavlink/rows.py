@@ -165,13 +165,15 @@ def _vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Tr
 
 
 def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track | None:
-    """DISTANCE_SENSOR that looks down, centimetres along the body's down axis; what is out of its range is no value."""
+    """DISTANCE_SENSOR that looks down, centimetres along the body's down axis; what it cannot see is no value.
+
+    A reading below its minimum stays one: it says that the vehicle stands on the ground.
+    """
     distance = rows.payload["current_distance"]
     faults = {
         "signal quality is invalid": rows.payload["signal_quality"] == _QUALITY_INVALID,
         "distance is zero": distance == 0,
         "distance is clipped": distance == _DISTANCE_CLIPPED_CM,
-        "below the sensor's minimum": distance < rows.payload["min_distance"],
         "above the sensor's maximum": distance > rows.payload["max_distance"],
     }
     good = rows.kept(rejected, faults)

@@ -177,15 +177,15 @@ def test_position_rows(decode: Decode) -> None:
 
 
 def test_distance_sensor_rows(decode: Decode) -> None:
-    bad = [_sensor(0), _sensor(19), _sensor(6001), _sensor(65535, most=65535), _sensor(500, quality=1)]
+    bad = [_sensor(0), _sensor(6001), _sensor(65535, most=65535), _sensor(500, quality=1)]
     decoder = MavlinkDecoder()
     (track,) = decode(
-        *bad, _sensor(700, orientation=0), _sensor(500, covariance=4), _sensor(600, covariance=0), decoder=decoder
+        *bad, _sensor(700, orientation=0), _sensor(500, covariance=4), _sensor(4, covariance=0), decoder=decoder
     )
     assert isinstance(track, HeightTrack)
     assert track.source is HeightSource.RANGEFINDER
     assert track.slant
-    np.testing.assert_array_equal(track.value_m, [5.0, 6.0])
+    np.testing.assert_array_equal(track.value_m, [5.0, 0.04])  # less than its minimum: it stands on the ground
     np.testing.assert_array_equal(track.std_m, [0.02, NAN])
     assert decoder.rejected.total() == len(bad)
 

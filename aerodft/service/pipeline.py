@@ -4,6 +4,7 @@ What comes out is a function of the batches alone. An image (or an observation) 
 done on the first tick at which its telemetry is complete on both sides, or when it has waited long enough.
 """
 
+import threading
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -73,6 +74,7 @@ class Pipeline:
         self._jobs: deque[_Job] = deque()
         self._images: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED_IMAGES)
         self._last_pose: PoseSample | None = None
+        self._lock = threading.Lock()  # between the ticks and the questions from outside
 
     @property
     def last_pose(self) -> PoseSample | None:
@@ -86,30 +88,46 @@ class Pipeline:
             Finished work: for an image the image (stamp in UTC), its pose and its measurements; for an observation
             the observation with its image, and its measurement.
         """
-        outputs: list[Output] = []
-        outputs += self._finish(batch.now_ns - 1)  # waits that ended on an empty tick before this one
+        with self._lock:
+            return tuple(self._step(batch))
+
+    def _step(self, batch: Batch) -> list[Output]:
+        outputs = self._finish(batch.now_ns - 1)  # waits that ended on an empty tick before this one
         for block in batch.raw:
             self._poses.append(self._decoder.decode(block))
         for image in batch.images:
             self._accept_image(image)
         for observation in batch.observations:
             self._accept_observation(observation)
-        outputs += self._finish(batch.now_ns, ready=True)
-        return tuple(outputs)
+        return outputs + self._finish(batch.now_ns, ready=True)
 
     def finish(self) -> tuple[Output, ...]:
         """The end of the input: what still waits is answered with what there is."""
-        return tuple(self._finish(None))
+        with self._lock:
+            return tuple(self._finish(None))
 
-    def measure_now(self, requests: Iterable[Request]) -> list[Measurement]:
-        """Measure at the newest pose, for a question from outside; empty before the first pose."""
-        if self._last_pose is None:
-            return []
-        return measure(self._setup, self._last_pose, tuple(requests))
+    def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
+        """Answer a question from outside, from any thread.
+
+        Args:
+            requests: What to measure.
+            stamp_ns: UTC of the recent past; None for the newest finished image, or a fixed camera's pose.
+        """
+        with self._lock:
+            if stamp_ns is not None or self._settings.fixed_pose is not None:
+                sample = self._pose(stamp_ns or 0, final=True)
+            else:
+                sample = self._last_pose
+        if sample is None:
+            reason = "no image has been measured yet"
+            sample = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY, reasons=(reason,))
+        return measure(self._setup, sample, tuple(requests))
 
     def pose_at(self, stamp_ns: int) -> PoseSample:
         """The pose at a stamp of the recent past, with what has arrived so far."""
-        return self._pose(stamp_ns, final=True) or PoseSample(stamp_ns=stamp_ns, status=Status.STALE_TELEMETRY)
+        with self._lock:
+            sample = self._pose(stamp_ns, final=True)
+        return sample or PoseSample(stamp_ns=stamp_ns, status=Status.STALE_TELEMETRY)
 
     def _accept_image(self, image: Image) -> None:
         self.counts.images += 1

@@ -135,7 +135,7 @@ def test_heights_are_pymavlinks(flight: tuple[dict[str, list[Any]], list[RawBloc
     good = [
         m
         for m in theirs["DISTANCE_SENSOR"]
-        if m.orientation == 25 and max(m.min_distance, 1) <= m.current_distance <= m.max_distance
+        if m.orientation == 25 and 1 <= m.current_distance <= m.max_distance
     ]
     sensor = tracks.get("HeightTrackrangefinder")
     if good:

@@ -1,0 +1,192 @@
+"""``aerodft serve``: MAVLink and images in, measurements out on zenoh and into a recording, until it is stopped."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from aerodft.adapters.codec.requests import MeasureRequest
+from aerodft.adapters.codec.status import StationStatus
+from aerodft.adapters.config.loading import load_station
+from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile
+from aerodft.adapters.images.rate import LiveRate
+from aerodft.adapters.images.stream import StreamReader
+from aerodft.adapters.mavlink.address import parse_address
+from aerodft.adapters.mavlink.link import MavlinkLink
+from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
+from aerodft.cli.flight import DEFAULT_RATE_HZ
+from aerodft.cli.import_ import report
+from aerodft.cli.output import say
+from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, run
+from aerodft.dft.measure import Request
+from aerodft.errors import ConfigError, InputError
+from aerodft.model.image import Image
+from aerodft.model.measurement import Measurement
+from aerodft.service.clock import WallClock
+from aerodft.service.feed import Inbox, LiveFeed
+from aerodft.service.pipeline import Pipeline
+from aerodft.service.settings import SECOND_NS
+
+
+def serve(
+    config: Annotated[Path, typer.Argument(help="Station configuration (TOML).")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="New folder for the recording; else one under record.folder.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="Stop after this time.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON at the end.")] = False,
+) -> None:
+    r"""Measure live until SIGINT or SIGTERM: every configured probe, for every image.
+
+    \b
+    Example:
+      aerodft serve configs/services/river-flight.toml
+    """
+    station = load_station(config)
+    settings = station.pipeline
+    if settings.telemetry is not None and station.link is None:
+        raise ConfigError("telemetry.connection", where=config, got="none", expected='e.g. "udpin:127.0.0.1:14550"')
+    clock, tally, pipeline = WallClock(), Tally(), build_pipeline(station)
+    inbox = Inbox(clock)
+    feed = LiveFeed(inbox, clock, settings.tick_ns)
+    folder = output or station.record.folder / _folder_name(settings.station, clock.now_ns())
+    with ExitStack() as stack:
+        recorder = build_recorder(station, folder, started_ns=clock.now_ns(), lossless=False)
+        stack.callback(recorder.close)
+        bus = _open_bus(station, pipeline, inbox)
+        if bus is not None:
+            stack.callback(bus.close)
+        images = _ImageGate(station, inbox, feed, where=config)
+        _open_inputs(station, inbox, images, clock, stack)
+        stack.enter_context(_stop_on_signal(feed, seconds))
+        say(f"recording to {folder}; stop with Ctrl-C")
+        sinks = (recorder, tally) if bus is None else (bus, recorder, tally)
+        run(feed, pipeline, sinks, _StatusEverySecond(station, inbox, tally, recorder, bus))
+    images.raise_refusal()
+    report(folder, tally, pipeline.counts.unknown_probe, as_json=json)
+
+
+def _folder_name(station: str, now_ns: int) -> str:
+    return f"{station}-{datetime.fromtimestamp(now_ns // SECOND_NS, UTC):%Y%m%d-%H%M%S}"
+
+
+def _open_bus(station: StationConfig, pipeline: Pipeline, inbox: Inbox) -> ZenohBus | None:
+    if not station.zenoh.enabled:
+        return None
+
+    def answer(question: MeasureRequest) -> list[Measurement]:
+        probe = question.probe
+        request = Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px)
+        return pipeline.measure_at((request,), question.stamp_ns)
+
+    return ZenohBus(
+        BusSettings(station=station.pipeline.station, listen=station.zenoh.listen, connect=station.zenoh.connect),
+        probes=station.pipeline.probes,
+        on_measure=answer,
+        on_observation=inbox.put_observation if station.observations.topic else None,
+    )
+
+
+def _open_inputs(
+    station: StationConfig, inbox: Inbox, images: "_ImageGate", clock: WallClock, stack: ExitStack
+) -> None:
+    """Open the MAVLink link and the image source; both leave what they receive in the inbox."""
+    source, offset_s = station.images.source, station.images.time_offset_s
+    if isinstance(source, Stream | Device):
+        url = source.url if isinstance(source, Stream) else source.path
+        stack.enter_context(StreamReader(url, images, clock=clock, time_offset_s=offset_s))
+    else:
+        rate = LiveRate(source.rate_hz if isinstance(source, Rate) else DEFAULT_RATE_HZ, inbox.put_image, clock)
+        rate.start()
+        stack.callback(rate.stop)
+    if station.link is not None and station.pipeline.telemetry is not None:
+        stack.enter_context(MavlinkLink(parse_address(station.link.connection, baud=station.link.baud), inbox))
+
+
+class _ImageGate:
+    """Passes images to the inbox; the first of another size than the camera's ends the service: no number would be right."""
+
+    def __init__(self, station: StationConfig, inbox: Inbox, feed: LiveFeed, *, where: Path) -> None:
+        source = station.images.source
+        if isinstance(source, VideoFile | Stills):
+            raise ConfigError(
+                "images", where=where, got="recorded images", expected="stream, device or rate_hz", hint="use import"
+            )
+        self._camera = station.pipeline.camera
+        self._inbox = inbox
+        self._feed = feed
+        self._refusal: InputError | None = None
+
+    def __call__(self, image: Image) -> None:
+        try:
+            check_size(image, self._camera, "image stream")
+        except InputError as refusal:
+            self._refusal = refusal
+            self._feed.stop()
+        else:
+            self._inbox.put_image(image)
+
+    def raise_refusal(self) -> None:
+        """Say why the service ended by itself, if it did.
+
+        Raises:
+            InputError: An image was of the wrong size.
+        """
+        if self._refusal is not None:
+            raise self._refusal
+
+
+class _StatusEverySecond:
+    """Publishes and records the station's state once a second of ticks."""
+
+    def __init__(
+        self, station: StationConfig, inbox: Inbox, tally: Tally, recorder: McapRecorder, bus: ZenohBus | None
+    ) -> None:
+        self._station = station.pipeline.station
+        self._inbox = inbox
+        self._tally = tally
+        self._receivers = (recorder,) if bus is None else (recorder, bus)
+        self._next_ns = 0
+
+    def __call__(self, now_ns: int) -> None:
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + SECOND_NS
+        tally = self._tally
+        counts = {
+            "images": tally.images,
+            "dropped_images": self._inbox.dropped_images,
+            **{f"poses_{status}": number for status, number in tally.poses.items()},
+            **{f"measurements_{status}": number for status, number in tally.measurements.items()},
+        }
+        text = "; ".join(f"{status}: {why}" for status, why in tally.reasons.items())
+        status = StationStatus(station=self._station, stamp_ns=now_ns, state="running", text=text, counts=counts)
+        for receiver in self._receivers:
+            receiver.status(status)
+
+
+@contextmanager
+def _stop_on_signal(feed: LiveFeed, seconds: float | None) -> Iterator[None]:
+    """End the feed on SIGINT, SIGTERM, or after some seconds."""
+
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - a signal handler's signature
+        feed.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    timer = threading.Timer(seconds, feed.stop) if seconds is not None else None
+    if timer is not None:
+        timer.start()
+    try:
+        yield
+    finally:
+        if timer is not None:
+            timer.cancel()
+        for number, handler in before.items():
+            signal.signal(number, handler)

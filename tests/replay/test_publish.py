@@ -1,0 +1,131 @@
+"""Replay on the bus: everything, in order, as it was, to another process."""
+
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import orjson
+import pytest
+
+from aerodft.adapters.codec.measurement import encode_measurement
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.zenoh.session import free_endpoint, session_on
+from aerodft.geometry.rotation import camera_attitude
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
+from aerodft.model.measurement import Measurement, ProjectionModel
+from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import Status
+from aerodft.service.clock import VirtualClock
+from aerodft.service.feed import batch_of
+from replay.publish import Republisher
+from replay.recording import Recording
+
+START_NS = 1_795_221_278_000_000_000
+TICK_NS = 50_000_000
+
+LISTENER = """
+    import json, sys, zenoh
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", "peer"), ("listen/endpoints", []), ("connect/endpoints", [sys.argv[1]]),
+        ("connect/exit_on_failure", False), ("scouting/multicast/enabled", False),
+    ):
+        config.insert_json5(key, json.dumps(value))
+    with zenoh.open(config) as session, session.declare_subscriber("aerodft/**") as subscriber:
+        for sample in subscriber:
+            attachment = sample.attachment
+            print(json.dumps([str(sample.key_expr), sample.payload.to_bytes().hex(),
+                              None if attachment is None else attachment.to_string()]), flush=True)
+            if b'"ending"' in sample.payload.to_bytes():
+                break
+"""
+
+
+def value_at(step: int) -> Measurement:
+    sample = PoseSample(
+        stamp_ns=step, status=Status.OK, pose=Pose(position_enu_m=np.zeros(3), wxyz=camera_attitude(0.5, 0.0, 1.0))
+    )
+    return Measurement(
+        name="w",
+        kind=ProbeKind.DISTANCE,
+        status=Status.OK,
+        reasons=(),
+        stamp_ns=START_NS + step * TICK_NS,
+        pixels=((1.0, 2.0), (3.0, 4.0)),
+        std_px=1.0,
+        camera="c",
+        model=ProjectionModel.PINHOLE,
+        pose=sample,
+        value=step / 3,
+    )
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Recording:
+    camera = Camera.from_fov(name="c", width_px=8, height_px=6, hfov_rad=1, vfov_rad=1)
+    settings = RecorderSettings(station="s", camera=camera, lossless=True, max_image_hz=1e6)
+    recorder = McapRecorder(tmp_path / "r", settings, started_ns=START_NS)
+    for step in range(1, 401):
+        now_ns = START_NS + step * TICK_NS
+        taken_ns = now_ns - 5
+        shot = Image(
+            index=step,
+            stamp_ns=taken_ns,
+            arrival_ns=taken_ns,
+            width_px=8,
+            height_px=6,
+            pixels=lambda: np.zeros((6, 8, 3), np.uint8),
+        )
+        recorder.inputs(batch_of(now_ns, [shot] if step % 40 == 0 else []))
+        recorder.outputs((value_at(step).pose, value_at(step)))
+    recorder.close()
+    return Recording(tmp_path / "r")
+
+
+def test_another_process_receives_every_measurement_in_order_byte_by_byte(recording: Recording) -> None:
+    endpoint = free_endpoint()
+    with (
+        subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(LISTENER), endpoint], stdout=subprocess.PIPE
+        ) as process,
+        session_on(endpoint) as session,
+    ):
+        publisher = Republisher(session=session, clock=VirtualClock(), rate=None)
+        assert publisher.wait_for_subscriber(recording, 20.0)
+        totals = publisher.publish(recording)
+        assert process.stdout is not None
+        got = [orjson.loads(line) for line in process.stdout]
+    assert (totals.measurements, totals.others, totals.images) == (400, 402, 10)
+    measured = [bytes.fromhex(data) for key, data, _ in got if key == "aerodft/s/measurement/w"]
+    assert measured == [encode_measurement(value_at(step)) for step in range(1, 401)]
+    images = [(bytes.fromhex(data)[:2], orjson.loads(note)) for key, data, note in got if key == "aerodft/s/image"]
+    assert [note["index"] for _, note in images] == list(range(40, 401, 40))
+    assert {magic for magic, _ in images} == {b"\xff\xd8"}
+
+
+@pytest.mark.parametrize(("rate", "length_s"), [(1.0, 5.0), (4.0, 1.25)])
+def test_the_pace_is_the_recordings(recording: Recording, rate: float, length_s: float) -> None:
+    clock = VirtualClock(7)
+    times: list[int] = []
+    with session_on(None) as session:
+        publisher = Republisher(session=session, clock=clock, rate=rate)
+        first_ns = START_NS + 100 * TICK_NS
+        totals = publisher.publish(
+            recording, from_ns=first_ns, to_ns=first_ns + 100 * TICK_NS + 1, on_time=times.append
+        )
+    assert totals.measurements == 101
+    assert (times[0], times[-1]) == (first_ns, first_ns + 100 * TICK_NS)
+    assert (clock.now_ns() - 7) / 1e9 == pytest.approx(length_s)
+
+
+def test_waiting_for_nobody_ends(recording: Recording) -> None:
+    start_s = time.monotonic()
+    with session_on(None) as session:
+        publisher = Republisher(session=session, clock=VirtualClock(), rate=None)
+        assert not publisher.wait_for_subscriber(recording, 0.05)
+    assert time.monotonic() - start_s < 5

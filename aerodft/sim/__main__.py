@@ -80,7 +80,7 @@ def simulate(
     if log is None:
         scenario = generated(lens, duration_s=duration or 20.0, fps=fps or 10.0, height_m=height, seed=seed)
     else:
-        scenario = recorded(lens, log, start_s=start, duration_s=duration, fps=fps, seed=seed, thin=thin)
+        scenario = recorded(lens, log, interval_s=(start, duration), fps=fps, seed=seed, thin=thin)
     lag_ns, clock_ns = parse_autopilot("--autopilot", autopilot)
     biases = _sum(drawn_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias))
     told = replace(scenario.autopilot, biases=biases, noise=parse_stds("--noise", noise))

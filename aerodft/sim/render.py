@@ -58,10 +58,9 @@ class Renderer:
             pyramid(3 * world.seed + 2, 6, 0.75),
         )
         self._tiles = (fine.texels, coarse.texels, water.texels, fine.starts)
-        slack = _NOISE_SLACK_PX
-        self._noise = sensor_noise(
-            self._imaging.seed, camera.height_px + slack, camera.width_px + slack, self._imaging.noise_std
-        )
+        size_px = camera.height_px + _NOISE_SLACK_PX, camera.width_px + _NOISE_SLACK_PX
+        std = self._imaging.noise_std
+        self._noise = None if std == 0 else sensor_noise(self._imaging.seed, *size_px, std)
 
     def render(self, pose: Pose, time_s: float) -> ImageArray:
         """The sharp image at ``time_s`` of the flight, noise included.
@@ -93,7 +92,7 @@ class Renderer:
         return image
 
     def _noisy(self, image: ImageArray, time_s: float) -> ImageArray:
-        if self._imaging.noise_std == 0:
+        if self._noise is None:
             return image
         generator = np.random.default_rng([self._imaging.seed, round(time_s * 1e6)])
         down, right = generator.integers(0, _NOISE_SLACK_PX, 2)

@@ -131,28 +131,29 @@ def recorded(
     camera: Camera,
     log: Path,
     *,
-    start_s: float = 0.0,
-    duration_s: float | None = None,
+    interval_s: tuple[float, float | None] = (0.0, None),
     fps: float | None = None,
     seed: int = 1,
     thin: int = 1,
+    river: River | None = None,
 ) -> Scenario:
-    """A recorded flight over a river along its ground track, an image at every sample of the gimbal.
+    """A recorded flight over a river, an image at every sample of the gimbal.
 
     Args:
         camera: The camera.
         log: Telemetry log (.tlog).
-        start_s: First image, after the first sample.
-        duration_s: Until the last image; None for the rest of the flight.
+        interval_s: How long after the log's first sample images begin, and for how long; None for the rest.
         fps: Take images at samples only about this often; None for all.
         seed: Of everything random.
         thin: Of the log's frames, every how many are kept in the written log.
+        river: Where the river is, in ENU from home; None lays one along the flight's ground track.
 
     Raises:
         InputError: The log cannot be read.
         NoAnswerError: The log tells no flight, or none in this interval.
     """
     whole = from_log(log)
+    start_s, duration_s = interval_s
     start_ns = whole.start_ns + round(start_s * SECOND_NS)
     end_ns = whole.end_ns + 1 if duration_s is None else start_ns + round(duration_s * SECOND_NS)
     trajectory = whole.cut(start_ns, end_ns)
@@ -165,7 +166,7 @@ def recorded(
     step = 1 if fps is None else max(round(rate_hz / fps), 1)
     scenario = Scenario(
         camera=camera,
-        world=furnished(_along_track(whole), origin=whole.origin, seed=seed),
+        world=furnished(river or _along_track(whole), origin=whole.origin, seed=seed),
         trajectory=trajectory,
         image_stamps_ns=trajectory.stamp_ns[::step],
         fps=rate_hz / step,

@@ -182,13 +182,14 @@ def received(sent: list[Datagram], radio: Radio) -> list[Datagram]:
     arrived = []
     for datagram in sent:
         lost, twice, held = generator.random(3) < (radio.drop, radio.duplicate, radio.reorder)
-        delays = np.abs(generator.standard_normal(2)) * radio.jitter_ns
+        # Whole nanoseconds: a stamp of today as a float is 256 ns off.
+        delays: list[int] = np.rint(np.abs(generator.standard_normal(2)) * radio.jitter_ns).astype(int).tolist()
         elapsed = datagram.due_ns - start_ns
         if lost or any(start <= elapsed < end for start, end in radio.outages_ns):
             continue
-        due_ns = datagram.due_ns + radio.latency_ns + held * radio.hold_ns
+        due_ns = datagram.due_ns + radio.latency_ns + (radio.hold_ns if held else 0)
         copies = delays if twice else delays[:1]
-        arrived += [Datagram(due_ns=int(due_ns + delay), data=datagram.data) for delay in copies]
+        arrived += [Datagram(due_ns=due_ns + delay, data=datagram.data) for delay in copies]
     return sorted(arrived, key=lambda datagram: datagram.due_ns)
 
 

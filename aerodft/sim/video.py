@@ -41,28 +41,27 @@ def write_video(path: Path, images: Iterable[tuple[int, ImageArray]], *, fps: fl
     Raises:
         InputError: The file cannot be written.
     """
+    try:
+        return _write(path, images, fps, crf)
+    except av.FFmpegError as error:
+        raise InputError("cannot be written", where=path, got=error.strerror, hint="choose another folder") from None
+
+
+def _write(path: Path, images: Iterable[tuple[int, ImageArray]], fps: float, crf: int) -> int:
+    # Microseconds as they are; without custom tags MP4 keeps its start to the second only.
+    options = {"video_track_timescale": str(FILE_TIME_BASE.denominator), "movflags": "use_metadata_tags"}
     count, start_ns, stream = 0, 0, None
-    with _opened(path) as container:
+    with av.open(str(path), "w", format="mp4", options=options) as container:
         for stamp_ns, image in images:
             if stream is None:
                 start_ns = stamp_ns
                 _note_start(container, start_ns)
-                options = {**_LOW_DELAY, "crf": str(crf)}
-                stream = _add_stream(container, image, fps, FILE_TIME_BASE, options)
+                stream = _add_stream(container, image, fps, FILE_TIME_BASE, {**_LOW_DELAY, "crf": str(crf)})
             _encode(container, stream, image, (stamp_ns - start_ns) // 1000, FILE_TIME_BASE)
             count += 1
         if stream is not None:
             container.mux(stream.encode(None))
     return count
-
-
-def _opened(path: Path) -> OutputContainer:
-    try:
-        # Microseconds as they are; without custom tags MP4 keeps its start to the second only.
-        options = {"video_track_timescale": str(FILE_TIME_BASE.denominator), "movflags": "use_metadata_tags"}
-        return av.open(str(path), "w", format="mp4", options=options)
-    except OSError as error:
-        raise InputError("cannot be written", where=path, got=error.strerror, hint="choose another folder") from None
 
 
 def _note_start(container: OutputContainer, start_ns: int) -> None:

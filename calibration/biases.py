@@ -8,6 +8,7 @@ from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import Calibration
 from aerodft.model.pose import Pose, PoseSample, PoseStd
+from aerodft.model.status import Status
 
 
 class BiasCalibrator:
@@ -21,15 +22,15 @@ class BiasCalibrator:
         self._calibration = calibration
 
     def refine(self, sample: PoseSample) -> PoseSample:
-        """The corrected pose with the calibration's id; a sample without a pose passes unchanged."""
-        if sample.pose is None:
+        """The corrected pose with the calibration's id; a sample that is not ok passes unchanged."""
+        if sample.pose is None or sample.status is not Status.OK:
             return sample
         found, pose = self._calibration, sample.pose
         in_camera = np.array([found.tilt_bias_rad, 0.0, found.roll_bias_rad])
         turned = multiply(pose.wxyz, from_rotation_vector(in_camera))
         about_vertical = np.array([0.0, 0.0, -found.heading_bias_rad])
         wxyz = multiply(from_rotation_vector(about_vertical), turned)
-        position = pose.position_enu_m + [0.0, 0.0, found.height_bias_m]
+        position = pose.position_enu_m + np.array([0.0, 0.0, found.height_bias_m])
         corrected = replace(pose, position_enu_m=position, wxyz=wxyz, cov=self._covariance(pose, wxyz))
         return replace(sample, pose=corrected, std=self._stds(sample), calibration=found.id)
 

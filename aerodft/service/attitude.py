@@ -1,5 +1,6 @@
 """The camera's attitude at a stamp, from the first source in the configured order that has one."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,18 +93,19 @@ class AttitudeSources:
         found = stream.find(stamp_ns, watermark_ns)
         if isinstance(found, Missing):
             return found
-        reported = stream.column("wxyz")
+        reported, in_earth = stream.column("wxyz"), stream.column("yaw_in_earth")
+        if in_earth[found.before] != in_earth[found.after]:
+            return Missing.STALE  # no rotation leads from one reference to the other
         gimbal = found.spherical(reported)
         rate = _rate(reported[found.before], reported[found.after], found.gap_ns)
-        if stream.column("yaw_in_earth")[found.before]:
+        if in_earth[found.before]:
             return self._camera(gimbal, rate, source, stamp_ns, stream)
         vehicle = self._vehicle.find(stamp_ns, watermark_ns)
         if isinstance(vehicle, Missing):
             return vehicle
         attitude = self._vehicle.column("wxyz")
         yaw, _, _ = yaw_pitch_roll(vehicle.spherical(attitude))
-        body_rate = _rate(attitude[vehicle.before], attitude[vehicle.after], vehicle.gap_ns)
-        turn_ned = matrix(attitude[vehicle.before]) @ body_rate * [0, 0, 1]
+        turn_ned = np.array([0.0, 0.0, _yaw_rate(attitude[vehicle.before], attitude[vehicle.after], vehicle.gap_ns)])
         gimbal = multiply(from_yaw_pitch_roll(yaw, 0.0, 0.0), gimbal)
         return self._camera(gimbal, rate + matrix(inverse(gimbal)) @ turn_ned, source, stamp_ns, stream)
 
@@ -113,6 +115,14 @@ class AttitudeSources:
     ) -> CameraAttitude:
         rate_cam = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ))) @ rate_gimbal
         return CameraAttitude(camera_from_gimbal(ned_wxyz_gimbal), rate_cam, source, stream.age_s(stamp_ns) or 0.0)
+
+
+def _yaw_rate(before_wxyz: FloatArray, after_wxyz: FloatArray, gap_ns: int) -> float:
+    """Rate of the heading (rad/s, clockwise) between two samples of ``ned_SO3_body``, the shorter way round."""
+    if gap_ns == 0:
+        return 0.0
+    turn_rad = float(yaw_pitch_roll(after_wxyz)[0] - yaw_pitch_roll(before_wxyz)[0])
+    return math.remainder(turn_rad, math.tau) * (SECOND_NS / gap_ns)
 
 
 def _rate(before_wxyz: FloatArray, after_wxyz: FloatArray, gap_ns: int) -> FloatArray:

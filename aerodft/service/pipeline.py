@@ -92,14 +92,16 @@ class Pipeline:
             return tuple(self._step(batch))
 
     def _step(self, batch: Batch) -> list[Output]:
-        outputs = self._finish(batch.now_ns - 1)  # waits that ended on an empty tick before this one
+        outputs: list[Output] = []
+        for deadline_ns in sorted({job.deadline_ns for job in self._jobs if job.deadline_ns < batch.now_ns}):
+            outputs += self._finish(deadline_ns)  # waits that ended on an empty tick that was left out
         for block in batch.raw:
             self._poses.append(self._decoder.decode(block))
         for image in batch.images:
             self._accept_image(image)
         for observation in batch.observations:
             self._accept_observation(observation)
-        return outputs + self._finish(batch.now_ns, ready=True)
+        return outputs + self._finish(batch.now_ns)
 
     def finish(self) -> tuple[Output, ...]:
         """The end of the input: what still waits is answered with what there is."""
@@ -153,13 +155,13 @@ class Pipeline:
     def _utc(self, stamp_ns: int, clock: StampClock) -> int:
         return stamp_ns if clock is StampClock.UTC else stamp_ns + self._poses.clock.utc_minus_host_ns
 
-    def _finish(self, now_ns: int | None, *, ready: bool = False) -> list[Output]:
+    def _finish(self, now_ns: int | None) -> list[Output]:
         outputs: list[Output] = []
         waiting: deque[_Job] = deque()
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
             final = now_ns is None or job.deadline_ns <= now_ns
-            look = final or (ready and (blocked_ns is None or job.stamp_ns < blocked_ns))
+            look = final or blocked_ns is None or job.stamp_ns < blocked_ns
             sample = self._pose(job.stamp_ns, final=final) if look else None
             if sample is None:
                 waiting.append(job)

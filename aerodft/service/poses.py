@@ -143,7 +143,7 @@ class PoseSource:
         if isinstance(attitude, Missing):
             limits = self._settings.attitude
             reasons.append(_sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
-        if not any(stream.ever for stream in self._streams()):
+        if not any(stream.began_by(stamp_ns) for stream in self._streams()):
             status = Status.NO_TELEMETRY
         elif Missing.STALE in (height, attitude):
             status = Status.STALE_TELEMETRY

@@ -16,13 +16,15 @@ HISTORY_NS = 120 * SECOND_NS
 END_OF_TIME = np.iinfo(np.int64).max
 """The watermark of a stream that will not go on."""
 
+_ON_ANOTHER_CLOCK = np.iinfo(np.int64).min
+
 
 class Missing(Enum):
     """Why a stream has no value at a stamp."""
 
     PENDING = auto()  # the next sample may still come
     STALE = auto()  # there were samples, none close enough on both sides
-    NEVER = auto()  # there was no sample at all
+    NEVER = auto()  # there was no sample by then
 
 
 class Stream:
@@ -30,7 +32,7 @@ class Stream:
 
     def __init__(self, max_gap_ns: int) -> None:
         self.max_gap_ns = max_gap_ns
-        self.ever = False
+        self._first_ns: int | None = None
         self._buffer = TrackBuffer(HISTORY_NS)
 
     @property
@@ -41,11 +43,18 @@ class Stream:
     def append(self, stamps_ns: IntArray, **columns: npt.NDArray[np.generic]) -> None:
         """Add samples in order of arrival."""
         self._buffer.append(stamps_ns, **columns)
-        self.ever = self.ever or len(stamps_ns) > 0
+        if self._first_ns is None and len(stamps_ns):
+            self._first_ns = int(stamps_ns[0])
+
+    def began_by(self, stamp_ns: int) -> bool:
+        """Whether there was a sample at the stamp or before it."""
+        return self._first_ns is not None and self._first_ns <= stamp_ns
 
     def clear(self) -> None:
         """Forget all samples: their stamps are of another clock."""
         self._buffer.clear()
+        if self._first_ns is not None:
+            self._first_ns = _ON_ANOTHER_CLOCK
 
     def column(self, name: str) -> FloatArray:
         """``(n, ...)`` values."""
@@ -60,12 +69,11 @@ class Stream:
                 the longest gap, there is nothing left to wait for.
         """
         last = self.last_ns
+        gone = Missing.STALE if self.began_by(stamp_ns) else Missing.NEVER
         if last is not None and last >= stamp_ns:
-            return bracket(self._buffer.stamps_ns, stamp_ns, self.max_gap_ns) or Missing.STALE
+            return bracket(self._buffer.stamps_ns, stamp_ns, self.max_gap_ns) or gone
         over = watermark_ns >= stamp_ns and (last is None or watermark_ns - last > self.max_gap_ns)
-        if not over:
-            return Missing.PENDING
-        return Missing.STALE if self.ever else Missing.NEVER
+        return gone if over else Missing.PENDING
 
     def age_s(self, stamp_ns: int) -> float | None:
         """Distance in time to the nearest sample."""

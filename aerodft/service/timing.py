@@ -135,6 +135,8 @@ class ClockMap:
             self._recent.append(offset_ns)
             self.utc_minus_boot_ns = sorted(self._recent)[len(self._recent) // 2]
             return
+        if self._strangers and abs(offset_ns - self._strangers[-1]) > JUMP_NS:
+            self._strangers.clear()
         self._strangers.append(offset_ns)
         if len(self._strangers) >= _CONFIRMATIONS:
             self._recent.clear()

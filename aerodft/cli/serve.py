@@ -111,7 +111,7 @@ def _open_inputs(
 
 
 class _ImageGate:
-    """Passes images to the inbox; the first of another size than the camera's ends the service: no number would be right."""
+    """Passes images to the inbox; the first of another size than the camera's ends the service."""
 
     def __init__(self, station: StationConfig, inbox: Inbox, feed: LiveFeed, *, where: Path) -> None:
         source = station.images.source

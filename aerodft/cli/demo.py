@@ -1,0 +1,201 @@
+"""``aerodft demo``: simulator, service, subscriber, replay and recompute as real processes, and what came of it."""
+
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tomli_w
+import typer
+
+from aerodft.adapters.config.camera import camera_document
+from aerodft.cli.demo_report import report_demo
+from aerodft.cli.output import print_json, say
+from aerodft.errors import AerodftError, InputError
+from aerodft.sim.scenario import default_camera
+from replay.compare import compare_recordings
+from replay.recording import Recording
+
+_MARK = ".aerodft-demo"
+_STATION = "demo"
+_STDS = {"height_m": 0.3, "tilt_deg": 0.3, "roll_deg": 0.2, "heading_deg": 1.0}
+_PATIENCE_S = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Ports:
+    mavlink: int
+    video: int
+    bus: int
+
+    @property
+    def endpoint(self) -> str:
+        return f"tcp/127.0.0.1:{self.bus}"
+
+
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for everything that comes of it.")] = Path(
+        "demo"
+    ),
+    duration: Annotated[float, typer.Option(help="Length of the flight, s.", min=5.0, max=600.0)] = 12.0,
+    seed: Annotated[int, typer.Option(help="Of everything random.", min=0)] = 7,
+    json: Annotated[bool, typer.Option("--json", help="Print the table as JSON too.")] = False,
+) -> None:
+    r"""Fly a simulated flight through everything: simulator, UDP, service, zenoh, MCAP, replay, recompute.
+
+    \b
+    Example:
+      aerodft demo --output demo
+    """
+    began = time.monotonic()
+    _clear(output)
+    ports = _free_ports()
+    _write_config(output, ports)
+    _fly(output, ports, duration, seed)
+    live = output / "recording"
+    say("replaying the recording on the bus, and recomputing it from its raw input ...")
+    replayed = _replay(output, live)
+    _command("recompute", live, "-o", output / "recomputed")
+    comparison = compare_recordings(Recording(live), Recording(output / "recomputed"))
+    table = report_demo(output / "flight", Recording(live), output)
+    received = _lines(output / "received.jsonl")
+    say(f"a subscriber in another process received {len(received)} of {comparison.common} measurements live,")
+    same = "the same bytes" if replayed == received else "other bytes"
+    say(f"{len(replayed)} when the recording was replayed: {same}.")
+    verdict = "identical to the byte" if comparison.is_identical else "DIFFERENT"
+    say(f"{comparison.common} measurements recomputed from the raw recording: {verdict}.")
+    spread = ", ".join(f"{name} {value:g}" for name, value in _STDS.items())
+    say(f"one flight has one bias, drawn from these stds: {spread}; its intervals hold the truth or miss it together.")
+    say(f"look at {output}/annotated.png and widths.png; measurements.csv and .geojson open anywhere,")
+    say(f"{output}/recording in Foxglove. Done in {time.monotonic() - began:.0f} s.")
+    if json:
+        print_json({"probes": table, "identical": comparison.is_identical, "received": len(received)})
+    if not comparison.is_identical:
+        raise typer.Exit(5)
+
+
+def _clear(output: Path) -> None:
+    if output.exists() and not (output / _MARK).exists() and any(output.iterdir() if output.is_dir() else [output]):
+        raise InputError(
+            "holds something that no demo made", where=output, expected="a new folder", hint="use --output"
+        )
+    shutil.rmtree(output, ignore_errors=True)
+    try:
+        output.mkdir(parents=True)
+        (output / _MARK).touch()
+    except OSError as error:
+        raise InputError("cannot be written", where=output, got=error.strerror) from error
+
+
+def _free_ports() -> _Ports:
+    """Three loopback ports that nobody uses at the moment."""
+    with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b, socket.socket() as c:
+        for each in (a, b, c):
+            each.bind(("127.0.0.1", 0))
+        return _Ports(*(each.getsockname()[1] for each in (a, b, c)))
+
+
+def _write_config(output: Path, ports: _Ports) -> None:
+    (output / "camera.toml").write_text(tomli_w.dumps(camera_document(default_camera(1280, 720))), encoding="utf-8")
+    widths = [{"name": f"width-{letter}", "kind": "distance", "observed": True} for letter in "abc"]
+    document = {
+        "station": {"name": _STATION},
+        "camera": {"file": "camera.toml"},
+        "telemetry": {
+            "connection": f"udpin:127.0.0.1:{ports.mavlink}",
+            "height": {"order": ["home"], "std_m": {"home": _STDS["height_m"]}},
+            "attitude": {
+                "tilt_std_deg": _STDS["tilt_deg"],
+                "pan_std_deg": _STDS["tilt_deg"],
+                "roll_std_deg": _STDS["roll_deg"],
+                "heading_std_deg": _STDS["heading_deg"],
+            },
+        },
+        "images": {"stream": f"udp://127.0.0.1:{ports.video}", "time_std_s": 0.01},
+        "zenoh": {"listen": ports.endpoint},
+        "record": {"image_hz": 2.0},
+        "probe": [
+            *widths,
+            {"name": "river", "kind": "distance", "observed": True},
+            {"name": "centre", "kind": "position", "pixels": [[639.5, 359.5]]},
+        ],
+    }
+    (output / "station.toml").write_text(tomli_w.dumps(document), encoding="utf-8")
+
+
+def _fly(output: Path, ports: _Ports, duration_s: float, seed: int) -> None:
+    """Service, subscriber and simulator, until the flight is over."""
+    stds = (
+        f"height={_STDS['height_m']},tilt={_STDS['tilt_deg']},roll={_STDS['roll_deg']},heading={_STDS['heading_deg']}"
+    )
+    simulator = [
+        *("-m", "aerodft.sim", "--out", output / "flight", "--duration", duration_s, "--seed", seed, "--live"),
+        *("--camera", output / "camera.toml", "--fps", 8, "--std", stds, "--noise", "height=0.05,tilt=0.05"),
+        *("--mavlink", f"udpout:127.0.0.1:{ports.mavlink}", "--video", f"udp://127.0.0.1:{ports.video}"),
+        *("--zenoh", ports.endpoint, "--station", _STATION),
+    ]
+    service = ("-m", "aerodft", "serve", output / "station.toml", "-o", output / "recording")
+    listener = ("-m", "aerodft.cli.demo_listener", ports.endpoint, _STATION, output / "received.jsonl")
+    with _process(output, "serve", service), _process(output, "listener", listener):
+        say("rendering the flight, then flying it: MAVLink and H.264 over UDP on loopback ...")
+        with _process(output, "simulator", simulator) as flying:
+            if flying.wait(_PATIENCE_S + 10 * duration_s) != 0:
+                raise _failure(output, "simulator")
+        time.sleep(1.0)  # what is under way arrives
+
+
+def _replay(output: Path, recording: Path) -> list[str]:
+    """Publish the recording at full speed to a subscriber of its own; returns what that received."""
+    endpoint = _free_ports().endpoint
+    listener = ("-m", "aerodft.cli.demo_listener", endpoint, _STATION, output / "replayed.jsonl")
+    with _process(output, "replay-listener", listener):
+        _command("replay", recording, "--rate", "max", "--listen", endpoint, "--wait", 20)
+        time.sleep(0.5)  # what is under way arrives
+    return _lines(output / "replayed.jsonl")
+
+
+@contextmanager
+def _process(
+    output: Path, name: str, arguments: tuple[object, ...] | list[object]
+) -> Iterator[subprocess.Popen[bytes]]:
+    """A Python process of ours, its words in a log file; ended with SIGTERM, which all of them take as the end."""
+    with (output / f"{name}.log").open("wb") as log:
+        process = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
+            [sys.executable, *map(str, arguments)], stdout=log, stderr=log
+        )
+        try:
+            yield process
+            if process.poll() not in {None, 0}:
+                raise _failure(output, name)
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(_PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _failure(output: Path, name: str) -> AerodftError:
+    last = _lines(output / f"{name}.log")[-1:] or ["nothing"]
+    return AerodftError(f"the demo's {name} process failed", where=output / f"{name}.log", got=last[0])
+
+
+def _command(*arguments: object) -> None:
+    """One of our own commands, its words on stderr."""
+    line = [sys.executable, "-m", "aerodft", *map(str, arguments)]
+    done = subprocess.run(line, check=False, capture_output=True, text=True)  # noqa: S603 - our own interpreter
+    if done.returncode:
+        raise AerodftError(f"aerodft {arguments[0]} failed", got=done.stderr.strip() or str(done.returncode))
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []

@@ -9,11 +9,12 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.model.arrays import ImageArray
+from aerodft.model.arrays import FloatArray, ImageArray
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
+_SILENCE_S = 0.6
 _WHITE, _BLACK, _YELLOW = (255, 255, 255), (0, 0, 0), (0, 220, 255)
 
 
@@ -37,11 +38,11 @@ def plot_widths(answers: Mapping[str, Sequence[Answer]], start_ns: int, path: Pa
     """Width over time with its 95 % band and the truth, one panel a probe, as PNG."""
     figure, panels = plt.subplots(len(answers), 1, sharex=True, figsize=(9, 2.6 * len(answers)), squeeze=False)
     for panel, (name, series) in zip(panels[:, 0], answers.items(), strict=True):
-        time_s = [(answer.stamp_ns - start_ns) / 1e9 for answer in series]
-        low, high = zip(*(answer.ci95_m for answer in series), strict=True)
+        rows = np.array([(a.stamp_ns - start_ns, a.value_m, a.truth_m, *a.ci95_m) for a in series], dtype=np.float64)
+        time_s, value, truth, low, high = _with_breaks(rows * [1e-9, 1, 1, 1, 1]).T
         panel.fill_between(time_s, low, high, alpha=0.3, label="95 % interval")
-        panel.plot(time_s, [answer.value_m for answer in series], ".", markersize=4, label="measured")
-        panel.plot(time_s, [answer.truth_m for answer in series], "k-", linewidth=1, label="truth")
+        panel.plot(time_s, value, ".", markersize=4, label="measured")
+        panel.plot(time_s, truth, "k-", linewidth=1, label="truth")
         panel.set_ylabel(f"{name} (m)")
         panel.grid(alpha=0.3)
     panels[0, 0].legend(loc="best", fontsize="small")
@@ -50,6 +51,12 @@ def plot_widths(answers: Mapping[str, Sequence[Answer]], start_ns: int, path: Pa
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _with_breaks(rows: FloatArray) -> FloatArray:
+    """Rows ``(n, m)`` in order of their first column (s), with a NaN row in every silence: no line is drawn there."""
+    gaps = np.flatnonzero(np.diff(rows[:, 0]) > _SILENCE_S) + 1
+    return np.insert(rows, gaps, np.nan, axis=0)
 
 
 def draw_measurements(image: ImageArray, measurements: Sequence[dict[str, Any]]) -> ImageArray:

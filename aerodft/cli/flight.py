@@ -12,9 +12,13 @@ from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
+from aerodft.adapters.mavlink.dataflash import DataflashSource
+from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.wiring import Late, SizeChecked
 from aerodft.errors import InputError, NoAnswerError
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.service.ports import Source
 from aerodft.service.settings import SECOND_NS, TelemetrySettings
@@ -31,11 +35,17 @@ class Flight:
         sources: Telemetry, images and observations.
         first_ns: First arrival, roughly; for the progress bar.
         last_ns: Last arrival, roughly.
+        log: The log among them; None for a fixed camera.
     """
 
     sources: tuple[Source, ...]
     first_ns: int
     last_ns: int
+    log: TlogSource | DataflashSource | None = None
+
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the log, one sentence each; complete once it was read."""
+        return () if self.log is None else self.log.warnings()
 
 
 def open_flight(station: StationConfig, log: Path | None, observation_files: tuple[Path, ...]) -> Flight:
@@ -45,7 +55,7 @@ def open_flight(station: StationConfig, log: Path | None, observation_files: tup
         InputError: A source cannot be read, or images and log do not overlap in time.
         NoAnswerError: The log holds no height or no camera attitude that the configuration could use.
     """
-    span = LogSpan()
+    span, source = LogSpan(), None
     sources: list[Source] = []
     if log is not None:
         source = open_log(log)
@@ -56,39 +66,47 @@ def open_flight(station: StationConfig, log: Path | None, observation_files: tup
         _check_sources(log, span, telemetry)
     images, stamps = _images(station, span)
     _check_overlap(span, stamps, log, station)
-    files = [load_observations(path, dict(enumerate(stamps))) for path in observation_files]
+    files = [load_observations(path, stamps) for path in observation_files]
     offset_ns = round(station.observations.time_offset_s * SECOND_NS)
     lateness_ns = span.jitter_ns if isinstance(images, RateSource) else span.lateness_ns
     sources.append(Late(images, lateness_ns=lateness_ns))
     sources += [Late(file, lateness_ns=span.lateness_ns, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
-    ends += [stamp + span.lateness_ns for stamp in (stamps[:1] + stamps[-1:])]
-    return Flight(tuple(sources), min(ends), max(ends))
+    if stamps:
+        ends += [min(stamps.values()) + span.lateness_ns, max(stamps.values()) + span.lateness_ns]
+    return Flight(tuple(sources), min(ends), max(ends), source)
 
 
-def _images(station: StationConfig, span: LogSpan) -> tuple[Source, list[int]]:
-    """The image source and all its stamps; without images, stamps at a rate over the log."""
+def _images(station: StationConfig, span: LogSpan) -> tuple[Source, dict[int, int]]:
+    """The image source and all its stamps by index; without images, stamps at a rate over the log."""
     chosen, offset_s, camera = station.images.source, station.images.time_offset_s, station.pipeline.camera
     decode = station.record.image_hz > 0
     if isinstance(chosen, VideoFile):
         video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, time_offset_s=offset_s, decode=decode)
         with _quiet():
-            bare = VideoFileSource(chosen.path, start_ns=video.start_ns - round(offset_s * SECOND_NS), decode=False)
-            stamps = [image.stamp_ns + round(offset_s * SECOND_NS) for image in bare.events()]
+            stamps = _stamps(VideoFileSource(chosen.path, start_ns=video.start_ns, decode=False), camera, chosen.path)
         return SizeChecked(video, camera, chosen.path), stamps
     if isinstance(chosen, Stills):
-        stills = StillsFolderSource(
-            chosen.folder,
-            pattern=chosen.pattern,
-            utc_offset=chosen.utc_offset,
-            time_offset_s=offset_s,
-            decode=decode,
-        )
-        return SizeChecked(stills, camera, chosen.folder), list(stills.span_ns)
+        stills = _stills(chosen, offset_s, decode=decode)
+        with _quiet():
+            stamps = _stamps(_stills(chosen, offset_s, decode=False), camera, chosen.folder)
+        return SizeChecked(stills, camera, chosen.folder), stamps
     if span.first_arrival_ns is None or span.last_arrival_ns is None:
         raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
     rate_hz = chosen.rate_hz if isinstance(chosen, Rate) else DEFAULT_RATE_HZ
-    return RateSource(span.first_arrival_ns, span.last_arrival_ns, rate_hz), []
+    return RateSource(span.first_arrival_ns, span.last_arrival_ns, rate_hz), {}
+
+
+def _stills(chosen: Stills, offset_s: float, *, decode: bool) -> StillsFolderSource:
+    return StillsFolderSource(
+        chosen.folder, pattern=chosen.pattern, utc_offset=chosen.utc_offset, time_offset_s=offset_s, decode=decode
+    )
+
+
+def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:
+    """The stamps of all images by index; refuses a wrong size here, before anything is written."""
+    images = (event for event in SizeChecked(source, camera, where).events() if isinstance(event, Image))
+    return {image.index: image.stamp_ns for image in images}
 
 
 def _check_sources(log: Path, span: LogSpan, telemetry: TelemetrySettings) -> None:
@@ -111,17 +129,18 @@ def _check_sources(log: Path, span: LogSpan, telemetry: TelemetrySettings) -> No
             )
 
 
-def _check_overlap(span: LogSpan, stamps: list[int], log: Path | None, station: StationConfig) -> None:
+def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, station: StationConfig) -> None:
     if not stamps or span.first_ns is None or span.last_ns is None:
         return
-    if stamps[-1] >= span.first_ns and stamps[0] <= span.last_ns:
+    first_ns, last_ns = min(stamps.values()), max(stamps.values())
+    if last_ns >= span.first_ns and first_ns <= span.last_ns:
         return
     source = station.images.source
     where = source.path if isinstance(source, VideoFile) else getattr(source, "folder", "images")
     raise InputError(
         f"images and log {log} do not overlap in time",
         where=where,
-        got=f"images {unix_ns_to_iso(stamps[0])} to {unix_ns_to_iso(stamps[-1])}",
+        got=f"images {unix_ns_to_iso(first_ns)} to {unix_ns_to_iso(last_ns)}",
         expected=f"within {unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
         hint="check --video-start and images.time_offset_s",
     )

@@ -8,13 +8,15 @@ import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
-from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
+from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Stills, VideoFile
 from aerodft.cli.flight import open_flight
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.times import parse_utc
-from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, run
+from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.service.feed import MergedFeed
+
+_MAX_RATE_HZ = 1000  # far beyond any camera
 
 
 def import_(
@@ -46,16 +48,20 @@ def import_(
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     tally = Tally()
     pipeline = build_pipeline(station)
-    try:
-        with progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
-            run(MergedFeed(flight.sources, station.pipeline.tick_ns), pipeline, (recorder, tally), progress)
-    finally:
-        recorder.close()
-    report(output, tally, pipeline.counts.unknown_probe, as_json=json)
+    with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
+        run(MergedFeed(flight.sources, station.pipeline.tick_ns), pipeline, (recorder, tally), progress)
+    report(output, tally, pipeline.counts.unknown_probe, as_json=json, warnings=flight.warnings())
 
 
-def report(folder: Path, tally: Tally, unknown_probe: int, *, as_json: bool) -> None:
+def report(folder: Path, tally: Tally, unknown_probe: int, *, as_json: bool, warnings: tuple[str, ...] = ()) -> None:
     """Say what a run made.
+
+    Args:
+        folder: The recording.
+        tally: What is in it.
+        unknown_probe: Observations that could not be used.
+        as_json: Print a JSON document as well.
+        warnings: What was wrong with the input, one sentence each.
 
     Raises:
         NoAnswerError: Not one pose had an answer.
@@ -68,8 +74,11 @@ def report(folder: Path, tally: Tally, unknown_probe: int, *, as_json: bool) -> 
                 "poses": dict(tally.poses),
                 "measurements": dict(tally.measurements),
                 "reasons": tally.reasons,
+                "warnings": warnings,
             }
         )
+    for sentence in warnings:
+        say(f"aerodft: {sentence}")
     say(f"recording: {folder}; {tally.images} images; poses: {_counts(tally.poses)}")
     say(f"measurements: {_counts(tally.measurements)}")
     if unknown_probe:
@@ -95,20 +104,31 @@ def _station(
     rate: float | None,
     calibration: Path | None,
 ) -> StationConfig:
-    if video is not None and images is not None:
-        raise UsageError("--video and --images together", expected="one of them")
     station = load_station(config)
-    source = station.images.source
-    if video is not None:
-        source = VideoFile(
-            path=video, start_ns=None if video_start is None else parse_utc("--video-start", video_start)
-        )
-    elif images is not None:
-        pattern = source.pattern if isinstance(source, Stills) else None
-        source = Stills(folder=images, pattern=pattern)
-    elif rate is not None:
-        if not 0 < rate <= 1000:  # noqa: PLR2004 - far beyond any camera
-            raise UsageError("--rate", got=f"{rate:g}", expected="above 0, at most 1000 per second")
-        source = Rate(rate_hz=rate)
+    source = _image_input(station.images.source, video, video_start, images, rate)
     station = refreshed(replace(station, images=replace(station.images, source=source)))
     return station if calibration is None else with_calibration(station, calibration)
+
+
+def _image_input(
+    configured: ImageInput | None,
+    video: Path | None,
+    video_start: str | None,
+    images: Path | None,
+    rate: float | None,
+) -> ImageInput | None:
+    """What the options say, else what the configuration says."""
+    given = [n for n, value in (("--video", video), ("--images", images), ("--rate", rate)) if value is not None]
+    if len(given) > 1:
+        raise UsageError(f"{' and '.join(given)} together", expected="one of them")
+    if video is None and video_start is not None:
+        if given or not isinstance(configured, VideoFile):
+            raise UsageError("--video-start without a video", expected="--video FILE")
+        video = configured.path
+    if video is not None:
+        return VideoFile(path=video, start_ns=None if video_start is None else parse_utc("--video-start", video_start))
+    if images is not None:
+        return replace(configured, folder=images) if isinstance(configured, Stills) else Stills(folder=images)
+    if rate is not None and not 0 < rate <= _MAX_RATE_HZ:
+        raise UsageError("--rate", got=f"{rate:g}", expected=f"above 0, at most {_MAX_RATE_HZ} per second")
+    return configured if rate is None else Rate(rate_hz=rate)

@@ -1,6 +1,7 @@
 """``aerodft measure``: one pose, some pixels, measurements."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +31,7 @@ def measure(
     heading: Annotated[float, typer.Option(help="Clockwise from true north, deg.")] = 0.0,
     lat: Annotated[float | None, typer.Option(help="Camera latitude, WGS84, deg.")] = None,
     lon: Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")] = None,
-    model: Annotated[ProjectionModel, typer.Option(help="Projection model.")] = ProjectionModel.PINHOLE,
+    model: Annotated[ProjectionModel | None, typer.Option(help="Projection model; else pinhole.")] = None,
     std: Annotated[
         str | None,
         typer.Option(
@@ -55,16 +56,18 @@ def measure(
     """
     if not probe:
         raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
-    if recording is not None:
+    if (recording is None) != (at is None):
+        raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
+    if recording is not None and at is not None:
         from aerodft.cli.recorded import recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
 
-        if at is None:
-            raise UsageError("--recording needs --at TIME", expected="seconds from its start, UTC ns, or ISO 8601")
+        _refuse_pose(camera=camera, height=height, tilt=tilt, roll=roll or None, heading=heading or None, lat=lat)
         setup, sample = recorded_setup(recording, at)
+        setup = setup if model is None else replace(setup, model=model)
         stds = parse_stds(std) if std else Stds()
     else:
         stds = parse_stds(std) if std else assumed_stds(height or 0.0)
-        setup = _setup(camera, model, stds)
+        setup = _setup(camera, model or ProjectionModel.PINHOLE, stds)
         sample = _sample(height, tilt, roll, heading, (lat, lon), stds)
     if setup.model is ProjectionModel.DFT and roll:
         raise UsageError("--roll with --model dft", got=f"{roll:g}", expected="0: the paper's camera does not roll")
@@ -73,6 +76,12 @@ def measure(
         parsed = parse_probe(text, index, stds)
         requests.append(Request(probe=parsed, pixels=parsed.pixels, std_px=parsed.std_px))
     _show(measure_requests(setup, sample, tuple(requests)), as_json=json)
+
+
+def _refuse_pose(**options: object) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise UsageError(f"--{name} beside --recording", expected="one of them: the recording has camera and pose")
 
 
 def _setup(camera: Path | None, model: ProjectionModel, stds: Stds) -> Setup:

@@ -11,7 +11,8 @@ from aerodft.adapters.config.resolved import refreshed
 from aerodft.cli.import_ import report
 from aerodft.cli.output import progress_bar
 from aerodft.cli.recorded import recorded_station, reoffset
-from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, run
+from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
+from aerodft.errors import InputError
 from aerodft.service.feed import MergedFeed
 from replay.recording import Recording
 from replay.source import RecordingSource
@@ -41,11 +42,16 @@ def recompute(
     recorder = build_recorder(station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
     tally, pipeline = Tally(), build_pipeline(station)
     feed = MergedFeed([reoffset(RecordingSource(old), was, station)], station.pipeline.tick_ns)
-    try:
-        with progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
-            run(feed, pipeline, (recorder, tally), progress)
-    finally:
-        recorder.close()
-    for number, segment in enumerate(old.images, start=1):
-        shutil.copy2(segment.path, output / f"images_{number:03d}.mcap")
+    with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
+        run(feed, pipeline, (recorder, tally), progress)
+    _copy_images(old, output)
     report(output, tally, pipeline.counts.unknown_probe, as_json=json)
+
+
+def _copy_images(recording: Recording, output: Path) -> None:
+    for number, segment in enumerate(recording.images, start=1):
+        try:
+            shutil.copy2(segment.path, output / f"images_{number:03d}.mcap")
+        except OSError as error:
+            hint = "the measurements are complete"
+            raise InputError("images cannot be copied", where=segment.path, got=error.strerror, hint=hint) from error

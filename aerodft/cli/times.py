@@ -9,7 +9,9 @@ from aerodft.service.settings import SECOND_NS
 
 _EXPECTED = "ISO 8601 (UTC unless it says otherwise), seconds, or nanoseconds since 1970"
 _LEAST_UNIX_S = 1e8  # 1973; anything below is seconds from a start
+_MOST_UNIX_S = 1e10  # 2286; milli- and microseconds are in between
 _LEAST_UNIX_NS = 1e17
+_MOST_UNIX_NS = 9.2e18
 
 
 def parse_utc(option: str, text: str) -> int:
@@ -24,7 +26,7 @@ def parse_utc(option: str, text: str) -> int:
             return iso_to_unix_ns(text, default_offset=timedelta())
         except ValueError:
             raise UsageError(option, got=repr(text), expected=_EXPECTED) from None
-    if abs(number) < _LEAST_UNIX_S:
+    if not (_LEAST_UNIX_S <= number < _MOST_UNIX_S or _LEAST_UNIX_NS <= number < _MOST_UNIX_NS):
         raise UsageError(option, got=repr(text), expected=_EXPECTED)
     return _unix_ns(text, number)
 
@@ -42,12 +44,12 @@ def parse_instant(option: str, text: str, start_ns: int) -> int:
 
 
 def _unix_ns(text: str, number: float) -> int:
-    if text.isdigit():
-        return int(text) if number >= _LEAST_UNIX_NS else int(text) * SECOND_NS
+    if number >= _LEAST_UNIX_NS:
+        return int(text) if text.isdigit() else round(number)
     whole, _, fraction = text.partition(".")
     if whole.isdigit() and fraction.isdigit():  # exact: a double holds unix seconds to 0.2 us only
         return int(whole) * SECOND_NS + int(fraction.ljust(9, "0")[:9])
-    return round(number * SECOND_NS)
+    return round(number) * SECOND_NS if number.is_integer() else round(number * SECOND_NS)
 
 
 def _number(text: str) -> float | None:

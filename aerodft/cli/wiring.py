@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.cli.output import say
 from aerodft.errors import InputError
 from aerodft.model.batch import Batch, Event
 from aerodft.model.camera import Camera
@@ -41,6 +43,18 @@ def build_recorder(
         jpeg_quality=station.record.jpeg_quality,
     )
     return McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": resolved_toml(station)})
+
+
+@contextmanager
+def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
+    """Close a recorder at the end; where the end came early, say that what there is was kept."""
+    try:
+        yield
+    except BaseException:
+        recorder.close()
+        say(f"aerodft: not finished; {folder} holds what was read so far")
+        raise
+    recorder.close()
 
 
 @dataclass(slots=True)

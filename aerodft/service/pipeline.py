@@ -134,7 +134,8 @@ class Pipeline:
     def _accept_image(self, image: Image) -> None:
         self.counts.images += 1
         stamp_ns = self._utc(image.stamp_ns, image.clock)
-        self._images.append((image.index, stamp_ns))
+        if image.width_px is not None:
+            self._images.append((image.index, stamp_ns))
         known = replace(image, stamp_ns=stamp_ns, clock=StampClock.UTC, pixels=None)
         self._jobs.append(_Job(stamp_ns, tick_after(image.arrival_ns + self._wait_ns, self._settings.tick_ns), known))
 
@@ -185,6 +186,12 @@ class Pipeline:
         probe = self._observed[observation.name]
         request = Request(probe=probe, pixels=observation.pixels, std_px=observation.std_px or probe.std_px)
         return [observation, *measure(self._setup, sample, (request,), observation.image)]
+
+    def _awaits_image(self, job: _Job) -> bool:
+        """Whether an observation was faster than the image that it was made in."""
+        if isinstance(job.subject, Image) or not self._images or job.subject.image is not None:
+            return False
+        return self._images[-1][1] < job.stamp_ns - self._settings.match_tolerance_ns
 
     def _linked(self, observation: Observation) -> Observation:
         if observation.image is not None or not self._images:

@@ -6,6 +6,7 @@ JPEGs and the camera. Inputs are logged at their arrival, in order of arrival; o
 
 import logging
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -167,13 +168,11 @@ class McapRecorder:
 
     def close(self) -> None:
         """Write out what is left, close the files, and log where they are."""
-        try:
-            self._image_lane.close()
-            self._data_lane.close()
-        finally:
-            self._write(self._records.of_status(self._status_now("ending")))
-            self._data.close()
-            self._images.close()
+        with ExitStack() as stack:  # whatever one of them raises, the others are closed; last in, first out
+            stack.callback(self._images.close)
+            stack.callback(self._close_data)
+            stack.callback(self._data_lane.close)
+            stack.callback(self._image_lane.close)
         totals = self.totals
         _log.log(
             logging.WARNING if totals.shed_messages or totals.lost else logging.INFO,
@@ -185,6 +184,10 @@ class McapRecorder:
             totals.shed_images,
             totals.lost,
         )
+
+    def _close_data(self) -> None:
+        self._write(self._records.of_status(self._status_now("ending")))
+        self._data.close()
 
     def _series(self, stem: str, first: Callable[[Segment], None]) -> Series:
         return Series(

@@ -4,6 +4,7 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -140,14 +141,13 @@ class ZenohBus:
 
     def close(self) -> None:
         """Publish what is left, withdraw, and close the session."""
-        try:
-            self._image_lane.close()
-            self._lane.close()
-        finally:
-            for declared in reversed(self._declared):
-                declared.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
-            self._publishers.close()
-            close_session(self._session)
+        with ExitStack() as stack:  # whatever one of them raises, the others are closed; last in, first out
+            stack.callback(close_session, self._session)
+            stack.callback(self._publishers.close)
+            for declared in self._declared:
+                stack.callback(declared.undeclare)
+            stack.callback(self._lane.close)
+            stack.callback(self._image_lane.close)
 
     def _publish(self, work: tuple[Output, ...] | StationStatus) -> None:
         if isinstance(work, StationStatus):

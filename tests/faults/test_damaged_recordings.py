@@ -1,0 +1,87 @@
+"""Recordings with bytes flipped, cut out and claimed: refused or read in part, never wrongly, never a traceback."""
+
+import struct
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.mcap.scanning import scan_segment
+from aerodft.errors import AerodftError
+from aerodft.model.camera import Camera
+from aerodft.model.telemetry import WireProtocol
+from aerodft.service.feed import MergedFeed, batch_of, block_of
+from replay.recording import Recording
+from replay.source import RecordingSource
+
+CAMERA = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    folder = tmp_path_factory.mktemp("r") / "r"
+    patch = pytest.MonkeyPatch()
+    patch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
+    recorder = McapRecorder(folder, RecorderSettings(station="s", camera=CAMERA, lossless=True), started_ns=1)
+    noise = np.random.default_rng(7)
+    for step in range(1, 60):
+        frames = [noise.bytes(30) for _ in range(3)]
+        block = block_of(WireProtocol.MAVLINK, "a", [step * 100 + k for k in range(3)], frames)
+        recorder.inputs(batch_of(step * 100 + 50, [block]))
+    recorder.close()
+    patch.undo()
+    return (folder / "data_000.mcap").read_bytes()
+
+
+def frames_in(content: bytes) -> list[tuple[int, bytes]]:
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "data_000.mcap").write_bytes(content)
+        got: list[tuple[int, bytes]] = []
+        for batch in MergedFeed([RecordingSource(Recording(Path(folder)))], 50, linger_ns=0).batches():
+            for raw in batch.raw:
+                for at, start, size in zip(raw.arrival_ns, raw.offset, raw.length, strict=True):
+                    got.append((int(at), raw.data[start : start + size]))
+        return got
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_flipped_and_missing_bytes_cost_messages_at_most(content: bytes, data: st.DataObject) -> None:
+    damaged = bytearray(content)
+    for _ in range(data.draw(st.integers(0, 4))):
+        damaged[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
+    start = data.draw(st.integers(0, len(damaged)))
+    del damaged[start : start + data.draw(st.sampled_from([0, 0, 1, 9, 5000]))]
+    whole = set(frames_in(content))
+    try:
+        got = frames_in(bytes(damaged))
+    except AerodftError:
+        return
+    assert set(got) <= whole
+    assert len(got) == len(set(got))
+
+
+def test_a_chunk_that_claims_a_gigabyte_is_not_unpacked(content: bytes, caplog: pytest.LogCaptureFixture) -> None:
+    bomb = zstandard.compress(bytes(64 << 20))
+    for claimed in (64 << 20 | 1, 1 << 40, 100):
+        body = (
+            struct.pack("<QQQI", 1, 2, claimed, 0)
+            + struct.pack("<I", 4)
+            + b"zstd"
+            + struct.pack("<Q", len(bomb))
+            + bomb
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "data_000.mcap"
+            path.write_bytes(content)
+            first = scan_segment(path).chunks[0]
+            cut = first.offset + first.length
+            path.write_bytes(content[:cut] + struct.pack("<BQ", 6, len(body)) + body + content[cut:])
+            recording = Recording(Path(folder))
+            assert len(list(recording.messages())) == 59 * 3 + 2
+    assert caplog.text.count("damaged chunk") == 3

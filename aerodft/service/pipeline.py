@@ -162,6 +162,9 @@ class Pipeline:
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
             final = now_ns is None or job.deadline_ns <= now_ns
+            if not final and self._awaits_image(job):
+                waiting.append(job)
+                continue
             look = final or blocked_ns is None or job.stamp_ns < blocked_ns
             sample = self._pose(job.stamp_ns, final=final) if look else None
             if sample is None:

@@ -11,7 +11,7 @@ import orjson
 
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.rotation import camera_angles, inverse, matrix
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
 from aerodft.model.probe import ProbeKind
@@ -19,6 +19,7 @@ from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import World
 
 MARGIN_PX = 4.0
+MAX_RANGE_M = 120.0
 _LOWEST_M = 1.0
 _STATION_STEP_M = 1.0
 _STATION_REACH_M = 400.0
@@ -32,12 +33,14 @@ class Observing:
     Attributes:
         std_px: Noise of every coordinate.
         margin_px: Points closer to the image's border are not observed.
+        max_range_m: Nor are points farther away: nobody can point at them to ``std_px``.
         stations_m: River stations of the probes ``width-a``, ``width-b``, ...; see :func:`busiest_stations`.
         seed: Of the noise.
     """
 
     std_px: float = 0.5
     margin_px: float = MARGIN_PX
+    max_range_m: float = MAX_RANGE_M
     stations_m: tuple[float, ...] = ()
     seed: int = 1
 
@@ -127,7 +130,7 @@ def busiest_stations(
     for stamp in stamps_ns.tolist():
         pose = trajectory.pose(stamp)
         if pose.position_enu_m[2] > _LOWEST_M:
-            seen += _inside(camera, pixels_of(camera, pose, banks), MARGIN_PX).all(axis=-1)
+            seen += _observable(camera, pose, banks, Observing()).all(axis=-1)
     chosen: list[float] = []
     for index in np.argsort(-seen, kind="stable"):
         station = float(stations[index])
@@ -154,14 +157,14 @@ def sightings(
             continue
         time_s = (stamp - trajectory.start_ns) / 1e9
         targets = dict(fixed)
-        nearest = _where_it_looks(camera, pose, banks, observing.margin_px)
+        nearest = _where_it_looks(camera, pose, banks, observing)
         if nearest is not None:
             targets["river"] = banks[nearest]
         targets |= {f"walker-{i}": walker.foot_enu_m(time_s)[None] for i, walker in enumerate(world.walkers)}
         for name, points in targets.items():
-            pixels = pixels_of(camera, pose, points)
-            if not _inside(camera, pixels, observing.margin_px).all():
+            if not _observable(camera, pose, points, observing).all():
                 continue
+            pixels = pixels_of(camera, pose, points)
             yield Sighting(
                 stamp_ns=stamp,
                 name=name,
@@ -192,18 +195,19 @@ def _fixed_targets(world: World, observing: Observing) -> dict[str, FloatArray]:
     return targets | {name: point[None] for name, point in world.landmarks_enu_m().items()}
 
 
-def _inside(camera: Camera, pixels: FloatArray, margin_px: float) -> FloatArray:
-    """Whether pixels ``(..., 2)`` are in the image and ``margin_px`` from its border, ``(...)`` bool."""
+def _observable(camera: Camera, pose: Pose, points_enu_m: FloatArray, observing: Observing) -> BoolArray:
+    """Whether points ``(..., 3)`` are in the image, off its border, and near enough, ``(...)``."""
+    pixels, margin_px = pixels_of(camera, pose, points_enu_m), observing.margin_px
     low, high = margin_px - 0.5, np.array([camera.width_px, camera.height_px]) - 0.5 - margin_px
-    return np.asarray(np.all((pixels >= low) & (pixels <= high), axis=-1))
+    near = np.linalg.norm(points_enu_m - pose.position_enu_m, axis=-1) <= observing.max_range_m
+    return np.asarray(near & np.all((pixels >= low) & (pixels <= high), axis=-1))
 
 
-def _where_it_looks(camera: Camera, pose: Pose, banks_enu_m: FloatArray, margin_px: float) -> int | None:
-    """The crossing ``(n, 2, 3)`` in view whose middle is closest to the image's; None where none is in view."""
-    pixels = pixels_of(camera, pose, banks_enu_m)
-    seen = _inside(camera, pixels, margin_px).all(axis=-1)
+def _where_it_looks(camera: Camera, pose: Pose, banks_enu_m: FloatArray, observing: Observing) -> int | None:
+    """The observable crossing ``(n, 2, 3)`` whose middle is closest to the image's; None where there is none."""
+    seen = _observable(camera, pose, banks_enu_m, observing).all(axis=-1)
     if not seen.any():
         return None
     middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
-    off = np.linalg.norm(pixels.mean(axis=-2) - middle, axis=-1)
+    off = np.linalg.norm(pixels_of(camera, pose, banks_enu_m).mean(axis=-2) - middle, axis=-1)
     return int(np.argmin(np.where(seen, off, np.inf)))

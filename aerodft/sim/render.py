@@ -12,7 +12,7 @@ from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
 from aerodft.sim.river import River
-from aerodft.sim.shading import Rays, shade
+from aerodft.sim.shading import Rays, RiverFrame, shade
 from aerodft.sim.sprites import draw, sprites
 from aerodft.sim.texture import pyramid, sensor_noise
 from aerodft.sim.world import World
@@ -85,9 +85,11 @@ class Renderer:
         camera, look = self.camera, self.world.look
         image = np.empty((camera.height_px, camera.width_px, 3), dtype=np.uint8)
         east, north, up = pose.position_enu_m
-        flat = [east, north, max(up, _LOWEST_M), *matrix(pose.wxyz).ravel(), camera.fx_px, camera.fy_px, time_s]
-        looks = np.array([look.ground_contrast, look.water_contrast, self.world.river.flow_mps])
-        shade(self._rays, np.array(flat), self._river, self._banks, looks, self._tiles, image)
+        height = max(up, _LOWEST_M)
+        turn = matrix(pose.wxyz).ravel()
+        state = (east, north, height, *turn, 1 / camera.fx_px, 1 / camera.fy_px, time_s, 1 / height)
+        looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
+        shade(self._rays, tuple(map(float, state)), self._river, self._banks, looks, self._tiles, image)
         draw(image, self._rays, camera, pose, sprites(self.world, pose.position_enu_m, time_s))
         return image
 
@@ -107,8 +109,8 @@ def _ray_table(camera: Camera) -> Rays:
     return np.nan_to_num(rays).astype(np.float32)
 
 
-def _river_tables(river: River) -> tuple[FloatArray, FloatArray]:
-    """Origin, direction and grid ``(6,)``; banks and shores ``(n, 4)`` as the shading loop takes them."""
+def _river_tables(river: River) -> tuple[RiverFrame, FloatArray]:
+    """Origin, direction and grid; banks and shores ``(n, 4)`` as the shading loop takes them."""
     along = np.arange(-_BANK_REACH_M, _BANK_REACH_M, _BANK_STEP_M)
     left, right = river.banks_m(along)
     shore_left, shore_right = river.shores_m(along)
@@ -116,4 +118,4 @@ def _river_tables(river: River) -> tuple[FloatArray, FloatArray]:
     table = np.column_stack([left, right, np.nan_to_num(shore_left, nan=_NO_SHORE_M)])
     table = np.column_stack([table, np.nan_to_num(shore_right, nan=_NO_SHORE_M)])
     head = [*river.origin_en_m, np.sin(river.azimuth_rad), np.cos(river.azimuth_rad), along[0], _BANK_STEP_M]
-    return np.array(head), table
+    return tuple(map(float, head)), table

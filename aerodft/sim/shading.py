@@ -11,11 +11,15 @@ from aerodft.model.arrays import FloatArray, ImageArray, IntArray
 Rays: TypeAlias = npt.NDArray[np.float32]
 Texels: TypeAlias = npt.NDArray[np.int8]
 
+# Tuples, not arrays: their elements stay in registers throughout the loop.
+CameraState: TypeAlias = tuple[float, ...]
+RiverFrame: TypeAlias = tuple[float, ...]
+Look: TypeAlias = tuple[float, float, float]
 Tiles: TypeAlias = tuple[Texels, Texels, Texels, IntArray]
 
-FINE_TEXEL_M = 0.012
-COARSE_TEXEL_M = 0.192
-WATER_TEXEL_M = 0.03
+_FINE_PER_M = 1 / 0.012
+_COARSE_PER_M = 1 / 0.192
+_WATER_PER_M = 1 / 0.03
 _COARSER = -4.0  # pyramid levels between the two ground textures
 _SIZE = 1024
 _LAST_LEVEL = 8
@@ -25,7 +29,7 @@ _FINE_SHARE = 0.13 / 32  # of the brightness, by one standard deviation of a tex
 _ROUGH_SHARE = 0.12 / 32
 _WAVE_SHARE = 0.09 / 32
 _GREENNESS = 0.45 / 32
-_HAZE_M = 3000.0
+_HAZE_PER_M2 = 1 / 3000.0**2
 _SKY = (235.0, 215.0, 190.0)
 _SOIL = (84.0, 128.0, 152.0)
 _GRASS = (58.0, 122.0, 88.0)
@@ -91,12 +95,61 @@ def _gap(a: float, y: float, banks: FloatArray, first: float, spacing: float) ->
 
 
 @njit
-def _land(tiles: Tiles, east: float, north: float, footprint: float, contrast: float) -> tuple[float, float]:
+def _motion(east: float, north: float, reach: float, camera: CameraState) -> tuple[float, float, float, float]:
+    """How far the ground point (relative to the camera) moves east and north by one pixel right, and by one down."""
+    right, down = reach * camera[12], reach * camera[13]
+    east *= camera[15]
+    north *= camera[15]
+    return (
+        right * (camera[3] + east * camera[9]),
+        right * (camera[6] + north * camera[9]),
+        down * (camera[4] + east * camera[10]),
+        down * (camera[7] + north * camera[10]),
+    )
+
+
+@njit
+def _wetness(
+    along: float,
+    across: float,
+    motion: tuple[float, float, float, float],
+    footprint: float,
+    banks: FloatArray,
+    river: RiverFrame,
+) -> float:
+    """Share of a pixel that is water."""
+    gap, slope = _gap(along, across, banks, river[4], river[5])
+    if abs(gap) > (2.0 + 2.0 * abs(slope)) * footprint:
+        return 0.0 if gap < 0 else 1.0
+    sine, cosine = river[2], river[3]
+    right = slope * (motion[0] * sine + motion[1] * cosine) - (motion[1] * sine - motion[0] * cosine)
+    down = slope * (motion[2] * sine + motion[3] * cosine) - (motion[3] * sine - motion[2] * cosine)
+    return float(min(max(0.5 + gap / np.hypot(right, down), 0.0), 1.0))
+
+
+@njit
+def _water(tile: Texels, starts: IntArray, along: float, across: float, footprint: float, contrast: float) -> float:
+    """Brightness of the water, 1 on average."""
+    level = np.log2(footprint * _WATER_PER_M)
+    wave = _sample(tile, starts, along * _WATER_PER_M, across * _WATER_PER_M, level)
+    return 1.0 + contrast * _WAVE_SHARE * wave
+
+
+@njit
+def _land(
+    fine_tile: Texels,
+    coarse_tile: Texels,
+    starts: IntArray,
+    east: float,
+    north: float,
+    footprint: float,
+    contrast: float,
+) -> tuple[float, float]:
     """Brightness of the land (1 on average) and how green it is (0 to 1)."""
-    level = np.log2(footprint / FINE_TEXEL_M)
-    fine = _sample(tiles[0], tiles[3], east / FINE_TEXEL_M, north / FINE_TEXEL_M, level)
+    level = np.log2(footprint * _FINE_PER_M)
+    fine = _sample(fine_tile, starts, east * _FINE_PER_M, north * _FINE_PER_M, level)
     level += _COARSER
-    rough = _sample(tiles[1], tiles[3], east / COARSE_TEXEL_M, north / COARSE_TEXEL_M, level)
+    rough = _sample(coarse_tile, starts, east * _COARSE_PER_M, north * _COARSE_PER_M, level)
     green = min(max(0.5 + contrast * _GREENNESS * rough, 0.0), 1.0)
     return 1.0 + contrast * (_FINE_SHARE * fine + _ROUGH_SHARE * rough), green
 
@@ -115,10 +168,10 @@ def _paint(image: ImageArray, v: int, u: int, wet: float, lights: tuple[float, f
 @njit
 def shade(
     rays: Rays,
-    camera: FloatArray,
-    river: FloatArray,
+    camera: CameraState,
+    river: RiverFrame,
     banks: FloatArray,
-    look: FloatArray,
+    look: Look,
     tiles: Tiles,
     image: ImageArray,
 ) -> None:
@@ -126,15 +179,15 @@ def shade(
 
     Args:
         rays: ``(h, w, 3)`` rays in camera axes; zero where the lens sees nothing.
-        camera: ``(15,)`` position ENU (m), ``enu_SO3_cam`` matrix by rows, focal lengths x and y (px), time (s).
-        river: ``(6,)`` origin east and north (m), sine and cosine of the azimuth, first station and spacing (m).
+        camera: Position ENU (m), ``enu_SO3_cam`` matrix by rows, 1 / focal lengths x and y (1/px), time (s),
+            1 / height (1/m).
+        river: Origin east and north (m), sine and cosine of the azimuth, first station and spacing (m).
         banks: ``(n, 4)``, see ``_gap``.
-        look: ``(3,)`` contrast of ground and water, speed of the water (m/s).
+        look: Contrast of ground and water, speed of the water (m/s).
         tiles: Fine ground, coarse ground and water texels, and the levels' starts.
         image: ``(h, w, 3)`` BGR, written.
     """
-    sine, cosine = river[2], river[3]
-    height, fx, fy, drift = camera[2], camera[12], camera[13], look[2] * camera[14]
+    fine_tile, coarse_tile, water_tile, starts = tiles
     for v in range(rays.shape[0]):
         for u in range(rays.shape[1]):
             x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
@@ -143,33 +196,24 @@ def shade(
                 for k in range(3):
                     image[v, u, k] = np.uint8(_SKY[k]) if z != 0 or x != 0 or y != 0 else np.uint8(0)
                 continue
-            reach = -height / up
+            reach = -camera[2] / up
             east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
             north = reach * (camera[6] * x + camera[7] * y + camera[8] * z)
-            # Motion of the ground point by one pixel to the right (1) and one down (2).
-            e1 = reach / fx * (camera[3] + east / height * camera[9])
-            n1 = reach / fx * (camera[6] + north / height * camera[9])
-            e2 = reach / fy * (camera[4] + east / height * camera[10])
-            n2 = reach / fy * (camera[7] + north / height * camera[10])
-            footprint = np.sqrt(0.5 * (e1 * e1 + n1 * n1 + e2 * e2 + n2 * n2))
+            motion = _motion(east, north, reach, camera)
+            footprint = np.sqrt(
+                0.5 * (motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2] + motion[3] * motion[3])
+            )
             east += camera[0]
             north += camera[1]
-            along = (east - river[0]) * sine + (north - river[1]) * cosine
-            across = (north - river[1]) * sine - (east - river[0]) * cosine
-            gap, slope = _gap(along, across, banks, river[4], river[5])
-            wet = 0.0 if gap < 0 else 1.0
-            if abs(gap) < (2.0 + 2.0 * abs(slope)) * footprint:
-                right = slope * (e1 * sine + n1 * cosine) - (n1 * sine - e1 * cosine)
-                down = slope * (e2 * sine + n2 * cosine) - (n2 * sine - e2 * cosine)
-                wet = min(max(0.5 + gap / np.hypot(right, down), 0.0), 1.0)
+            along = (east - river[0]) * river[2] + (north - river[1]) * river[3]
+            across = (north - river[1]) * river[2] - (east - river[0]) * river[3]
+            wet = _wetness(along, across, motion, footprint, banks, river)
             land, green, water = 1.0, 0.5, 1.0
             if wet < 1.0:
-                land, green = _land(tiles, east, north, footprint, look[0])
+                land, green = _land(fine_tile, coarse_tile, starts, east, north, footprint, look[0])
             if wet > 0.0:
-                level = np.log2(footprint / WATER_TEXEL_M)
-                wave = _sample(tiles[2], tiles[3], (along - drift) / WATER_TEXEL_M, across / WATER_TEXEL_M, level)
-                water += look[1] * _WAVE_SHARE * wave
-            _paint(image, v, u, wet, (land, green, water), 1.0 / (1.0 + (reach / _HAZE_M) ** 2))
+                water = _water(water_tile, starts, along - look[2] * camera[14], across, footprint, look[1])
+            _paint(image, v, u, wet, (land, green, water), 1.0 / (1.0 + reach * reach * _HAZE_PER_M2))
 
 
 @njit

@@ -48,6 +48,13 @@ def test_only_what_is_in_the_image_is_seen(scenario: Scenario, seen: list[Sighti
     assert all(each.pose.position_enu_m[2] > 1.0 for each in seen)
 
 
+def test_nothing_is_seen_from_too_far_away(scenario: Scenario) -> None:
+    near = look(scenario, replace(scenario.observing, max_range_m=45.0))
+    assert near
+    ranges = [np.linalg.norm(each.points_enu_m - each.pose.position_enu_m, axis=-1).max() for each in near]
+    assert 40 < max(ranges) <= 45
+
+
 def test_widths_are_the_rivers(scenario: Scenario, seen: list[Sighting]) -> None:
     names = {each.name for each in seen}
     assert {"river", "width-a", "width-b", "width-c"} <= names

@@ -42,22 +42,15 @@ def from_log(path: Path) -> Trajectory:
         InputError: The file is missing, or not a telemetry log.
         NoAnswerError: The log lacks positions, vehicle attitudes, gimbal attitudes with their own time, or UTC.
     """
-    tracks: defaultdict[type, list[Track]] = defaultdict(list)
-    decoder = MavlinkDecoder()
-    for event in TlogSource(path).events():
-        if isinstance(event, RawBlock):
-            for track in decoder.decode(event):
-                tracks[type(track)].append(track)
+    tracks = _decoded(path)
     clock = _joined(path, tracks, ClockTrack, "SYSTEM_TIME with UTC")
     position = _joined(path, tracks, PositionTrack, "GLOBAL_POSITION_INT")
     vehicle = _joined(path, tracks, VehicleTrack, "ATTITUDE")
     gimbal = _joined(path, tracks, GimbalTrack, "gimbal attitude")
     if NO_BOOT_TIME in gimbal.boot_ns:
+        expected = "GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION"
         raise NoAnswerError(
-            "its gimbal attitudes have no time of their own",
-            where=path,
-            got=gimbal.source,
-            expected="GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION",
+            "its gimbal attitudes have no time of their own", where=path, got=gimbal.source, expected=expected
         )
     utc_minus_boot = int(np.median(clock.unix_ns - clock.boot_ns))
     stamps, rows = _common_stamps(gimbal.boot_ns, position.boot_ns, vehicle.boot_ns)
@@ -76,6 +69,17 @@ def from_log(path: Path) -> Trajectory:
         level_wxyz_gimbal=multiply(inverse(heading), ned_wxyz_gimbal),
         enu_wxyz_cam=camera_from_gimbal(ned_wxyz_gimbal),
     )
+
+
+def _decoded(path: Path) -> dict[type, list[Track]]:
+    """The log's tracks by kind."""
+    tracks: defaultdict[type, list[Track]] = defaultdict(list)
+    decoder = MavlinkDecoder()
+    for event in TlogSource(path).events():
+        if isinstance(event, RawBlock):
+            for track in decoder.decode(event):
+                tracks[type(track)].append(track)
+    return tracks
 
 
 def thin_log(source: Path, target: Path, *, keep_every: int, offset: int = 0) -> None:

@@ -153,15 +153,7 @@ def recorded(
         NoAnswerError: The log tells no flight, or none in this interval.
     """
     whole = from_log(log)
-    start_s, duration_s = interval_s
-    start_ns = whole.start_ns + round(start_s * SECOND_NS)
-    end_ns = whole.end_ns + 1 if duration_s is None else start_ns + round(duration_s * SECOND_NS)
-    trajectory = whole.cut(start_ns, end_ns)
-    if len(trajectory.stamp_ns) < 2:  # noqa: PLR2004 (a motion has two ends)
-        length_s = (whole.end_ns - whole.start_ns) / SECOND_NS
-        raise NoAnswerError(
-            "no flight in this interval", where=log, got=f"--start {start_s:g}", expected=f"0 to {length_s:.1f} s"
-        )
+    trajectory = _part(whole, interval_s, log)
     rate_hz = SECOND_NS / float(np.median(np.diff(trajectory.stamp_ns)))
     step = 1 if fps is None else max(round(rate_hz / fps), 1)
     scenario = Scenario(
@@ -176,6 +168,19 @@ def recorded(
         thin=thin,
     )
     return _observed(scenario)
+
+
+def _part(whole: Trajectory, interval_s: tuple[float, float | None], log: Path) -> Trajectory:
+    start_s, duration_s = interval_s
+    start_ns = whole.start_ns + round(start_s * SECOND_NS)
+    end_ns = whole.end_ns + 1 if duration_s is None else start_ns + round(duration_s * SECOND_NS)
+    trajectory = whole.cut(start_ns, end_ns)
+    if len(trajectory.stamp_ns) < 2:  # noqa: PLR2004 (a motion has two ends)
+        length_s = (whole.end_ns - whole.start_ns) / SECOND_NS
+        raise NoAnswerError(
+            "no flight in this interval", where=log, got=f"--start {start_s:g}", expected=f"0 to {length_s:.1f} s"
+        )
+    return trajectory
 
 
 def _observed(scenario: Scenario) -> Scenario:

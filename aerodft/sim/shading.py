@@ -217,6 +217,21 @@ def shade(
 
 
 @njit
+def _planar(rays: Rays, v: int, u: int, dv: float, du: float, planar: FloatArray) -> tuple[float, float, float]:
+    """``planar`` times the ray that is ``dv, du`` pixels off a pixel's centre: linear between the neighbours' rays."""
+    u0, v0 = max(u - 1, 0), max(v - 1, 0)
+    u1, v1 = min(u + 1, rays.shape[1] - 1), min(v + 1, rays.shape[0] - 1)
+    across, down = du / max(u1 - u0, 1), dv / max(v1 - v0, 1)
+    x, y, s = 0.0, 0.0, 0.0
+    for k in range(3):
+        ray = rays[v, u, k] + across * (rays[v, u1, k] - rays[v, u0, k]) + down * (rays[v1, u, k] - rays[v0, u, k])
+        x += planar[0, k] * ray
+        y += planar[1, k] * ray
+        s += planar[2, k] * ray
+    return x, y, s
+
+
+@njit
 def stamp(
     rays: Rays,
     region: tuple[int, int, int, int],
@@ -241,20 +256,9 @@ def stamp(
     for v in range(top, bottom):
         for u in range(left, right):
             blue, green, red, opacity = 0.0, 0.0, 0.0, 0.0
-            # Rays between pixel centres: linear from the pixel and its neighbours (one-sided at the image's border).
-            u0, v0 = max(u - 1, 0), max(v - 1, 0)
-            u1, v1 = min(u + 1, rays.shape[1] - 1), min(v + 1, rays.shape[0] - 1)
             for j in range(samples):
-                dv = ((j + 0.5) / samples - 0.5) / max(v1 - v0, 1)
                 for i in range(samples):
-                    du = ((i + 0.5) / samples - 0.5) / max(u1 - u0, 1)
-                    x, y, s = 0.0, 0.0, 0.0
-                    for k in range(3):
-                        ray = rays[v, u, k] + du * (rays[v, u1, k] - rays[v, u0, k])
-                        ray += dv * (rays[v1, u, k] - rays[v0, u, k])
-                        x += planar[0, k] * ray
-                        y += planar[1, k] * ray
-                        s += planar[2, k] * ray
+                    x, y, s = _planar(rays, v, u, (j + 0.5) / samples - 0.5, (i + 0.5) / samples - 0.5, planar)
                     if s > 0 and 0 <= x < s and 0 <= y < s:
                         texel = texture[int(y / s * rows), int(x / s * columns)]
                         blue += float(texel[0]) * texel[3]

@@ -1,6 +1,8 @@
 import json
+import socket
 import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -86,6 +88,28 @@ def test_mistakes_are_one_sentence(
     assert said.err.count("\n") == 1
     assert said.out == ""
     assert not (tmp_path / "out").exists()
+
+
+def test_a_live_flight_reaches_a_socket_and_its_own_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:
+        receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        receiving.bind(("127.0.0.1", 0))
+        receiving.settimeout(5.0)
+        port = receiving.getsockname()[1]
+        options = ("--duration", "2", "--fps", "5", "--size", "320x240", "--video", "udp://127.0.0.1:9")
+        options = (*options, "--out", str(tmp_path), "--live", "--mavlink", f"udpout:127.0.0.1:{port}")
+        before_ns = time.time_ns()
+        assert run(monkeypatch, *options, "--image", "exposure=0.01") == 0
+        told = json.loads(capfd.readouterr().out)
+        assert before_ns < int(told["start_ns"]) < int(told["end_ns"]) <= time.time_ns()
+        logged = (tmp_path / "flight.tlog").read_bytes()
+        while logged:
+            datagram = receiving.recv(2048)
+            assert logged[8 : 8 + len(datagram)] == datagram
+            logged = logged[8 + len(datagram) :]
+    assert not (tmp_path / "video.mp4").exists()
 
 
 def test_an_unwritable_folder_is_one_sentence(

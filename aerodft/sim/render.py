@@ -96,7 +96,7 @@ class Renderer:
     def _noisy(self, image: ImageArray, time_s: float) -> ImageArray:
         if self._noise is None:
             return image
-        generator = np.random.default_rng([self._imaging.seed, round(time_s * 1e6)])
+        generator = np.random.default_rng([self._imaging.seed, round(time_s * 1e6) % 2**32])
         down, right = generator.integers(0, _NOISE_SLACK_PX, 2)
         cut = self._noise[down : down + image.shape[0], right : right + image.shape[1]]
         return np.asarray(cv2.add(image, cut, dtype=cv2.CV_8U), dtype=np.uint8)

@@ -1,0 +1,205 @@
+"""The camera's attitude against scipy's rotations: interpolation, frames of yaw, mounts, and rates."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation, Slerp
+
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import GimbalTrack, VehicleTrack
+from aerodft.service.attitude import AttitudeSources
+from aerodft.service.settings import AttitudeSettings, FixedMount
+from aerodft.service.streams import END_OF_TIME, Missing
+
+MS, SECOND = 1_000_000, 1_000_000_000
+NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+CAMERA_IN_GIMBAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # columns: right, down, forward
+ANGLES = st.floats(-3.1, 3.1)
+TILTS = st.floats(-1.5, 1.5)
+
+
+def ypr(*angles_rad):
+    return Rotation.from_euler("ZYX", angles_rad)
+
+
+def wxyz(rotation):
+    return rotation.as_quat(scalar_first=True)
+
+
+def camera(ned_gimbal):
+    """``enu_SO3_cam`` of a camera that looks along the gimbal's x axis."""
+    return Rotation.from_matrix(NED_TO_ENU @ ned_gimbal.as_matrix() @ CAMERA_IN_GIMBAL)
+
+
+def rows(stamps_ns, **columns):
+    stamps = np.array(stamps_ns, dtype=np.int64)
+    return {"arrival_ns": stamps, "boot_ns": stamps, **columns}
+
+
+def gimbal(stamps_ns, rotations, *, earth, source=GimbalSource.GIMBAL_DEVICE):
+    frames = np.broadcast_to(np.asarray(earth), len(stamps_ns)).copy()
+    return GimbalTrack(
+        **rows(stamps_ns, wxyz=np.stack([wxyz(r) for r in rotations])), source=source, yaw_in_earth=frames
+    )
+
+
+def vehicle(stamps_ns, rotations):
+    return VehicleTrack(**rows(stamps_ns, wxyz=np.stack([wxyz(r) for r in rotations])))
+
+
+def sources(*tracks, **settings):
+    attitude = AttitudeSources(AttitudeSettings(**settings))
+    for track in tracks:
+        attitude.append(track, track.boot_ns)
+    return attitude
+
+
+def assert_same(found, expected, atol_rad=1e-9):
+    error = Rotation.from_quat(found.wxyz, scalar_first=True).inv() * expected
+    assert_allclose(error.magnitude(), 0.0, atol=atol_rad)
+
+
+@given(ANGLES, TILTS, ANGLES, TILTS, st.floats(0.01, 0.99))
+def test_between_two_reports_it_is_scipys_slerp(yaw, pitch, yaw_after, pitch_after, weight):
+    ends = [ypr(yaw, pitch, 0.1), ypr(yaw_after, pitch_after, -0.2)]
+    apart = (ends[0].inv() * ends[1]).magnitude()
+    if apart > math.pi - 1e-6:
+        return  # half a turn has no shorter way
+    attitude = sources(gimbal([0, 100 * MS], ends, earth=True))
+    stamp_ns = round(weight * 100 * MS)
+    truth = Slerp([0, 100 * MS], Rotation.concatenate(ends))(stamp_ns)
+    found = attitude.at(stamp_ns, 100 * MS)
+    assert_same(found, camera(truth), atol_rad=1e-7)
+    assert found.source is GimbalSource.GIMBAL_DEVICE
+
+
+def test_a_report_of_the_opposite_sign_is_the_same_attitude():
+    track = gimbal([0, 100 * MS], [ypr(0.3, -0.5, 0.0)] * 2, earth=True)
+    flipped = GimbalTrack(
+        arrival_ns=track.arrival_ns,
+        boot_ns=track.boot_ns,
+        source=track.source,
+        wxyz=track.wxyz * np.array([[1.0], [-1.0]]),
+        yaw_in_earth=track.yaw_in_earth,
+    )
+    found = sources(flipped).at(50 * MS, 100 * MS)
+    assert_same(found, camera(ypr(0.3, -0.5, 0.0)), atol_rad=1e-7)
+    assert_allclose(found.rate_cam_radps, 0.0, atol=1e-7)
+
+
+@given(ANGLES, TILTS, ANGLES, st.floats(-1.4, 1.4), st.floats(-1.0, 1.0))
+def test_a_yaw_against_the_vehicle_is_added_to_its_heading_alone(pan, pitch, heading, nose, bank):
+    """Roll and pitch of the report are against the horizon: the vehicle's own do not enter."""
+    attitude = sources(
+        gimbal([0, 100 * MS], [ypr(pan, pitch, 0.05)] * 2, earth=False),
+        vehicle([0, 100 * MS], [ypr(heading, nose, bank)] * 2),
+    )
+    assert_same(attitude.at(50 * MS, 100 * MS), camera(ypr(pan + heading, pitch, 0.05)))
+
+
+def test_at_nadir_the_heading_still_turns_the_image():
+    attitude = sources(
+        gimbal([0, 100 * MS], [ypr(0.0, -math.pi / 2, 0.0)] * 2, earth=False),
+        vehicle([0, 100 * MS], [ypr(math.radians(80), -0.3, 0.1)] * 2),
+    )
+    found = Rotation.from_quat(attitude.at(50 * MS, 100 * MS).wxyz, scalar_first=True)
+    up_in_image = found.apply([0.0, -1.0, 0.0])
+    assert_allclose(up_in_image, [math.sin(math.radians(80)), math.cos(math.radians(80)), 0.0], atol=1e-9)
+    assert_allclose(found.apply([0.0, 0.0, 1.0]), [0.0, 0.0, -1.0], atol=1e-9)
+
+
+def test_an_earth_yaw_needs_no_vehicle_and_a_vehicle_yaw_does():
+    stamps = [0, 100 * MS]
+    level = [ypr(0.0, -0.5, 0.0)] * 2
+    assert_same(sources(gimbal(stamps, level, earth=True)).at(50 * MS, 100 * MS), camera(level[0]))
+    alone = sources(gimbal(stamps, level, earth=False))
+    assert alone.at(50 * MS, 100 * MS) is Missing.NEVER
+    assert alone.at(150 * MS, 100 * MS) is Missing.PENDING
+
+
+def test_when_the_frame_of_yaw_changes_there_is_nothing_to_interpolate():
+    stamps = [0, 100 * MS, 200 * MS, 300 * MS]
+    attitude = sources(
+        gimbal(stamps, [ypr(0.0, -0.5, 0.0)] * 4, earth=[True, True, False, False]),
+        vehicle(stamps, [ypr(1.0, 0.0, 0.0)] * 4),
+    )
+    assert_same(attitude.at(50 * MS, END_OF_TIME), camera(ypr(0.0, -0.5, 0.0)))
+    assert attitude.at(150 * MS, END_OF_TIME) is Missing.STALE
+    assert_same(attitude.at(250 * MS, END_OF_TIME), camera(ypr(1.0, -0.5, 0.0)))
+
+
+@given(ANGLES, st.floats(-1.4, 1.4), ANGLES, TILTS, ANGLES, st.floats(-0.5, 0.5))
+def test_a_bolted_camera_turns_with_the_body(heading, nose, bank, mount_pitch, mount_yaw, mount_roll):
+    mount = FixedMount(yaw_rad=mount_yaw, pitch_rad=mount_pitch, roll_rad=mount_roll)
+    body = ypr(heading, nose, bank)
+    attitude = sources(vehicle([0, 100 * MS], [body] * 2), order=(GimbalSource.FIXED_MOUNT,), fixed_mount=mount)
+    found = attitude.at(50 * MS, 100 * MS)
+    assert_same(found, camera(body * ypr(mount_yaw, mount_pitch, mount_roll)), atol_rad=1e-7)
+    assert found.source is GimbalSource.FIXED_MOUNT
+
+
+def test_a_fixed_mount_that_was_not_described_is_no_source():
+    attitude = sources(vehicle([0, 100 * MS], [ypr(0, 0, 0)] * 2), order=(GimbalSource.FIXED_MOUNT,))
+    assert attitude.at(50 * MS, 100 * MS) is Missing.NEVER
+
+
+def test_the_first_source_in_order_that_has_a_value_wins():
+    stamps = [0, 100 * MS]
+    good = gimbal(stamps, [ypr(0.0, -0.2, 0.0)] * 2, earth=True, source=GimbalSource.MOUNT_STATUS)
+    dead = gimbal([-5 * SECOND], [ypr(0.0, -0.9, 0.0)], earth=True)
+    found = sources(good, dead).at(50 * MS, 100 * MS)
+    assert found.source is GimbalSource.MOUNT_STATUS
+    better = gimbal(stamps, [ypr(0.0, -0.9, 0.0)] * 2, earth=True)
+    assert sources(good, better).at(50 * MS, 100 * MS).source is GimbalSource.GIMBAL_DEVICE
+    assert sources(dead).at(50 * MS, 100 * MS) is Missing.STALE
+
+
+def test_never_across_a_gap():
+    attitude = sources(gimbal([0, 1001 * MS], [ypr(0, 0, 0)] * 2, earth=True), max_gap_ns=SECOND)
+    assert attitude.at(500 * MS, 1001 * MS) is Missing.STALE
+    assert not isinstance(attitude.at(1001 * MS, 1001 * MS), Missing)
+
+
+def finite_difference_rate(attitude, stamp_ns, step_ns, watermark_ns):
+    before, after = (
+        Rotation.from_quat(attitude.at(stamp_ns + sign * step_ns, watermark_ns).wxyz, scalar_first=True)
+        for sign in (-1, 1)
+    )
+    return (before.inv() * after).as_rotvec() / (2 * step_ns / SECOND)
+
+
+@pytest.mark.parametrize("earth", [True, False])
+@pytest.mark.parametrize("pitch", [-math.pi / 2, -0.7, 0.0])
+def test_rates_are_finite_differences(earth, pitch):
+    """Also where the vehicle turns, pitches and banks under a gimbal that pans and tilts."""
+    stamps = [0, 100 * MS]
+    attitude = sources(
+        gimbal(stamps, [ypr(0.2, pitch, 0.0), ypr(0.23, pitch + 0.02, 0.01)], earth=earth),
+        vehicle(stamps, [ypr(3.12, -0.35, 0.3), ypr(-3.13, -0.31, 0.38)]),
+    )
+    found = attitude.at(50 * MS, 100 * MS)
+    truth = finite_difference_rate(attitude, 50 * MS, 20 * MS, 100 * MS)
+    assert np.linalg.norm(truth) > 0.3
+    assert_allclose(found.rate_cam_radps, truth, atol=0.01)
+
+
+def test_a_bolted_cameras_rate_is_a_finite_difference():
+    mount = FixedMount(yaw_rad=0.3, pitch_rad=-1.2, roll_rad=0.1)
+    attitude = sources(
+        vehicle([0, 100 * MS], [ypr(3.12, -0.35, 0.3), ypr(-3.13, -0.31, 0.38)]),
+        order=(GimbalSource.FIXED_MOUNT,),
+        fixed_mount=mount,
+    )
+    truth = finite_difference_rate(attitude, 50 * MS, 20 * MS, 100 * MS)
+    assert_allclose(attitude.at(50 * MS, 100 * MS).rate_cam_radps, truth, atol=1e-9)
+
+
+def test_exactly_on_a_sample_there_is_a_value_and_no_rate():
+    attitude = sources(gimbal([0, 100 * MS], [ypr(0, -0.1, 0), ypr(0, -0.2, 0)], earth=True))
+    found = attitude.at(100 * MS, 100 * MS)
+    assert_same(found, camera(ypr(0, -0.2, 0)))
+    assert (found.age_s, found.rate_cam_radps.tolist()) == (0.0, [0.0, 0.0, 0.0])

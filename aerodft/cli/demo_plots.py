@@ -89,5 +89,5 @@ def _write(canvas: ImageArray, text: str, near_px: np.ndarray) -> None:
     rows, columns = canvas.shape[:2]
     u = int(np.clip(near_px[0] - width / 2, 5, columns - width - 5))
     v = int(np.clip(near_px[1] - 14, height + 5, rows - 8))
-    cv2.putText(canvas, text, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _BLACK, 4, cv2.LINE_AA)
+    cv2.rectangle(canvas, (u - 4, v - height - 4), (u + width + 4, v + 6), _BLACK, cv2.FILLED)
     cv2.putText(canvas, text, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _WHITE, 1, cv2.LINE_AA)

@@ -217,7 +217,7 @@ def test_nadir_has_no_roll_and_heads_where_the_image_is_up(tilt_rad: float, head
     assert math.radians(heading_deg) == pytest.approx(heading_rad, abs=1e-7)
 
 
-def a_measurement(**changes: Any) -> Measurement:  # noqa: ANN401 (any field of a measurement)
+def a_measurement(**changes: Any) -> Measurement:
     value = Measurement(
         name="w",
         kind=ProbeKind.DISTANCE,

@@ -143,12 +143,14 @@ def _fly(output: Path, ports: _Ports, duration_s: float, seed: int) -> None:
     ]
     service = ("-m", "aerodft", "serve", output / "station.toml", "-o", output / "recording")
     listener = ("-m", "aerodft.cli.demo_listener", ports.endpoint, _STATION, output / "received.jsonl")
-    with _process(output, "serve", service), _process(output, "listener", listener):
-        say("rendering the flight, then flying it: MAVLink and H.264 over UDP on loopback ...")
-        with _process(output, "simulator", simulator) as flying:
-            if flying.wait(_PATIENCE_S + 10 * duration_s) != 0:
-                raise _failure(output, "simulator")
-        time.sleep(1.0)  # what is under way arrives
+    with _process(output, "listener", listener):
+        with _process(output, "serve", service):
+            say("rendering the flight, then flying it: MAVLink and H.264 over UDP on loopback ...")
+            with _process(output, "simulator", simulator) as flying:
+                if flying.wait(_PATIENCE_S + 10 * duration_s) != 0:
+                    raise _failure(output, "simulator")
+            time.sleep(1.0)  # what is under way arrives
+        time.sleep(0.5)  # and what the service says as it ends
 
 
 def _replay(output: Path, recording: Path) -> list[str]:

@@ -68,6 +68,7 @@ class Service:
             time.sleep(0.02)
 
     def end(self, number=signal.SIGTERM):
+        """End it, once or more often; returns its exit code."""
         if self.process.poll() is None:
             self.process.send_signal(number)
         code = self.process.wait(PATIENCE_S)
@@ -103,9 +104,11 @@ def flown(tmp_path_factory):
             )
             subprocess.run(list(map(str, simulator)), check=True, capture_output=True, timeout=PATIENCE_S)
             time.sleep(1.0)  # what is under way arrives; the counts below tell if it did not
+            code = service.end()
+            time.sleep(0.5)  # what it says as it ends, likewise
             subscriber.undeclare()
     finally:
-        code = service.end()
+        service.end()
     return folder, received, service.said, code
 
 

@@ -39,6 +39,8 @@ def _option(word: str, text: str) -> tuple[str, str]:
     key, _, value = word.partition("=")
     if key not in _OPTIONS:
         raise UsageError(f'--probe "{text}"', got=f"option {key!r}", expected=f"one of {', '.join(_OPTIONS)}")
+    if not value:
+        raise UsageError(f'--probe "{text}"', got="nothing", expected=f"a value after {key}=")
     return key, value
 
 

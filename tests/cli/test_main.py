@@ -1,0 +1,84 @@
+"""The command as a whole: help, version, exit codes, and errors in one sentence."""
+
+import subprocess
+import sys
+
+import pytest
+
+from aerodft import __version__
+from aerodft.cli.main import COMMANDS, build_app
+
+
+def process(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "aerodft", *map(str, arguments)], capture_output=True, check=False, text=True
+    )
+
+
+def test_version(aerodft):
+    found = aerodft("--version")
+    assert (found.code, found.out.decode()) == (0, f"aerodft {__version__}\n")
+
+
+def test_the_help_lists_every_command(aerodft):
+    found = aerodft("--help")
+    assert found.code == 0
+    for name, line in COMMANDS.items():
+        assert name in found.out.decode()
+        assert line[:20] in found.out.decode()
+
+
+def test_without_a_command_there_is_help(aerodft):
+    found = aerodft()
+    assert found.code == 2
+    assert "measure" in found.out.decode() + found.err
+
+
+@pytest.mark.parametrize("name", ["measure", "import", "recompute", "doctor"])
+def test_every_commands_help_has_an_example_and_json(aerodft, name):
+    found = aerodft(name, "--help")
+    text = found.out.decode()
+    assert found.code == 0
+    assert f"aerodft {name}" in text
+    assert "Example:" in text
+    assert "--json" in text
+
+
+@pytest.mark.parametrize(
+    "arguments", [("measur",), ("measure", "--hight", "3"), ("measure", "--height", "tall"), ("recompute",)]
+)
+def test_a_wrong_command_line_is_exit_2_without_a_traceback(aerodft, arguments):
+    found = aerodft(*arguments)
+    assert found.code == 2
+    assert found.out == b""
+    assert "Traceback" not in found.err
+
+
+def test_only_the_asked_command_is_loaded():
+    code = (
+        "import sys; from aerodft.cli.main import build_app; build_app(['measure']);"
+        "sys.exit(any(name in sys.modules for name in ('av', 'zenoh', 'mcap', 'matplotlib')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_listed_command_exists():
+    for name in COMMANDS:
+        build_app([name])
+
+
+def test_a_bug_is_not_hidden(monkeypatch, aerodft):
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("aerodft.cli.measure.assumed_stds", broken)
+    with pytest.raises(ZeroDivisionError):
+        aerodft("measure", "--camera", "x", "--height", 1, "--tilt", 0, "--probe", "range 1,1")
+
+
+def test_a_process_says_its_error_once_on_stderr(tmp_path):
+    found = process("recompute", tmp_path / "none", "-o", tmp_path / "new")
+    assert (found.returncode, found.stdout) == (3, "")
+    assert found.stderr == (
+        f"aerodft: {tmp_path}/none: there is no recording: got nothing, expected a folder with data_000.mcap\n"
+    )

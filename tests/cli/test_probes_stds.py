@@ -1,0 +1,103 @@
+"""``--probe`` and ``--std`` as people write them."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from aerodft.cli.probes import parse_probe
+from aerodft.cli.stds import Stds, assumed_stds, parse_stds
+from aerodft.errors import UsageError
+from aerodft.model.camera import Camera, CameraStd
+from aerodft.model.probe import ProbeKind
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
+def test_numbers_are_read_exactly(u1, v1, u2, v2, elevation_m):
+    probe = parse_probe(f"distance {u1!r},{v1!r} {u2!r},{v2!r} elevation={elevation_m!r} name=ford", 0, Stds())
+    assert (probe.name, probe.kind) == ("ford", ProbeKind.DISTANCE)
+    assert probe.pixels == ((u1, v1), (u2, v2))
+    assert probe.elevation_m == elevation_m
+
+
+def test_what_is_left_out_has_its_default():
+    probe = parse_probe("range 1,2", 4, parse_stds("px=0.25,elevation=0.1"))
+    assert (probe.name, probe.elevation_m, probe.std_px, probe.elevation_std_m) == ("range-5", 0.0, 0.25, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "got kind '', expected one of position, range, distance"),
+        ("girth 1,2", "got kind 'girth'"),
+        ("range", "got 0 pixels, expected 1 for range"),
+        ("range 1,2 3,4", "got 2 pixels, expected 1 for range"),
+        ("range 1", "got '1', expected a pixel as u,v"),
+        ("range 1,2,3", "got '1,2,3', expected a pixel as u,v"),
+        ("range 1,x", "got 'x', expected a finite number"),
+        ("range 1,nan", "got 'nan', expected a finite number"),
+        ("range 1,inf", "got 'inf', expected a finite number"),
+        ("range 1,2 hight=3", "got option 'hight', expected one of elevation, name"),
+        ("range 1,2 elevation=up", "got 'up', expected a finite number"),
+        ("range 1,2 name=", "got nothing, expected a value after name="),
+    ],
+)
+def test_a_malformed_probe_is_one_sentence(text, said):
+    with pytest.raises(UsageError) as caught:
+        parse_probe(text, 0, Stds())
+    assert str(caught.value).startswith(f'--probe "{text}": ')
+    assert said in str(caught.value)
+
+
+def test_degrees_become_radians_and_metres_stay():
+    stds = parse_stds("height=0.5, position=2,tilt=1,pan=2,roll=3,heading=4,focal=8,elevation=0.1,px=0.5")
+    pose = stds.pose
+    assert (pose.height_agl_m, pose.horizontal_m, pose.time_s) == (0.5, 2.0, 0.0)
+    assert [pose.tilt_rad, pose.pan_rad, pose.roll_rad, pose.heading_rad] == [math.radians(k) for k in (1, 2, 3, 4)]
+    assert (stds.focal_px, stds.elevation_m, stds.px, stds.assumptions) == (8.0, 0.1, 0.5, ())
+
+
+def test_attitude_sets_all_three_and_a_later_one_wins():
+    pose = parse_stds("attitude=2,pan=0").pose
+    assert [pose.tilt_rad, pose.pan_rad, pose.roll_rad] == [math.radians(2), 0.0, math.radians(2)]
+
+
+def test_what_is_not_said_is_exact_but_for_the_pixel():
+    stds = parse_stds("height=0.1")
+    assert (stds.pose.tilt_rad, stds.focal_px, stds.px) == (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("hight=1", "got name 'hight', expected one of height, position, tilt, pan, roll, heading, attitude, focal,"),
+        ("height", "got '', expected a number of at least 0"),
+        ("height=x", "got 'x'"),
+        ("height=-1", "got '-1'"),
+        ("height=nan", "got 'nan'"),
+        ("height=inf", "got 'inf'"),
+    ],
+)
+def test_a_malformed_std_is_one_sentence(text, said):
+    with pytest.raises(UsageError) as caught:
+        parse_stds(f"px=1,{text}")
+    assert str(caught.value).startswith(f"--std {text}: ")
+    assert said in str(caught.value)
+
+
+def test_assumptions_scale_with_the_height_and_are_said():
+    stds = assumed_stds(50.0)
+    assert stds.pose.height_agl_m == 0.5
+    assert stds.pose.tilt_rad == stds.pose.pan_rad == stds.pose.roll_rad == math.radians(0.3)
+    assert stds.assumptions
+
+
+def test_a_focal_std_overrules_the_cameras_and_nothing_else_does():
+    camera = Camera(
+        name="c", width_px=10, height_px=10, fx_px=9, fy_px=9, cx_px=5, cy_px=5, std=CameraStd(focal_px=2.0)
+    )
+    assert parse_stds("focal=3").on_camera(camera).std.focal_px == 3.0
+    assert parse_stds("px=3").on_camera(camera) is camera

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
-from aerodft.adapters.config.resolved import refreshed
+from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.import_ import report
 from aerodft.cli.output import progress_bar
 from aerodft.cli.recorded import recorded_station, reoffset
@@ -35,8 +35,7 @@ def recompute(
       aerodft recompute recordings/flight --calibration better.toml -o recordings/flight-better
     """
     old = Recording(recording)
-    was = recorded_station(old)
-    station = was if config is None else refreshed(load_station(config))
+    was, station = _stations(old, config)
     if calibration is not None:
         station = with_calibration(station, calibration)
     recorder = build_recorder(station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
@@ -46,6 +45,15 @@ def recompute(
         run(feed, pipeline, (recorder, tally), progress)
     _copy_images(old, output)
     report(output, tally, pipeline.counts.unknown_probe, as_json=json)
+
+
+def _stations(recording: Recording, config: Path | None) -> tuple[StationConfig, StationConfig]:
+    """The recording's own configuration (where it has none: the new one) and the one to compute with."""
+    if config is None:
+        own = recorded_station(recording)
+        return own, own
+    new = load_station(config)
+    return (new if recording.text("config.toml") is None else recorded_station(recording)), new
 
 
 def _copy_images(recording: Recording, output: Path) -> None:

@@ -33,7 +33,11 @@ def recorded_station(recording: Recording) -> StationConfig:
     """
     text = recording.text("config.toml")
     if text is None:
-        raise InputError("no config.toml beside the segments", where=recording.folder, hint="pass --config")
+        raise InputError(
+            "no config.toml beside the segments",
+            where=recording.folder,
+            hint="`aerodft recompute` takes one with --config",
+        )
     return parse_station(text.encode(), where=str(recording.folder / "config.toml"), folder=recording.folder)
 
 

@@ -1,0 +1,121 @@
+"""``aerodft recompute``: the same bytes again, or what another configuration makes of the same input."""
+
+import math
+import shutil
+
+import orjson
+import pytest
+
+from aerodft.model.image import Image
+from replay.recording import Recording
+from replay.source import RecordingSource
+
+CALIBRATION = """
+[bias]
+height_m = { value = -4.0, std = 0.1 }
+tilt_deg = { value = 1.0, std = 0.1 }
+"""
+
+
+def payloads(folder):
+    return list(Recording(folder).measurements())
+
+
+def found(folder, name):
+    return [m for m in map(orjson.loads, payloads(folder)) if m["name"] == name]
+
+
+def edited(recording, folder, old, new):
+    """The recording's own configuration with one thing changed."""
+    text = (recording / "config.toml").read_text()
+    assert old in text
+    path = folder / "other.toml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def test_the_same_configuration_gives_the_same_bytes(aerodft, flight_recording, tmp_path):
+    once, twice = tmp_path / "once", tmp_path / "twice"
+    first = aerodft("recompute", flight_recording, "-o", once, "--json")
+    assert first.code == 0, first.err
+    assert first.json["measurements"] == {"ok": 15}
+    assert aerodft("recompute", once, "-o", twice).code == 0
+    assert payloads(flight_recording) == payloads(once) == payloads(twice)
+    assert (flight_recording / "config.toml").read_text() == (once / "config.toml").read_text()
+
+
+def test_images_are_copied_as_they_are(aerodft, flight_recording, tmp_path):
+    out = tmp_path / "out"
+    assert aerodft("recompute", flight_recording, "-o", out).code == 0
+
+    def pictures(folder):
+        images = [e for e in RecordingSource(Recording(folder), pixels=True).events() if isinstance(e, Image)]
+        return {image.index: image.pixels().tobytes() for image in images if image.pixels}
+
+    assert pictures(flight_recording) == pictures(out)
+    assert len(pictures(out)) == 2
+
+
+def test_another_configuration_gives_other_numbers(aerodft, flight_recording, tmp_path):
+    config = edited(flight_recording, tmp_path, "home_above_plane_m = 0.0", "home_above_plane_m = 2.5")
+    out = tmp_path / "out"
+    assert aerodft("recompute", flight_recording, "-c", config, "-o", out).code == 0
+    values = [m["value"] for m in found(out, "centre")]
+    assert values == pytest.approx([42.5 / math.cos(math.radians(30.0))] * 10)
+    assert found(out, "centre")[0]["config"] != found(flight_recording, "centre")[0]["config"]
+
+
+def test_a_calibration_corrects_height_and_tilt(aerodft, flight_recording, tmp_path):
+    calibration = tmp_path / "calibration.toml"
+    calibration.write_text(CALIBRATION)
+    out, again = tmp_path / "out", tmp_path / "again"
+    run = aerodft("recompute", flight_recording, "--calibration", calibration, "-o", out)
+    assert run.code == 0, run.err
+    values = [m["value"] for m in found(out, "centre")]
+    assert values == pytest.approx([36.0 / math.cos(math.radians(31.0))] * 10)
+    assert found(out, "centre")[0]["calibration"].startswith("sha256:")
+    assert aerodft("recompute", out, "-o", again).code == 0
+    assert payloads(again) == payloads(out)
+
+
+def test_another_time_offset_moves_images_and_what_was_seen_in_them(aerodft, flight_recording, tmp_path):
+    config = edited(flight_recording, tmp_path, "time_offset_s = 0.0", "time_offset_s = 0.1")
+    out = tmp_path / "out"
+    assert aerodft("recompute", flight_recording, "-c", config, "-o", out).code == 0
+    for name in ("centre", "width"):
+        before, after = ([(int(m["stamp_ns"]), m["image"]) for m in found(f, name)] for f in (flight_recording, out))
+        # The configuration has two offsets, of images and of observations, and both were changed.
+        shift_ns = 100_000_000 if name == "centre" else 200_000_000
+        assert [stamp for stamp, _ in after] == [stamp + shift_ns for stamp, _ in before]
+
+
+def test_what_is_no_recording_is_refused(aerodft, tmp_path):
+    for folder in (tmp_path / "none", tmp_path):
+        (tmp_path / "notes.txt").write_text("x")
+        run = aerodft("recompute", folder, "-o", tmp_path / "out")
+        assert (run.code, f"{folder}: there is no recording" in run.last) == (3, True)
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_without_its_configuration_asks_for_one(aerodft, flight_recording, tmp_path):
+    bare = tmp_path / "bare"
+    shutil.copytree(flight_recording, bare)
+    config = bare / "config.toml"
+    text = config.read_text()
+    config.unlink()
+    run = aerodft("recompute", bare, "-o", tmp_path / "out")
+    assert (
+        run.code,
+        "no config.toml beside the segments; `aerodft recompute` takes one with --config" in run.last,
+    ) == (3, True)
+    (tmp_path / "config.toml").write_text(text)
+    run = aerodft("recompute", bare, "-c", tmp_path / "config.toml", "-o", tmp_path / "out")
+    assert run.code == 0, run.err
+    assert payloads(tmp_path / "out") == payloads(flight_recording)
+
+
+def test_it_never_writes_into_the_recording(aerodft, flight_recording):
+    before = sorted((path.name, path.stat().st_size) for path in flight_recording.iterdir())
+    run = aerodft("recompute", flight_recording, "-o", flight_recording)
+    assert (run.code, "a recording is never written over something else" in run.last) == (3, True)
+    assert sorted((path.name, path.stat().st_size) for path in flight_recording.iterdir()) == before

@@ -4,7 +4,7 @@ Columns of ``jac_shared`` (one error that all points of an image have in common)
 
     0:3  camera position, ENU (m)          6    relative focal length
     3:6  small rotation, camera axes (rad) 7:9  principal point (px)
-    9    elevation of the plane (m)        10   time of the pose (s)
+    9    elevation of the plane (m)
 """
 
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from aerodft.model.status import Status
 
-SHARED = 11
+SHARED = 10
 POSITION, ROTATION = slice(0, 3), slice(3, 6)
-FOCAL, PRINCIPAL_POINT, ELEVATION, TIME = 6, slice(7, 9), 9, 10
+FOCAL, PRINCIPAL_POINT, ELEVATION = 6, slice(7, 9), 9
 
 CODES: tuple[Status, ...] = tuple(Status)
 _CODE = {status: code for code, status in enumerate(CODES)}
@@ -36,7 +36,7 @@ class GroundPoints:
 
     Attributes:
         points_enu_m: ``(..., 3)``; NaN where ``status`` is not ok.
-        jac_shared: ``(..., 3, 11)``, see the module.
+        jac_shared: ``(..., 3, 10)``, see the module.
         jac_px: ``(..., 3, 2)`` by the point's own pixel.
         status: ``(...)`` indices into ``CODES``.
         depression_rad: ``(...)`` of the ray below the horizon; negative above it.
@@ -78,8 +78,6 @@ def project(
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         solve = _pinhole if model is ProjectionModel.PINHOLE else _dft
         points, jac_shared, jac_px, depression = solve(camera, pose, pixels, elevation)
-        moving = jac_shared[..., POSITION] @ pose.velocity_enu_mps + jac_shared[..., ROTATION] @ pose.rate_cam_radps
-        jac_shared[..., TIME] = moving
     status = _status(camera, pose, pixels, elevation, depression)
     points = np.where((status == _CODE[Status.OK])[..., None], points, np.nan)
     return GroundPoints(points, jac_shared, jac_px, status, depression)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, FOCAL, PRINCIPAL_POINT, SHARED, TIME, GroundPoints
+from aerodft.dft.projection import ELEVATION, FOCAL, PRINCIPAL_POINT, SHARED, GroundPoints
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import Ellipse95
@@ -32,13 +32,16 @@ class Gradient:
 
 
 def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: float) -> FloatArray:
-    """``(11, 11)`` covariance of the errors that all points have in common, ordered as in ``projection``."""
+    """``(10, 10)`` covariance of the errors that all points have in common, ordered as in ``projection``.
+
+    A stamp that is off by ``dt`` is a pose that is off by ``dt`` times the camera's motion.
+    """
+    motion = np.concatenate([pose.velocity_enu_mps, pose.rate_cam_radps])
     cov = np.zeros((SHARED, SHARED))
-    cov[:6, :6] = pose.cov
+    cov[:6, :6] = pose.cov + pose.time_std_s**2 * motion[:, None] * motion
     cov[FOCAL, FOCAL] = (camera.std.focal_px / camera.fx_px) ** 2
     cov[PRINCIPAL_POINT, PRINCIPAL_POINT] = np.eye(2) * camera.std.principal_point_px**2
     cov[ELEVATION, ELEVATION] = elevation_std_m**2
-    cov[TIME, TIME] = pose.time_std_s**2
     return cov
 
 

@@ -84,6 +84,27 @@ def test_stds_are_monte_carlos(tilt_deg):
     assert_allclose(ellipse.semi_major_m, math.sqrt(5.991) * np.std(along), rtol=0.06)
 
 
+@pytest.mark.parametrize(
+    ("kind", "pixels"), [(ProbeKind.DISTANCE, PIXELS), (ProbeKind.RANGE, PIXELS[:1]), (ProbeKind.POSITION, PIXELS[:1])]
+)
+def test_a_stamp_that_is_off_moves_the_value_as_the_camera_moves(kind, pixels):
+    velocity, rate, std_s, later_s = np.array([3.0, -2.0, 1.0]), np.array([0.1, 0.2, -0.05]), 0.02, 1e-5
+    still = camera_pose(height_agl_m=50.0, tilt_rad=0.6, heading_rad=1.0)
+    moving = replace(still, velocity_enu_mps=velocity, rate_cam_radps=rate, time_std_s=std_s)
+    moved = replace(
+        still,
+        position_enu_m=still.position_enu_m + velocity * later_s,
+        wxyz=multiply(still.wxyz, from_rotation_vector(rate * later_s)),
+    )
+    setup, request = Setup(camera=replace(CAMERA, std=CameraStd())), request_of(kind, pixels, 0.0)
+    now, later = (measure(setup, sample_of(pose), (request,))[0] for pose in (moving, moved))
+    if kind is ProbeKind.POSITION:
+        step = (np.array(later.enu_m[0]) - now.enu_m[0]) / later_s * std_s
+        assert_allclose(now.cov_enu_m2, np.outer(step, step), rtol=1e-3, atol=1e-9)
+    else:
+        assert_allclose(now.std, abs(later.value - now.value) / later_s * std_s, rtol=1e-3)
+
+
 def test_straight_down_a_width_scales_with_height():
     plain = replace(CAMERA, distortion=(), std=CameraStd())
     pose = camera_pose(height_agl_m=40.0, tilt_rad=0.0, std=PoseStd(height_agl_m=0.4))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.projection import CODES, POSITION, ROTATION, SHARED, TIME, project
+from aerodft.dft.projection import CODES, POSITION, ROTATION, SHARED, project
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
 from aerodft.model.camera import Camera
@@ -112,7 +112,7 @@ def test_pinhole_jacobian_is_the_finite_difference(tilt, roll, heading, u, v):
     pixels, step = np.array([[u, v]]), 1e-6
     ground = project(camera, pose, pixels, 1.0, PINHOLE)
     assume(ground.status[0] == 0 and ground.depression_rad[0] > math.radians(5))
-    for column in range(TIME):
+    for column in range(SHARED):
         shift = step * np.eye(SHARED)[column]
         ends = [
             project(perturbed_camera(s), perturbed(pose, s), pixels, 1.0 + s[9], PINHOLE).points_enu_m
@@ -124,20 +124,6 @@ def test_pinhole_jacobian_is_the_finite_difference(tilt, roll, heading, u, v):
         shift = step * np.eye(2)[axis]
         ends = [project(camera, pose, pixels + s, 1.0, PINHOLE).points_enu_m for s in (shift, -shift)]
         assert_allclose(ground.jac_px[0, :, axis], (ends[0] - ends[1])[0] / (2 * step), rtol=1e-5, atol=1e-5)
-
-
-def test_time_column_is_the_motion():
-    still = camera_pose(height_agl_m=50.0, tilt_rad=0.6, heading_rad=1.0)
-    velocity, rate, later_s = np.array([3.0, -2.0, 1.0]), np.array([0.1, 0.2, -0.05]), 1e-5
-    moving = replace(still, velocity_enu_mps=velocity, rate_cam_radps=rate)
-    moved = Pose(
-        position_enu_m=still.position_enu_m + velocity * later_s,
-        wxyz=multiply(still.wxyz, from_rotation_vector(rate * later_s)),
-    )
-    pixels = np.array([[400.0, 700.0]])
-    ground = project(camera, moving, pixels, 0.0, PINHOLE)
-    change = project(camera, moved, pixels, 0.0, PINHOLE).points_enu_m - ground.points_enu_m
-    assert_allclose(ground.jac_shared[0, :, TIME], change[0] / later_s, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("model", [PINHOLE, DFT])

@@ -18,6 +18,7 @@ from aerodft.model.camera import Camera, LensModel
 _BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
 _NEWTON_STEPS = 16
 _CONVERGED = 1e-14
+_FEW = 512  # coordinates of an image's fixed probes, at most
 _ACCEPTED = 1e-11  # in units of the focal length: far below 1e-7 px
 
 
@@ -42,9 +43,22 @@ def rays_from_pixels(camera: Camera, pixels_px: FloatArray) -> FloatArray:
 
 
 def rays_with_jacobian(camera: Camera, pixels_px: FloatArray) -> Rays:
-    """As ``rays_from_pixels``, with derivatives."""
+    """As ``rays_from_pixels``, with derivatives; not to be written to: the same few pixels are asked for again."""
+    pixels = np.asarray(pixels_px, dtype=np.float64)
+    return _remembered_rays(camera, pixels.shape, pixels.tobytes()) if pixels.size <= _FEW else _rays(camera, pixels)
+
+
+@lru_cache(maxsize=64)
+def _remembered_rays(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> Rays:
+    rays = _rays(camera, np.frombuffer(pixels).reshape(shape))
+    for array in (rays.rays_cam, rays.jac_px, rays.jac_focal):
+        array.setflags(write=False)
+    return rays
+
+
+def _rays(camera: Camera, pixels_px: FloatArray) -> Rays:
     focal = np.array([camera.fx_px, camera.fy_px])
-    distorted = (np.asarray(pixels_px, dtype=np.float64) - [camera.cx_px, camera.cy_px]) / focal
+    distorted = (pixels_px - [camera.cx_px, camera.cy_px]) / focal
     if camera.lens is LensModel.FISHEYE:
         rays, jac = _fisheye_rays(_padded(camera, 4), distorted)
     else:
@@ -89,13 +103,10 @@ def _brown(coefficients: tuple[float, ...], xy: FloatArray) -> tuple[FloatArray,
     xd = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x)
     yd = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y
     cross = 2 * (x * y * slope + p1 * x + p2 * y)
-    jac = np.stack(
-        [
-            np.stack([radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, cross], axis=-1),
-            np.stack([cross, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x], axis=-1),
-        ],
-        axis=-2,
-    )
+    jac = np.empty((*xd.shape, 2, 2))
+    jac[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+    jac[..., 0, 1] = jac[..., 1, 0] = cross
+    jac[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
     return np.stack([xd, yd], axis=-1), jac
 
 

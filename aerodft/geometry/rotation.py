@@ -9,17 +9,21 @@ from aerodft.model.arrays import FloatArray
 
 def multiply(a_wxyz: FloatArray, b_wxyz: FloatArray) -> FloatArray:
     """Hamilton product ``a b``: first ``b``, then ``a``. Shapes ``(..., 4)``, broadcast."""
-    aw, ax, ay, az = np.moveaxis(a_wxyz, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b_wxyz, -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
+    aw, ax, ay, az = _columns(a_wxyz)
+    bw, bx, by, bz = _columns(b_wxyz)
+    w = aw * bw - ax * bx - ay * by - az * bz
+    product = np.empty((*w.shape, 4))
+    product[..., 0] = w
+    product[..., 1] = aw * bx + ax * bw + ay * bz - az * by
+    product[..., 2] = aw * by - ax * bz + ay * bw + az * bx
+    product[..., 3] = aw * bz + ax * by - ay * bx + az * bw
+    return product
+
+
+def _columns(rows: FloatArray) -> list[FloatArray]:
+    """The components of ``(..., k)``, each ``(...)``."""
+    rows = np.asarray(rows, dtype=np.float64)
+    return [rows[..., column] for column in range(rows.shape[-1])]
 
 
 def inverse(wxyz: FloatArray) -> FloatArray:
@@ -29,13 +33,12 @@ def inverse(wxyz: FloatArray) -> FloatArray:
 
 def matrix(wxyz: FloatArray) -> FloatArray:
     """Rotation matrices ``(..., 3, 3)`` of unit quaternions ``(..., 4)``."""
-    w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    w, x, y, z = _columns(wxyz)
+    m = np.empty((*w.shape, 3, 3))
+    m[..., 0, 0], m[..., 0, 1], m[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    m[..., 1, 0], m[..., 1, 1], m[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    m[..., 2, 0], m[..., 2, 1], m[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return m
 
 
 def from_rotation_vector(rotvec_rad: FloatArray) -> FloatArray:
@@ -130,7 +133,8 @@ def camera_from_gimbal(ned_wxyz_gimbal: FloatArray) -> FloatArray:
 
 def skew(vectors: FloatArray) -> FloatArray:
     """Cross-product matrices ``(..., 3, 3)`` of ``(..., 3)``: ``skew(a) b = a x b``."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    x, y, z = _columns(vectors)
+    m = np.zeros((*x.shape, 3, 3))
+    m[..., 0, 1], m[..., 0, 2], m[..., 1, 2] = -z, y, -x
+    m[..., 1, 0], m[..., 2, 0], m[..., 2, 1] = z, -y, x
+    return m

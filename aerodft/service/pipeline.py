@@ -92,9 +92,7 @@ class Pipeline:
             return tuple(self._step(batch))
 
     def _step(self, batch: Batch) -> list[Output]:
-        outputs: list[Output] = []
-        for deadline_ns in sorted({job.deadline_ns for job in self._jobs if job.deadline_ns < batch.now_ns}):
-            outputs += self._finish(deadline_ns)  # waits that ended on an empty tick that was left out
+        outputs = self._wait_until(batch.now_ns)
         for block in batch.raw:
             self._poses.append(self._decoder.decode(block))
         for image in batch.images:
@@ -106,7 +104,7 @@ class Pipeline:
     def finish(self) -> tuple[Output, ...]:
         """The end of the input: what still waits is answered with what there is."""
         with self._lock:
-            return tuple(self._finish(None))
+            return tuple(self._wait_until(None))
 
     def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
         """Answer a question from outside, from any thread.
@@ -156,12 +154,17 @@ class Pipeline:
     def _utc(self, stamp_ns: int, clock: StampClock) -> int:
         return stamp_ns if clock is StampClock.UTC else stamp_ns + self._poses.clock.utc_minus_host_ns
 
-    def _finish(self, now_ns: int | None) -> list[Output]:
+    def _wait_until(self, now_ns: int | None) -> list[Output]:
+        """What the empty ticks before ``now_ns`` would have answered, whether they came or were left out."""
+        deadlines_ns = {job.deadline_ns for job in self._jobs if now_ns is None or job.deadline_ns < now_ns}
+        return [output for deadline_ns in sorted(deadlines_ns) for output in self._finish(deadline_ns)]
+
+    def _finish(self, now_ns: int) -> list[Output]:
         outputs: list[Output] = []
         waiting: deque[_Job] = deque()
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
-            final = now_ns is None or job.deadline_ns <= now_ns
+            final = job.deadline_ns <= now_ns
             if not final and self._awaits_image(job):
                 waiting.append(job)
                 continue

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.dft.projection import CODES, GroundPoints, project
-from aerodft.dft.uncertainty import Z95, Gradient, ellipse95, point_covariance, scalar_std, shared_covariance
+from aerodft.dft.uncertainty import Z95, ellipse95, point_covariances, scalar_std, shared_covariance, slant_ranges
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
@@ -61,10 +61,58 @@ def measure(
     pixels = np.array([pixel for request in requests for pixel in request.pixels], dtype=np.float64).reshape(-1, 2)
     elevation = np.repeat([request.probe.elevation_m for request in requests], counts)
     ground = project(setup.camera, pose, pixels, elevation, setup.model)
+    elevation_std = np.repeat([request.probe.elevation_std_m for request in requests], counts)
+    std_px = np.repeat([request.std_px for request in requests], counts)
+    points = _points(ground, sample.origin, pose, shared_covariance(setup.camera, pose, elevation_std), std_px)
     return [
-        _measure_one(_Record(setup, sample, request, image), pose, ground[end - count : end])
-        for request, count, end in zip(requests, counts, np.cumsum(counts), strict=True)
+        _measure_one(_Record(setup, sample, request, image), pose, points[end - count : end])
+        for request, count, end in zip(requests, counts, np.cumsum(counts).tolist(), strict=True)
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Points:
+    """Points of an image, and what is found for all of them at once.
+
+    Attributes:
+        ground: The ``(k,)`` points with what they depend on.
+        shared_cov: ``(k, 10, 10)``, see ``shared_covariance``.
+        cov_enu_m2: ``(k, 3, 3)``.
+        range_m: ``(k,)`` from the camera.
+        range_std_m: ``(k,)``.
+        ground_m: ``(k, 3)`` in the ground frame.
+        geo: ``k`` points; None without an origin.
+    """
+
+    ground: GroundPoints
+    shared_cov: FloatArray
+    cov_enu_m2: FloatArray
+    range_m: FloatArray
+    range_std_m: FloatArray
+    ground_m: FloatArray
+    geo: tuple[GeoPoint, ...] | None
+
+    def __getitem__(self, rows: slice) -> "_Points":
+        return _Points(
+            self.ground[rows],
+            self.shared_cov[rows],
+            self.cov_enu_m2[rows],
+            self.range_m[rows],
+            self.range_std_m[rows],
+            self.ground_m[rows],
+            None if self.geo is None else self.geo[rows],
+        )
+
+
+def _points(
+    ground: GroundPoints, origin: GeoOrigin | None, pose: Pose, shared_cov: FloatArray, std_px: FloatArray
+) -> _Points:
+    with np.errstate(invalid="ignore", over="ignore"):  # misses are NaN, and have infinite derivatives
+        cov_enu_m2 = point_covariances(ground, shared_cov, std_px)
+        range_m, range_std_m = slant_ranges(ground, pose.position_enu_m, shared_cov, std_px)
+    ground_m = to_ground_frame(pose, ground.points_enu_m)
+    geo = _geo(origin, ground.points_enu_m)
+    return _Points(ground, shared_cov, cov_enu_m2, range_m, range_std_m, ground_m, geo)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,70 +141,60 @@ class _Record:
             config=self.setup.config_id,
         )
 
-    def answer(
-        self, pose: Pose, points_enu_m: FloatArray, cov_enu_m2: FloatArray, value: float | None, std: float | None
-    ) -> Measurement:
+    def answer(self, points: _Points, value: float | None, std: float | None) -> Measurement:
         is_position = self.request.probe.kind is ProbeKind.POSITION
         return replace(
             self.miss(Status.OK, self.sample.reasons),
             value=value,
             std=std,
             ci95=None if value is None or std is None else (value - Z95 * std, value + Z95 * std),
-            ellipse95=ellipse95(cov_enu_m2) if is_position else None,
-            ground_m=_tuples(to_ground_frame(pose, points_enu_m)),
-            enu_m=_tuples(points_enu_m),
-            cov_enu_m2=_tuples(cov_enu_m2),
-            geo=_geo(self.sample.origin, points_enu_m),
-            range_m=tuple(np.linalg.norm(points_enu_m - pose.position_enu_m, axis=-1).tolist()),
+            ellipse95=ellipse95(points.cov_enu_m2[0]) if is_position else None,
+            ground_m=_tuples(points.ground_m),
+            enu_m=_tuples(points.ground.points_enu_m),
+            cov_enu_m2=_tuples(points.cov_enu_m2[0]),
+            geo=points.geo,
+            range_m=tuple(points.range_m.tolist()),
         )
 
 
-def _measure_one(record: _Record, pose: Pose, ground: GroundPoints) -> Measurement:
-    bad = np.flatnonzero(ground.status)
+def _measure_one(record: _Record, pose: Pose, points: _Points) -> Measurement:
+    bad = np.flatnonzero(points.ground.status)
     if len(bad):
-        status = CODES[ground.status[bad[0]]]
-        return record.miss(status, (_why(record, pose, status, ground, int(bad[0])),))
-    std_px = record.request.std_px
-    shared_cov = shared_covariance(record.setup.camera, pose, record.request.probe.elevation_std_m)
-    for index in range(len(ground.status)):
-        refusal = _untrusted(record, pose, ground[index : index + 1], shared_cov)
+        status = CODES[points.ground.status[bad[0]]]
+        return record.miss(status, (_why(record, pose, status, points.ground, int(bad[0])),))
+    for index, (range_m, std_m) in enumerate(zip(points.range_m.tolist(), points.range_std_m.tolist(), strict=True)):
+        refusal = _untrusted(record, range_m, std_m, points.ground.depression_rad[index])
         if refusal:
             return record.miss(refusal[0], (f"point {index} {refusal[1]}",))
-    points = ground.points_enu_m
-    value, gradient = _value(record.request.probe.kind, points, pose.position_enu_m)
-    std = None if gradient is None else scalar_std(ground, gradient, shared_cov, std_px)
-    return record.answer(pose, points, point_covariance(ground, 0, shared_cov, std_px), value, std)
+    return record.answer(points, *_value(record.request, points))
 
 
-def _untrusted(record: _Record, pose: Pose, point: GroundPoints, shared_cov: FloatArray) -> tuple[Status, str] | None:
-    range_m, gradient = _slant_range(point.points_enu_m[0], pose.position_enu_m)
+def _untrusted(record: _Record, range_m: float, std_m: float, depression_rad: float) -> tuple[Status, str] | None:
     limit = record.setup.max_range_m
     if limit is not None and range_m > limit:
         return Status.BEYOND_RANGE, f"is {range_m:.1f} m away, the limit is {limit:g} m"
-    std = scalar_std(point, gradient, shared_cov, record.request.std_px)
-    if std <= MAX_RELATIVE_RANGE_STD * range_m:
+    if std_m <= MAX_RELATIVE_RANGE_STD * range_m:
         return None
-    below = math.degrees(float(point.depression_rad[0]))
-    sentence = f"is {below:.1f} deg below the horizon, range {range_m:.0f} m +- {Z95 * std:.0f} m (95 %)"
+    below = math.degrees(depression_rad)
+    sentence = f"is {below:.1f} deg below the horizon, range {range_m:.0f} m +- {Z95 * std_m:.0f} m (95 %)"
     return Status.ILL_CONDITIONED, sentence
 
 
-def _value(kind: ProbeKind, points: FloatArray, camera_enu_m: FloatArray) -> tuple[float | None, Gradient | None]:
-    if kind is ProbeKind.DISTANCE:
-        apart = points[1] - points[0]
-        distance = math.hypot(*apart[:2])
-        unit = apart * [1, 1, 0] / distance if distance > 0 else np.zeros(3)
-        return distance, Gradient(points=np.stack([-unit, unit]), position=np.zeros(3))
-    if kind is ProbeKind.RANGE:
-        return _slant_range(points[0], camera_enu_m)
+def _value(request: Request, points: _Points) -> tuple[float | None, float | None]:
+    """Value and standard deviation."""
+    if request.probe.kind is ProbeKind.DISTANCE:
+        return _distance(points.ground, points.shared_cov[0], request.std_px)
+    if request.probe.kind is ProbeKind.RANGE:
+        return float(points.range_m[0]), float(points.range_std_m[0])
     return None, None
 
 
-def _slant_range(point_enu_m: FloatArray, camera_enu_m: FloatArray) -> tuple[float, Gradient]:
-    sight = point_enu_m - camera_enu_m
-    range_m = math.hypot(*sight)
-    unit = sight / range_m
-    return range_m, Gradient(points=unit[None, :], position=-unit)
+def _distance(ground: GroundPoints, shared_cov: FloatArray, std_px: float) -> tuple[float, float]:
+    points = ground.points_enu_m
+    apart = points[1] - points[0]
+    distance = math.hypot(*apart[:2])
+    unit = apart * [1, 1, 0] / distance if distance > 0 else np.zeros(3)
+    return distance, scalar_std(ground, np.stack([-unit, unit]), shared_cov, std_px)
 
 
 def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:

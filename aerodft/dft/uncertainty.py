@@ -1,12 +1,11 @@
 """Joint first-order propagation: all points of one measurement share the pose's error, each has its own pixel's."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, FOCAL, PRINCIPAL_POINT, SHARED, GroundPoints
-from aerodft.model.arrays import FloatArray
+from aerodft.dft.projection import ELEVATION, FOCAL, POSITION, PRINCIPAL_POINT, SHARED, GroundPoints
+from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import Ellipse95
 from aerodft.model.pose import Pose
@@ -18,45 +17,51 @@ CHI2_2D_95 = 5.991464547107979
 """95 % quantile of chi-square with two degrees of freedom."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gradient:
-    """How a scalar depends on its points and, directly, on the camera's position.
-
-    Attributes:
-        points: ``(k, 3)`` derivative by each ground point.
-        position: ``(3,)`` derivative by the camera's position, the points held.
-    """
-
-    points: FloatArray
-    position: FloatArray
-
-
-def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: float) -> FloatArray:
-    """``(10, 10)`` covariance of the errors that all points have in common, ordered as in ``projection``.
+def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: FloatLike) -> FloatArray:
+    """``(..., 10, 10)`` covariance of the errors that all points have in common, ordered as in ``projection``.
 
     A stamp that is off by ``dt`` is a pose that is off by ``dt`` times the camera's motion.
+
+    Args:
+        camera: The camera.
+        pose: One pose.
+        elevation_std_m: ``(...)``.
     """
     motion = np.concatenate([pose.velocity_enu_mps, pose.rate_cam_radps])
-    cov = np.zeros((SHARED, SHARED))
-    cov[:6, :6] = pose.cov + pose.time_std_s**2 * motion[:, None] * motion
-    cov[FOCAL, FOCAL] = (camera.std.focal_px / camera.fx_px) ** 2
-    cov[PRINCIPAL_POINT, PRINCIPAL_POINT] = np.eye(2) * camera.std.principal_point_px**2
-    cov[ELEVATION, ELEVATION] = elevation_std_m**2
+    cov = np.zeros((*np.shape(elevation_std_m), SHARED, SHARED))
+    cov[..., :6, :6] = pose.cov + pose.time_std_s**2 * motion[:, None] * motion
+    cov[..., FOCAL, FOCAL] = (camera.std.focal_px / camera.fx_px) ** 2
+    cov[..., PRINCIPAL_POINT, PRINCIPAL_POINT] = np.eye(2) * camera.std.principal_point_px**2
+    cov[..., ELEVATION, ELEVATION] = np.square(elevation_std_m)
     return cov
 
 
-def scalar_std(ground: GroundPoints, gradient: Gradient, shared_cov: FloatArray, std_px: float) -> float:
-    """Standard deviation of a scalar of the ``(k,)`` points."""
-    shared = np.einsum("ki,kij->j", gradient.points, ground.jac_shared)
-    shared[:3] += gradient.position
-    own = np.einsum("ki,kij->kj", gradient.points, ground.jac_px)
+def scalar_std(ground: GroundPoints, by_points: FloatArray, shared_cov: FloatArray, std_px: float) -> float:
+    """Standard deviation of a scalar of the ``(k,)`` points, whose derivative by them is ``by_points (k, 3)``."""
+    shared = np.einsum("ki,kij->j", by_points, ground.jac_shared)
+    own = np.einsum("ki,kij->kj", by_points, ground.jac_px)
     return math.sqrt(max(float(shared @ shared_cov @ shared) + std_px**2 * float(np.sum(own * own)), 0.0))
 
 
-def point_covariance(ground: GroundPoints, index: int, shared_cov: FloatArray, std_px: float) -> FloatArray:
-    """``(3, 3)`` ENU covariance (m^2) of one point."""
-    jac, own = ground.jac_shared[index], ground.jac_px[index]
-    return np.asarray(jac @ shared_cov @ jac.T + std_px**2 * own @ own.T)
+def point_covariances(ground: GroundPoints, shared_cov: FloatArray, std_px: FloatArray) -> FloatArray:
+    """``(k, 3, 3)`` ENU covariance (m^2) of each of the points, with ``shared_cov (k, 10, 10)``, ``std_px (k,)``."""
+    jac, own = ground.jac_shared, ground.jac_px
+    by_pixel = np.square(std_px)[:, None, None] * own @ own.swapaxes(-1, -2)
+    return np.asarray(jac @ shared_cov @ jac.swapaxes(-1, -2) + by_pixel)
+
+
+def slant_ranges(
+    ground: GroundPoints, camera_enu_m: FloatArray, shared_cov: FloatArray, std_px: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Distance of each of the points from the camera and its standard deviation, ``(k,)`` each, NaN for misses."""
+    sight = ground.points_enu_m - camera_enu_m
+    range_m = np.linalg.norm(sight, axis=-1)
+    unit = sight / range_m[:, None]
+    shared = np.einsum("ki,kij->kj", unit, ground.jac_shared)
+    shared[:, POSITION] -= unit
+    own = np.einsum("ki,kij->kj", unit, ground.jac_px)
+    variance = np.einsum("ki,kij,kj->k", shared, shared_cov, shared) + np.square(std_px) * np.sum(own * own, axis=-1)
+    return range_m, np.sqrt(np.maximum(variance, 0.0))
 
 
 def ellipse95(cov_enu_m2: FloatArray) -> Ellipse95:

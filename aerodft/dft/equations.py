@@ -2,7 +2,8 @@
 
 Y. Salih, M. T. Simsim, A. S. Malik: "Distance and Size Measurements of Objects in the Scene from a Single 2D Image".
 Angles in rad, lengths in m, pixels (i, j) from the image's top-left corner; all arguments broadcast. Angles are taken
-linear in pixels and Eq. 5 holds for small depression only: use the pinhole model to measure.
+linear in pixels and Eq. 5 holds for small depression only: use the pinhole model to measure. The paper's text speaks
+of an Equation (9) for widths, which it does not have: Eq. 7 is meant.
 """
 
 import math
@@ -14,7 +15,24 @@ from aerodft.model.arrays import BoolArray, FloatArray, FloatLike
 
 def tilt_is_valid(tilt_rad: FloatLike, vfov_rad: FloatLike) -> BoolArray:
     """Eq. 1: the upper image border is below the horizon, ``theta < 90 deg - FOV_V / 2``."""
-    return np.asarray(np.asarray(tilt_rad) < math.pi / 2 - np.asarray(vfov_rad) / 2)
+    return np.asarray(horizon_excess(tilt_rad, vfov_rad) < 0)
+
+
+def horizon_excess(tilt_rad: FloatLike, vfov_rad: FloatLike) -> FloatArray:
+    """Eq. 1 as an angle (rad): how far the upper image border is past the horizon; negative where it is below."""
+    return np.asarray(np.asarray(tilt_rad) + np.asarray(vfov_rad) / 2 - math.pi / 2)
+
+
+def tilt_warning(tilt_rad: float, vfov_rad: float) -> str | None:
+    """Eq. 1 as a sentence for people: by how much it is broken and which tilt would do; None where it holds."""
+    if tilt_is_valid(tilt_rad, vfov_rad):
+        return None
+    return (
+        f"Eq. 1 does not hold: tilt {math.degrees(tilt_rad):.2f} deg with a vertical field of view of"
+        f" {math.degrees(vfov_rad):.2f} deg puts the upper image border"
+        f" {math.degrees(float(horizon_excess(tilt_rad, vfov_rad))):.2f} deg past the horizon, expected a tilt below"
+        f" {90 - math.degrees(vfov_rad) / 2:.2f} deg"
+    )
 
 
 def rotation_angle(i_px: FloatLike, width_px: float, hfov_rad: float) -> FloatArray:
@@ -52,3 +70,43 @@ def object_height(height_m: FloatLike, base_ahead_m: FloatLike, top_ahead_m: Flo
     """Eq. 8: height of an object whose base is seen at ``Y1`` and whose top at ``Y2``: ``h (Y2 - Y1) / Y2``."""
     top = np.asarray(top_ahead_m, dtype=np.float64)
     return np.asarray(height_m * (top - base_ahead_m) / top)
+
+
+def effective_height(height_m: FloatLike, surface_m: FloatLike) -> FloatArray:
+    """Section 4.1: the camera's height above a surface ``surface_m`` above the ground, for Eq. 4 to 8.
+
+    Returns:
+        ``h - surface``; NaN where the surface is not below the camera.
+    """
+    above = np.asarray(np.asarray(height_m, dtype=np.float64) - surface_m)
+    return np.where(above > 0, above, np.nan)
+
+
+def ground_point(height_m: FloatLike, psi_rad: FloatLike, phi_rad: FloatLike) -> FloatArray:
+    """Eq. 4 and 5 together: ``(..., 2)`` of X (right) and Y (ahead), m; NaN at and above the horizon."""
+    ahead = ground_ahead(height_m, psi_rad)
+    right = ground_right(ahead, phi_rad)
+    return np.stack(np.broadcast_arrays(right, ahead), axis=-1)
+
+
+def object_width(height_m: FloatLike, surface_m: FloatLike, psi_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
+    """Section 5.4: width between two edge points at the same elevation.
+
+    At an object's bottom ``surface_m`` is 0; at its top it is the object's own height, measured by Eq. 8.
+
+    Args:
+        height_m: Camera height above the ground ``(...)``.
+        surface_m: Elevation of both edge points above the ground ``(...)``.
+        psi_rad: ``(..., 2)`` vertical angles of the two edges, Eq. 3.
+        phi_rad: ``(..., 2)`` their rotation angles, Eq. 2.
+
+    Returns:
+        ``(...)`` m, Eq. 7; NaN where an edge is not below the horizon, or the surface not below the camera.
+    """
+    points = ground_point(effective_height(height_m, surface_m)[..., None], psi_rad, phi_rad)
+    return ground_distance(points[..., 0, :], points[..., 1, :])
+
+
+def object_area(width_m: FloatLike, object_height_m: FloatLike) -> FloatArray:
+    """Abstract and Section 6.1: the area (size) of an upright object, its width times its height, m^2."""
+    return np.asarray(np.asarray(width_m, dtype=np.float64) * object_height_m)

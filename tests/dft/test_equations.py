@@ -1,0 +1,99 @@
+"""The paper's equations against closed forms written out here."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from aerodft.dft import equations as eq
+
+TILT = st.floats(0.0, math.pi)
+VFOV = st.floats(0.01, 3.0)
+
+
+@given(tilt=TILT, vfov=VFOV)
+def test_equation_1_is_a_bound_and_an_angle(tilt, vfov):
+    excess = float(eq.horizon_excess(tilt, vfov))
+    assert_allclose(excess, tilt - (math.pi / 2 - vfov / 2), atol=1e-12)
+    assert bool(eq.tilt_is_valid(tilt, vfov)) == (excess < 0)
+    assert (eq.tilt_warning(tilt, vfov) is None) == (excess < 0)
+
+
+def test_equation_1_says_by_how_much():
+    canon = math.radians(45.3)
+    assert eq.tilt_warning(math.radians(67.0), canon) is None
+    said = eq.tilt_warning(math.radians(70.0), canon)
+    assert "tilt 70.00 deg" in said
+    assert "2.65 deg past the horizon" in said
+    assert "a tilt below 67.35 deg" in said
+
+
+def test_equations_2_and_3_at_centre_corner_and_border():
+    assert_allclose(eq.rotation_angle(np.array([0.0, 320.0, 640.0]), 640, 0.8), [-0.4, 0.0, 0.4])
+    assert_allclose(eq.vertical_angle(np.array([0.0, 240.0, 480.0]), 1.0, 480, 0.6), [1.3, 1.0, 0.7])
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (5, 3)])
+def test_equations_4_to_6_are_a_right_angled_triangle(shape):
+    psi, phi = np.full(shape, math.atan(4 / 3)), np.full(shape, math.atan(0.5))
+    ahead = eq.ground_ahead(3.0, psi)
+    right = eq.ground_right(ahead, phi)
+    for found, want in ((ahead, 4.0), (right, 2.0), (eq.depth(3.0, ahead, right), math.sqrt(9 + 16 + 4))):
+        assert_allclose(found, np.full(shape, want))
+    assert_allclose(eq.ground_point(3.0, psi, phi), np.broadcast_to([2.0, 4.0], (*shape, 2)))
+
+
+@pytest.mark.parametrize("psi", [math.pi / 2, -math.pi / 2, 1.7])
+def test_at_and_above_the_horizon_there_is_no_ground(psi):
+    assert np.isnan(eq.ground_ahead(10.0, psi))
+    assert np.isnan(eq.ground_point(10.0, psi, 0.1)).all()
+
+
+def test_equation_7_is_euclids():
+    assert_allclose(eq.ground_distance(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[3.0, 4.0], [1.0, 2.0]])), [5, 1])
+
+
+@given(camera=st.floats(1, 100), share=st.floats(0.01, 0.95), ahead=st.floats(0.5, 200))
+def test_equation_8_finds_the_height_that_casts_its_top_there(camera, share, ahead):
+    """The ray over an object's top meets the ground where similar triangles say."""
+    height = share * camera
+    top_ahead = ahead * camera / (camera - height)
+    assert_allclose(eq.object_height(camera, ahead, top_ahead), height, rtol=1e-9)
+
+
+def test_section_4_1_measures_from_the_surface():
+    assert_allclose(eq.effective_height(10.0, np.array([0.0, 2.5, -1.0])), [10.0, 7.5, 11.0])
+    assert np.isnan(eq.effective_height(10.0, np.array([10.0, 11.0]))).all()
+
+
+@given(
+    camera=st.floats(2, 50),
+    share=st.floats(0.0, 0.9),
+    ahead=st.floats(1, 100),
+    left=st.floats(-20, -0.1),
+    width=st.floats(0.1, 30),
+)
+def test_section_5_4_width_at_the_top_is_the_width_at_the_bottom(camera, share, ahead, left, width):
+    """Edges seen at the top of a box: the angles follow from where they are, the width comes back."""
+    top = share * camera
+    x = np.array([left, left + width])
+    psi = np.full(2, math.atan2(ahead, camera - top))
+    phi = np.arctan2(x, ahead)
+    assert_allclose(eq.object_width(camera, top, psi, phi), width, rtol=1e-9)
+    at_the_ground = eq.object_width(camera, 0.0, psi, phi)
+    assert_allclose(at_the_ground, width / (1 - share), rtol=1e-9, err_msg="too wide where the height is forgotten")
+
+
+def test_width_is_batch_first_and_misses_are_nan():
+    psi = np.array([[0.5, 0.5], [0.5, 1.6], [0.5, 0.5]])
+    phi = np.array([[-0.1, 0.1]] * 3)
+    width = eq.object_width(np.array([10.0, 10.0, 10.0]), np.array([0.0, 0.0, 12.0]), psi, phi)
+    assert_allclose(width[0], 2 * 10 * math.tan(0.5) * math.tan(0.1))
+    assert np.isnan(width[1:]).all()
+
+
+def test_area_is_width_times_height():
+    assert_allclose(eq.object_area(np.array([0.571, 2.0]), 0.516), [0.294636, 1.032])

@@ -26,6 +26,7 @@ COMMANDS: Final = {
     "compare": "Compare two recordings measurement by measurement.",
     "export": "Write a recording's measurements as CSV or GeoJSON.",
     "doctor": "Say what a log or a live link holds, and what is wrong with it.",
+    "paper": "Compute the paper's tables and figures, beside what it prints.",
     "demo": "Fly a simulated flight through everything and show the result.",
 }
 """Every command with its line of help; ``x`` is the function ``x`` of ``aerodft.cli.x``, ``import`` is ``import_``."""

@@ -4,7 +4,8 @@ Every statement below has a test in ``tests/test_conventions.py``.
 
 Units
     Radians, metres, seconds of float or nanoseconds of int inside; degrees, degE7, millimetres and centidegrees end
-    in ``adapters``, ``configs`` and ``cli``. Names carry unit and frame: ``tilt_rad``, ``points_enu_m``.
+    in ``adapters``, ``configs`` and ``cli``. Names carry unit and frame: ``tilt_rad``, ``points_enu_m``. No quantity
+    from outside is larger than ``LARGEST`` in its unit, so that squares and products of them stay finite.
 
 Heights
     ``_agl_m`` above the measured (ground or water) plane, ``_home_m`` above the take-off point, ``_msl_m`` above mean
@@ -44,6 +45,9 @@ from typing import Final
 
 SECOND_NS: Final = 1_000_000_000
 """Nanoseconds in a second."""
+
+LARGEST: Final = 1e12
+"""Numbers from files, options and the bus are refused beyond it."""
 
 PIXEL_CENTRE_OFFSET_PX: Final = 0.5
 """The image's border lies this far outside the centres of its outermost pixels."""

@@ -32,7 +32,8 @@ class AerodftError(Exception):
         parts = [f"got {self.got}" if self.got else "", f"expected {self.expected}" if self.expected else ""]
         facts = ", ".join(part for part in parts if part)
         sentence = f"{head}: {facts}" if facts else head
-        return f"{sentence}; {self.hint}" if self.hint else sentence
+        sentence = f"{sentence}; {self.hint}" if self.hint else sentence
+        return "".join(each if each.isprintable() else repr(each)[1:-1] for each in sentence)
 
 
 class UsageError(AerodftError):

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft import conventions
-from aerodft.dft.measure import to_ground_frame
+from aerodft.dft.measure import Request, Setup, measure, to_ground_frame
 from aerodft.dft.projection import CODES, project
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose, pose_covariance
@@ -22,9 +22,10 @@ from aerodft.geometry.rotation import (
     matrix,
     multiply,
 )
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseStd
+from aerodft.model.pose import PoseSample, PoseStd
+from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 
 EAST, NORTH, UP = np.eye(3)
@@ -160,3 +161,17 @@ def test_nadir_covariance_is_regular():
         PoseStd(height_agl_m=1.0, horizontal_m=1.0, tilt_rad=0.1, pan_rad=0.1, roll_rad=0.1),
     )
     assert np.linalg.cond(cov) < 1e3
+
+
+@pytest.mark.parametrize("model", ProjectionModel)
+def test_products_of_the_largest_numbers_are_finite(model):
+    most = conventions.LARGEST
+    pose = camera_pose(height_agl_m=most, tilt_rad=0.4, std=PoseStd(height_agl_m=most, tilt_rad=most, heading_rad=most))
+    thin = replace(camera, fx_px=1e-9, fy_px=1e-9, cx_px=most, std=CameraStd(focal_px=most, principal_point_px=most))
+    at = ((5.0, 20.0),)
+    probe = Probe(name="p", kind=ProbeKind.POSITION, pixels=at, elevation_m=-most, elevation_std_m=most)
+    request = Request(probe=probe, pixels=at, std_px=most)
+    for each in (camera, thin):
+        sample = PoseSample(stamp_ns=0, status=Status.OK, pose=pose)
+        (refused,) = measure(Setup(camera=each, model=model), sample, (request,))
+        assert refused.status in {Status.ILL_CONDITIONED, Status.ABOVE_HORIZON}

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import NoAnswerError
 from replay.compare import Comparison, Difference, compare_recordings
 from replay.recording import Recording
@@ -49,10 +48,10 @@ def _show(comparison: Comparison, *, differs: bool) -> None:
     for name, difference in comparison.probes.items():
         table.add_row(name, *_cells(difference))
     table.add_row("all", *_cells(comparison.total))
-    console = Console()
+    console = tables()
     console.print(table)
     for change, count in comparison.status_changes.items():
-        console.print(f"status {change}: {count}", markup=False, highlight=False)
+        console.print(f"status {change}: {count}")
     say(
         f"{comparison.common} in both, {comparison.only_first} in the first alone,"
         f" {comparison.only_second} in the second alone: {_verdict(comparison, differs=differs)}"

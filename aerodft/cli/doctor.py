@@ -14,6 +14,7 @@ from aerodft.adapters.mavlink.findings import document, problems
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mavlink.survey import Survey, SurveyReport, ValueSource
+from aerodft.cli.output import tables
 from aerodft.errors import NoAnswerError
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.clock import WallClock
@@ -46,7 +47,7 @@ def doctor(
     if as_json:
         typer.echo(json.dumps(document(report)))
     else:
-        _print(report, Console())
+        _print(report, tables())
     if not report.usable:
         missing = "height" if not report.heights else "attitude"
         raise NoAnswerError(f"no source of {missing} could serve", where=target, hint="see the problems listed")
@@ -119,10 +120,9 @@ def _print(report: SurveyReport, console: Console) -> None:
     if clock.known_after_s is not None:
         console.print(
             f"UTC known after {clock.known_after_s:.1f} s; arrival minus UTC {clock.host_minus_utc_s:.3f} s",
-            highlight=False,
         )
     for sentence in problems(report):
-        console.print(f"- {sentence}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"- {sentence}", soft_wrap=True)
 
 
 def _span(source: ValueSource) -> str:

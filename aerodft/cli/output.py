@@ -19,6 +19,11 @@ def print_json(document: object) -> None:
     sys.stdout.flush()
 
 
+def tables() -> Console:
+    """A console for tables on stdout; names from files are shown as they are, not as markup."""
+    return Console(markup=False, emoji=False, highlight=False)
+
+
 def say(text: str) -> None:
     """A sentence for a person, on stderr."""
     print(text, file=sys.stderr, flush=True)  # noqa: T201 - the command line speaks on stderr
@@ -35,7 +40,7 @@ def print_measurements(measurements: Iterable[Measurement]) -> None:
         ground = "; ".join(f"{x:.2f}, {y:.2f}" for x, y, _ in item.ground_m or ())
         status = str(item.status) if item.status is Status.OK else f"{item.status}: {'; '.join(item.reasons)}"
         table.add_row(item.name, item.kind, value, interval, ground, status)
-    Console().print(table)
+    tables().print(table)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import math
 
 from aerodft.cli.stds import Stds
+from aerodft.conventions import LARGEST
 from aerodft.errors import UsageError
 from aerodft.model.probe import POINTS, Probe, ProbeKind
 
@@ -56,6 +57,6 @@ def _finite(number: str, text: str) -> float:
         value = float(number)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not abs(value) <= LARGEST:
         raise UsageError(f'--probe "{text}"', got=repr(number), expected="a finite number")
     return value

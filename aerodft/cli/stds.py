@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 
+from aerodft.conventions import LARGEST
 from aerodft.errors import UsageError
 from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseStd
@@ -59,7 +60,7 @@ def parse_stds(text: str) -> Stds:
     """Read ``name=value`` pairs: m for lengths, degrees for angles, px for pixels.
 
     Raises:
-        UsageError: An unknown name, or a value that is no number of at least 0.
+        UsageError: An unknown name, or a value that is no number of at least 0 (or absurdly large).
     """
     stds = Stds()
     for part in filter(None, (piece.strip() for piece in text.split(","))):
@@ -80,6 +81,6 @@ def _number(part: str, text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and value >= 0):
+    if not 0 <= value <= LARGEST:
         raise UsageError(f"--std {part}", got=repr(text), expected="a number of at least 0, e.g. height=0.1")
     return value

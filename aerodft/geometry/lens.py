@@ -15,6 +15,7 @@ from numpy.polynomial import Polynomial
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
 
+_NOTHING = 1e-30  # a coefficient whose root lies beyond any image, and whose reciprocal may be infinite
 _BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
 _NEWTON_STEPS = 16
 _CONVERGED = 1e-14
@@ -120,7 +121,8 @@ def _brown_limit(coefficients: tuple[float, ...]) -> float:
 
 
 def _first_positive_root(polynomial: Polynomial) -> float:
-    roots = polynomial.trim().roots() if polynomial.trim().degree() > 0 else np.array([])
+    polynomial = polynomial.trim(_NOTHING)
+    roots = polynomial.roots() if polynomial.degree() > 0 else np.array([])
     real = roots[np.abs(np.imag(roots)) < 1e-9 * (1 + np.abs(roots))].real
     return float(min(real[real > 0], default=np.inf))
 

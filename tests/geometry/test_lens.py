@@ -92,3 +92,11 @@ def test_fisheye_sees_beyond_a_right_angle():
     camera = replace(LENSES["fisheye"], distortion=(0.0, 0.0, 0.0, 0.0))
     ray = np.array([np.sin(1.7), 0.0, np.cos(1.7)])
     assert_allclose(pixels_from_rays(camera, ray), [1010.0 + 1700.0, 490.0])
+
+
+def test_a_coefficient_of_next_to_nothing_is_nothing():
+    """Its reciprocal is infinite, and what a polynomial is divided by to find its roots."""
+    none = replace(LENSES["fisheye"], distortion=(0.0, 0.0, 0.0, 0.0))
+    next_to_none = replace(none, distortion=(1e-320, 0.0, 0.0, 5e-324))
+    pixels = np.array([[5.0, 5.0], [900.0, 700.0]])
+    assert_allclose(rays_from_pixels(next_to_none, pixels), rays_from_pixels(none, pixels))

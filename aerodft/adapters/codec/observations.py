@@ -1,12 +1,13 @@
 """Observations from outside: JSON lines in a file, or one JSON object on the bus."""
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import orjson
 
+from aerodft.adapters.codec import wire
+from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model.image import StampClock
 from aerodft.model.observation import Observation
@@ -18,7 +19,6 @@ _KEYS = frozenset((
 _EXAMPLE = (
     '{"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}'
 )
-_MAX_STAMP_NS = 2**63 - 1
 _MAX_LINE_BYTES = 1 << 20
 
 
@@ -134,7 +134,7 @@ def _stamp_ns(stamp: object, image: int | None, where: str, image_stamps_ns: Map
         return image_stamps_ns[image]
     if isinstance(stamp, str) and stamp.isascii() and stamp.isdigit():
         stamp = int(stamp[:20])
-    if type(stamp) is not int or not 0 <= stamp <= _MAX_STAMP_NS:
+    if type(stamp) is not int or not 0 <= stamp <= wire.LATEST_NS:
         raise InputError(
             "stamp_ns is no stamp", where=where, got=repr(stamp), expected="nanoseconds UTC as a decimal string"
         )
@@ -152,7 +152,7 @@ def _is_pair(value: object) -> bool:
 
 
 def _is_finite(value: object) -> bool:
-    return type(value) in {int, float} and math.isfinite(value)  # type: ignore[arg-type]  # the type was just checked
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
 def _std_px(value: object, where: str) -> float | None:

@@ -1,6 +1,5 @@
 """Questions on the bus: measure these pixels; which probes are there; what was measured lately."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import orjson
 
 from aerodft.adapters.codec import wire
+from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model.probe import POINTS, Probe, ProbeKind
 
@@ -46,9 +46,9 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     if not isinstance(name, str) or not name:
         raise InputError("name is no name", where=_WHERE, got=repr(name), expected="text")
     stamp_ns = payload.get("stamp_ns")
-    if isinstance(stamp_ns, str) and stamp_ns.isdigit():
+    if isinstance(stamp_ns, str) and stamp_ns.isascii() and stamp_ns.isdigit():
         stamp_ns = int(stamp_ns[:20])
-    if stamp_ns is not None and type(stamp_ns) is not int:
+    if stamp_ns is not None and not (type(stamp_ns) is int and 0 <= stamp_ns <= wire.LATEST_NS):
         raise InputError("stamp_ns is no stamp", where=_WHERE, got=repr(stamp_ns), expected="a decimal string")
     std_px = _real(payload, "std_px", 1.0)
     if std_px <= 0:
@@ -118,7 +118,7 @@ def _pixels(value: object, count: int) -> tuple[tuple[float, float], ...]:
         pixels = wire.pixel_pairs(value)  # type: ignore[arg-type]  # what JSON has is checked by taking it apart
     except (TypeError, ValueError):
         pixels = ()
-    if len(pixels) != count or not all(math.isfinite(u + v) for u, v in pixels):
+    if len(pixels) != count or not all(max(abs(u), abs(v)) <= LARGEST for u, v in pixels):
         raise InputError("wrong pixels", where=_WHERE, got=repr(value)[:60], expected=f"{count} x [u, v], finite")
     return pixels
 
@@ -127,6 +127,6 @@ def _real(payload: dict[str, Any], key: str, default: float) -> float:
     value = payload.get(key)
     if value is None:
         return default
-    if type(value) not in {int, float} or not math.isfinite(value):
+    if type(value) not in {int, float} or not abs(value) <= LARGEST:
         raise InputError(f"{key} is no number", where=_WHERE, got=repr(value), expected="a finite number")
     return float(value)

@@ -15,6 +15,9 @@ from aerodft.errors import InputError
 SOFTWARE = f"aerodft {__version__}"
 DEGREES_RTOL = 4.5e-16  # two roundings: an angle comes back within two units in the last place
 
+LATEST_NS = 2**63 - 1
+"""Stamps are 64 bits with a sign."""
+
 T = TypeVar("T")
 Json = dict[str, Any]
 

@@ -16,6 +16,7 @@ from aerodft.adapters.config.tables import (
     Latitude,
     Longitude,
     Positive,
+    Real,
     RollDeg,
     Table,
     TiltDeg,
@@ -31,7 +32,7 @@ from aerodft.model.pose import PoseStd
 class BiasTable(Table):
     """Corrections that are added to the telemetry's values."""
 
-    height_m: Uncertain[float] = Uncertain(value=0.0)
+    height_m: Uncertain[Real] = Uncertain(value=0.0)
     tilt_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
     roll_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
     heading_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
@@ -46,7 +47,7 @@ class CalibratedPoseTable(Table):
     heading_deg: Uncertain[HeadingDeg] = Uncertain(value=0.0)
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
-    alt_msl_m: float | None = None
+    alt_msl_m: Real | None = None
 
     @model_validator(mode="after")
     def _position_is_whole(self) -> Self:

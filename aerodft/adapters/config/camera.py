@@ -8,7 +8,16 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.tables import Count, FieldOfViewDeg, NonNegative, Positive, Table, Text, impossible
+from aerodft.adapters.config.tables import (
+    Count,
+    FieldOfViewDeg,
+    Focal,
+    NonNegative,
+    Real,
+    Table,
+    Text,
+    impossible,
+)
 from aerodft.model.camera import Camera, CameraStd, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
@@ -24,11 +33,11 @@ class CameraTable(Table):
     height_px: Count
     hfov_deg: FieldOfViewDeg | None = None
     vfov_deg: FieldOfViewDeg | None = None
-    fx_px: Positive | None = None
-    fy_px: Positive | None = None
-    cx_px: float | None = None
-    cy_px: float | None = None
-    distortion: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    fx_px: Focal | None = None
+    fy_px: Focal | None = None
+    cx_px: Real | None = None
+    cy_px: Real | None = None
+    distortion: Annotated[tuple[Real, ...], Field(strict=False)] = ()
     lens: Annotated[LensModel, Field(strict=False)] = LensModel.BROWN
     focal_std_px: NonNegative = 0.0
     principal_point_std_px: NonNegative = 0.0

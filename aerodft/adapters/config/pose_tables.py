@@ -7,12 +7,15 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.calibration import BiasTable, check_position
 from aerodft.adapters.config.tables import (
     Count,
+    Duration,
+    Gap,
     HeadingDeg,
     Latitude,
     Longitude,
     NonNegative,
     Order,
     Positive,
+    Real,
     RollDeg,
     Table,
     Text,
@@ -37,10 +40,10 @@ class HeightTable(Table):
     """Which height is believed."""
 
     order: Order[HeightName] = ("rangefinder", "terrain", "home")
-    home_above_plane_m: float = 0.0
+    home_above_plane_m: Real = 0.0
     manual_m: Positive | None = None
     min_m: NonNegative = 1.0
-    max_gap_s: Positive = 2.0
+    max_gap_s: Gap = 2.0
     std_m: HeightStdTable = HeightStdTable()
 
     @model_validator(mode="after")
@@ -63,7 +66,7 @@ class AttitudeTable(Table):
 
     order: Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
     fixed_mount: FixedMountTable | None = None
-    max_gap_s: Positive = 1.0
+    max_gap_s: Gap = 1.0
     tilt_std_deg: NonNegative = 1.0
     pan_std_deg: NonNegative = 1.0
     roll_std_deg: NonNegative = 1.0
@@ -88,7 +91,7 @@ class TelemetryTable(Table):
     connection: Text | None = None
     baud: Count = 57600
     system: Annotated[int, Field(ge=1, le=255)] | None = None
-    wait_s: NonNegative = 2.0
+    wait_s: Duration = 2.0
     horizontal_std_m: NonNegative = 2.0
     height: HeightTable = HeightTable()
     attitude: AttitudeTable = AttitudeTable()
@@ -124,7 +127,7 @@ class PoseTable(Table):
     heading_deg: HeadingDeg | None = None
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
-    alt_msl_m: float | None = None
+    alt_msl_m: Real | None = None
     std: PoseStdTable = PoseStdTable()
 
     @model_validator(mode="after")

@@ -13,6 +13,8 @@ from aerodft.errors import ConfigError
 
 TableT = TypeVar("TableT", bound=Table)
 
+_MOST_BYTES = 16 << 20  # somebody means a file of text, and gives a video
+
 _UNITS = {
     "m": "metres",
     "deg": "degrees",
@@ -51,14 +53,19 @@ def read_bytes(path: Path) -> bytes:
     """The bytes of a configuration file.
 
     Raises:
-        ConfigError: Missing, a folder, or unreadable.
+        ConfigError: Missing, a folder, unreadable, or too large.
     """
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
     except FileNotFoundError:
         raise ConfigError("no such file", where=path, hint="check the path") from None
     except OSError:
         raise ConfigError("cannot be read", where=path, got=looks_like(path), expected="a TOML file") from None
+    if len(data) > _MOST_BYTES:
+        got = f"{content_looks_like(data)} of more than {_MOST_BYTES >> 20} MB"
+        raise ConfigError("too large for a configuration", where=path, got=got, expected="a TOML file")
+    return data
 
 
 def parse_toml(data: bytes, where: str) -> dict[str, Any]:
@@ -77,6 +84,8 @@ def parse_toml(data: bytes, where: str) -> dict[str, Any]:
         raise ConfigError("not a text file", where=where, got=content_looks_like(data), expected="TOML") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"TOML syntax: {error}", where=where, hint="correct that line") from None
+    except RecursionError:
+        raise ConfigError("TOML syntax: too many brackets within each other", where=where) from None
     if not document:
         raise ConfigError("holds no keys", where=where, got=content_looks_like(data), expected="TOML tables and keys")
     return document

@@ -53,12 +53,12 @@ def config_id(station: StationConfig) -> str:
 
 
 def _as_numbers(value: Any) -> Any:  # noqa: ANN401 (whatever TOML can hold)
-    """Every whole number as the float that equals it: 50 m and 50.0 m are one height."""
+    """Every number as the float that equals it: 50 m and 50.0 m are one height, and so are 0.0 and -0.0."""
     if isinstance(value, dict):
         return {key: _as_numbers(each) for key, each in value.items()}
     if isinstance(value, list):
         return [_as_numbers(each) for each in value]
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    return value + 0.0 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 def resolved_toml(station: StationConfig) -> str:

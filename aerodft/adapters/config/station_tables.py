@@ -7,15 +7,18 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
 from aerodft.adapters.config.tables import (
+    Duration,
     Latitude,
     Longitude,
     Many,
     NonNegative,
     Pixel,
     Positive,
+    Real,
     Slug,
     Table,
     Text,
+    TimeOffset,
     impossible,
     matching,
 )
@@ -52,7 +55,7 @@ class OriginTable(Table):
 
     lat_deg: Latitude
     lon_deg: Longitude
-    alt_msl_m: float | None = None
+    alt_msl_m: Real | None = None
 
 
 class StationTable(Table):
@@ -74,8 +77,8 @@ class ImagesTable(Table):
     stream: Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')] | None = None
     device: Text | None = None
     rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
-    time_offset_s: float = 0.0
-    time_std_s: NonNegative = 0.0
+    time_offset_s: TimeOffset = 0.0
+    time_std_s: Duration = 0.0
 
     @model_validator(mode="after")
     def _one_input(self) -> Self:
@@ -93,8 +96,8 @@ class ObservationsTable(Table):
 
     files: Many[Text] = ()
     topic: bool = True
-    time_offset_s: float = 0.0
-    match_tolerance_s: NonNegative = 0.02
+    time_offset_s: TimeOffset = 0.0
+    match_tolerance_s: Duration = 0.02
 
 
 class LimitsTable(Table):
@@ -130,7 +133,7 @@ class ProbeTable(Table):
     pixels: Many[Pixel] | None = None
     observed: bool = False
     std_px: NonNegative = 1.0
-    elevation_m: float = 0.0
+    elevation_m: Real = 0.0
     elevation_std_m: NonNegative = 0.0
 
     @model_validator(mode="after")

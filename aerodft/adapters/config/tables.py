@@ -6,6 +6,12 @@ from typing import Annotated, Generic, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from aerodft.conventions import LARGEST
+
+_LARGEST_STD = LARGEST / 1000  # it is squared on the way to the resolved configuration, and must come back
+_LONGEST_S = 1e6
+_FARTHEST_S = 1e9  # 32 years: with a stamp of today still nanoseconds in 64 bits
+
 Quantity = TypeVar("Quantity")
 
 
@@ -35,7 +41,7 @@ class Uncertain(Table, Generic[Quantity]):
     """A quantity with its standard deviation in the same unit; a bare number is one without."""
 
     value: Quantity
-    std: Annotated[float, Field(ge=0)] = 0.0
+    std: Annotated[float, Field(ge=0, le=_LARGEST_STD)] = 0.0
 
     @model_validator(mode="before")
     @classmethod
@@ -43,18 +49,23 @@ class Uncertain(Table, Generic[Quantity]):
         return {"value": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
 
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Count = Annotated[int, Field(gt=0)]
+Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST)]
+Focal = Annotated[float, Field(gt=1e-18, le=LARGEST)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Gap = Annotated[float, Field(ge=0.001, le=_LONGEST_S)]
+Duration = Annotated[float, Field(ge=0, le=_LONGEST_S)]
+TimeOffset = Annotated[float, Field(ge=-_FARTHEST_S, le=_FARTHEST_S)]
+Count = Annotated[int, Field(gt=0, le=10_000_000)]
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=360)]
 TiltDeg = Annotated[float, Field(ge=0, le=180)]
 RollDeg = Annotated[float, Field(ge=-180, le=180)]
 HeadingDeg = Annotated[float, Field(ge=-360, le=360)]
-FieldOfViewDeg = Annotated[float, Field(gt=0, lt=180)]
+FieldOfViewDeg = Annotated[float, Field(gt=0.001, lt=180)]
 BiasDeg = Annotated[float, Field(ge=-45, le=45)]
 Text = Annotated[str, Field(min_length=1)]
-Pixel = Annotated[tuple[float, float], Field(strict=False)]
+Pixel = Annotated[tuple[Real, Real], Field(strict=False)]
 Many = Annotated[tuple[Quantity, ...], Field(strict=False)]
 
 

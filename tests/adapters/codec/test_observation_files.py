@@ -59,6 +59,7 @@ def test_an_image_index_stands_for_its_stamp(tmp_path: Path) -> None:
         (b'{"stamp_ns": 1, "name": "a", "pixels": [[NaN, 2]]}', "not JSON"),
         ({**GOOD, "std_px": 0}, "std_px"),
         ({**GOOD, "std_px": True}, "std_px"),
+        ({**GOOD, "std_px": 1e300}, "std_px"),
         ({**GOOD, "image": -1}, "image is no index"),
         ({**GOOD, "clock": "tai"}, "clock is unknown"),
         ({**GOOD, "clock": []}, "clock is unknown"),

@@ -84,6 +84,8 @@ def test_intrinsics_are_taken_as_they_stand(tmp_path: Path) -> None:
         (FOV.replace("hfov", "vfov"), "got neither field of view nor intrinsics, expected hfov_deg, or fx_px, fy_px"),
         (INTRINSICS.replace("cy_px = 26\n", ""), "camera.toml: cy_px: got nothing, expected all of fx_px, fy_px,"),
         (INTRINSICS + "distortion = [1]\n", "distortion: got 1 coefficients, expected 0 or 4 or 5 or 8 for a brown"),
+        (INTRINSICS + "focal_std_px = 1e300\n", "camera.toml: focal_std_px: got 1e+300, expected at most 1e+12"),
+        (INTRINSICS.replace("cy_px = 26", "cy_px = -1e300"), "cy_px: got -1e+300, expected at least -1e+12"),
         (INTRINSICS + 'lens = "wide"\n', "camera.toml: lens: got \"wide\", expected one of 'brown' or 'fisheye'"),
     ],
 )
@@ -101,6 +103,12 @@ def test_files_that_are_no_toml_are_named_for_what_they_are(tmp_path: Path) -> N
     photo.write_bytes(b"\xff\xd8\xff\xe0" + bytes(40))
     with pytest.raises(ConfigError, match=r"photo\.toml: not a text file: got a JPEG image, expected TOML"):
         load_camera(photo)
+    video = tmp_path / "video.toml"
+    with video.open("wb") as file:
+        file.write(bytes(4) + b"ftyp")
+        file.truncate(17 << 20)
+    with pytest.raises(ConfigError, match=r"video\.toml: too large for a configuration: got an MP4 or MOV video of m"):
+        load_camera(video)
     with pytest.raises(ConfigError, match=r"absent\.toml: no such file; check the path"):
         load_camera(tmp_path / "absent.toml")
     with pytest.raises(ConfigError, match="cannot be read: got a folder, expected a TOML file"):

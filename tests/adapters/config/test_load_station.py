@@ -225,6 +225,11 @@ def test_everything_about_telemetry_reaches_the_settings() -> None:
         (FLIGHT + "[record]\njpeg_quality = 101\n", "record.jpeg_quality: got 101, expected at most 100"),
         (FLIGHT + '[zenoh]\nenabled = "yes"\n', 'zenoh.enabled: got "yes", expected true or false'),
         (FLIGHT + 'calibration = "c"\n[telemetry.bias]\n', "telemetry.bias: got it beside calibration, expected one"),
+        (FLIGHT + "wait_s = 1e300\n", "x.toml: telemetry.wait_s: got 1e+300, expected at most 1e+06"),
+        (FLIGHT + "[telemetry.height]\nmax_gap_s = 1e-300\n", "max_gap_s: got 1e-300, expected at least 0.001"),
+        (FLIGHT + "[observations]\ntime_offset_s = 1e10\n", "time_offset_s: got 10000000000.0, expected at most 1e+09"),
+        (FLIGHT + PROBE.replace('"p"', '"p\\nq"'), 'probe[0].name: got "p\\nq", expected letters, digits'),
+        ("a = " + 5000 * "[", "x.toml: TOML syntax: too many brackets within each other"),
         ("station = 3\n" + CAMERA, "x.toml: station: got 3, expected a table"),
     ],
 )

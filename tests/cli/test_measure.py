@@ -259,53 +259,6 @@ def test_no_camera_is_a_question_of_usage(aerodft):
     assert (found.code, "no --camera" in found.err) == (2, True)
 
 
-@pytest.mark.parametrize(
-    "at", ["1.0", "1795221169020000000", "2026-11-21T00:32:49.02Z", "2026-11-21T02:32:49.02+02:00"]
-)
-def test_a_recording_gives_camera_and_pose(aerodft, flight_recording, at):
-    """The recording starts 20 ms after power-on; the gimbal looks 30 deg from straight down, 40 m above home."""
-    found = aerodft("measure", "--recording", flight_recording, "--at", at, "--json", "--probe", "range 31.5,23.5")
-    assert found.code == 0, found.err
-    (centre,) = found.json
-    assert centre["value"] == pytest.approx(40.0 / math.cos(math.radians(30.0)), abs=1e-6)
-    assert centre["pose"]["tilt_deg"] == pytest.approx(30.0, abs=1e-5)
-    assert centre["pose"]["heading_deg"] == pytest.approx(math.degrees(0.5), abs=1e-5)
-    assert centre["camera"] == "small"
-    assert abs(int(centre["stamp_ns"]) - 1_795_221_169_020_000_000) < 1_000_000
-    assert centre["config"].startswith("sha256:")
-
-
-def test_a_recording_can_be_measured_with_the_papers_model(aerodft, flight_recording):
-    asked = ("measure", "--recording", flight_recording, "--at", 1, "--json", "--probe", "range 31.5,10")
-    pinhole, dft = aerodft(*asked).json[0], aerodft(*asked, "--model", "dft").json[0]
-    assert (pinhole["model"], dft["model"]) == ("pinhole", "dft")
-    assert pinhole["value"] != dft["value"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (("--at", "1e4"), 4, "--at is outside the recording: got 1e4, expected 0 to "),
-        (("--at", "2020-01-01T00:00:00Z"), 4, "--at is outside the recording"),
-        (("--at", "tomorrow"), 2, "--at: got 'tomorrow', expected ISO 8601"),
-        ((), 2, "--recording and --at go together"),
-        (("--at", "1", "--height", "5"), 2, "--height beside --recording"),
-        (("--at", "1", "--roll", "5"), 2, "--roll beside --recording"),
-    ],
-)
-def test_a_recording_that_cannot_answer_says_why(aerodft, flight_recording, arguments, code, said):
-    found = aerodft("measure", "--recording", flight_recording, *arguments, "--probe", "range 1,1")
-    assert (found.code, said in found.err) == (code, True), found.err
-
-
-@pytest.mark.parametrize("make", [lambda _: None, Path.mkdir, Path.touch])
-def test_what_is_no_recording_is_refused(aerodft, tmp_path, make):
-    folder = tmp_path / "recording"
-    make(folder)
-    found = aerodft("measure", "--recording", folder, "--at", "1", "--probe", "range 1,1")
-    assert (found.code, f"{folder}: there is no recording" in found.err) == (3, True)
-
-
 def test_as_a_process_stdout_is_json_alone(lens):
     command = [sys.executable, "-m", "aerodft", "measure", "--camera", str(lens), "--height", "50", "--tilt", "60"]
     good = subprocess.run([*command, "--json", "--probe", "range 990,500"], capture_output=True, check=False)

@@ -97,6 +97,12 @@ def test_an_observation_is_linked_to_the_image_that_was_looked_at(bench):
     assert [m.image for m in bench.measured(outputs, "width")] == linked
 
 
+def test_an_observation_that_is_faster_than_its_image_waits_for_it(bench):
+    images = [bench.image(0, 500), *(bench.image(k, 1_000 + 40 * k, late_ms=400) for k in range(1, 5))]
+    outputs = bench.run_events(*bench.blocks(bench.flight(3.0)), *images, bench.observation(1_120, late_ms=200))
+    assert [m.image for m in bench.measured(outputs, "width")] == [3]
+
+
 def test_an_observations_own_std_counts_else_the_probes(bench):
     outputs = bench.run_events(
         *bench.blocks(bench.flight(3.0)), bench.observation(1_100), bench.observation(1_200, std_px=0.25)

@@ -38,7 +38,9 @@ unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadfile --benchmark-disable --cov --cov-report=term:skip-covered -q
 
 bench: $(INSTALLED)
-	$(BIN)/pytest tests/bench -q -s -o addopts="--import-mode=importlib" --benchmark-enable
+	$(BIN)/python tests/bench/bench_query.py
+	$(BIN)/python tests/bench/bench_tlog.py
+	$(BIN)/python tests/bench/bench_import.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .

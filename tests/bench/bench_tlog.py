@@ -1,4 +1,4 @@
-"""Decoding a tiled log, against pymavlink: ``python tests/bench/bench_tlog.py LOG [--tiles 20]``."""
+"""Decoding a tiled log, against pymavlink: ``python tests/bench/bench_tlog.py [LOG] [--tiles 20]``."""
 
 import argparse
 import struct
@@ -12,6 +12,7 @@ from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.model.telemetry import RawBlock
 
+SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
 USED = [
     "SYSTEM_TIME",
     "ATTITUDE",
@@ -60,12 +61,12 @@ def _theirs(path: Path, types: list[str] | None) -> float:
     return time.perf_counter() - start_s
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Print both times and their ratio."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("log", type=Path)
+    parser.add_argument("log", type=Path, nargs="?", default=SAMPLE)
     parser.add_argument("--tiles", type=int, default=20)
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tiled.tlog"
         frames = _tile(args.log, args.tiles, path)

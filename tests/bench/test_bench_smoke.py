@@ -1,0 +1,22 @@
+"""The benchmarks run: in small here, in full with ``make bench``."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+
+
+@pytest.mark.parametrize(
+    ("script", "options", "says"),
+    [
+        ("bench_import.py", ["--seconds", "4", "--probes", "2", "--rate", "5"], r"recompute +.* times real time"),
+        ("bench_query.py", ["--queries", "50"], r"p99 \d+\.\d\d ms"),
+        ("bench_tlog.py", ["--tiles", "1"], r"recv_match of all messages .* times as long"),
+    ],
+)
+def test_it_runs_and_prints_its_figures(script, options, says, capsys):
+    runpy.run_path(str(HERE / script))["main"](options)
+    assert re.search(says, capsys.readouterr().out)

@@ -9,18 +9,23 @@ import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.camera import load_camera
+from aerodft.cli.model_table import show_models
 from aerodft.cli.output import print_json, print_measurements, say
 from aerodft.cli.probes import parse_probe
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
+from aerodft.dft.equations import tilt_warning
 from aerodft.dft.measure import Request, Setup
 from aerodft.dft.measure import measure as measure_requests
+from aerodft.dft.models import compare_models
 from aerodft.errors import InputError, UsageError
 from aerodft.geometry.poses import camera_pose
+from aerodft.geometry.rotation import camera_angles
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
 from aerodft.model.status import Status
 
 _LOWEST_M = 1e-3
+_LEVEL_RAD = math.radians(0.05)
 
 
 def measure(
@@ -41,6 +46,9 @@ def measure(
     probe: Annotated[
         list[str] | None, typer.Option(help='"KIND u,v [u,v] [elevation=Z] [name=N]"; may be repeated.')
     ] = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Both projection models side by side, and what lies between.")
+    ] = False,
     recording: Annotated[Path | None, typer.Option(help="Take camera and pose from this recording.")] = None,
     at: Annotated[
         str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
@@ -69,13 +77,38 @@ def measure(
         stds = parse_stds(std) if std else assumed_stds(height or 0.0)
         setup = _setup(camera, model or ProjectionModel.PINHOLE, stds)
         sample = _sample(height, tilt, roll, heading, (lat, lon), stds)
-    if setup.model is ProjectionModel.DFT and roll:
-        raise UsageError("--roll with --model dft", got=f"{roll:g}", expected="0: the paper's camera does not roll")
+    _check_model(setup, sample, model, roll, compare=compare)
     requests = []
     for index, text in enumerate(probe):
         parsed = parse_probe(text, index, stds)
         requests.append(Request(probe=parsed, pixels=parsed.pixels, std_px=parsed.std_px))
-    _show(measure_requests(setup, sample, tuple(requests)), as_json=json)
+    if compare:
+        differences = compare_models(setup, sample, tuple(requests))
+        show_models(differences, sample, as_json=json)
+        _finish([measurement for item in differences for measurement in (item.pinhole, item.dft)])
+    else:
+        measurements = measure_requests(setup, sample, tuple(requests))
+        _show(measurements, as_json=json)
+        _finish(measurements)
+
+
+def _check_model(
+    setup: Setup, sample: PoseSample, model: ProjectionModel | None, roll: float, *, compare: bool
+) -> None:
+    if compare and model is not None:
+        raise UsageError("--model beside --compare", expected="one of them: --compare shows both models")
+    if not compare and setup.model is not ProjectionModel.DFT:
+        return
+    if roll:
+        option = "--compare" if compare else "--model dft"
+        raise UsageError(f"--roll with {option}", got=f"{roll:g}", expected="0: the paper's camera does not roll")
+    if sample.pose is not None:
+        tilt_rad, roll_rad, _ = map(float, camera_angles(sample.pose.wxyz))
+        warning = tilt_warning(tilt_rad, setup.camera.vfov_rad)
+        if warning:
+            say(f"aerodft: {warning}")
+        if abs(roll_rad) > _LEVEL_RAD:
+            say(f"aerodft: the paper's camera does not roll: {math.degrees(roll_rad):.1f} deg are left out under dft")
 
 
 def _refuse_pose(**options: object) -> None:
@@ -146,11 +179,13 @@ def _show(measurements: list[Measurement], *, as_json: bool) -> None:
         print_json([encoder.payload(measurement) for measurement in measurements])
     else:
         print_measurements(measurements)
+
+
+def _finish(measurements: list[Measurement]) -> None:
     statuses = {measurement.status for measurement in measurements}
-    for measurement in measurements:
-        if measurement.status is not Status.OK:
-            why = "; ".join(measurement.reasons)
-            say(f"aerodft: {measurement.name}: {measurement.status}: {why}")
+    bad = [measurement for measurement in measurements if measurement.status is not Status.OK]
+    for sentence in dict.fromkeys(f"{item.name}: {item.status}: {'; '.join(item.reasons)}" for item in bad):
+        say(f"aerodft: {sentence}")
     if Status.OUT_OF_IMAGE in statuses:
         raise typer.Exit(3)
     if Status.OK not in statuses:

@@ -1,5 +1,6 @@
 """What commands print: JSON or tables on stdout, progress and words on stderr."""
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -12,6 +13,9 @@ from rich.table import Table
 from aerodft.model.measurement import Measurement
 from aerodft.model.status import Status
 
+_FILE_WIDTH = 132
+"""Columns of a table that goes to a pipe or a file, where nothing says how wide it may be."""
+
 
 def print_json(document: object) -> None:
     """One JSON document on stdout."""
@@ -21,7 +25,8 @@ def print_json(document: object) -> None:
 
 def tables() -> Console:
     """A console for tables on stdout; names from files are shown as they are, not as markup."""
-    return Console(markup=False, emoji=False, highlight=False)
+    is_file = not sys.stdout.isatty() and "COLUMNS" not in os.environ
+    return Console(markup=False, emoji=False, highlight=False, width=_FILE_WIDTH if is_file else None)
 
 
 def say(text: str) -> None:

@@ -2,20 +2,18 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import print_json, say, tables
 from aerodft.cli.paper_document import paper_document
 from aerodft.cli.paper_figures import draw_figure_12, draw_figure_14
 from aerodft.dft.paper_sensitivity import table_3
 from aerodft.dft.paper_tables import figure_12, figure_14, table_1, table_2
 from aerodft.errors import InputError
-
-_PIPE_WIDTH: Final = 132
 
 
 def paper(
@@ -50,9 +48,7 @@ def paper(
 
 
 def _print(document: dict[str, Any]) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_PIPE_WIDTH)
+    console = tables()
     for key, title, make in (
         ("table1", "Table 1: cameras 10 m high, pitch (deg) for a greatest depth of 150 m", _table_1),
         ("table2", "Table 2: depths, Canon 1000D 10.48 m high at 67.0 deg", _table_2),
@@ -63,13 +59,13 @@ def _print(document: dict[str, Any]) -> None:
         console.print(table)
         _notes(console, document[key]["notes"])
     for name, key in (("Figure 12", "figure12"), ("Figure 14", "figure14")):
-        console.print(f"{name}: {document[key]['png']}", style="bold", highlight=False, soft_wrap=True)
+        console.print(f"{name}: {document[key]['png']}", style="bold", soft_wrap=True)
         _notes(console, document[key]["notes"])
 
 
 def _notes(console: Console, notes: Sequence[str]) -> None:
     for note in notes:
-        console.print(f"- {note}", highlight=False)
+        console.print(f"- {note}")
     console.print()
 
 

@@ -1,0 +1,89 @@
+"""The same pixels under both projection models, and how much of the difference each of the paper's shortcuts makes."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aerodft.dft import equations
+from aerodft.dft.measure import Request, Setup, measure
+from aerodft.geometry.rotation import camera_angles
+from aerodft.model.arrays import FloatArray, FloatLike
+from aerodft.model.measurement import Measurement, ProjectionModel
+from aerodft.model.pose import PoseSample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelDifference:
+    """One probe under both models; differences are ``dft`` minus ``pinhole``, None where either has no answer.
+
+    Attributes:
+        pinhole: The measurement with intrinsics, lens and any attitude.
+        dft: The paper's.
+        value: Difference of the values; None also for kinds without a value.
+        percent: That in percent of the pinhole's value; None also where that is 0.
+        ground_m: ``(n, 2)`` difference of X and Y of every ground point, in the ground frame.
+        equation_5_m: ``(n,)`` the part of X that Eq. 5 makes.
+        angles_m: ``(n, 2)`` the rest of X, and all of Y: angles linear in pixels instead of a pinhole's (and with that
+            lens distortion, an off-centre principal point and roll, of which the paper knows nothing).
+    """
+
+    pinhole: Measurement
+    dft: Measurement
+    value: float | None = None
+    percent: float | None = None
+    ground_m: FloatArray | None = None
+    equation_5_m: FloatArray | None = None
+    angles_m: FloatArray | None = None
+
+
+def right_by_geometry(height_m: FloatLike, tilt_rad: FloatLike, psi_rad: FloatLike, phi_rad: FloatLike) -> FloatArray:
+    """X (m) that the angles of Eq. 2 and 3 mean for a camera at ``tilt_rad``, where Eq. 5 puts ``Y tan(phi)``.
+
+    A ray at ``phi`` from the image's middle column, seen from the optical axis, leaves it at
+    ``h cos(psi - theta) / cos(psi)`` of distance along the axis: ``X = h tan(phi) cos(psi - theta) / cos(psi)``. Eq. 5
+    gives ``sin(psi) / cos(psi - theta)`` of that: nothing at nadir, half at 30 degrees, nearly all at the horizon.
+
+    Returns:
+        X, broadcast over the arguments; NaN at and above the horizon.
+    """
+    psi = np.asarray(psi_rad, dtype=np.float64)
+    ahead = equations.ground_ahead(height_m, psi)  # for its NaN
+    along_axis = height_m * np.cos(psi - tilt_rad) / np.cos(psi)
+    return np.asarray(np.where(np.isnan(ahead), np.nan, along_axis * np.tan(phi_rad)))
+
+
+def compare_models(setup: Setup, sample: PoseSample, requests: tuple[Request, ...]) -> list[ModelDifference]:
+    """Measure every request at one pose under both models; the model of ``setup`` does not matter."""
+    by_model = [
+        measure(replace(setup, model=model), sample, requests)
+        for model in (ProjectionModel.PINHOLE, ProjectionModel.DFT)
+    ]
+    return [
+        _difference(setup, sample, request, pinhole, dft)
+        for request, pinhole, dft in zip(requests, *by_model, strict=True)
+    ]
+
+
+def _difference(
+    setup: Setup, sample: PoseSample, request: Request, pinhole: Measurement, dft: Measurement
+) -> ModelDifference:
+    if sample.pose is None or pinhole.ground_m is None or dft.ground_m is None:
+        return ModelDifference(pinhole=pinhole, dft=dft)
+    camera, pixels = setup.camera, np.array(request.pixels, dtype=np.float64)
+    tilt, _, _ = camera_angles(sample.pose.wxyz)
+    height = float(sample.pose.position_enu_m[2]) - request.probe.elevation_m
+    psi = equations.vertical_angle(pixels[:, 1], tilt, camera.height_px, camera.vfov_rad)
+    phi = equations.rotation_angle(pixels[:, 0], camera.width_px, camera.hfov_rad)
+    by_equation_5 = equations.ground_right(equations.ground_ahead(height, psi), phi)
+    equation_5 = by_equation_5 - right_by_geometry(height, tilt, psi, phi)
+    ground = np.array(dft.ground_m)[:, :2] - np.array(pinhole.ground_m)[:, :2]
+    value = None if pinhole.value is None or dft.value is None else dft.value - pinhole.value
+    return ModelDifference(
+        pinhole=pinhole,
+        dft=dft,
+        value=value,
+        percent=None if value is None or not pinhole.value else 100 * value / pinhole.value,
+        ground_m=ground,
+        equation_5_m=equation_5,
+        angles_m=ground - np.stack([equation_5, np.zeros_like(equation_5)], axis=-1),
+    )

@@ -9,23 +9,20 @@ import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.camera import load_camera
-from aerodft.cli.model_table import show_models
+from aerodft.cli.model_table import cautions, show_models
 from aerodft.cli.output import print_json, print_measurements, say
 from aerodft.cli.probes import parse_probe
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
-from aerodft.dft.equations import tilt_warning
 from aerodft.dft.measure import Request, Setup
 from aerodft.dft.measure import measure as measure_requests
 from aerodft.dft.models import compare_models
 from aerodft.errors import InputError, UsageError
 from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import camera_angles
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
 from aerodft.model.status import Status
 
 _LOWEST_M = 1e-3
-_LEVEL_RAD = math.radians(0.05)
 
 
 def measure(
@@ -102,13 +99,8 @@ def _check_model(
     if roll:
         option = "--compare" if compare else "--model dft"
         raise UsageError(f"--roll with {option}", got=f"{roll:g}", expected="0: the paper's camera does not roll")
-    if sample.pose is not None:
-        tilt_rad, roll_rad, _ = map(float, camera_angles(sample.pose.wxyz))
-        warning = tilt_warning(tilt_rad, setup.camera.vfov_rad)
-        if warning:
-            say(f"aerodft: {warning}")
-        if abs(roll_rad) > _LEVEL_RAD:
-            say(f"aerodft: the paper's camera does not roll: {math.degrees(roll_rad):.1f} deg are left out under dft")
+    for caution in cautions(setup.camera, sample):
+        say(f"aerodft: {caution}")
 
 
 def _refuse_pose(**options: object) -> None:

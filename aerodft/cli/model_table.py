@@ -2,16 +2,20 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from rich.table import Table
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.cli.output import print_json, tables
+from aerodft.dft.equations import tilt_warning
 from aerodft.dft.models import ModelDifference
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample
+
+_LEVEL_RAD: Final = math.radians(0.05)
 
 
 def model_document(differences: Sequence[ModelDifference]) -> dict[str, list[dict[str, Any]]]:
@@ -22,6 +26,20 @@ def model_document(differences: Sequence[ModelDifference]) -> dict[str, list[dic
         "dft": [encoder.payload(item.dft) for item in differences],
         "difference": [_difference(item) for item in differences],
     }
+
+
+def cautions(camera: Camera, sample: PoseSample) -> list[str]:
+    """What the paper's model cannot see of this camera and pose, a sentence each: the horizon (Eq. 1), and roll."""
+    if sample.pose is None:
+        return []
+    tilt_rad, roll_rad, _ = map(float, camera_angles(sample.pose.wxyz))
+    past_horizon = tilt_warning(tilt_rad, camera.vfov_rad)
+    said = [] if past_horizon is None else [past_horizon]
+    if abs(roll_rad) > _LEVEL_RAD:
+        said.append(
+            f"the paper's camera does not roll: a roll of {math.degrees(roll_rad):.1f} deg is left out under dft"
+        )
+    return said
 
 
 def show_models(differences: Sequence[ModelDifference], sample: PoseSample, *, as_json: bool) -> None:
@@ -76,26 +94,22 @@ def _add(table: Table, item: ModelDifference) -> None:
     if pinhole.value is not None or item.ground_m is None:
         values = [str(m.status) if m.value is None else f"{m.value:.3f} {m.unit}" for m in (pinhole, dft)]
         table.add_row(pinhole.name, pinhole.kind, *values, _signed(item.value), _signed(item.percent, 1))
-    if item.ground_m is None or item.equation_5_m is None or item.angles_m is None:
+    if item.ground_m is None or pinhole.ground_m is None or dft.ground_m is None:
         return
     _, percents = _apart(item)
-    rows = zip(pinhole.ground_m or (), dft.ground_m or (), item.ground_m, item.equation_5_m, item.angles_m, strict=True)
-    for index, (there, here, shift, equation_5, angles) in enumerate(rows):
-        name = pinhole.name if pinhole.value is None else ""
-        percent = "" if percents is None else f"{percents[index]:.1f} of range"
-        table.add_row(
-            name,
-            f"X {index} (m)",
-            f"{there[0]:.3f}",
-            f"{here[0]:.3f}",
-            _signed(shift[0]),
-            percent,
-            _signed(equation_5),
-            _signed(angles[0]),
-        )
-        table.add_row(
-            "", f"Y {index} (m)", f"{there[1]:.3f}", f"{here[1]:.3f}", _signed(shift[1]), "", "", _signed(angles[1])
-        )
+    for index, shift in enumerate(item.ground_m.tolist()):
+        for axis, letter in enumerate("XY"):
+            first = index == axis == 0 and pinhole.value is None
+            table.add_row(
+                pinhole.name if first else "",
+                f"{letter} {index} (m)",
+                f"{pinhole.ground_m[index][axis]:.3f}",
+                f"{dft.ground_m[index][axis]:.3f}",
+                _signed(shift[axis]),
+                "" if percents is None or axis else f"{percents[index]:.1f} of range",
+                "" if item.equation_5_m is None or axis else _signed(float(item.equation_5_m[index])),
+                "" if item.angles_m is None else _signed(float(item.angles_m[index, axis])),
+            )
 
 
 def _signed(number: float | None, digits: int = 3) -> str:

@@ -8,8 +8,9 @@ from aerodft.dft import equations
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray, FloatLike
+from aerodft.model.camera import Camera
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import PoseSample
+from aerodft.model.pose import Pose, PoseSample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -22,7 +23,7 @@ class ModelDifference:
         value: Difference of the values; None also for kinds without a value.
         percent: That in percent of the pinhole's value; None also where that is 0.
         ground_m: ``(n, 2)`` difference of X and Y of every ground point, in the ground frame.
-        equation_5_m: ``(n,)`` the part of X that Eq. 5 makes.
+        equation_5_m: ``(n,)`` the part of X that Eq. 5 makes; None also where not every point is on the probe's plane.
         angles_m: ``(n, 2)`` the rest of X, and all of Y: angles linear in pixels instead of a pinhole's (and with that
             lens distortion, an off-centre principal point and roll, of which the paper knows nothing).
     """
@@ -69,21 +70,29 @@ def _difference(
 ) -> ModelDifference:
     if sample.pose is None or pinhole.ground_m is None or dft.ground_m is None:
         return ModelDifference(pinhole=pinhole, dft=dft)
-    camera, pixels = setup.camera, np.array(request.pixels, dtype=np.float64)
-    tilt, _, _ = camera_angles(sample.pose.wxyz)
-    height = float(sample.pose.position_enu_m[2]) - request.probe.elevation_m
-    psi = equations.vertical_angle(pixels[:, 1], tilt, camera.height_px, camera.vfov_rad)
-    phi = equations.rotation_angle(pixels[:, 0], camera.width_px, camera.hfov_rad)
-    by_equation_5 = equations.ground_right(equations.ground_ahead(height, psi), phi)
-    equation_5 = by_equation_5 - right_by_geometry(height, tilt, psi, phi)
-    ground = np.array(dft.ground_m)[:, :2] - np.array(pinhole.ground_m)[:, :2]
+    there, here = np.array(pinhole.ground_m), np.array(dft.ground_m)
     value = None if pinhole.value is None or dft.value is None else dft.value - pinhole.value
-    return ModelDifference(
+    found = ModelDifference(
         pinhole=pinhole,
         dft=dft,
         value=value,
         percent=None if value is None or not pinhole.value else 100 * value / pinhole.value,
-        ground_m=ground,
-        equation_5_m=equation_5,
-        angles_m=ground - np.stack([equation_5, np.zeros_like(equation_5)], axis=-1),
+        ground_m=here[:, :2] - there[:, :2],
     )
+    on_plane = [
+        len(points) == len(request.pixels) and np.allclose(points[:, 2], request.probe.elevation_m)
+        for points in (there, here)
+    ]
+    return _split(found, setup.camera, sample.pose, request) if all(on_plane) else found
+
+
+def _split(found: ModelDifference, camera: Camera, pose: Pose, request: Request) -> ModelDifference:
+    pixels = np.array(request.pixels, dtype=np.float64)
+    tilt, _, _ = camera_angles(pose.wxyz)
+    height = float(pose.position_enu_m[2]) - request.probe.elevation_m
+    psi = equations.vertical_angle(pixels[:, 1], tilt, camera.height_px, camera.vfov_rad)
+    phi = equations.rotation_angle(pixels[:, 0], camera.width_px, camera.hfov_rad)
+    by_equation_5 = equations.ground_right(equations.ground_ahead(height, psi), phi)
+    equation_5 = by_equation_5 - right_by_geometry(height, tilt, psi, phi)
+    angles = np.asarray(found.ground_m) - np.stack([equation_5, np.zeros_like(equation_5)], axis=-1)
+    return replace(found, equation_5_m=equation_5, angles_m=angles)

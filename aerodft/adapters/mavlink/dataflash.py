@@ -11,7 +11,6 @@ from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE
 from aerodft.adapters.mavlink.files import map_log, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
-from aerodft.adapters.mavlink.jit import njit
 from aerodft.adapters.mavlink.kernels import (
     AT_SYNC,
     MAX_STAMP_US,
@@ -22,6 +21,7 @@ from aerodft.adapters.mavlink.kernels import (
     Bytes,
     settle_all,
 )
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol

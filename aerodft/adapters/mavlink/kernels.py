@@ -7,7 +7,7 @@ that calls one from another file would go on running the other's old version.
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.adapters.mavlink.jit import njit
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 
 Bytes = npt.NDArray[np.uint8]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import payload_dtype
-from aerodft.adapters.mavlink.jit import njit
 from aerodft.adapters.mavlink.kernels import Bytes
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136

@@ -5,7 +5,7 @@ import math
 from aerodft.cli.stds import Stds
 from aerodft.conventions import LARGEST
 from aerodft.errors import UsageError
-from aerodft.model.probe import POINTS, Probe, ProbeKind
+from aerodft.model.probe import Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _OPTIONS = ("elevation", "name")
 
@@ -24,8 +24,8 @@ def parse_probe(text: str, index: int, stds: Stds) -> Probe:
         raise UsageError(f'--probe "{text}"', got=f"kind {kind_text!r}", expected=f"one of {kinds}") from None
     options = dict(_option(word, text) for word in words if "=" in word)
     pixels = tuple(_pixel(word, text) for word in words if "=" not in word)
-    if len(pixels) != POINTS[kind]:
-        raise UsageError(f'--probe "{text}"', got=f"{len(pixels)} pixels", expected=f"{POINTS[kind]} for {kind}")
+    if not takes_pixels(kind, len(pixels)):
+        raise UsageError(f'--probe "{text}"', got=f"{len(pixels)} pixels", expected=f"{pixels_wanted(kind)} for {kind}")
     return Probe(
         name=options.get("name", f"{kind}-{index + 1}"),
         kind=kind,

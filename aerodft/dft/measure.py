@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.dft.projection import CODES, GroundPoints, project
-from aerodft.dft.uncertainty import Z95, ellipse95, point_covariances, scalar_std, shared_covariance, slant_ranges
+from aerodft.dft.quantities import crosses_itself
+from aerodft.dft.uncertainty import Z95, ellipse95, point_covariances, shared_covariance, slant_ranges
+from aerodft.dft.values import FIRST_ORDER_LIMIT, Seen, Value, drawn, first_order
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
@@ -18,6 +20,11 @@ from aerodft.model.status import Status
 
 MAX_RELATIVE_RANGE_STD = 0.3
 """A point whose slant range is less certain than this is ``ILL_CONDITIONED``."""
+
+UNITS = {ProbeKind.AREA: "m2"}
+"""Units of what is not in metres."""
+
+_NO_RAY = [CODES.index(status) for status in (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,60 +148,100 @@ class _Record:
             config=self.setup.config_id,
         )
 
-    def answer(self, points: _Points, value: float | None, std: float | None) -> Measurement:
-        is_position = self.request.probe.kind is ProbeKind.POSITION
+    def answer(self, points: _Points, value: Value | None, cov_enu_m2: FloatArray) -> Measurement:
+        kind = self.request.probe.kind
         return replace(
             self.miss(Status.OK, self.sample.reasons),
-            value=value,
-            std=std,
-            ci95=None if value is None or std is None else (value - Z95 * std, value + Z95 * std),
-            ellipse95=ellipse95(points.cov_enu_m2[0]) if is_position else None,
+            unit=UNITS.get(kind, "m"),
+            value=None if value is None else value.value,
+            std=None if value is None else value.std,
+            ci95=None if value is None else value.ci95,
+            ellipse95=ellipse95(cov_enu_m2) if kind is ProbeKind.POSITION else None,
             ground_m=_tuples(points.ground_m),
             enu_m=_tuples(points.ground.points_enu_m),
-            cov_enu_m2=_tuples(points.cov_enu_m2[0]),
+            cov_enu_m2=_tuples(cov_enu_m2),
             geo=points.geo,
             range_m=tuple(points.range_m.tolist()),
         )
 
+    def seen(self, pose: Pose, points: _Points) -> Seen:
+        return Seen(
+            kind=self.request.probe.kind,
+            camera=self.setup.camera,
+            pose=pose,
+            model=self.setup.model,
+            pixels_px=np.array(self.request.pixels, dtype=np.float64),
+            elevation_m=self.request.probe.elevation_m,
+            ground=points.ground,
+            shared_cov=points.shared_cov[0],
+            std_px=self.request.std_px,
+        )
+
 
 def _measure_one(record: _Record, pose: Pose, points: _Points) -> Measurement:
-    bad = np.flatnonzero(points.ground.status)
+    kind, model = record.request.probe.kind, record.setup.model
+    is_height = kind is ProbeKind.HEIGHT
+    # An object's top is measured against the vertical through its base: it may be seen above the horizon.
+    on_ground = points[:1] if is_height and model is ProjectionModel.PINHOLE else points
+    refusal = _blocked(record, pose, points, on_ground)
+    if refusal is not None:
+        return record.miss(*refusal)
+    ranges, stds = on_ground.range_m, on_ground.range_std_m
+    worst = float(np.max(stds / ranges))
+    if worst > FIRST_ORDER_LIMIT and model is ProjectionModel.PINHOLE:
+        return _draw(record, record.seen(pose, points), points)
+    if worst > MAX_RELATIVE_RANGE_STD:
+        return _refuse(record, on_ground, Z95 * stds)
+    if kind is ProbeKind.RANGE:
+        range_m, std_m = float(ranges[0]), float(stds[0])
+        value = Value(range_m, std_m, (range_m - Z95 * std_m, range_m + Z95 * std_m))
+        return record.answer(points, value, points.cov_enu_m2[0])
+    return _checked(record, points, first_order(record.seen(pose, points)), points.cov_enu_m2[0])
+
+
+def _draw(record: _Record, seen: Seen, points: _Points) -> Measurement:
+    """The answer from drawn errors, or the refusal that they justify."""
+    found = drawn(seen)
+    on_ground = points[: len(found.range_spreads)]
+    half = np.array([(spread.high - spread.low) / 2 for spread in found.range_spreads])
+    if not np.all(half <= Z95 * MAX_RELATIVE_RANGE_STD * on_ground.range_m):
+        return _refuse(record, on_ground, half)
+    if found.value is not None and not math.isfinite(found.value.ci95[1]):
+        return _refuse(record, on_ground, half)
+    return _checked(record, points, found.value, found.cov_enu_m2)
+
+
+def _checked(record: _Record, points: _Points, value: Value | None, cov_enu_m2: FloatArray) -> Measurement:
+    if record.request.probe.kind is ProbeKind.HEIGHT and value is not None and not value.ci95[1] >= 0:
+        sentence = f"the top is seen {-value.value:.2f} m below the base; the base comes first, then the top"
+        return record.miss(Status.NOT_UPRIGHT, (sentence,))
+    return record.answer(points, value, cov_enu_m2)
+
+
+def _blocked(record: _Record, pose: Pose, points: _Points, on_ground: _Points) -> tuple[Status, tuple[str, ...]] | None:
+    """Why there can be no answer, whatever the uncertainty."""
+    statuses = points.ground.status
+    has_no_ground = (statuses > 0) & (np.arange(len(statuses)) < len(on_ground.ground.status))
+    bad = np.flatnonzero(has_no_ground | np.isin(statuses, _NO_RAY))
     if len(bad):
-        status = CODES[points.ground.status[bad[0]]]
-        return record.miss(status, (_why(record, pose, status, points.ground, int(bad[0])),))
-    for index, (range_m, std_m) in enumerate(zip(points.range_m.tolist(), points.range_std_m.tolist(), strict=True)):
-        refusal = _untrusted(record, range_m, std_m, points.ground.depression_rad[index])
-        if refusal:
-            return record.miss(refusal[0], (f"point {index} {refusal[1]}",))
-    return record.answer(points, *_value(record.request, points))
+        status = CODES[statuses[bad[0]]]
+        return status, (_why(record, pose, status, points.ground, int(bad[0])),)
+    limit, farthest = record.setup.max_range_m, int(np.argmax(on_ground.range_m))
+    if limit is not None and on_ground.range_m[farthest] > limit:
+        sentence = f"point {farthest} is {on_ground.range_m[farthest]:.1f} m away, the limit is {limit:g} m"
+        return Status.BEYOND_RANGE, (sentence,)
+    if record.request.probe.kind is ProbeKind.AREA and crosses_itself(points.ground.points_enu_m):
+        return Status.SELF_CROSSING, ("two sides of the polygon cross; name its corners in order",)
+    return None
 
 
-def _untrusted(record: _Record, range_m: float, std_m: float, depression_rad: float) -> tuple[Status, str] | None:
-    limit = record.setup.max_range_m
-    if limit is not None and range_m > limit:
-        return Status.BEYOND_RANGE, f"is {range_m:.1f} m away, the limit is {limit:g} m"
-    if std_m <= MAX_RELATIVE_RANGE_STD * range_m:
-        return None
-    below = math.degrees(depression_rad)
-    sentence = f"is {below:.1f} deg below the horizon, range {range_m:.0f} m +- {Z95 * std_m:.0f} m (95 %)"
-    return Status.ILL_CONDITIONED, sentence
-
-
-def _value(request: Request, points: _Points) -> tuple[float | None, float | None]:
-    """Value and standard deviation."""
-    if request.probe.kind is ProbeKind.DISTANCE:
-        return _distance(points.ground, points.shared_cov[0], request.std_px)
-    if request.probe.kind is ProbeKind.RANGE:
-        return float(points.range_m[0]), float(points.range_std_m[0])
-    return None, None
-
-
-def _distance(ground: GroundPoints, shared_cov: FloatArray, std_px: float) -> tuple[float, float]:
-    points = ground.points_enu_m
-    apart = points[1] - points[0]
-    distance = math.hypot(*apart[:2])
-    unit = apart * [1, 1, 0] / distance if distance > 0 else np.zeros(3)
-    return distance, scalar_std(ground, np.stack([-unit, unit]), shared_cov, std_px)
+def _refuse(record: _Record, on_ground: _Points, half_m: FloatArray) -> Measurement:
+    """Say how badly the worst point is known; ``half_m (k,)`` is half of its range's 95 % interval."""
+    index = int(np.argmax(half_m / on_ground.range_m))
+    below, range_m = math.degrees(float(on_ground.ground.depression_rad[index])), float(on_ground.range_m[index])
+    spread = f"+- {half_m[index]:.0f} m (95 %)" if math.isfinite(half_m[index]) else "and may be above the horizon"
+    sentence = f"point {index} is {below:.1f} deg below the horizon, range {range_m:.0f} m {spread}"
+    return record.miss(Status.ILL_CONDITIONED, (sentence,))
 
 
 def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:

@@ -36,13 +36,6 @@ def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: FloatLike) ->
     return cov
 
 
-def scalar_std(ground: GroundPoints, by_points: FloatArray, shared_cov: FloatArray, std_px: float) -> float:
-    """Standard deviation of a scalar of the ``(k,)`` points, whose derivative by them is ``by_points (k, 3)``."""
-    shared = np.einsum("ki,kij->j", by_points, ground.jac_shared)
-    own = np.einsum("ki,kij->kj", by_points, ground.jac_px)
-    return math.sqrt(max(float(shared @ shared_cov @ shared) + std_px**2 * float(np.sum(own * own)), 0.0))
-
-
 def point_covariances(ground: GroundPoints, shared_cov: FloatArray, std_px: FloatArray) -> FloatArray:
     """``(k, 3, 3)`` ENU covariance (m^2) of each of the points, with ``shared_cov (k, 10, 10)``, ``std_px (k,)``."""
     jac, own = ground.jac_shared, ground.jac_px

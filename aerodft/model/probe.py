@@ -10,6 +10,10 @@ class ProbeKind(StrEnum):
     POSITION = "position"
     RANGE = "range"
     DISTANCE = "distance"
+    WIDTH = "width"
+    LENGTH = "length"
+    AREA = "area"
+    HEIGHT = "height"
 
 
 class PixelSource(StrEnum):
@@ -19,7 +23,28 @@ class PixelSource(StrEnum):
     OBSERVED = "observed"
 
 
-POINTS = {ProbeKind.POSITION: 1, ProbeKind.RANGE: 1, ProbeKind.DISTANCE: 2}
+_MOST = 64
+_PIXELS = {
+    ProbeKind.POSITION: (1, 1),
+    ProbeKind.RANGE: (1, 1),
+    ProbeKind.DISTANCE: (2, 2),
+    ProbeKind.WIDTH: (2, 2),
+    ProbeKind.HEIGHT: (2, 2),  # base, then top
+    ProbeKind.LENGTH: (2, _MOST),
+    ProbeKind.AREA: (3, _MOST),
+}
+
+
+def takes_pixels(kind: ProbeKind, count: int) -> bool:
+    """Whether a probe of this kind can have so many pixels."""
+    least, most = _PIXELS[kind]
+    return least <= count <= most
+
+
+def pixels_wanted(kind: ProbeKind) -> str:
+    """How many pixels a probe of this kind has, for people."""
+    least, most = _PIXELS[kind]
+    return str(least) if least == most else f"{least} to {most}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,5 +70,6 @@ class Probe:
     elevation_std_m: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.source is PixelSource.FIXED and len(self.pixels) != POINTS[self.kind]:
-            raise ValueError(f"probe {self.name}: {len(self.pixels)} pixels for {self.kind}, needs {POINTS[self.kind]}")
+        if self.source is PixelSource.FIXED and not takes_pixels(self.kind, len(self.pixels)):
+            wanted = pixels_wanted(self.kind)
+            raise ValueError(f"probe {self.name}: {len(self.pixels)} pixels for {self.kind}, needs {wanted}")

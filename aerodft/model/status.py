@@ -14,6 +14,8 @@ class Status(StrEnum):
     ILL_CONDITIONED = "ILL_CONDITIONED"  # the uncertainty is too large for a number
     STALE_TELEMETRY = "STALE_TELEMETRY"  # no telemetry close enough on both sides of the image's stamp
     NO_TELEMETRY = "NO_TELEMETRY"  # nothing received at all by then
+    NOT_UPRIGHT = "NOT_UPRIGHT"  # the top of an object is seen below its base
+    SELF_CROSSING = "SELF_CROSSING"  # a polygon whose sides cross has no area
     NO_HEIGHT = "NO_HEIGHT"  # no height source has a value
     NO_ATTITUDE = "NO_ATTITUDE"  # no camera attitude source has a value
     BELOW_MIN_HEIGHT = "BELOW_MIN_HEIGHT"  # on the ground, or too low to measure from

@@ -15,7 +15,7 @@ from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
-from aerodft.model.probe import POINTS, PixelSource
+from aerodft.model.probe import PixelSource, takes_pixels
 from aerodft.model.status import Status
 from aerodft.service.feed import tick_after
 from aerodft.service.ports import Calibrator, Output, TelemetryDecoder
@@ -143,7 +143,7 @@ class Pipeline:
         if probe is None:
             self.counts.unknown_probe += 1
             return
-        if len(observation.pixels) != POINTS[probe.kind]:
+        if not takes_pixels(probe.kind, len(observation.pixels)):
             self.counts.wrong_pixel_count += 1
             return
         stamp_ns = self._utc(observation.stamp_ns, observation.clock)

@@ -172,3 +172,20 @@ def test_one_bad_probe_does_not_spoil_the_others():
     inside, outside = request_of(ProbeKind.RANGE, ((990.0, 500.0),)), request_of(ProbeKind.RANGE, ((-9.0, 5.0),))
     answers = measure(Setup(camera=CAMERA), sample_of(pose), (outside, inside))
     assert [answer.status for answer in answers] == [Status.OUT_OF_IMAGE, Status.OK]
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 50.0])
+def test_two_points_in_one_are_not_known_to_be_at_no_distance(tilt_deg):
+    """As the points come closer the std goes to what the clicks alone make of it, and it stays there."""
+    std_px, at = 1.5, (700.0, 600.0)
+    sample = sample_of(camera_pose(height_agl_m=40.0, tilt_rad=math.radians(tilt_deg), std=STD))
+    distances = [request_of(ProbeKind.DISTANCE, (at, (at[0] + du, at[1] + dv)), std_px) for du, dv in _compass(1e-6)]
+    same = request_of(ProbeKind.DISTANCE, (at, at), std_px)
+    *near, zero = measure(Setup(camera=CAMERA), sample, (*distances, same))
+    assert zero.value == 0.0
+    assert_allclose(zero.std, max(each.std for each in near), rtol=1e-3)
+
+
+def _compass(radius_px):
+    turns = np.linspace(0, math.tau, 360, endpoint=False)
+    return [(radius_px * math.cos(turn), radius_px * math.sin(turn)) for turn in turns]

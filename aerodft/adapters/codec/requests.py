@@ -9,7 +9,7 @@ import orjson
 from aerodft.adapters.codec import wire
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
-from aerodft.model.probe import POINTS, Probe, ProbeKind
+from aerodft.model.probe import Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _WHERE = "measure"
 _KEYS = frozenset({"name", "kind", "pixels", "stamp_ns", "std_px", "elevation_m"})
@@ -56,7 +56,7 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     probe = Probe(
         name=name,
         kind=ProbeKind(kind),
-        pixels=_pixels(payload.get("pixels"), POINTS[ProbeKind(kind)]),
+        pixels=_pixels(payload.get("pixels"), ProbeKind(kind)),
         std_px=std_px,
         elevation_m=_real(payload, "elevation_m", 0.0),
     )
@@ -113,13 +113,15 @@ def _object(data: bytes, where: str) -> dict[str, Any]:
     return payload
 
 
-def _pixels(value: object, count: int) -> tuple[tuple[float, float], ...]:
+def _pixels(value: object, kind: ProbeKind) -> tuple[tuple[float, float], ...]:
     try:
         pixels = wire.pixel_pairs(value)  # type: ignore[arg-type]  # what JSON has is checked by taking it apart
     except (TypeError, ValueError):
         pixels = ()
-    if len(pixels) != count or not all(max(abs(u), abs(v)) <= LARGEST for u, v in pixels):
-        raise InputError("wrong pixels", where=_WHERE, got=repr(value)[:60], expected=f"{count} x [u, v], finite")
+    if not takes_pixels(kind, len(pixels)) or not all(max(abs(u), abs(v)) <= LARGEST for u, v in pixels):
+        raise InputError(
+            "wrong pixels", where=_WHERE, got=repr(value)[:60], expected=f"{pixels_wanted(kind)} x [u, v], finite"
+        )
     return pixels
 
 

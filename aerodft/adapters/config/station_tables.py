@@ -23,7 +23,7 @@ from aerodft.adapters.config.tables import (
     matching,
 )
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
-from aerodft.model.probe import POINTS, ProbeKind
+from aerodft.model.probe import ProbeKind, pixels_wanted, takes_pixels
 
 _ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
 
@@ -142,9 +142,9 @@ class ProbeTable(Table):
             raise impossible("pixels", got="it beside observed = true", expected="one of the two")
         if not self.observed and self.pixels is None:
             raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
-        if self.pixels is not None and len(self.pixels) != POINTS[self.kind]:
+        if self.pixels is not None and not takes_pixels(self.kind, len(self.pixels)):
             raise impossible(
-                "pixels", got=f"{len(self.pixels)} of them", expected=f"{POINTS[self.kind]} for {self.kind}"
+                "pixels", got=f"{len(self.pixels)} of them", expected=f"{pixels_wanted(self.kind)} for {self.kind}"
             )
         return self
 

@@ -91,10 +91,10 @@ def _images(station: StationConfig, span: LogSpan) -> tuple[Source, dict[int, in
         with _quiet():
             stamps = _stamps(_stills(chosen, offset_s, decode=False), camera, chosen.folder)
         return SizeChecked(stills, camera, chosen.folder), stamps
-    if span.first_arrival_ns is None or span.last_arrival_ns is None:
+    if not span.arrivals_ns:
         raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
     rate_hz = chosen.rate_hz if isinstance(chosen, Rate) else DEFAULT_RATE_HZ
-    return RateSource(span.first_arrival_ns, span.last_arrival_ns, rate_hz), {}
+    return RateSource(span.arrivals_ns, rate_hz), {}
 
 
 def _stills(chosen: Stills, offset_s: float, *, decode: bool) -> StillsFolderSource:
@@ -106,7 +106,10 @@ def _stills(chosen: Stills, offset_s: float, *, decode: bool) -> StillsFolderSou
 def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:
     """The stamps of all images by index; refuses a wrong size here, before anything is written."""
     images = (event for event in SizeChecked(source, camera, where).events() if isinstance(event, Image))
-    return {image.index: image.stamp_ns for image in images}
+    stamps = {image.index: image.stamp_ns for image in images}
+    if not stamps:
+        raise InputError("holds no image", where=where, expected="at least one", hint="it is cut or damaged")
+    return stamps
 
 
 def _check_sources(log: Path, span: LogSpan, telemetry: TelemetrySettings) -> None:

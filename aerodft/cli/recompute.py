@@ -44,7 +44,7 @@ def recompute(
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
         run(feed, pipeline, (recorder, tally), progress)
     _copy_images(old, output)
-    report(output, tally, pipeline.counts.unknown_probe, as_json=json)
+    report(output, tally, pipeline.counts, as_json=json)
 
 
 def _stations(recording: Recording, config: Path | None) -> tuple[StationConfig, StationConfig]:

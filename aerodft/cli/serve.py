@@ -70,7 +70,7 @@ def serve(
         sinks = (recorder, tally) if bus is None else (bus, recorder, tally)
         run(feed, pipeline, sinks, _StatusEverySecond(station, inbox, tally, recorder, bus))
     images.raise_refusal()
-    report(folder, tally, pipeline.counts.unknown_probe, as_json=json)
+    report(folder, tally, pipeline.counts, as_json=json, live=True)
 
 
 def _folder_name(station: str, now_ns: int) -> str:

@@ -9,14 +9,16 @@ from aerodft.service.ports import Source, TelemetryDecoder
 from aerodft.service.settings import SECOND_NS
 from aerodft.service.timing import ClockChange, ClockMap
 
+PAUSE_NS = 600 * SECOND_NS
+"""Nothing for this long is no gap in a flight: the machine slept, or its clock was set from 1970 to today."""
+
 
 @dataclass(slots=True)
 class LogSpan:
     """A log's extent.
 
     Attributes:
-        first_arrival_ns: Host UTC of the first frame; None for a log without frames.
-        last_arrival_ns: Host UTC of the last frame.
+        arrivals_ns: Host UTC of the first and last frame of every stretch without a pause of ``PAUSE_NS``.
         first_ns: Vehicle's UTC of the first sample; None for a log without samples.
         last_ns: Vehicle's UTC of the last sample.
         lateness_ns: Longest time from a sample's UTC to its arrival, since the clocks last jumped. An image that is
@@ -27,14 +29,23 @@ class LogSpan:
         attitudes: Attitude sources with at least one sample.
     """
 
-    first_arrival_ns: int | None = None
-    last_arrival_ns: int | None = None
+    arrivals_ns: list[tuple[int, int]] = field(default_factory=list)
     first_ns: int | None = None
     last_ns: int | None = None
     lateness_ns: int = 0
     jitter_ns: int = 0
     heights: set[HeightSource] = field(default_factory=set)
     attitudes: set[GimbalSource] = field(default_factory=set)
+
+    @property
+    def first_arrival_ns(self) -> int | None:
+        """Host UTC of the first frame; None for a log without frames."""
+        return self.arrivals_ns[0][0] if self.arrivals_ns else None
+
+    @property
+    def last_arrival_ns(self) -> int | None:
+        """Host UTC of the last frame; None for a log without frames."""
+        return self.arrivals_ns[-1][1] if self.arrivals_ns else None
 
 
 def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
@@ -43,9 +54,7 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
     late: list[int] = []
     for batch in MergedFeed([log], SECOND_NS, linger_ns=0).batches():
         for block in batch.raw:
-            first = int(block.arrival_ns[0])
-            span.first_arrival_ns = first if span.first_arrival_ns is None else span.first_arrival_ns
-            span.last_arrival_ns = int(block.arrival_ns[-1])
+            _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
         jumped = clock.update(tracks) is ClockChange.JUMPED
         if jumped:
@@ -59,6 +68,14 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
     span.lateness_ns = max(late, default=0)
     span.jitter_ns = span.lateness_ns - min(late, default=0)
     return span
+
+
+def _note_arrivals(span: LogSpan, first_ns: int, last_ns: int) -> None:
+    if span.arrivals_ns and first_ns - span.arrivals_ns[-1][1] < PAUSE_NS:
+        start_ns, stop_ns = span.arrivals_ns[-1]
+        span.arrivals_ns[-1] = (start_ns, max(stop_ns, last_ns))
+    else:
+        span.arrivals_ns.append((first_ns, last_ns))
 
 
 def _extend(span: LogSpan, low_ns: int, high_ns: int) -> None:

@@ -86,6 +86,13 @@ def test_lateness_is_the_clocks_difference_and_the_links_worst_delay():
     assert (span.lateness_ns, span.jitter_ns) == (5_000 * MS, 1_980 * MS)
 
 
+def test_a_clock_that_is_set_while_logging_is_no_flight_of_fifty_years():
+    boots = [*range(0, 2_000, 100), *range(2_000, 700_000, 590_000), 2_000_000_000]
+    span = survey_span(Log(boots, lambda _: 0), Decoder("vehicle"))
+    assert span.arrivals_ns == [(HOST0, HOST0 + 592_000 * MS), (HOST0 + 2_000_000_000 * MS,) * 2]
+    assert (span.first_arrival_ns, span.last_arrival_ns) == (HOST0, HOST0 + 2_000_000_000 * MS)
+
+
 def test_without_utc_the_log_is_on_the_hosts_clock():
     span = survey_span(Log(range(0, 5_000, 100), lambda _: 20), Decoder("vehicle"))
     assert span.last_ns == HOST0 + 4_920 * MS

@@ -1,7 +1,7 @@
 """No images: stamps alone at a rate, so that fixed probes are evaluated from telemetry."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from types import TracebackType
 from typing import Self
@@ -23,20 +23,21 @@ def _bare_image(index: int, stamp_ns: int, arrival_ns: int) -> Image:
 
 
 class RateSource:
-    """Stamps from ``start_ns`` up to and without ``stop_ns``, on the host's clock, as of a recorded flight."""
+    """Stamps on the host's clock over stretches of a recorded flight, each up to and without its stop."""
 
-    def __init__(self, start_ns: int, stop_ns: int, rate_hz: float) -> None:
+    def __init__(self, stretches_ns: Sequence[tuple[int, int]], rate_hz: float) -> None:
         """Raise ``ValueError`` unless ``rate_hz`` is above 0."""
-        self._start_ns = start_ns
-        self._stop_ns = stop_ns
+        self._stretches_ns = stretches_ns
         self._period_ns = _period_ns(rate_hz)
 
     def events(self) -> Iterator[Image]:
         """Images without pixels; no rounding adds up."""
         index = 0
-        while (stamp_ns := self._start_ns + round(index * self._period_ns)) < self._stop_ns:
-            yield _bare_image(index, stamp_ns, stamp_ns)
-            index += 1
+        for start_ns, stop_ns in self._stretches_ns:
+            first = index
+            while (stamp_ns := start_ns + round((index - first) * self._period_ns)) < stop_ns:
+                yield _bare_image(index, stamp_ns, stamp_ns)
+                index += 1
 
 
 class LiveRate:

@@ -160,10 +160,18 @@ class StreamReader:
     @contextmanager
     def _opened(self) -> Iterator[tuple[InputContainer, VideoStream]]:
         if self._udp is not None:
-            container = av.open(self._udp, "r", format=self._udp.await_format(), options=_OPTIONS)
+            kind = self._udp.await_format()
+            container = av.open(self._udp, "r", format=kind, options=_OPTIONS, metadata_errors="replace")
         else:
             kind = "v4l2" if self.url.startswith("/dev/video") else None
-            container = av.open(self.url, "r", format=kind, options=_OPTIONS, timeout=(_OPEN_S, self._silence_s))
+            container = av.open(
+                self.url,
+                "r",
+                format=kind,
+                options=_OPTIONS,
+                timeout=(_OPEN_S, self._silence_s),
+                metadata_errors="replace",
+            )
         with container:
             if not container.streams.video:
                 raise OSError(0, "it carries no video")

@@ -224,7 +224,7 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
         got = "a folder" if path.is_dir() else "nothing there"
         raise InputError("no video file", where=path, got=got, expected="a video file", hint="check the path")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="replace")
     except av.FFmpegError:
         got = looks_like(path)
         hint = "it is cut off before its index" if "MP4" in got else ""

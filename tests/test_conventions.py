@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft import conventions
-from aerodft.dft.measure import Request, Setup, measure, to_ground_frame
+from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.points import to_ground_frame
 from aerodft.dft.projection import CODES, project
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose, pose_covariance

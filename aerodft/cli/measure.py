@@ -10,10 +10,12 @@ import typer
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.camera import load_camera
 from aerodft.cli.model_table import cautions, show_models
-from aerodft.cli.output import print_json, print_measurements, say
+from aerodft.cli.output import print_budget, print_json, print_measurements, say
 from aerodft.cli.probes import parse_probe
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
+from aerodft.dft.budget import Share, advice
 from aerodft.dft.measure import Request, Setup
+from aerodft.dft.measure import explain as explain_request
 from aerodft.dft.measure import measure as measure_requests
 from aerodft.dft.models import compare_models
 from aerodft.errors import InputError, UsageError
@@ -50,6 +52,7 @@ def measure(
     at: Annotated[
         str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
     ] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="Say where each uncertainty comes from.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
 ) -> None:
     r"""Measure pixels of one image with a known pose.
@@ -79,13 +82,16 @@ def measure(
     for index, text in enumerate(probe):
         parsed = parse_probe(text, index, stds)
         requests.append(Request(probe=parsed, pixels=parsed.pixels, std_px=parsed.std_px))
+    if compare and explain:
+        raise UsageError("--explain beside --compare", expected="one of them")
     if compare:
         differences = compare_models(setup, sample, tuple(requests))
         show_models(differences, sample, as_json=json)
         _finish([measurement for item in differences for measurement in (item.pinhole, item.dft)])
     else:
         measurements = measure_requests(setup, sample, tuple(requests))
-        _show(measurements, as_json=json)
+        budgets = [explain_request(setup, sample, request) for request in requests] if explain else []
+        _show(measurements, budgets, as_json=json)
         _finish(measurements)
 
 
@@ -165,12 +171,19 @@ def _in_range(option: str, value: float | None, low: float, high: float, expecte
     return value
 
 
-def _show(measurements: list[Measurement], *, as_json: bool) -> None:
+def _show(measurements: list[Measurement], budgets: list[tuple[Share, ...]], *, as_json: bool) -> None:
+    """Print measurements; with budgets, one for each, also where their uncertainty comes from."""
+    encoder = MeasurementEncoder()
+    documents = [dict(encoder.payload(measurement)) for measurement in measurements]
+    for document, budget in zip(documents, budgets, strict=False):  # no budgets where none were asked for
+        document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
+        document["advice"] = advice(budget)
     if as_json:
-        encoder = MeasurementEncoder()
-        print_json([encoder.payload(measurement) for measurement in measurements])
-    else:
-        print_measurements(measurements)
+        print_json(documents)
+        return
+    print_measurements(measurements)
+    for measurement, budget in zip(measurements, budgets, strict=False):
+        print_budget(measurement, budget)
 
 
 def _finish(measurements: list[Measurement]) -> None:

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 import orjson
@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from aerodft.dft.budget import Share, advice
 from aerodft.model.measurement import Measurement
 from aerodft.model.status import Status
 
@@ -46,6 +47,13 @@ def print_measurements(measurements: Iterable[Measurement]) -> None:
         status = str(item.status) if item.status is Status.OK else f"{item.status}: {'; '.join(item.reasons)}"
         table.add_row(item.name, item.kind, value, interval, ground, status)
     tables().print(table)
+
+
+def print_budget(measurement: Measurement, budget: Sequence[Share]) -> None:
+    """Where one measurement's uncertainty comes from, the largest part first, on stdout."""
+    parts = ", ".join(f"{part.source} {100 * part.share:.0f} % ({part.std:.3g} {measurement.unit})" for part in budget)
+    sentence = f"{parts}. {advice(tuple(budget))}" if budget else "no single number whose uncertainty could be divided"
+    tables().print(f"{measurement.name}: {sentence}", soft_wrap=True)
 
 
 @contextmanager

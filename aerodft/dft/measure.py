@@ -2,19 +2,20 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
+from aerodft.dft.budget import Share, variance_budget
+from aerodft.dft.points import ImagePoints, image_points
 from aerodft.dft.projection import CODES, GroundPoints, project
 from aerodft.dft.quantities import crosses_itself
-from aerodft.dft.uncertainty import Z95, ellipse95, point_covariances, shared_covariance, slant_ranges
+from aerodft.dft.uncertainty import Z95, ellipse95, shared_covariance
 from aerodft.dft.values import FIRST_ORDER_LIMIT, Seen, Value, drawn, first_order
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
-from aerodft.model.measurement import GeoPoint, Measurement, ProjectionModel, Vector
-from aerodft.model.pose import GeoOrigin, Pose, PoseSample
+from aerodft.model.measurement import Measurement, ProjectionModel, Vector
+from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 
@@ -24,6 +25,7 @@ MAX_RELATIVE_RANGE_STD = 0.3
 UNITS = {ProbeKind.AREA: "m2"}
 """Units of what is not in metres."""
 
+_Refusal: TypeAlias = tuple[Status, tuple[str, ...]]
 _NO_RAY = [CODES.index(status) for status in (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL)]
 
 
@@ -70,56 +72,38 @@ def measure(
     ground = project(setup.camera, pose, pixels, elevation, setup.model)
     elevation_std = np.repeat([request.probe.elevation_std_m for request in requests], counts)
     std_px = np.repeat([request.std_px for request in requests], counts)
-    points = _points(ground, sample.origin, pose, shared_covariance(setup.camera, pose, elevation_std), std_px)
+    points = image_points(ground, sample.origin, pose, shared_covariance(setup.camera, pose, elevation_std), std_px)
     return [
         _measure_one(_Record(setup, sample, request, image), pose, points[end - count : end])
         for request, count, end in zip(requests, counts, np.cumsum(counts).tolist(), strict=True)
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class _Points:
-    """Points of an image, and what is found for all of them at once.
-
-    Attributes:
-        ground: The ``(k,)`` points with what they depend on.
-        shared_cov: ``(k, 10, 10)``, see ``shared_covariance``.
-        cov_enu_m2: ``(k, 3, 3)``.
-        range_m: ``(k,)`` from the camera.
-        range_std_m: ``(k,)``.
-        ground_m: ``(k, 3)`` in the ground frame.
-        geo: ``k`` points; None without an origin.
-    """
-
-    ground: GroundPoints
-    shared_cov: FloatArray
-    cov_enu_m2: FloatArray
-    range_m: FloatArray
-    range_std_m: FloatArray
-    ground_m: FloatArray
-    geo: tuple[GeoPoint, ...] | None
-
-    def __getitem__(self, rows: slice) -> "_Points":
-        return _Points(
-            self.ground[rows],
-            self.shared_cov[rows],
-            self.cov_enu_m2[rows],
-            self.range_m[rows],
-            self.range_std_m[rows],
-            self.ground_m[rows],
-            None if self.geo is None else self.geo[rows],
-        )
+def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, ...]:
+    """Where one request's uncertainty comes from, the largest part first; empty where it has no scalar or no ground."""
+    pose = sample.pose
+    if pose is None:
+        return ()
+    pixels = np.array(request.pixels, dtype=np.float64)
+    ground = project(setup.camera, pose, pixels, request.probe.elevation_m, setup.model)
+    if ground.status[0] or (request.probe.kind is not ProbeKind.HEIGHT and np.any(ground.status)):
+        return ()
+    shared_cov = shared_covariance(setup.camera, pose, request.probe.elevation_std_m)
+    return variance_budget(_seen(setup, pose, request, ground, shared_cov), sample.std)
 
 
-def _points(
-    ground: GroundPoints, origin: GeoOrigin | None, pose: Pose, shared_cov: FloatArray, std_px: FloatArray
-) -> _Points:
-    with np.errstate(invalid="ignore", over="ignore"):  # misses are NaN, and have infinite derivatives
-        cov_enu_m2 = point_covariances(ground, shared_cov, std_px)
-        range_m, range_std_m = slant_ranges(ground, pose.position_enu_m, shared_cov, std_px)
-    ground_m = to_ground_frame(pose, ground.points_enu_m)
-    geo = _geo(origin, ground.points_enu_m)
-    return _Points(ground, shared_cov, cov_enu_m2, range_m, range_std_m, ground_m, geo)
+def _seen(setup: Setup, pose: Pose, request: Request, ground: GroundPoints, shared_cov: FloatArray) -> Seen:
+    return Seen(
+        kind=request.probe.kind,
+        camera=setup.camera,
+        pose=pose,
+        model=setup.model,
+        pixels_px=np.array(request.pixels, dtype=np.float64),
+        elevation_m=request.probe.elevation_m,
+        ground=ground,
+        shared_cov=shared_cov,
+        std_px=request.std_px,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +132,10 @@ class _Record:
             config=self.setup.config_id,
         )
 
-    def answer(self, points: _Points, value: Value | None, cov_enu_m2: FloatArray) -> Measurement:
+    def answer(self, pose: Pose, points: ImagePoints, value: Value | None, cov_enu_m2: FloatArray) -> Measurement:
         kind = self.request.probe.kind
+        if kind is ProbeKind.HEIGHT and value is not None:
+            points = points.upright(self.sample.origin, pose, value.value)
         return replace(
             self.miss(Status.OK, self.sample.reasons),
             unit=UNITS.get(kind, "m"),
@@ -164,21 +150,11 @@ class _Record:
             range_m=tuple(points.range_m.tolist()),
         )
 
-    def seen(self, pose: Pose, points: _Points) -> Seen:
-        return Seen(
-            kind=self.request.probe.kind,
-            camera=self.setup.camera,
-            pose=pose,
-            model=self.setup.model,
-            pixels_px=np.array(self.request.pixels, dtype=np.float64),
-            elevation_m=self.request.probe.elevation_m,
-            ground=points.ground,
-            shared_cov=points.shared_cov[0],
-            std_px=self.request.std_px,
-        )
+    def seen(self, pose: Pose, points: ImagePoints) -> Seen:
+        return _seen(self.setup, pose, self.request, points.ground, points.shared_cov[0])
 
 
-def _measure_one(record: _Record, pose: Pose, points: _Points) -> Measurement:
+def _measure_one(record: _Record, pose: Pose, points: ImagePoints) -> Measurement:
     kind, model = record.request.probe.kind, record.setup.model
     is_height = kind is ProbeKind.HEIGHT
     # An object's top is measured against the vertical through its base: it may be seen above the horizon.
@@ -195,11 +171,11 @@ def _measure_one(record: _Record, pose: Pose, points: _Points) -> Measurement:
     if kind is ProbeKind.RANGE:
         range_m, std_m = float(ranges[0]), float(stds[0])
         value = Value(range_m, std_m, (range_m - Z95 * std_m, range_m + Z95 * std_m))
-        return record.answer(points, value, points.cov_enu_m2[0])
-    return _checked(record, points, first_order(record.seen(pose, points)), points.cov_enu_m2[0])
+        return record.answer(pose, points, value, points.cov_enu_m2[0])
+    return _checked(record, pose, points, first_order(record.seen(pose, points)), points.cov_enu_m2[0])
 
 
-def _draw(record: _Record, seen: Seen, points: _Points) -> Measurement:
+def _draw(record: _Record, seen: Seen, points: ImagePoints) -> Measurement:
     """The answer from drawn errors, or the refusal that they justify."""
     found = drawn(seen)
     on_ground = points[: len(found.range_spreads)]
@@ -208,17 +184,19 @@ def _draw(record: _Record, seen: Seen, points: _Points) -> Measurement:
         return _refuse(record, on_ground, half)
     if found.value is not None and not math.isfinite(found.value.ci95[1]):
         return _refuse(record, on_ground, half)
-    return _checked(record, points, found.value, found.cov_enu_m2)
+    return _checked(record, seen.pose, points, found.value, found.cov_enu_m2)
 
 
-def _checked(record: _Record, points: _Points, value: Value | None, cov_enu_m2: FloatArray) -> Measurement:
+def _checked(
+    record: _Record, pose: Pose, points: ImagePoints, value: Value | None, cov_enu_m2: FloatArray
+) -> Measurement:
     if record.request.probe.kind is ProbeKind.HEIGHT and value is not None and not value.ci95[1] >= 0:
         sentence = f"the top is seen {-value.value:.2f} m below the base; the base comes first, then the top"
         return record.miss(Status.NOT_UPRIGHT, (sentence,))
-    return record.answer(points, value, cov_enu_m2)
+    return record.answer(pose, points, value, cov_enu_m2)
 
 
-def _blocked(record: _Record, pose: Pose, points: _Points, on_ground: _Points) -> tuple[Status, tuple[str, ...]] | None:
+def _blocked(record: _Record, pose: Pose, points: ImagePoints, on_ground: ImagePoints) -> _Refusal | None:
     """Why there can be no answer, whatever the uncertainty."""
     statuses = points.ground.status
     has_no_ground = (statuses > 0) & (np.arange(len(statuses)) < len(on_ground.ground.status))
@@ -235,31 +213,13 @@ def _blocked(record: _Record, pose: Pose, points: _Points, on_ground: _Points) -
     return None
 
 
-def _refuse(record: _Record, on_ground: _Points, half_m: FloatArray) -> Measurement:
+def _refuse(record: _Record, on_ground: ImagePoints, half_m: FloatArray) -> Measurement:
     """Say how badly the worst point is known; ``half_m (k,)`` is half of its range's 95 % interval."""
     index = int(np.argmax(half_m / on_ground.range_m))
     below, range_m = math.degrees(float(on_ground.ground.depression_rad[index])), float(on_ground.range_m[index])
     spread = f"+- {half_m[index]:.0f} m (95 %)" if math.isfinite(half_m[index]) else "and may be above the horizon"
     sentence = f"point {index} is {below:.1f} deg below the horizon, range {range_m:.0f} m {spread}"
     return record.miss(Status.ILL_CONDITIONED, (sentence,))
-
-
-def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
-    """ENU points ``(..., 3)`` in the camera's ground frame: X right, Y ahead, Z up, origin at its foot."""
-    _, _, heading = camera_angles(pose.wxyz)
-    sin, cos = math.sin(heading), math.cos(heading)
-    away = points_enu_m - pose.position_enu_m * [1, 1, 0]
-    return np.asarray(away @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]))
-
-
-def _geo(origin: GeoOrigin | None, points: FloatArray) -> tuple[GeoPoint, ...] | None:
-    if origin is None:
-        return None
-    plane = origin.alt_msl_m
-    return tuple(
-        GeoPoint(lat_rad=float(lat), lon_rad=float(lon), alt_msl_m=None if plane is None else plane + float(up))
-        for (lat, lon), up in zip(lat_lon(origin, points[:, :2]), points[:, 2], strict=True)
-    )
 
 
 def _tuples(rows: FloatArray) -> tuple[Vector, ...]:

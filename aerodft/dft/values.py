@@ -52,6 +52,11 @@ class Seen:
     shared_cov: FloatArray
     std_px: float
 
+    @property
+    def has_scalar(self) -> bool:
+        """Whether there is one number to give; a position has none."""
+        return self.kind is not ProbeKind.POSITION
+
 
 @dataclass(frozen=True, slots=True)
 class Value:
@@ -79,12 +84,12 @@ class Drawn:
 
 def first_order(seen: Seen) -> Value | None:
     """Value by linear propagation; None for a position."""
-    if seen.kind is ProbeKind.POSITION:
+    if not seen.has_scalar:
         return None
     if seen.kind is ProbeKind.HEIGHT and seen.model is ProjectionModel.DFT:
         value, std = _paper_height(seen)
     else:
-        sight = _sight(seen)
+        sight = sight_of(seen)
         value = float(SCALARS[seen.kind](sight))
         std = _std(seen, gradient(seen.kind, sight))
     return Value(value, std, (value - Z95 * std, value + Z95 * std))
@@ -101,20 +106,21 @@ def drawn(seen: Seen) -> Drawn:
         for index in range(on_ground)
     )
     value = None
-    if seen.kind is not ProbeKind.POSITION:
+    if seen.has_scalar:
         found = spread(SCALARS[seen.kind](sights))
-        centre = float(SCALARS[seen.kind](_sight(seen)))
+        centre = float(SCALARS[seen.kind](sight_of(seen)))
         value = Value(centre, (found.high - found.low) / (2 * Z95), (found.low, found.high))
     return Drawn(value, ranges, _scatter(sights.points_enu_m[:, 0], seen.ground.points_enu_m[0]))
 
 
-def _sight(seen: Seen) -> Sight:
+def sight_of(seen: Seen) -> Sight:
+    """What is seen, without errors."""
     directions = rays_with_jacobian(seen.camera, seen.pixels_px).rays_cam @ matrix(seen.pose.wxyz).T
     return Sight(seen.pose.position_enu_m, directions, seen.ground.points_enu_m)
 
 
-def _std(seen: Seen, by: Gradient) -> float:
-    """Joint standard deviation: shared errors add up over points and rays before they are squared."""
+def dependence(seen: Seen, by: Gradient) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of a scalar by the shared errors ``(10,)`` and by each pixel ``(k, 2)``."""
     used = np.any(by.by_points != 0, axis=-1)  # a ray that is not used may miss the ground, with infinite derivatives
     points = by.by_points[used]
     shared = np.einsum("ki,kij->j", points, seen.ground.jac_shared[used])
@@ -125,6 +131,12 @@ def _std(seen: Seen, by: Gradient) -> float:
         ray_shared, ray_own = _direction_jacobians(seen)
         shared += np.einsum("ki,kij->j", by.by_directions, ray_shared)
         own += np.einsum("ki,kij->kj", by.by_directions, ray_own)
+    return shared, own
+
+
+def _std(seen: Seen, by: Gradient) -> float:
+    """Joint standard deviation: shared errors add up over points and rays before they are squared."""
+    shared, own = dependence(seen, by)
     variance = float(shared @ seen.shared_cov @ shared) + seen.std_px**2 * float(np.sum(own * own))
     return math.sqrt(max(variance, 0.0))
 

@@ -1,0 +1,96 @@
+"""Where a measurement's uncertainty comes from, and what to do about it: first order, input by input."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.dft.projection import ELEVATION, FOCAL, PRINCIPAL_POINT, ROTATION
+from aerodft.dft.quantities import gradient
+from aerodft.dft.values import Seen, dependence, sight_of
+from aerodft.geometry.rotation import matrix
+from aerodft.model.arrays import FloatArray
+from aerodft.model.pose import PoseStd
+
+_ADVICE = {
+    "height": "measure the height better: a rangefinder, or a surveyed point",
+    "position": "a better position fix",
+    "tilt": "add a landmark, look more steeply down, or fly higher",
+    "pan": "add a landmark",
+    "roll": "add a landmark",
+    "heading": "a better compass, or a landmark",
+    "attitude": "add a landmark",
+    "focal": "calibrate the lens",
+    "principal point": "calibrate the lens",
+    "elevation": "survey the elevation of the measured plane",
+    "time": "align the clocks of images and telemetry, or hold still",
+    "pixels": "pick the pixels more precisely, come closer, or use more resolution",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """One input's part of a measurement's variance.
+
+    Attributes:
+        source: The input.
+        std: What the measurement's standard deviation would be if this input alone were uncertain.
+        share: Of the variance, 0 to 1. Inputs that are correlated do not add up to 1.
+    """
+
+    source: str
+    std: float
+    share: float
+
+
+def variance_budget(seen: Seen, std: PoseStd) -> tuple[Share, ...]:
+    """The parts of a probe's variance, the largest first; empty for a position, which has no one scalar.
+
+    Args:
+        seen: The probe as it is seen.
+        std: How the pose's covariance was stated; where it does not reproduce it (a calibration's full covariance),
+            tilt, pan, roll and heading are given as one ``attitude``.
+    """
+    if not seen.has_scalar:
+        return ()
+    shared, own = dependence(seen, gradient(seen.kind, sight_of(seen)))
+    pose_cov, cov = seen.pose.cov, seen.shared_cov
+    motion = np.concatenate([seen.pose.velocity_enu_mps, seen.pose.rate_cam_radps])
+    variances = {
+        "height": shared[2] ** 2 * pose_cov[2, 2],
+        "position": shared[:2] @ pose_cov[:2, :2] @ shared[:2],
+        **_attitude(shared[ROTATION], seen, std),
+        "time": float(shared[:6] @ motion) ** 2 * seen.pose.time_std_s**2,
+        "focal": shared[FOCAL] ** 2 * cov[FOCAL, FOCAL],
+        "principal point": shared[PRINCIPAL_POINT] @ cov[PRINCIPAL_POINT, PRINCIPAL_POINT] @ shared[PRINCIPAL_POINT],
+        "elevation": shared[ELEVATION] ** 2 * cov[ELEVATION, ELEVATION],
+        "pixels": seen.std_px**2 * np.sum(own * own),
+    }
+    total = float(shared @ cov @ shared) + float(variances["pixels"])
+    parts = [
+        Share(source, float(np.sqrt(variance)), float(variance) / total)
+        for source, variance in variances.items()
+        if variance > 0 and total > 0
+    ]
+    return tuple(sorted(parts, key=lambda part: -part.share))
+
+
+def advice(budget: tuple[Share, ...]) -> str:
+    """One sentence on what to improve first; empty where nothing is uncertain."""
+    if not budget:
+        return ""
+    first = budget[0]
+    return f"{100 * first.share:.0f} % from {first.source}: {_ADVICE[first.source]}"
+
+
+def _attitude(by_rotation: FloatArray, seen: Seen, std: PoseStd) -> dict[str, float]:
+    up_cam = matrix(seen.pose.wxyz)[2, :]
+    stated = np.diag([std.tilt_rad**2, std.pan_rad**2, std.roll_rad**2]) + std.heading_rad**2 * np.outer(up_cam, up_cam)
+    actual = seen.pose.cov[ROTATION, ROTATION]
+    if not np.allclose(stated, actual, rtol=1e-6, atol=1e-15):
+        return {"attitude": float(by_rotation @ actual @ by_rotation)}
+    return {
+        "tilt": float(by_rotation[0] * std.tilt_rad) ** 2,
+        "pan": float(by_rotation[1] * std.pan_rad) ** 2,
+        "roll": float(by_rotation[2] * std.roll_rad) ** 2,
+        "heading": float(by_rotation @ up_cam * std.heading_rad) ** 2,
+    }

@@ -20,3 +20,12 @@ class Status(StrEnum):
     NO_ATTITUDE = "NO_ATTITUDE"  # no camera attitude source has a value
     BELOW_MIN_HEIGHT = "BELOW_MIN_HEIGHT"  # on the ground, or too low to measure from
     BELOW_SURFACE = "BELOW_SURFACE"  # the measured plane is above the camera
+    BEYOND_TERRAIN = "BEYOND_TERRAIN"  # the ray leaves the elevation model before it meets the ground
+    NO_ELEVATION = "NO_ELEVATION"  # the elevation model has a hole where the ray passes
+
+
+CODES: tuple[Status, ...] = tuple(Status)
+"""Arrays hold a status as its index here."""
+
+CODE_OF: dict[Status, int] = {status: code for code, status in enumerate(CODES)}
+"""The index in ``CODES``."""

@@ -1,0 +1,182 @@
+"""Rays meet ground that is a plane, level or tilted; and what the point that is met depends on, for any ground.
+
+A ray leaves the camera at ``c`` along ``d`` (of any length) and meets a surface with the normal ``n`` at
+``p = c + s d``. To first order ``p`` moves along the surface only, by ``M = I - d n^T / (n . d)``: by ``s M`` with the
+direction, by ``M`` with the camera, and by ``d n_up / (n . d)`` where the surface is raised.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.model.arrays import FloatArray, read_only
+from aerodft.model.status import CODE_OF, Status
+
+_UP = read_only([0.0, 0.0, 1.0])
+_UNIT = 1e-9  # a normal's length may differ from 1 by this
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """Tilted ground: all points ``p`` in ENU with ``normal_enu . p = offset_m``.
+
+    Attributes:
+        normal_enu: ``(3,)``, unit, pointing up.
+        offset_m: Distance of the plane from the origin along the normal.
+    """
+
+    normal_enu: FloatArray
+    offset_m: float
+
+    def __post_init__(self) -> None:
+        normal = read_only(self.normal_enu, trailing=(3,))
+        if not (abs(float(np.linalg.norm(normal)) - 1.0) < _UNIT and normal[2] > 0.0 and math.isfinite(self.offset_m)):
+            raise ValueError(f"got normal {normal} and offset {self.offset_m}, expected a unit normal that points up")
+        object.__setattr__(self, "normal_enu", normal)
+
+    @classmethod
+    def sloping(cls, point_enu_m: npt.ArrayLike, slope_rad: float, uphill_azimuth_rad: float) -> "Plane":
+        """The plane through ``point_enu_m (3,)`` that rises at ``slope_rad`` towards ``uphill_azimuth_rad``.
+
+        Args:
+            point_enu_m: Any point of the ground.
+            slope_rad: Angle between the ground and the horizontal, below a right angle.
+            uphill_azimuth_rad: Clockwise from north. An aspect, as maps of slopes have it, points the other way.
+
+        Raises:
+            ValueError: The slope is vertical or more.
+        """
+        back, up = -math.sin(slope_rad), math.cos(slope_rad)
+        normal = np.array([back * math.sin(uphill_azimuth_rad), back * math.cos(uphill_azimuth_rad), up])
+        return cls(normal, float(normal @ np.asarray(point_enu_m, dtype=np.float64)))
+
+    def raised(self, by_m: float) -> "Plane":
+        """The parallel plane that is ``by_m`` higher, measured along the vertical."""
+        return Plane(self.normal_enu, self.offset_m + by_m * float(self.normal_enu[2]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundHits:
+    """Where rays first meet the ground.
+
+    Attributes:
+        points_enu_m: ``(..., 3)``; NaN where ``status`` is not ok.
+        range_m: ``(...)`` slant range from the camera; NaN where ``status`` is not ok.
+        normal_enu: ``(..., 3)`` unit normals of the ground, pointing up; NaN where ``status`` is not ok.
+        status: ``(...)`` indices into ``model.status.CODES``.
+        curvature_per_m: The ground at the horizontal distance ``r`` from the camera lies ``curvature_per_m r^2`` lower
+            than ``points_enu_m`` says, because the earth curves away from the camera's horizontal plane.
+    """
+
+    points_enu_m: FloatArray
+    range_m: FloatArray
+    normal_enu: FloatArray
+    status: npt.NDArray[np.uint8]
+    curvature_per_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundJacobians:
+    """What ``GroundHits.points_enu_m`` depend on, to first order; NaN where nothing is hit.
+
+    Attributes:
+        by_direction: ``(..., 3, 3)`` by the components of the ray's direction as it was given (m).
+        by_position: ``(..., 3, 3)`` by the camera's position in ENU.
+        by_elevation: ``(..., 3)`` by the height of the ground, all of it raised together.
+    """
+
+    by_direction: FloatArray
+    by_position: FloatArray
+    by_elevation: FloatArray
+
+
+def meet_level(camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
+    """Meet rays with horizontal planes.
+
+    Args:
+        camera_enu_m: Where the rays start, ``(..., 3)``.
+        directions_enu: Where they go, ``(..., 3)``, of any length; NaN where there is no ray.
+        elevation_m: Heights of the planes, ``(...)``. All three broadcast.
+
+    Returns:
+        The points, exactly at ``elevation_m``. ``BEYOND_LENS_MODEL`` without a ray, ``BELOW_SURFACE`` for a camera on
+        or below the plane, ``ABOVE_HORIZON`` where the ray never comes down to it.
+
+    Raises:
+        ValueError: A position or an elevation is not finite.
+    """
+    elevation = np.asarray(elevation_m, dtype=np.float64)
+    hits = _meet(camera_enu_m, directions_enu, _UP, elevation)
+    points = hits.points_enu_m
+    points[..., 2] = np.where(np.isnan(points[..., 2]), np.nan, elevation)  # exactly, not within rounding
+    return hits
+
+
+def meet_plane(camera_enu_m: FloatArray, directions_enu: FloatArray, plane: Plane) -> GroundHits:
+    """As ``meet_level``, with a tilted plane; the horizon is the plane's own."""
+    return _meet(camera_enu_m, directions_enu, plane.normal_enu, np.asarray(plane.offset_m))
+
+
+def _meet(camera: FloatArray, directions: FloatArray, normal: FloatArray, offset: FloatArray) -> GroundHits:
+    camera = finite(camera, "camera position")
+    directions = np.asarray(directions, dtype=np.float64)
+    above = camera @ normal - finite(offset, "elevation")
+    length = np.linalg.norm(directions, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        along = directions @ normal
+        reach = np.asarray(-above / along)
+        points = camera + reach[..., None] * directions
+        range_m = reach * length
+        # A ray that is parallel to the plane within rounding has no finite range.
+        misses = [~(length > 0), above <= 0, (along >= 0) | ~np.isfinite(range_m)]
+    codes = [CODE_OF[each] for each in (Status.BEYOND_LENS_MODEL, Status.BELOW_SURFACE, Status.ABOVE_HORIZON)]
+    status = np.select(np.broadcast_arrays(*misses), codes, CODE_OF[Status.OK]).astype(np.uint8)
+    hit = status == CODE_OF[Status.OK]
+    return GroundHits(
+        np.where(hit[..., None], points, np.nan),
+        np.where(hit, range_m, np.nan),
+        np.where(hit[..., None], normal, np.nan),
+        status,
+    )
+
+
+def finite(values: npt.ArrayLike, what: str) -> FloatArray:
+    """``values`` as float64.
+
+    Raises:
+        ValueError: One of them, ``what``, is not finite.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"got a {what} of {array[~np.isfinite(array)][0]}, expected a finite one")
+    return array
+
+
+def jacobians(camera_enu_m: FloatArray, directions_enu: FloatArray, hits: GroundHits) -> GroundJacobians:
+    """Derivatives of the points that ``meet_level``, ``meet_plane`` or ``terrain.meet_terrain`` found.
+
+    On terrain they are those of the patch that is hit: they know nothing of the edge behind which the ray would end
+    up elsewhere.
+
+    Args:
+        camera_enu_m: ``(..., 3)`` as it was given.
+        directions_enu: ``(..., 3)`` as they were given.
+        hits: What was found.
+    """
+    camera, directions = np.asarray(camera_enu_m, dtype=np.float64), np.asarray(directions_enu, dtype=np.float64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        reach = hits.range_m / np.linalg.norm(directions, axis=-1)
+        ground = hits.normal_enu / hits.normal_enu[..., 2:]  # upward component 1: raising it by 1 m moves it by 1
+        line = ground.copy()  # the same in the camera's uncurved axes: the farther, the more it falls away
+        line[..., :2] += 2 * hits.curvature_per_m * (hits.points_enu_m - camera)[..., :2]
+        along = np.sum(line * directions, axis=-1)
+        by_elevation = np.asarray(directions / along[..., None])
+        by_position = np.eye(3) - by_elevation[..., :, None] * ground[..., None, :]
+        by_direction = reach[..., None, None] * (np.eye(3) - by_elevation[..., :, None] * line[..., None, :])
+    if hits.curvature_per_m:
+        for jac in (by_position, by_direction):
+            jac[..., 2, :] = -np.einsum("...i,...ij->...j", ground[..., :2], jac[..., :2, :])
+        by_elevation[..., 2] = 1.0 - np.sum(ground[..., :2] * by_elevation[..., :2], axis=-1)
+    return GroundJacobians(by_direction, by_position, by_elevation)

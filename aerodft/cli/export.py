@@ -59,17 +59,22 @@ class _Count:
 
 
 def _write(path: Path, pieces: Iterator[str]) -> None:
-    """Write a file as a whole or not at all.
+    """Write a file as a whole or not at all; a device or a pipe, which must stay what it is, piece by piece.
 
     Raises:
         InputError: It cannot be written.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    target = path.resolve()
     try:
+        if target.exists() and not target.is_file():
+            with target.open("w", encoding="utf-8", newline="") as file:
+                file.writelines(pieces)
+            return
+        partial = target.with_name(f".{target.name}.{os.getpid()}")
         try:
             with partial.open("w", encoding="utf-8", newline="") as file:
                 file.writelines(pieces)
-            partial.replace(path)
+            partial.replace(target)
         finally:
             partial.unlink(missing_ok=True)
     except OSError as error:

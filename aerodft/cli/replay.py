@@ -11,6 +11,7 @@ from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.times import parse_instant
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clock import WallClock
+from aerodft.service.settings import SECOND_NS
 from replay.publish import Published, Republisher
 from replay.recording import Recording
 
@@ -45,10 +46,7 @@ def replay(
       aerodft replay flights/2026-11-21 --rate 4 --from 30 --to 90
     """
     opened = Recording(recording)
-    from_ns = opened.start_ns if start is None else parse_instant("--from", start, opened.start_ns)
-    to_ns = opened.end_ns + 1 if stop is None else parse_instant("--to", stop, opened.start_ns)
-    if from_ns >= to_ns:
-        raise UsageError("--from is not before --to", got=f"{start or 'the start'} and {stop or 'the end'}")
+    from_ns, to_ns = _window(opened, start, stop)
     factor = None if rate is Rate.MAX else float(rate)
     with session_on(None if listen == _NOWHERE else listen, connect or ()) as session:
         publisher = Republisher(session=session, clock=WallClock(), rate=factor)
@@ -61,6 +59,25 @@ def replay(
                 say(f"{recording}: stopped")
                 return
     _report(recording, published, as_json=json)
+
+
+def _window(recording: Recording, start: str | None, stop: str | None) -> tuple[int, int]:
+    """What ``--from`` and ``--to`` say, in UTC ns.
+
+    Raises:
+        UsageError: One of them is no time, or they are in the wrong order.
+        NoAnswerError: The recording has nothing between them.
+    """
+    from_ns = recording.start_ns if start is None else parse_instant("--from", start, recording.start_ns)
+    to_ns = recording.end_ns + 1 if stop is None else parse_instant("--to", stop, recording.start_ns)
+    got = f"{start or 'the start'} to {stop or 'the end'}"
+    length_s = (recording.end_ns - recording.start_ns) / SECOND_NS
+    expected = f"times within 0 to {length_s:.1f} s from its start"
+    if start and stop and from_ns >= to_ns:
+        raise UsageError("--from is not before --to", got=got)
+    if from_ns > recording.end_ns or to_ns <= recording.start_ns:
+        raise NoAnswerError("the recording has nothing there", where=recording.folder, got=got, expected=expected)
+    return from_ns, to_ns
 
 
 def _report(recording: Path, published: Published, *, as_json: bool) -> None:

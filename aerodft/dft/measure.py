@@ -199,11 +199,12 @@ def _checked(
 def _blocked(record: _Record, pose: Pose, points: ImagePoints, on_ground: ImagePoints) -> _Refusal | None:
     """Why there can be no answer, whatever the uncertainty."""
     statuses = points.ground.status
-    has_no_ground = (statuses > 0) & (np.arange(len(statuses)) < len(on_ground.ground.status))
-    bad = np.flatnonzero(has_no_ground | np.isin(statuses, _NO_RAY))
-    if len(bad):
-        status = CODES[statuses[bad[0]]]
-        return status, (_why(record, pose, status, points.ground, int(bad[0])),)
+    if statuses.any():
+        has_no_ground = (statuses > 0) & (np.arange(len(statuses)) < len(on_ground.ground.status))
+        bad = np.flatnonzero(has_no_ground | np.isin(statuses, _NO_RAY))
+        if len(bad):
+            status = CODES[statuses[bad[0]]]
+            return status, (_why(record, pose, status, points.ground, int(bad[0])),)
     limit, farthest = record.setup.max_range_m, int(np.argmax(on_ground.range_m))
     if limit is not None and on_ground.range_m[farthest] > limit:
         sentence = f"point {farthest} is {on_ground.range_m[farthest]:.1f} m away, the limit is {limit:g} m"

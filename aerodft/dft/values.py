@@ -114,7 +114,9 @@ def drawn(seen: Seen) -> Drawn:
 
 
 def sight_of(seen: Seen) -> Sight:
-    """What is seen, without errors."""
+    """What is seen, without errors; directions for a height alone, nothing else looks at them."""
+    if seen.kind is not ProbeKind.HEIGHT:
+        return Sight(seen.pose.position_enu_m, np.zeros_like(seen.ground.points_enu_m), seen.ground.points_enu_m)
     directions = rays_with_jacobian(seen.camera, seen.pixels_px).rays_cam @ matrix(seen.pose.wxyz).T
     return Sight(seen.pose.position_enu_m, directions, seen.ground.points_enu_m)
 

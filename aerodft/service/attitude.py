@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ
+from aerodft.geometry.interpolation import Bracket
 from aerodft.geometry.rotation import (
     camera_from_gimbal,
     from_yaw_pitch_roll,
@@ -29,12 +30,14 @@ class CameraAttitude:
     Attributes:
         wxyz: ``(4,)`` ``enu_SO3_cam``.
         rate_cam_radps: ``(3,)`` angular rate in camera axes.
+        jump_std_rad: ``(3,)`` about the camera's axes: how far off the interpolation may be, because the report jumped.
         source: Where it came from.
         age_s: Distance in time to the nearest sample used.
     """
 
     wxyz: FloatArray
     rate_cam_radps: FloatArray
+    jump_std_rad: FloatArray
     source: GimbalSource
     age_s: float
 
@@ -86,7 +89,7 @@ class AttitudeSources:
         ends = multiply(vehicle[[found.before, found.after]], body_wxyz_gimbal)
         now = multiply(found.spherical(vehicle), body_wxyz_gimbal)
         rate = _rate(ends[0], ends[1], found.gap_ns)
-        return self._camera(now, rate, GimbalSource.FIXED_MOUNT, stamp_ns, self._vehicle)
+        return self._camera(now, (rate, np.zeros(3)), GimbalSource.FIXED_MOUNT, stamp_ns, self._vehicle)
 
     def _gimballed(self, source: GimbalSource, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing:
         stream = self._gimbals[source]
@@ -98,8 +101,9 @@ class AttitudeSources:
             return Missing.STALE  # no rotation leads from one reference to the other
         gimbal = found.spherical(reported)
         rate = _rate(reported[found.before], reported[found.after], found.gap_ns)
+        jump = _jump_std(reported, found)
         if in_earth[found.before]:
-            return self._camera(gimbal, rate, source, stamp_ns, stream)
+            return self._camera(gimbal, (rate, jump), source, stamp_ns, stream)
         vehicle = self._vehicle.find(stamp_ns, watermark_ns)
         if isinstance(vehicle, Missing):
             return vehicle
@@ -107,14 +111,34 @@ class AttitudeSources:
         yaw, _, _ = yaw_pitch_roll(vehicle.spherical(attitude))
         turn_ned = np.array([0.0, 0.0, _yaw_rate(attitude[vehicle.before], attitude[vehicle.after], vehicle.gap_ns)])
         gimbal = multiply(from_yaw_pitch_roll(yaw, 0.0, 0.0), gimbal)
-        return self._camera(gimbal, rate + matrix(inverse(gimbal)) @ turn_ned, source, stamp_ns, stream)
+        return self._camera(gimbal, (rate + matrix(inverse(gimbal)) @ turn_ned, jump), source, stamp_ns, stream)
 
     @staticmethod
     def _camera(
-        ned_wxyz_gimbal: FloatArray, rate_gimbal: FloatArray, source: GimbalSource, stamp_ns: int, stream: Stream
+        ned_wxyz_gimbal: FloatArray,
+        rate_and_jump: tuple[FloatArray, FloatArray],
+        source: GimbalSource,
+        stamp_ns: int,
+        stream: Stream,
     ) -> CameraAttitude:
-        rate_cam = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ))) @ rate_gimbal
-        return CameraAttitude(camera_from_gimbal(ned_wxyz_gimbal), rate_cam, source, stream.age_s(stamp_ns) or 0.0)
+        cam_from_gimbal = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ)))
+        rate, jump = (cam_from_gimbal @ vector for vector in rate_and_jump)
+        age_s = stream.age_s(stamp_ns) or 0.0
+        return CameraAttitude(camera_from_gimbal(ned_wxyz_gimbal), rate, np.abs(jump), source, age_s)
+
+
+def _jump_std(reported_wxyz: FloatArray, found: Bracket) -> FloatArray:
+    """Standard deviation ``(3,)`` of interpolating between two samples when the report jumps, in gimbal axes.
+
+    A gimbal that repeats its command shows a slew as one step, at any time between two samples: a share ``w`` into the
+    gap the interpolation is then off by ``turn sqrt(w (1 - w))``. What the turn before already announced is no step.
+    """
+    turn = to_rotation_vector(multiply(inverse(reported_wxyz[found.before]), reported_wxyz[found.after]))
+    if found.before == 0 or not np.any(turn):
+        return turn * 0.0
+    before = to_rotation_vector(multiply(inverse(reported_wxyz[found.before - 1]), reported_wxyz[found.before]))
+    unannounced = max(0.0, 1.0 - float(np.linalg.norm(before)) / float(np.linalg.norm(turn)))
+    return np.asarray(turn * unannounced * math.sqrt(found.weight * (1 - found.weight)))
 
 
 def _yaw_rate(before_wxyz: FloatArray, after_wxyz: FloatArray, gap_ns: int) -> float:

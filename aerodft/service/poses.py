@@ -1,5 +1,6 @@
 """Telemetry tracks in, the camera's pose at an image's stamp out; interpolated, never the nearest sample."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,7 +111,15 @@ class PoseSource:
         )
 
     def _sample(self, stamp_ns: int, height: Height, attitude: CameraAttitude, place: _Place | None) -> PoseSample:
-        std = replace(self._settings.attitude.std, height_agl_m=height.std_m, time_s=self._time_std_s)
+        stated, jump = self._settings.attitude.std, attitude.jump_std_rad
+        std = replace(
+            stated,
+            height_agl_m=height.std_m,
+            tilt_rad=math.hypot(stated.tilt_rad, jump[0]),
+            pan_rad=math.hypot(stated.pan_rad, jump[1]),
+            roll_rad=math.hypot(stated.roll_rad, jump[2]),
+            time_s=self._time_std_s,
+        )
         east, north = (0.0, 0.0) if place is None else place.east_north_m.tolist()
         lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
         pose = Pose(

@@ -145,7 +145,10 @@ def _compared(scenario: Scenario, folder: Path, measured: list[dict]) -> list[Wi
         stamp_ns = int(one["stamp_ns"])
         truth = truths[one["name"], stamp_ns]
         row = int(np.searchsorted(scenario.trajectory.stamp_ns, stamp_ns))
-        assert one["status"] == "ok"
+        if one["status"] != "ok":  # a jump of the gimbal between two samples can leave no honest number
+            assert one["status"] == "ILL_CONDITIONED"
+            assert motion.slewing[row]
+            continue
         low, high = one["ci95"]
         widths.append(
             Width(
@@ -204,6 +207,7 @@ def test_widths_are_within_one_percent_while_the_vehicle_banks_and_the_gimbal_pa
     }
     slews = [width for width in steep if width.slewing]
     _print_table({**rows, "left out: slews > 5 deg a sample": slews})
+    print(f"refused, all of them in slews: {len(measured) - len(widths)}")
     for title, chosen in rows.items():
         errors = np.array([width.error for width in chosen])
         # Nobody measures better than the pixels that he is given: 3 sigma of their noise come on top, far out only.
@@ -212,7 +216,7 @@ def test_widths_are_within_one_percent_while_the_vehicle_banks_and_the_gimbal_pa
         assert np.percentile(errors, 95) <= PERCENT, title
         assert np.all(errors <= PERCENT + 3 * noise), title
     assert len(calm) > 0.9 * len(steep)
-    assert max(width.error for width in slews) > max(width.error for width in calm)
+    assert np.mean([width.inside for width in slews]) > 0.9
 
 
 def test_the_legs_show_as_tilt_and_nothing_before_take_off_has_a_number(flight, measured):

@@ -10,12 +10,12 @@ from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Stills, VideoFile
 from aerodft.cli.flight import open_flight
-from aerodft.cli.output import print_json, progress_bar, say
+from aerodft.cli.output import progress_bar
+from aerodft.cli.summary import report
 from aerodft.cli.times import parse_utc
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.errors import InputError, UsageError
 from aerodft.service.feed import MergedFeed
-from aerodft.service.pipeline import Counts
 
 _MAX_RATE_HZ = 1000  # far beyond any camera
 
@@ -51,56 +51,7 @@ def import_(
     pipeline = build_pipeline(station)
     with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
         run(MergedFeed(flight.sources, station.pipeline.tick_ns), pipeline, (recorder, tally), progress)
-    report(output, tally, pipeline.counts, as_json=json, warnings=flight.warnings())
-
-
-def report(
-    folder: Path, tally: Tally, counts: Counts, *, as_json: bool, warnings: tuple[str, ...] = (), live: bool = False
-) -> None:
-    """Say what a run made.
-
-    Args:
-        folder: The recording.
-        tally: What is in it.
-        counts: How many observations could not be used.
-        as_json: Print a JSON document as well.
-        warnings: What was wrong with the input, one sentence each.
-        live: Whether it may have ended before its first image.
-
-    Raises:
-        NoAnswerError: Not one pose had an answer, or there was no image.
-    """
-    if as_json:
-        print_json(
-            {
-                "recording": str(folder),
-                "images": tally.images,
-                "poses": dict(tally.poses),
-                "measurements": dict(tally.measurements),
-                "reasons": tally.reasons,
-                "warnings": warnings,
-            }
-        )
-    for sentence in warnings:
-        say(f"aerodft: {sentence}")
-    say(f"recording: {folder}; {tally.images} images; poses: {_counts(tally.poses)}")
-    say(f"measurements: {_counts(tally.measurements)}")
-    for count, why in (
-        (counts.unknown_probe, "name a probe that the configuration does not observe"),
-        (counts.wrong_pixel_count, "have more or fewer pixels than their probe"),
-    ):
-        if count:
-            say(f"{count} observations {why}; they are recorded")
-    if tally.poses.get("ok") or (live and not tally.poses):
-        return
-    reasons = ", then ".join(f"{status} ({why})" for status, why in tally.reasons.items())
-    raise NoAnswerError(
-        "no image has a usable pose", where=folder, got=reasons or "no image", hint="the recording is kept"
-    )
-
-
-def _counts(counter: dict[str, int]) -> str:
-    return ", ".join(f"{number} {status}" for status, number in counter.items()) or "none"
+    report(recorder.totals, tally, pipeline.counts, as_json=json, warnings=flight.warnings())
 
 
 def _station(

@@ -8,9 +8,9 @@ import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.import_ import report
 from aerodft.cli.output import progress_bar
 from aerodft.cli.recorded import recorded_station, reoffset
+from aerodft.cli.summary import report
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
 from aerodft.errors import InputError
 from aerodft.service.feed import MergedFeed
@@ -44,7 +44,7 @@ def recompute(
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
         run(feed, pipeline, (recorder, tally), progress)
     _copy_images(old, output)
-    report(output, tally, pipeline.counts, as_json=json)
+    report(recorder.totals, tally, pipeline.counts, as_json=json)
 
 
 def _stations(recording: Recording, config: Path | None) -> tuple[StationConfig, StationConfig]:

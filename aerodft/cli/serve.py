@@ -22,8 +22,8 @@ from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
-from aerodft.cli.import_ import report
 from aerodft.cli.output import say
+from aerodft.cli.summary import report
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, run
 from aerodft.dft.measure import Request
 from aerodft.errors import ConfigError, InputError
@@ -58,19 +58,20 @@ def serve(
     feed = LiveFeed(inbox, clock, settings.tick_ns)
     folder = output or station.record.folder / _folder_name(settings.station, clock.now_ns())
     with ExitStack() as stack:
-        recorder = build_recorder(station, folder, started_ns=clock.now_ns(), lossless=False)
-        stack.callback(recorder.close)
+        started_ns = clock.now_ns()
         bus = _open_bus(station, pipeline, inbox)
         if bus is not None:
             stack.callback(bus.close)
         images = _ImageGate(station, inbox, feed, where=config)
         _open_inputs(station, inbox, images, clock, stack)
+        recorder = build_recorder(station, folder, started_ns=started_ns, lossless=False)  # once nothing can fail
+        stack.callback(recorder.close)
         stack.enter_context(_stop_on_signal(feed, seconds))
         say(f"recording to {folder}; stop with Ctrl-C")
         sinks = (recorder, tally) if bus is None else (bus, recorder, tally)
         run(feed, pipeline, sinks, _StatusEverySecond(station, inbox, tally, recorder, bus))
     images.raise_refusal()
-    report(folder, tally, pipeline.counts, as_json=json, live=True)
+    report(recorder.totals, tally, pipeline.counts, as_json=json, live=True)
 
 
 def _folder_name(station: str, now_ns: int) -> str:

@@ -1,0 +1,82 @@
+"""What a run says when it is over: what was recorded and measured, and what was lost."""
+
+import typer
+
+from aerodft.adapters.mcap.recorder import RecordingTotals
+from aerodft.cli.output import print_json, say
+from aerodft.cli.wiring import Tally
+from aerodft.errors import NoAnswerError
+from aerodft.service.pipeline import Counts
+
+_LOSS = 5
+
+
+def report(
+    totals: RecordingTotals,
+    tally: Tally,
+    counts: Counts,
+    *,
+    as_json: bool,
+    warnings: tuple[str, ...] = (),
+    live: bool = False,
+) -> None:
+    """Say what a run made.
+
+    Args:
+        totals: What was recorded.
+        tally: What was measured.
+        counts: How many observations could not be used.
+        as_json: Print a JSON document as well.
+        warnings: What was wrong with the input, one sentence each.
+        live: Whether it may have ended before its first image.
+
+    Raises:
+        NoAnswerError: Not one pose had an answer, or there was no image.
+        Exit: With 5, where the recording is incomplete.
+    """
+    missing = totals.lost + totals.shed_messages
+    if as_json:
+        print_json(
+            {
+                "recording": str(totals.folder),
+                "images": tally.images,
+                "poses": dict(tally.poses),
+                "measurements": dict(tally.measurements),
+                "reasons": tally.reasons,
+                "warnings": warnings,
+                "lost": missing,
+            }
+        )
+    for sentence in warnings:
+        say(f"aerodft: {sentence}")
+    say(f"recording: {totals.folder}; {tally.images} images; poses: {_listed(tally.poses)}")
+    say(f"measurements: {_listed(tally.measurements)}")
+    _say_unused(counts)
+    if missing:
+        why = "could not be written" if totals.lost else "came faster than they could be written"
+        say(f"aerodft: {totals.folder}: {missing} messages are not in the recording: they {why}")
+    if tally.poses or not live:
+        _refuse_emptiness(totals, tally)
+    if missing:
+        raise typer.Exit(_LOSS)
+
+
+def _say_unused(counts: Counts) -> None:
+    for count, why in (
+        (counts.unknown_probe, "name a probe that the configuration does not observe"),
+        (counts.wrong_pixel_count, "have more or fewer pixels than their probe"),
+    ):
+        if count:
+            say(f"{count} observations {why}; they are recorded")
+
+
+def _refuse_emptiness(totals: RecordingTotals, tally: Tally) -> None:
+    if tally.poses.get("ok"):
+        return
+    got = ", then ".join(f"{status} ({why})" for status, why in tally.reasons.items()) or "no image"
+    hint = "the recording is kept"
+    raise NoAnswerError("no image has a usable pose", where=totals.folder, got=got, hint=hint)
+
+
+def _listed(counter: dict[str, int]) -> str:
+    return ", ".join(f"{number} {status}" for status, number in counter.items()) or "none"

@@ -6,6 +6,7 @@ from dataclasses import replace
 from aerodft.adapters.codec import events
 from aerodft.adapters.mcap.channels import SENDER_KEY
 from aerodft.adapters.mcap.reading import ReadChannel, ReadMessage
+from aerodft.errors import InputError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock, WireProtocol
@@ -15,6 +16,7 @@ from replay.pixels import JpegStore
 from replay.recording import Recording
 
 _BLOCK_FRAMES = 4096
+_INPUTS = frozenset({events.IMAGE_SCHEMA, events.OBSERVATION_SCHEMA})
 _PROTOCOLS = frozenset(protocol.value for protocol in WireProtocol)
 
 
@@ -37,20 +39,37 @@ class RecordingSource:
         self._jpegs = JpegStore(recording) if pixels else None
 
     def events(self) -> Iterator[Event]:
-        """All events, (first) arrivals not decreasing; at most a second of telemetry is held in memory."""
+        """All events, (first) arrivals not decreasing; at most a second of telemetry is held in memory.
+
+        Raises:
+            InputError: Arrivals go back: the recording was put together by hand.
+        """
         blocks = _Blocks()
-        for message in self._recording.messages(from_ns=self._from_ns, to_ns=self._to_ns):
+        for message in self._inputs():
             if message.channel.encoding in _PROTOCOLS:
                 if blocks.is_full(message):
                     yield from blocks.take()
                 blocks.add(message)
-            elif message.channel.schema == events.IMAGE_SCHEMA:
+            else:
                 yield from blocks.take()
-                yield self._image(message.data)
-            elif message.channel.schema == events.OBSERVATION_SCHEMA:
-                yield from blocks.take()
-                yield events.decode_observation(message.data)
+                is_image = message.channel.schema == events.IMAGE_SCHEMA
+                yield self._image(message.data) if is_image else events.decode_observation(message.data)
         yield from blocks.take()
+
+    def _inputs(self) -> Iterator[ReadMessage]:
+        last_ns = 0
+        for message in self._recording.messages(from_ns=self._from_ns, to_ns=self._to_ns):
+            if message.channel.encoding not in _PROTOCOLS and message.channel.schema not in _INPUTS:
+                continue
+            if message.log_ns < last_ns:
+                raise InputError(
+                    "the recording goes back in time",
+                    where=self._recording.folder,
+                    got=f"an arrival {(last_ns - message.log_ns) / SECOND_NS:.3f} s before the one before it",
+                    expected="segments of one recording, each once",
+                )
+            last_ns = message.log_ns
+            yield message
 
     def _image(self, data: bytes) -> Image:
         image = events.decode_image(data)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.adapters.mcap.scanning import scan_segment
-from aerodft.errors import AerodftError
+from aerodft.errors import AerodftError, InputError
 from aerodft.model.camera import Camera
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.feed import MergedFeed, batch_of, block_of
@@ -85,3 +85,22 @@ def test_a_chunk_that_claims_a_gigabyte_is_not_unpacked(content: bytes, caplog: 
             recording = Recording(Path(folder))
             assert len(list(recording.messages())) == 59 * 3 + 2
     assert caplog.text.count("damaged chunk") == 3
+
+
+def test_a_segment_that_is_there_twice_is_refused_and_not_computed_twice(content: bytes, tmp_path: Path) -> None:
+    for name in ("data_000.mcap", "data_000-copy.mcap"):
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match="goes back in time: got an arrival"):
+        list(RecordingSource(Recording(tmp_path)).events())
+
+
+@pytest.mark.parametrize("kept", [0, 1, 7])
+def test_a_segment_that_was_just_made_as_the_machine_died_costs_nothing(
+    content: bytes, tmp_path: Path, kept: int
+) -> None:
+    (tmp_path / "data_000.mcap").write_bytes(content)
+    for name in ("data_001.mcap", "images_000.mcap"):
+        (tmp_path / name).write_bytes(content[:kept])
+    recording = Recording(tmp_path)
+    assert not recording.is_whole
+    assert sum(message.channel.encoding == WireProtocol.MAVLINK for message in recording.messages()) == 59 * 3

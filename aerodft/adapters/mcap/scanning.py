@@ -71,9 +71,10 @@ def scan_segment(path: Path) -> SegmentScan:
     try:
         with path.open("rb") as file:
             magic = file.read(len(MAGIC))
+            if len(magic) < len(MAGIC) and MAGIC.startswith(magic):  # the machine died as the file was made
+                return SegmentScan(path=path, chunks=(), station=None, is_whole=False)
             if magic != MAGIC:
-                got = "an empty file" if not magic else repr(magic)
-                raise InputError("the file is no MCAP recording", where=path, got=got, expected=repr(MAGIC))
+                raise InputError("the file is no MCAP recording", where=path, got=repr(magic), expected=repr(MAGIC))
             return _Scan(path, file).run()
     except OSError as error:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error

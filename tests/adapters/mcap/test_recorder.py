@@ -289,7 +289,7 @@ def test_a_file_or_an_empty_folder_is_no_recording(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a file"):
         Recording(tmp_path / "a.txt")
     (tmp_path / "data_000.mcap").write_bytes(b"")
-    with pytest.raises(InputError, match="an empty file"):
+    with pytest.raises(NoAnswerError, match="holds nothing"):
         Recording(tmp_path)
     (tmp_path / "data_000.mcap").write_bytes(b"no mcap at all")
     with pytest.raises(InputError, match="no MCAP"):

@@ -1,0 +1,213 @@
+"""Elevation models from files (GeoTIFF and what else GDAL reads), laid out around the station; extra ``terrain``."""
+
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from pyproj import CRS, Transformer
+
+from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.raster_layout import RasterLayout, RasterPart, Window
+from aerodft.errors import InputError
+from aerodft.geometry.terrain import ElevationGrid
+from aerodft.model.arrays import FloatArray
+from aerodft.model.pose import GeoOrigin
+
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
+
+RADIUS_M: Final = 2000.0
+"""How far around the station the ground is read, unless told otherwise."""
+
+MAX_NODES: Final = 20_000_000
+"""A grid of more nodes is refused: 160 MB of heights, and some seconds to lay them out."""
+
+_LOWEST_M, _HIGHEST_M = -500.0, 9000.0  # of the earth's dry land, with a margin
+_SMALLEST = 2  # pixels and nodes on a side
+_METRE, _FOOT, _SURVEY_FOOT = 1.0, 0.3048, 1200 / 3937
+_UNITS: Final = {
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), _METRE),
+    **dict.fromkeys(("ft", "foot", "feet"), _FOOT),
+    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "us survey feet"), _SURVEY_FOOT),
+}
+_COLOURS: Final = frozenset({"red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yellow", "black"})
+_NO_CRS = "no usable coordinate reference system"
+_GEOTIFF: Final = "a GeoTIFF elevation model"
+
+
+def load_elevation(
+    path: Path,
+    origin: GeoOrigin,
+    *,
+    radius_m: float = RADIUS_M,
+    cell_m: float | None = None,
+    band: int = 1,
+    ground_is_zero: bool = False,
+    fill_msl_m: float | None = None,
+) -> ElevationGrid:
+    """Read the ground around the station, on square cells in the station's ENU.
+
+    Between the centres of the file's pixels heights are interpolated bilinearly; where the cells are larger than the
+    pixels, these are averaged first. The file's heights count as above mean sea level, the grid's are above the
+    origin's altitude.
+
+    Args:
+        path: A raster of heights, in any geographic or projected coordinate reference system.
+        origin: The station, which the file must cover.
+        radius_m: Half the side of the square that is read. Beyond the file there is no ground.
+        cell_m: Distance of the nodes; None for that of the file's pixels at the origin.
+        band: The raster's band of heights, from 1.
+        ground_is_zero: Heights above the ground at the origin instead, as they are for an origin without altitude.
+        fill_msl_m: Height of what has no data in the file, a water surface for instance; None to leave holes.
+
+    Raises:
+        InputError: The extra is not installed; the file cannot be read, does not cover the origin, or has no
+            coordinate reference system, no such band, no heights or impossible ones; or the grid would be too large.
+        ValueError: A length makes no sense.
+    """
+    if not (0.0 < radius_m < math.inf and (cell_m is None or 0.0 < cell_m <= radius_m)):
+        raise ValueError(f"got a radius of {radius_m} m and cells of {cell_m} m, expected both above 0, cells smaller")
+    alt_msl_m = None if ground_is_zero else origin.alt_msl_m
+    with _opened(path) as dataset:
+        crs = _crs(dataset, path, relative=alt_msl_m is None)
+        layout = _layout(dataset, path, crs, origin)
+        window, pixel_m = layout.window((dataset.width, dataset.height), radius_m), layout.pixel_m()
+        cell_m = cell_m or pixel_m
+        east_m, north_m = _nodes(layout, window, radius_m, cell_m, path)
+        unit_m = _unit_m(dataset, path, band, crs)
+        heights_m = _possible(_values(dataset, band, window, max(1, int(cell_m / pixel_m))) * unit_m, path)
+    if fill_msl_m is not None:
+        heights_m = np.where(np.isnan(heights_m), fill_msl_m, heights_m)
+    part = RasterPart(layout, window, heights_m)
+    on_nodes = part.on_nodes(east_m, north_m)
+    if np.all(np.isnan(on_nodes)):
+        raise InputError("no heights around the station", where=path, got="nodata only", expected=_GEOTIFF)
+    zero_m = _ground_at_origin(part, path) if alt_msl_m is None else alt_msl_m
+    return ElevationGrid(east_m=float(east_m[0]), north_m=float(north_m[0]), cell_m=cell_m, heights_m=on_nodes - zero_m)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator["DatasetReader"]:
+    try:
+        import rasterio  # noqa: PLC0415 - an extra, which only stations on uneven ground need
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError  # noqa: PLC0415 - as above
+    except ImportError as error:
+        hint = "install the extra: pip install 'aerodft[terrain]'"
+        raise InputError("elevation models need rasterio", where=path, got="no rasterio", hint=hint) from error
+    if not path.is_file():
+        got = looks_like(path)
+        raise InputError("no elevation model", where=path, got=got, expected=_GEOTIFF, hint="check the path")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a sentence of its own says so
+            dataset = rasterio.open(path)
+        with dataset:
+            yield dataset
+    except RasterioError as error:
+        got = looks_like(path)
+        hint = "it may be damaged or cut short"
+        raise InputError("not a readable elevation model", where=path, got=got, expected=_GEOTIFF, hint=hint) from error
+
+
+def _crs(dataset: "DatasetReader", path: Path, *, relative: bool) -> CRS:
+    expected = "a geographic or projected one"
+    if dataset.crs is None or dataset.transform.is_identity:
+        got = "none" if dataset.crs is None else "no place for its pixels"
+        hint = "say what it is, for instance with gdal_edit.py -a_srs EPSG:..." if dataset.crs is None else ""
+        raise InputError(_NO_CRS, where=path, got=got, expected=expected, hint=hint)
+    crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
+    if not (crs.is_geographic or crs.is_projected) or dataset.transform.is_degenerate:
+        raise InputError(_NO_CRS, where=path, got=f"{crs.name} ({crs.type_name})", expected=expected)
+    if not relative and not crs.is_compound and len(crs.axis_info) == 3:  # noqa: PLR2004 - axes in space
+        hint = "convert it, or take heights above the ground at the station"
+        raise InputError(
+            "heights of another kind", where=path, got=crs.name, expected="above mean sea level", hint=hint
+        )
+    return crs
+
+
+def _layout(dataset: "DatasetReader", path: Path, crs: CRS, origin: GeoOrigin) -> RasterLayout:
+    horizontal = crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
+    from_lon_lat = Transformer.from_crs("EPSG:4326", horizontal, always_xy=True)
+    layout = RasterLayout(origin, from_lon_lat, tuple(dataset.transform)[:6])
+    size = np.array([dataset.width, dataset.height])
+    if size.min() < _SMALLEST:
+        raise InputError("too small", where=path, got=f"{size[0]} x {size[1]} pixels", expected="2 x 2 or more")
+    at = layout.places(np.zeros(2))
+    if not np.all((at >= 0) & (at <= size - 1)):
+        corners = layout.lon_lat_deg(np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * (size - 1))
+        (west, south), (east, north) = corners.min(axis=0), corners.max(axis=0)
+        lat, lon = math.degrees(origin.lat_rad), math.degrees(origin.lon_rad)
+        raise InputError(
+            "does not cover the station",
+            where=path,
+            got=f"latitudes {south:.5f} to {north:.5f} and longitudes {west:.5f} to {east:.5f}",
+            expected=f"{lat:.5f}, {lon:.5f} inside",
+        )
+    return layout
+
+
+def _nodes(
+    layout: RasterLayout, window: Window, radius_m: float, cell_m: float, path: Path
+) -> tuple[FloatArray, FloatArray]:
+    east, north = layout.nodes_m(window, radius_m, cell_m)
+    got = f"{len(east)} x {len(north)} nodes {cell_m:.4g} m apart"
+    if min(len(east), len(north)) < _SMALLEST:
+        raise InputError("too little ground", where=path, got=got, expected="2 x 2 or more", hint="use smaller cells")
+    if len(east) * len(north) > MAX_NODES:
+        hint = "take a smaller radius or larger cells"
+        raise InputError("too much ground", where=path, got=got, expected=f"{MAX_NODES} at most", hint=hint)
+    return east, north
+
+
+def _unit_m(dataset: "DatasetReader", path: Path, band: int, crs: CRS) -> float:
+    """Metres in the unit of the heights, as the band or else the vertical coordinate system has it."""
+    if not 1 <= band <= dataset.count:
+        raise InputError("no such band", where=path, got=band, expected=f"1 to {dataset.count}")
+    colour = dataset.colorinterp[band - 1].name
+    if colour in _COLOURS or "complex" in dataset.dtypes[band - 1]:
+        got = f"band {band} of {dataset.count}: {colour}, {dataset.dtypes[band - 1]}"
+        raise InputError("a band that holds no heights", where=path, got=got, expected=_GEOTIFF)
+    unit = (dataset.units[band - 1] or "").strip().lower()
+    if not unit:
+        return float(crs.axis_info[-1].unit_conversion_factor) if crs.is_compound else _METRE
+    if unit not in _UNITS:
+        raise InputError("heights in an unknown unit", where=path, got=repr(unit), expected="metres or feet")
+    return _UNITS[unit]
+
+
+def _values(dataset: "DatasetReader", band: int, window: Window, step: int) -> FloatArray:
+    """The window's heights, ``step`` by ``step`` pixels averaged into one; NaN where there is no data."""
+    from rasterio.enums import Resampling  # noqa: PLC0415 - as in _opened
+
+    size = window.bottom - window.top, window.right - window.left
+    values = dataset.read(
+        band,
+        window=((window.top, window.bottom), (window.left, window.right)),
+        out_shape=tuple(max(_SMALLEST, math.ceil(each / step)) for each in size),
+        resampling=Resampling.average if step > 1 else Resampling.nearest,
+        masked=True,
+    )
+    heights = np.ma.filled(values.astype(np.float64), np.nan) * dataset.scales[band - 1] + dataset.offsets[band - 1]
+    return np.where(np.isinf(heights), np.nan, heights)
+
+
+def _possible(heights_m: FloatArray, path: Path) -> FloatArray:
+    wrong = heights_m[(heights_m < _LOWEST_M) | (heights_m > _HIGHEST_M)]
+    if wrong.size:
+        expected = f"{_LOWEST_M:.0f} to {_HIGHEST_M:.0f} m"
+        hint = "if it stands for no data, say so in the file, for instance with gdal_edit.py -a_nodata"
+        raise InputError("an impossible height", where=path, got=f"{wrong[0]:g} m", expected=expected, hint=hint)
+    return heights_m
+
+
+def _ground_at_origin(part: RasterPart, path: Path) -> float:
+    zero_m = float(part.at(np.zeros((1, 2)))[0])
+    if math.isnan(zero_m):
+        hint = "give the station's altitude, or a height for what has no data"
+        raise InputError("no height at the station", where=path, got="nodata", expected="the ground's", hint=hint)
+    return zero_m

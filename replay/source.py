@@ -6,12 +6,12 @@ from dataclasses import replace
 from aerodft.adapters.codec import events
 from aerodft.adapters.mcap.channels import SENDER_KEY
 from aerodft.adapters.mcap.reading import ReadChannel, ReadMessage
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of, first_arrival_ns
-from aerodft.service.settings import SECOND_NS
 from replay.pixels import JpegStore
 from replay.recording import Recording
 

@@ -3,7 +3,8 @@
 import re
 from datetime import UTC, datetime, timedelta
 
-SECOND_NS = 1_000_000_000
+from aerodft.conventions import SECOND_NS
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
     r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:[.,](\d{1,9}))?\s*(Z|[+-]\d{2}:?\d{2})?",

@@ -15,11 +15,11 @@ from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mavlink.survey import Survey, SurveyReport, ValueSource
 from aerodft.cli.output import tables
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
-from aerodft.service.settings import SECOND_NS
 
 _TICK_NS: Final = 50_000_000
 

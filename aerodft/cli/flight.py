@@ -16,12 +16,13 @@ from aerodft.adapters.mavlink.dataflash import DataflashSource
 from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.wiring import Late, SizeChecked
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.service.ports import Source
-from aerodft.service.settings import SECOND_NS, TelemetrySettings
+from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
 
 DEFAULT_RATE_HZ = 5.0

@@ -8,6 +8,7 @@ from aerodft.adapters.config.loading import parse_station
 from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.times import parse_instant
 from aerodft.cli.wiring import build_pipeline
+from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Setup
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.batch import Event
@@ -17,7 +18,6 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
-from aerodft.service.settings import SECOND_NS
 from replay.recording import Recording
 from replay.source import RecordingSource
 

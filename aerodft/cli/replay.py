@@ -9,9 +9,9 @@ import typer
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, session_on
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.times import parse_instant
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clock import WallClock
-from aerodft.service.settings import SECOND_NS
 from replay.publish import Published, Republisher
 from replay.recording import Recording
 

@@ -25,6 +25,7 @@ from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.output import say
 from aerodft.cli.summary import report
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, run
+from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Request
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.image import Image
@@ -32,7 +33,6 @@ from aerodft.model.measurement import Measurement
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import SECOND_NS
 
 
 def serve(

@@ -4,8 +4,8 @@ import math
 from datetime import timedelta
 
 from aerodft.adapters.timestamps import iso_to_unix_ns
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
-from aerodft.service.settings import SECOND_NS
 
 _EXPECTED = "ISO 8601 (UTC unless it says otherwise), seconds, or nanoseconds since 1970"
 _LEAST_UNIX_S = 1e8  # 1973; anything below is seconds from a start

@@ -15,7 +15,6 @@ class Observation:
         pixels: ``((u, v), ...)``.
         std_px: Standard deviation of each coordinate; None where the probe's own applies.
         image: Index of the image, where known.
-        image_stamp_ns: That image's stamp when the two were linked, so that a later time offset moves both.
         source: Who observed: a file's name, a topic, ``vision``.
         arrival_ns: When it reached this machine (for files: the stamp).
     """
@@ -27,5 +26,4 @@ class Observation:
     std_px: float | None = None
     clock: StampClock = StampClock.UTC
     image: int | None = None
-    image_stamp_ns: int | None = None
     source: str = ""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ
+from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ, SECOND_NS
 from aerodft.geometry.interpolation import Bracket
 from aerodft.geometry.rotation import (
     camera_from_gimbal,
@@ -19,7 +19,7 @@ from aerodft.geometry.rotation import (
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import GimbalTrack, Track, VehicleTrack
-from aerodft.service.settings import SECOND_NS, AttitudeSettings
+from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import Missing, Stream
 
 

@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model.batch import Batch, Event
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.ports import Clock, Source
-from aerodft.service.settings import SECOND_NS
 
 
 def tick_after(arrival_ns: int, tick_ns: int) -> int:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.geometry.geodesy import east_north
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import FloatArray
@@ -13,7 +14,7 @@ from aerodft.model.status import Status
 from aerodft.model.telemetry import PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude
 from aerodft.service.height import Height, HeightSources
-from aerodft.service.settings import SECOND_NS, TelemetrySettings
+from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import ClockChange, ClockMap
 

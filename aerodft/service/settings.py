@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass, field
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.probe import Probe
-
-SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, Track, VehicleTrack
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source, TelemetryDecoder
-from aerodft.service.settings import SECOND_NS
 from aerodft.service.timing import ClockChange, ClockMap
 
 PAUSE_NS = 600 * SECOND_NS

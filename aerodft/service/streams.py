@@ -5,10 +5,10 @@ from enum import Enum, auto
 import numpy as np
 import numpy.typing as npt
 
+from aerodft.conventions import SECOND_NS
 from aerodft.geometry.interpolation import Bracket, bracket
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.service.buffers import TrackBuffer
-from aerodft.service.settings import SECOND_NS
 
 HISTORY_NS = 120 * SECOND_NS
 """How long samples are kept: longer than any image waits for its telemetry."""

@@ -11,9 +11,9 @@ from enum import Enum, auto
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
-from aerodft.service.settings import SECOND_NS
 
 JUMP_NS = SECOND_NS // 10
 """A larger change of an offset is a jump: older stamps are on another clock."""

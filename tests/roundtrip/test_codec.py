@@ -125,7 +125,6 @@ observations = st.builds(
     std_px=st.none() | real,
     clock=st.sampled_from(StampClock),
     image=st.none() | st.integers(0, 2**40),
-    image_stamp_ns=st.none() | stamp,
     source=text,
 )
 

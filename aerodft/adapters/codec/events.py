@@ -46,7 +46,6 @@ def _image(payload: wire.Json) -> Image:
 
 def encode_observation(observation: Observation) -> bytes:
     """An observation as ``aerodft.observation/1``."""
-    linked_ns = observation.image_stamp_ns
     return wire.dump(
         {
             "schema": OBSERVATION_SCHEMA,
@@ -57,7 +56,6 @@ def encode_observation(observation: Observation) -> bytes:
             "pixels": observation.pixels,
             "std_px": observation.std_px,
             "image": observation.image,
-            "image_stamp_ns": None if linked_ns is None else str(linked_ns),
             "source": observation.source,
             "software": wire.SOFTWARE,
         }
@@ -74,7 +72,6 @@ def decode_observation(data: bytes) -> Observation:
 
 
 def _observation(payload: wire.Json) -> Observation:
-    linked_ns = payload["image_stamp_ns"]
     return Observation(
         name=payload["name"],
         stamp_ns=int(payload["stamp_ns"]),
@@ -83,6 +80,5 @@ def _observation(payload: wire.Json) -> Observation:
         std_px=payload["std_px"],
         clock=StampClock(payload["clock"]),
         image=payload["image"],
-        image_stamp_ns=None if linked_ns is None else int(linked_ns),
         source=payload["source"],
     )

@@ -13,8 +13,7 @@ from aerodft.model.image import StampClock
 from aerodft.model.observation import Observation
 
 _KEYS = frozenset((
-    "schema", "name", "stamp_ns", "image", "pixels", "std_px", "clock", "arrival_ns", "image_stamp_ns", "source",
-    "software",
+    "schema", "name", "stamp_ns", "image", "pixels", "std_px", "clock", "arrival_ns", "source", "software",
 ))  # fmt: skip
 _EXAMPLE = (
     '{"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}'
@@ -121,7 +120,6 @@ def _checked(payload: dict[str, Any], where: str, source: str, image_stamps_ns: 
         std_px=_std_px(payload.get("std_px"), where),
         clock=StampClock(clock),
         image=image,
-        image_stamp_ns=None if image is None else image_stamps_ns.get(image),
         source=source,
     )
 

@@ -157,7 +157,6 @@ OBSERVATION: Final = _document(
         "pixels": _PIXELS,
         "std_px": _NUMBER,
         "image": _INTEGER,
-        "image_stamp_ns": _STAMP_OR_NULL,
         "source": _TEXT,
     },
 )

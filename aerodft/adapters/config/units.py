@@ -2,7 +2,8 @@
 
 import math
 
-SECOND_NS = 1_000_000_000
+from aerodft.conventions import SECOND_NS
+
 _NEIGHBOURS = 6
 
 

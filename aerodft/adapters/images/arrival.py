@@ -8,7 +8,7 @@ be seen from here: it is what the configured time offset is for.
 
 from collections import deque
 
-from aerodft.adapters.timestamps import SECOND_NS
+from aerodft.conventions import SECOND_NS
 
 _WINDOW_NS = 5 * SECOND_NS
 _JUMP_NS = SECOND_NS

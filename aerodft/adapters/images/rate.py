@@ -6,7 +6,7 @@ from fractions import Fraction
 from types import TracebackType
 from typing import Self
 
-from aerodft.adapters.timestamps import SECOND_NS
+from aerodft.conventions import SECOND_NS
 from aerodft.model.image import Image, StampClock
 from aerodft.service.ports import Clock
 

@@ -12,7 +12,8 @@ from PIL import Image as PillowImage
 from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.images.pixels import StillPixels
 from aerodft.adapters.images.still_stamps import NamePattern, exif_stamp_ns
-from aerodft.adapters.timestamps import SECOND_NS, parse_offset
+from aerodft.adapters.timestamps import parse_offset
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.image import Image
 

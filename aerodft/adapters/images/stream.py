@@ -18,7 +18,7 @@ from av.video.stream import VideoStream
 from aerodft.adapters.images.arrival import ArrivalClock
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.images.udp import UdpFile
-from aerodft.adapters.timestamps import SECOND_NS
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError
 from aerodft.model.image import Image, StampClock
 from aerodft.service.ports import Clock

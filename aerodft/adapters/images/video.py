@@ -18,7 +18,8 @@ from av.video.stream import VideoStream
 
 from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.images.pixels import FramePixels
-from aerodft.adapters.timestamps import SECOND_NS, iso_to_unix_ns
+from aerodft.adapters.timestamps import iso_to_unix_ns
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.image import Image
 

@@ -1,7 +1,6 @@
 """Counting what a log or link holds: every message of every sender, when, how often, with which gaps."""
 
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
@@ -9,10 +8,10 @@ from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, Messa
 from aerodft.adapters.mavlink.dialect import frame_table, message_name
 from aerodft.adapters.mavlink.kernels import gather, read_headers
 from aerodft.adapters.mavlink.selection import RANGEFINDER
+from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
-SECOND_NS: Final = 10**9
 _SYSTEM_BITS, _COMPONENT_BITS = 24, 32
 _BYTE = 0xFF
 _ID_MASK = (1 << 24) - 1

@@ -8,7 +8,8 @@ import numpy as np
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mavlink.framing import FrameCounts
-from aerodft.adapters.mavlink.streams import SECOND_NS, Stream, StreamTable, rangefinder_readings_m
+from aerodft.adapters.mavlink.streams import Stream, StreamTable, rangefinder_readings_m
+from aerodft.conventions import SECOND_NS
 from aerodft.geometry.rotation import yaw_pitch_roll
 from aerodft.model.arrays import FloatArray
 from aerodft.model.telemetry import (

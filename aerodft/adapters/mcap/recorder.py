@@ -23,6 +23,7 @@ from aerodft.adapters.mcap.foxglove import camera_calibration, compressed_image
 from aerodft.adapters.mcap.records import Record, Records, image_sequence
 from aerodft.adapters.mcap.segment import Segment
 from aerodft.adapters.mcap.series import Series
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
 from aerodft.model.camera import Camera
@@ -30,7 +31,6 @@ from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.service.ports import Output
-from aerodft.service.settings import SECOND_NS
 
 _OUTPUT_BYTES = 2000  # what an output takes in the queue, about
 _FRAME_OVERHEAD_BYTES = 64

@@ -9,11 +9,11 @@ from aerodft.adapters.codec import events, measurement, pose, status
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
+from aerodft.conventions import SECOND_NS
 from aerodft.model.batch import Batch
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.settings import SECOND_NS
 
 _FIX_PERIOD_NS = SECOND_NS // 5
 _SEQUENCE_MASK = 0xFFFFFFFF

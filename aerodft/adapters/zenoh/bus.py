@@ -27,6 +27,7 @@ from aerodft.adapters.lane import Lane
 from aerodft.adapters.zenoh.answering import Answer, declare_answer
 from aerodft.adapters.zenoh.publishing import Publishers
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, close_session, open_session
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
 from aerodft.model.image import Image
@@ -35,7 +36,6 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
 from aerodft.service.ports import Output
-from aerodft.service.settings import SECOND_NS
 
 _QUEUED_TICKS = 256
 _LOG_EVERY = 1000

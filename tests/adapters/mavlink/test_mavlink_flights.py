@@ -132,11 +132,7 @@ def test_clock_attitude_and_position_are_pymavlinks(flight: tuple[dict[str, list
 def test_heights_are_pymavlinks(flight: tuple[dict[str, list[Any]], list[RawBlock]]) -> None:
     theirs, blocks = flight
     tracks = _tracks(blocks)
-    good = [
-        m
-        for m in theirs["DISTANCE_SENSOR"]
-        if m.orientation == 25 and 1 <= m.current_distance <= m.max_distance
-    ]
+    good = [m for m in theirs["DISTANCE_SENSOR"] if m.orientation == 25 and 1 <= m.current_distance <= m.max_distance]
     sensor = tracks.get("HeightTrackrangefinder")
     if good:
         assert isinstance(sensor, HeightTrack)

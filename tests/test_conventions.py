@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from aerodft import conventions
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.points import to_ground_frame
-from aerodft.dft.projection import CODES, project
+from aerodft.dft.projection import project
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose, pose_covariance
 from aerodft.geometry.rotation import (
@@ -27,7 +27,7 @@ from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.model.status import CODES, Status
 
 EAST, NORTH, UP = np.eye(3)
 RIGHT_CAM, DOWN_CAM, FORWARD_CAM = np.eye(3)

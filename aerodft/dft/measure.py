@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.dft.budget import Share, variance_budget
 from aerodft.dft.points import ImagePoints, image_points
-from aerodft.dft.projection import CODES, GroundPoints, project
+from aerodft.dft.projection import GroundPoints, project
 from aerodft.dft.quantities import crosses_itself
 from aerodft.dft.uncertainty import Z95, ellipse95, shared_covariance
 from aerodft.dft.values import FIRST_ORDER_LIMIT, Seen, Value, drawn, first_order
@@ -17,7 +17,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.measurement import Measurement, ProjectionModel, Vector
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.model.status import CODES, Status
 
 MAX_RELATIVE_RANGE_STD = 0.3
 """A point whose slant range is less certain than this is ``ILL_CONDITIONED``."""

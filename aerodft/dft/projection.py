@@ -20,14 +20,11 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from aerodft.model.status import Status
+from aerodft.model.status import CODE_OF, Status
 
 SHARED = 10
 POSITION, ROTATION = slice(0, 3), slice(3, 6)
 FOCAL, PRINCIPAL_POINT, ELEVATION = 6, slice(7, 9), 9
-
-CODES: tuple[Status, ...] = tuple(Status)
-_CODE = {status: code for code, status in enumerate(CODES)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +76,7 @@ def project(
         solve = _pinhole if model is ProjectionModel.PINHOLE else _dft
         points, jac_shared, jac_px, depression = solve(camera, pose, pixels, elevation)
     status = _status(camera, pose, pixels, elevation, depression)
-    points = np.where((status == _CODE[Status.OK])[..., None], points, np.nan)
+    points = np.where((status == CODE_OF[Status.OK])[..., None], points, np.nan)
     return GroundPoints(points, jac_shared, jac_px, status, depression)
 
 
@@ -146,8 +143,8 @@ def _status(
     return np.select(
         [~inside, np.isnan(depression), elevation >= pose.position_enu_m[2], depression <= 0],
         [
-            _CODE[status]
+            CODE_OF[status]
             for status in (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL, Status.BELOW_SURFACE, Status.ABOVE_HORIZON)
         ],
-        default=_CODE[Status.OK],
+        default=CODE_OF[Status.OK],
     ).astype(np.uint8)

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.projection import CODES, POSITION, ROTATION, SHARED, project
+from aerodft.dft.projection import POSITION, ROTATION, SHARED, project
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from aerodft.model.status import Status
+from aerodft.model.status import CODES, Status
 
 MICROMETRE = 1e-6
 PINHOLE, DFT = ProjectionModel.PINHOLE, ProjectionModel.DFT

@@ -52,6 +52,10 @@ def measure(
     at: Annotated[
         str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
     ] = None,
+    depth_map: Annotated[
+        Path | None, typer.Option(help="Write range, ground point and sampling of every pixel to this folder.")
+    ] = None,
+    image: Annotated[Path | None, typer.Option(help="With --depth-map: the image, to be seen from above.")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="Say where each uncertainty comes from.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
 ) -> None:
@@ -62,7 +66,11 @@ def measure(
       aerodft measure --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
         --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
     """
-    if not probe:
+    if depth_map is not None and (probe or compare or explain):
+        raise UsageError("--depth-map beside --probe, --compare or --explain", expected="one of them")
+    if image is not None and depth_map is None:
+        raise UsageError("--image without --depth-map", expected="both, to see the image from above")
+    if not probe and depth_map is None:
         raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
     if (recording is None) != (at is None):
         raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
@@ -78,8 +86,13 @@ def measure(
         setup = _setup(camera, model or ProjectionModel.PINHOLE, stds)
         sample = _sample(height, tilt, roll, heading, (lat, lon), stds)
     _check_model(setup, sample, model, roll, compare=compare)
+    if depth_map is not None:
+        from aerodft.cli.depth import write_depth  # noqa: PLC0415 - matplotlib and the video library are slow
+
+        write_depth(setup, sample, depth_map, image, as_json=json)
+        return
     requests = []
-    for index, text in enumerate(probe):
+    for index, text in enumerate(probe or []):
         parsed = parse_probe(text, index, stds)
         requests.append(Request(probe=parsed, pixels=parsed.pixels, std_px=parsed.std_px))
     if compare and explain:

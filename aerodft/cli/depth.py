@@ -1,0 +1,196 @@
+"""``aerodft measure --depth-map``: what the whole image sees of the ground, as arrays, pictures and maps."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import orjson
+
+from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.georaster import write_top_view
+from aerodft.adapters.images.pixels import StillPixels
+from aerodft.cli.depth_figure import draw_depth
+from aerodft.cli.output import print_json, say
+from aerodft.dft.depth_map import DepthMap, depth_map
+from aerodft.dft.measure import Setup
+from aerodft.dft.orthophoto import top_view
+from aerodft.dft.points import to_ground_frame
+from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.geometry.geodesy import lat_lon
+from aerodft.geometry.outline import footprint, horizon_line
+from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.status import Status
+
+FARTHEST_HEIGHTS: Final = 100.0
+"""Ground farther than so many camera heights is left out, unless the station says how far it may be.
+
+It lies 0.6 degrees below the horizon, where 0.3 degrees of tilt are half of the range.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    camera: Camera
+    pose: Pose
+    sample: PoseSample
+    max_range_m: float
+    seen: DepthMap
+
+
+def write_depth(setup: Setup, sample: PoseSample, folder: Path, image: Path | None, *, as_json: bool) -> None:
+    """Write depth.npz, depth.png, footprint.geojson and, with an image, its top view; say what was written.
+
+    Args:
+        setup: The camera; pinhole only.
+        sample: The pose.
+        folder: Made where it is not there.
+        image: The image that was taken; None for no top view.
+        as_json: Whether to print one JSON document.
+
+    Raises:
+        UsageError: The paper's model was asked for.
+        NoAnswerError: There is no pose, or the image shows no ground.
+        InputError: The image does not fit, or the folder cannot be written.
+    """
+    if setup.model is not ProjectionModel.PINHOLE:
+        raise UsageError("--depth-map with --model dft", expected="the pinhole model")
+    pixels = None if image is None else _read_image(image, setup.camera)
+    scene = _scene(setup, sample)
+    document = _document(scene)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_arrays(scene, folder / "depth.npz")
+        draw_depth(scene.seen.range_m, horizon_line(scene.camera, scene.pose), folder / "depth.png")
+        (folder / "footprint.geojson").write_bytes(_footprint(scene, document))
+    except OSError as error:
+        raise InputError(
+            "the depth map cannot be written",
+            where=folder,
+            got=error.strerror or error,
+            expected="a folder to write to",
+        ) from error
+    names = ["depth.npz", "depth.png", "footprint.geojson"]
+    if pixels is not None:
+        document["top_view"], more = _write_top_view(scene, pixels, folder)
+        names += more
+    document["files"] = [str(folder / name) for name in names]
+    if as_json:
+        print_json(document)
+    else:
+        _say(document)
+
+
+def _read_image(path: Path, camera: Camera) -> ImageArray:
+    expected = f"an image of {camera.width_px} x {camera.height_px} px"
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError("the image cannot be read", where=path, got=error.strerror, expected=expected) from error
+    if not data:
+        raise InputError("not a readable image", where=path, got=looks_like(path), expected=expected)
+    pixels = StillPixels(data, str(path))()
+    height, width = pixels.shape[:2]
+    if (width, height) != (camera.width_px, camera.height_px):
+        hint = f"--camera has to describe this very image: {camera.name} does not"
+        raise InputError(
+            "the image is not the camera's", where=path, got=f"{width} x {height} px", expected=expected, hint=hint
+        )
+    return pixels
+
+
+def _scene(setup: Setup, sample: PoseSample) -> _Scene:
+    if sample.pose is None or sample.status is not Status.OK:
+        raise NoAnswerError("no pose", got=f"{sample.status}: {'; '.join(sample.reasons)}")
+    pose = sample.pose
+    height = float(pose.position_enu_m[2])
+    limit = FARTHEST_HEIGHTS * height if setup.max_range_m is None else setup.max_range_m
+    seen = depth_map(setup.camera, pose, max_range_m=limit)
+    if np.all(np.isnan(seen.range_m)):
+        raise NoAnswerError(
+            "the image shows no ground", got=f"none within {limit:.0f} m", hint="the camera looks too far up"
+        )
+    return _Scene(setup.camera, pose, sample, limit, seen)
+
+
+def _document(scene: _Scene) -> dict[str, Any]:
+    seen = scene.seen
+    lines = horizon_line(scene.camera, scene.pose)
+    low, middle, high = np.nanquantile(seen.gsd_m, [0.0, 0.5, 1.0]).tolist()
+    return {
+        "schema": "aerodft.depth/1",
+        "camera": scene.camera.name,
+        "max_range_m": scene.max_range_m,
+        "ground_share": float(np.mean(~np.isnan(seen.range_m))),
+        "range_m": [float(np.nanmin(seen.range_m)), float(np.nanmax(seen.range_m))],
+        "gsd_m": {"min": low, "median": middle, "max": high},
+        "horizon_px": [line.tolist() for line in lines] or None,
+        "footprint_area_m2": None,
+        "top_view": None,
+        "files": [],
+    }
+
+
+def _write_arrays(scene: _Scene, path: Path) -> None:
+    seen = scene.seen
+    east_m, north_m = seen.east_north_m()
+    np.savez(path, range_m=seen.range_m, x_m=seen.x_m, y_m=seen.y_m, east_m=east_m, north_m=north_m, gsd_m=seen.gsd_m)
+
+
+def _footprint(scene: _Scene, document: dict[str, Any]) -> bytes:
+    """GeoJSON in WGS84 where the place is known, else in the ground frame; enters the area into the document."""
+    corners = footprint(scene.camera, scene.pose, scene.max_range_m)
+    features = []
+    if corners is not None:
+        document["footprint_area_m2"] = _area(corners)
+        ring = _places(scene, corners)
+        properties = {"camera": scene.camera.name, "area_m2": _area(corners), "max_range_m": scene.max_range_m}
+        if scene.sample.origin is None:
+            properties["coordinates"] = "ground frame: X right, Y ahead of the camera, m"
+        geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    collection = {"type": "FeatureCollection", "features": features}
+    return orjson.dumps(collection, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
+
+
+def _places(scene: _Scene, corners_en_m: FloatArray) -> list[list[float]]:
+    if scene.sample.origin is not None:
+        return [[math.degrees(lon), math.degrees(lat)] for lat, lon in lat_lon(scene.sample.origin, corners_en_m)]
+    points = np.concatenate([corners_en_m, np.zeros((len(corners_en_m), 1))], axis=-1)
+    places: list[list[float]] = to_ground_frame(scene.pose, points)[:, :2].tolist()
+    return places
+
+
+def _area(corners_m: FloatArray) -> float:
+    away = corners_m - corners_m[0]
+    x, y = away[:, 0], away[:, 1]
+    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def _write_top_view(scene: _Scene, pixels: ImageArray, folder: Path) -> tuple[dict[str, Any], list[str]]:
+    view = top_view(pixels, scene.camera, scene.pose, max_range_m=scene.max_range_m)
+    if view is None:
+        raise NoAnswerError("the image shows no ground", where=folder)
+    about = write_top_view(view, scene.sample.origin, folder)
+    names: list[str] = about.pop("files")
+    return about, names
+
+
+def _say(document: dict[str, Any]) -> None:
+    near, far = document["range_m"]
+    gsd = document["gsd_m"]
+    lines = document["horizon_px"]
+    horizon = "the horizon is not in view"
+    if lines:
+        (u0, v0), (u1, v1) = lines[0][0], lines[-1][-1]
+        horizon = f"the horizon runs from ({u0:.1f}, {v0:.1f}) to ({u1:.1f}, {v1:.1f}) px"
+    say(
+        f"{100 * document['ground_share']:.0f} % of the image shows ground, {near:.1f} to {far:.1f} m away, sampled"
+        f" every {gsd['median']:.3f} m in the median ({gsd['min']:.3f} to {gsd['max']:.3f}); {horizon}"
+    )
+    for file in document["files"]:
+        say(f"wrote {file}")

@@ -1,0 +1,65 @@
+"""Many pixels, or one again and again, to points of level ground at one pose; points alone, as fast as it goes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.geometry.dense import meet_straight
+from aerodft.geometry.lens import rays_from_pixels
+from aerodft.geometry.rotation import matrix
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera, LensModel
+from aerodft.model.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundMap:
+    """Pixels to level ground at one pose; what ``project`` gives, without Jacobians and statuses.
+
+    Attributes:
+        camera: The camera.
+        ground_from_ray: ``(3, 3)``: from rays in camera axes to ENU, in camera heights.
+        foot_m: ``(2,)`` east and north below the camera.
+        ground_from_pixel: ``(3, 3)``: the same from homogeneous pixels; None for a lens with distortion.
+    """
+
+    camera: Camera
+    ground_from_ray: FloatArray
+    foot_m: FloatArray
+    ground_from_pixel: FloatArray | None
+
+    @classmethod
+    def at(cls, camera: Camera, pose: Pose, elevation_m: float = 0.0) -> "GroundMap":
+        """The map of one pose to the horizontal plane at ``elevation_m``; pinhole model.
+
+        From below the plane nothing is seen of it.
+        """
+        height = float(pose.position_enu_m[2]) - elevation_m
+        scale = np.array([height, height, 1.0]) if height > 0 else np.full(3, np.nan)
+        ground_from_ray = scale[:, None] * matrix(pose.wxyz)
+        ground_from_pixel = None
+        if camera.lens is LensModel.BROWN and not any(camera.distortion):
+            ray_from_pixel = np.array(
+                [
+                    [1 / camera.fx_px, 0.0, -camera.cx_px / camera.fx_px],
+                    [0.0, 1 / camera.fy_px, -camera.cy_px / camera.fy_px],
+                    [0.0, 0.0, 1.0],
+                ]
+            )
+            ground_from_pixel = ground_from_ray @ ray_from_pixel
+        return cls(camera, ground_from_ray, np.array(pose.position_enu_m[:2]), ground_from_pixel)
+
+    def points_en_m(self, pixels_px: FloatArray) -> FloatArray:
+        """East and north ``(..., 2)`` of pixels ``(..., 2)``, in the image or beside it.
+
+        NaN at and above the horizon, and beyond the valid part of the lens.
+        """
+        pixels = np.ascontiguousarray(pixels_px, dtype=np.float64)
+        if self.ground_from_pixel is None:
+            rays = rays_from_pixels(self.camera, pixels) @ self.ground_from_ray.T
+            with np.errstate(invalid="ignore", divide="ignore"):
+                reach = np.where(rays[..., 2] < 0, -1 / rays[..., 2], np.nan)
+            return np.asarray(self.foot_m + reach[..., None] * rays[..., :2])
+        points = np.empty_like(pixels)
+        meet_straight(pixels.reshape(-1, 2), self.ground_from_pixel, self.foot_m, points.reshape(-1, 2))
+        return points

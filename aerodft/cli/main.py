@@ -14,8 +14,11 @@ from typing import Annotated, Final
 import typer
 
 from aerodft import __version__
-from aerodft.cli.output import say
+from aerodft.cli.streams import ReaderGone, flush_stdout, guard_streams
 from aerodft.errors import AerodftError
+
+_INTERRUPTED = 130  # what a shell says of a program that a signal ended: 128 and its number
+_PIPE_CLOSED = 141
 
 COMMANDS: Final = {
     "measure": "Measure pixels of one image with a known pose.",
@@ -74,8 +77,16 @@ def build_app(arguments: list[str]) -> typer.Typer:
 
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
+    guard_streams()
     try:
-        build_app(sys.argv[1:])()
+        try:
+            build_app(sys.argv[1:])()
+        finally:
+            flush_stdout()
     except AerodftError as error:
-        say(f"aerodft: {error}")
+        typer.echo(f"aerodft: {error}", err=True)
         sys.exit(error.exit_code)
+    except ReaderGone:
+        sys.exit(_PIPE_CLOSED)
+    except KeyboardInterrupt:  # while the command was loaded; once it runs, typer exits likewise
+        sys.exit(_INTERRUPTED)

@@ -118,7 +118,7 @@ def _pixels(value: object, kind: ProbeKind) -> tuple[tuple[float, float], ...]:
         pixels = wire.pixel_pairs(value)  # type: ignore[arg-type]  # what JSON has is checked by taking it apart
     except (TypeError, ValueError):
         pixels = ()
-    if not takes_pixels(kind, len(pixels)) or not all(max(abs(u), abs(v)) <= LARGEST for u, v in pixels):
+    if not takes_pixels(kind, len(pixels)) or not all(abs(u) <= LARGEST and abs(v) <= LARGEST for u, v in pixels):
         raise InputError(
             "wrong pixels", where=_WHERE, got=repr(value)[:60], expected=f"{pixels_wanted(kind)} x [u, v], finite"
         )

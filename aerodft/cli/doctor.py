@@ -15,6 +15,7 @@ from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mavlink.survey import Survey, SurveyReport, ValueSource
 from aerodft.cli.output import tables
+from aerodft.cli.times import MOST_SECONDS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.model.telemetry import RawBlock
@@ -30,7 +31,7 @@ def doctor(
     ],
     *,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long to listen to a link.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=0.1, max=MOST_SECONDS, help="How long to listen to a link.")] = 10.0,
     system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None,
     baud: Annotated[int | None, typer.Option(min=1, help="Baud rate of a serial link.")] = None,
 ) -> None:

@@ -24,6 +24,7 @@ from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.output import say
 from aerodft.cli.summary import report
+from aerodft.cli.times import MOST_SECONDS
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Request
@@ -40,7 +41,7 @@ def serve(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="New folder for the recording; else one under record.folder.")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(help="Stop after this time.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, max=MOST_SECONDS, help="Stop after this time.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON at the end.")] = False,
 ) -> None:
     r"""Measure live until SIGINT or SIGTERM: every configured probe, for every image.

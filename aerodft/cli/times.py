@@ -7,6 +7,9 @@ from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
 
+MOST_SECONDS = 1e8
+"""Three years: what a wait may last at most."""
+
 _EXPECTED = "ISO 8601 (UTC unless it says otherwise), seconds, or nanoseconds since 1970"
 _LEAST_UNIX_S = 1e8  # 1973; anything below is seconds from a start
 _MOST_UNIX_S = 1e10  # 2286; milli- and microseconds are in between

@@ -43,3 +43,11 @@ def test_a_sentence_is_one_line(aerodft, tmp_path):
     done = aerodft("measure", "--camera", tmp_path / "a\nb\x1b[31m", "--height", 1, "--tilt", 2, "--probe", "range 1,1")
     assert done.code == 3
     assert done.err.splitlines() == [f"aerodft: {tmp_path}/a\\nb\\x1b[31m: no such file; check the path"]
+
+
+@pytest.mark.parametrize("seconds", ["-1", "nan", "inf", "1e300"])
+@pytest.mark.parametrize("command", [("serve", "x.toml"), ("doctor", "udpin:127.0.0.1:0")])
+def test_a_wait_is_some_time_and_ends(aerodft, command, seconds):
+    done = aerodft(*command, "--seconds", seconds)
+    assert (done.code, done.out) == (2, b"")
+    assert "'--seconds'" in done.last

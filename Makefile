@@ -41,6 +41,7 @@ bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_query.py
 	$(BIN)/python tests/bench/bench_tlog.py
 	$(BIN)/python tests/bench/bench_import.py
+	$(BIN)/python tests/bench/bench_dense.py
 	$(BIN)/python tests/bench/bench_terrain.py
 
 format: $(INSTALLED)

@@ -112,7 +112,9 @@ def _scene(setup: Setup, sample: PoseSample) -> _Scene:
     seen = depth_map(setup.camera, pose, max_range_m=limit)
     if np.all(np.isnan(seen.range_m)):
         raise NoAnswerError(
-            "the image shows no ground", got=f"none within {limit:.0f} m", hint="the camera looks too far up"
+            "the image shows no ground",
+            got=f"none within {limit:.0f} m",
+            hint="the camera looks too far up, or the ground is farther",
         )
     return _Scene(setup.camera, pose, sample, limit, seen)
 

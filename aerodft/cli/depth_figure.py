@@ -35,6 +35,5 @@ def draw_depth(range_m: Float32Array, horizon_px: tuple[FloatArray, ...], path: 
     axes.set(xlabel="u (px)", ylabel="v (px)", title="Slant range to level ground", xlim=extent[:2], ylim=extent[2:])
     bar = axes.inset_axes((1.02, 0.0, 0.025, 1.0))
     figure.colorbar(drawn, cax=bar, label="slant range (m)", format="{x:g}")
-    figure.tight_layout()
-    figure.savefig(path, dpi=_DPI)
+    figure.savefig(path, dpi=_DPI, bbox_inches="tight")
     plt.close(figure)

@@ -19,7 +19,7 @@ COARSEST: Final = 4.0
 """Ground that the image samples so many times more coarsely than the view, or its own median, is left out."""
 
 MOST_PIXELS: Final = 32_000_000
-"""A view of more pixels gets larger steps."""
+"""A view of more pixels gets larger steps, unless told otherwise."""
 
 _LONGEST_SIDE = 32_000  # OpenCV remaps no longer ones
 _AT_ONCE = 1 << 19  # pixels that are resampled together
@@ -50,6 +50,7 @@ def top_view(
     elevation_m: float = 0.0,
     step_m: float | None = None,
     max_range_m: float | None = None,
+    most_pixels: int = MOST_PIXELS,
 ) -> TopView | None:
     """Resample an image to the ground, bilinearly; pinhole model, level ground.
 
@@ -61,8 +62,9 @@ def top_view(
         pose: One pose.
         elevation_m: Height of the ground.
         step_m: Side of a pixel; None for the median of the image's own sampling distances. Larger where the view
-            would have more than ``MOST_PIXELS``.
+            would have more than ``most_pixels``.
         max_range_m: Farther ground is left out; None for none but what is sampled ``COARSEST`` times too coarsely.
+        most_pixels: Of the view.
 
     Returns:
         The view; None where the image shows no ground.
@@ -80,7 +82,7 @@ def top_view(
     own_m = float(np.nanmedian(seen.gsd_m))
     step = own_m if step_m is None else step_m
     (west, south, east, north), reach = _bounds(seen, COARSEST * max(own_m, step))
-    step *= max(1.0, math.sqrt((east - west) * (north - south) / MOST_PIXELS) / step)
+    step = max(step, math.sqrt((east - west) * (north - south) / most_pixels))
     step = max(step, (east - west) / _LONGEST_SIDE, (north - south) / _LONGEST_SIDE)
     west, north = math.floor(west / step) * step, math.ceil(north / step) * step
     width, height = max(1, math.ceil((east - west) / step)), max(1, math.ceil((north - south) / step))

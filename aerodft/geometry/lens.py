@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from aerodft.geometry.dense import undistort
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
 
@@ -19,7 +20,7 @@ _NOTHING = 1e-30  # a coefficient whose root lies beyond any image, and whose re
 _BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
 _NEWTON_STEPS = 16
 _CONVERGED = 1e-14
-_FEW = 512  # coordinates of an image's fixed probes, at most
+_FEW = 512  # coordinates of an image's fixed probes, at most; more of them are undistorted by a compiled loop first
 _ACCEPTED = 1e-11  # in units of the focal length: far below 1e-7 px
 
 
@@ -137,6 +138,18 @@ def _brown_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple
 
 
 def _invert_brown(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:
+    if distorted.size <= _FEW:
+        return _invert_brown_surely(coefficients, distorted)
+    xy = np.empty(distorted.shape)
+    flat = np.ascontiguousarray(distorted).reshape(-1, 2)
+    undistort(flat, tuple(map(float, coefficients)), _brown_limit(coefficients), xy.reshape(-1, 2))
+    missed = np.isnan(xy[..., 0])
+    if np.any(missed):
+        xy[missed] = _invert_brown_surely(coefficients, distorted[missed])
+    return xy
+
+
+def _invert_brown_surely(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:
     limit = _brown_limit(coefficients)
     radius_d = np.linalg.norm(distorted, axis=-1)
     radial_only = (*coefficients[:2], 0.0, 0.0, *coefficients[4:])

@@ -13,6 +13,7 @@ HERE = Path(__file__).parent
     ("script", "options", "says"),
     [
         ("bench_import.py", ["--seconds", "4", "--probes", "2", "--rate", "5"], r"recompute +.* times real time"),
+        ("bench_dense.py", ["--width", "320", "--pixels", "2000", "--runs", "2"], r"% of the speed of a copy"),
         ("bench_query.py", ["--queries", "50"], r"p99 \d+\.\d\d ms"),
         ("bench_terrain.py", ["--cells", "64", "--step", "40"], r"tilt 70: .* million rays/s"),
         ("bench_tlog.py", ["--tiles", "1"], r"recv_match of all messages .* times as long"),

@@ -20,6 +20,7 @@ _WAIT_S: Final = 0.1
 _HEARTBEAT_S: Final = 1.0
 _STOP_S: Final = 2.0
 _MAX_SENDERS: Final = 64
+_NAMED_SENDERS = 16  # strangers must not fill the log
 _OWN_SYSTEM: Final = 255
 _OWN_COMPONENT: Final = 190
 
@@ -50,6 +51,7 @@ class MavlinkLink:
         self.address = parse_address(address) if isinstance(address, str) else address
         self._inbox = inbox
         self._framers: dict[str, StreamFramer] = {}
+        self._senders = 0
         StreamFramer().push(_heartbeat())  # compiles on the very first run, which takes seconds: not while bytes wait
         self._transport: Transport = open_transport(self.address)
         self._stop = threading.Event()
@@ -123,7 +125,11 @@ class MavlinkLink:
         """A framer for a new sender; the one heard first gives way where strangers flood the port."""
         if len(self._framers) >= _MAX_SENDERS:
             del self._framers[next(iter(self._framers))]
-        _LOG.info("%s: first bytes from %s", self.address.text, sender)
+        self._senders += 1
+        if self._senders <= _NAMED_SENDERS:
+            _LOG.info("%s: first bytes from %s", self.address.text, sender)
+        elif self._senders == _NAMED_SENDERS + 1:
+            _LOG.warning("%s: bytes from more than %d senders", self.address.text, _NAMED_SENDERS)
         return self._framers.setdefault(sender, StreamFramer())
 
 

@@ -251,3 +251,16 @@ def test_addresses() -> None:
 def test_what_was_opened_is_said(received: Received, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO), MavlinkLink("udpin:0", received) as link:
         assert f"opened {LOOPBACK}:{link.local_port}" in caplog.text
+
+
+def test_strangers_do_not_fill_the_log(received: Received, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO), MavlinkLink("udpin:0", received) as link:
+        address = (LOOPBACK, link.local_port)
+        for _ in range(40):
+            with socket.socket(type=socket.SOCK_DGRAM) as stranger:
+                stranger.sendto(b"\xfd", address)
+        deadline_s = time.monotonic() + 10
+        while "more than 16 senders" not in caplog.text and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+    assert caplog.text.count("first bytes from") == 16
+    assert caplog.text.count("more than 16 senders") == 1

@@ -185,14 +185,14 @@ def _write_top_view(scene: _Scene, pixels: ImageArray, folder: Path) -> tuple[di
 def _say(document: dict[str, Any]) -> None:
     near, far = document["range_m"]
     gsd = document["gsd_m"]
-    lines = document["horizon_px"]
-    horizon = "the horizon is not in view"
-    if lines:
-        (u0, v0), (u1, v1) = lines[0][0], lines[-1][-1]
-        horizon = f"the horizon runs from ({u0:.1f}, {v0:.1f}) to ({u1:.1f}, {v1:.1f}) px"
+    runs = [
+        f"from ({line[0][0]:.1f}, {line[0][1]:.1f}) to ({line[-1][0]:.1f}, {line[-1][1]:.1f}) px"
+        for line in document["horizon_px"] or ()
+    ]
+    horizon = f"the horizon runs {' and '.join(runs)}" if runs else "the horizon is not in view"
     say(
-        f"{100 * document['ground_share']:.0f} % of the image shows ground, {near:.1f} to {far:.1f} m away, sampled"
-        f" every {gsd['median']:.3f} m in the median ({gsd['min']:.3f} to {gsd['max']:.3f}); {horizon}"
+        f"{100 * document['ground_share']:.0f} % of the image shows ground, {near:.4g} to {far:.4g} m away, sampled"
+        f" every {gsd['median']:.3g} m in the median ({gsd['min']:.3g} to {gsd['max']:.3g}); {horizon}"
     )
     for file in document["files"]:
         say(f"wrote {file}")

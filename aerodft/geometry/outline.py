@@ -20,7 +20,7 @@ _EDGE_POINTS = 64  # on each side of the image: a lens bends it smoothly
 _AZIMUTHS = 4096  # of the horizon and of the farthest ground that is looked for: one in 0.09 degrees
 _LINE_POINTS = 129  # of a horizon, at most: all round a fisheye's image within a tenth of a pixel
 _ARC_RAD = math.radians(1.0)  # from corner to corner where the farthest ground is the outline
-_BISECTIONS = 40  # halve an edge's step or an azimuth's down to rounding
+_BISECTIONS = 30  # halve an edge's step or an azimuth's to a billionth
 _EDGE_SLACK_PX = 1e-6  # a ray through the border's own pixel comes back this close to it
 
 _Test: TypeAlias = Callable[[FloatArray], BoolArray]
@@ -34,9 +34,9 @@ def horizon_line(camera: Camera, pose: Pose) -> tuple[FloatArray, ...]:
         pose: One pose.
 
     Returns:
-        Polylines ``(k, 2)`` of pixels, ends on the image's border, clockwise round the camera: from the left to the
-        right in an upright image. None where the horizon is not in view; several where it leaves the image and comes
-        back; a closed one (the last pixel is the first) where all of it is in view.
+        Polylines ``(k, 2)`` of pixels, ends on the image's border (or where the lens model ends), clockwise round the
+        camera: from the left to the right in an upright image. Empty where the horizon is not in view; several where it
+        leaves the image and comes back; a closed one (the last pixel is the first) where all of it is in view.
     """
 
     def pixels_at(azimuth_rad: FloatArray) -> FloatArray:
@@ -70,7 +70,7 @@ def footprint(camera: Camera, pose: Pose, max_range_m: float, elevation_m: float
     reach = math.sqrt((max_range_m - height) * (max_range_m + height))
 
     def away_at(turn: FloatArray) -> FloatArray:
-        return _level_ground(camera, pose, border_pixels(camera, turn), height)
+        return _level_ground(_border_rays(camera, turn) @ matrix(pose.wxyz).T, height)
 
     def near(turn: FloatArray) -> BoolArray:
         away = away_at(turn)
@@ -105,11 +105,27 @@ def _in_image(camera: Camera, pixels_px: FloatArray) -> BoolArray:
     return np.asarray(np.all((pixels_px >= low) & (pixels_px <= high), axis=-1))
 
 
-def _level_ground(camera: Camera, pose: Pose, pixels_px: FloatArray, height_m: float) -> FloatArray:
-    """East and north ``(..., 2)`` from the camera's foot; NaN at and above the horizon, and beyond the lens."""
-    rays = rays_from_pixels(camera, pixels_px) @ matrix(pose.wxyz).T
+def _border_rays(camera: Camera, turn: FloatArray) -> FloatArray:
+    """Rays in camera axes of what bounds the image: its border, or within it where the lens model ends."""
+    pixels = border_pixels(camera, turn)
+    rays = rays_from_pixels(camera, pixels)
+    beyond = np.isnan(rays[..., 0])
+    if not np.any(beyond):
+        return rays
+    centre = np.array([camera.cx_px, camera.cy_px])
+    inside, outside = np.zeros(beyond.shape), np.ones(beyond.shape)
+    for _ in range(_BISECTIONS):
+        middle = (inside + outside) / 2
+        valid = ~np.isnan(rays_from_pixels(camera, centre + middle[..., None] * (pixels - centre))[..., 0])
+        inside, outside = np.where(valid, middle, inside), np.where(valid, outside, middle)
+    share = np.where(beyond, inside, 1.0)
+    return rays_from_pixels(camera, centre + share[..., None] * (pixels - centre))
+
+
+def _level_ground(rays_enu: FloatArray, height_m: float) -> FloatArray:
+    """East and north ``(..., 2)`` from the camera's foot; NaN at and above the horizon."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        return np.where(rays[..., 2:] < 0, rays[..., :2] * (-height_m / rays[..., 2:]), np.nan)
+        return np.where(rays_enu[..., 2:] < 0, rays_enu[..., :2] * (-height_m / rays_enu[..., 2:]), np.nan)
 
 
 def _whole_circle(camera: Camera, pose: Pose, reach_m: float, height_m: float) -> FloatArray | None:

@@ -100,3 +100,16 @@ def test_a_coefficient_of_next_to_nothing_is_nothing():
     next_to_none = replace(none, distortion=(1e-320, 0.0, 0.0, 5e-324))
     pixels = np.array([[5.0, 5.0], [900.0, 700.0]])
     assert_allclose(rays_from_pixels(next_to_none, pixels), rays_from_pixels(none, pixels))
+
+
+@pytest.mark.parametrize("distortion", [(-0.3, 0.1, 0.003, -0.002, -0.01), (-0.25, 0.0, 0.0, 0.0)])
+def test_many_pixels_have_the_rays_of_few(distortion):
+    """A compiled loop undistorts many pixels; a few go the slow and sure way. Some lie beyond the lens model."""
+    camera = Camera(
+        name="c", width_px=640, height_px=480, fx_px=250.0, fy_px=260.0, cx_px=330.0, cy_px=228.0, distortion=distortion
+    )
+    pixels = np.random.default_rng(4).uniform([0, 0], [640, 480], (600, 2))
+    few = np.concatenate([rays_from_pixels(camera, part) for part in np.split(pixels, 6)])
+    many = rays_from_pixels(camera, np.asfortranarray(pixels))
+    assert_allclose(many, few, rtol=1e-9, atol=1e-11)
+    assert np.isnan(few).any() == (len(distortion) == 4)

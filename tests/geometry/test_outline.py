@@ -30,6 +30,8 @@ ALL_ROUND = Camera(
     cy_px=400.0,
     lens=LensModel.FISHEYE,
 )
+ENDING = replace(PLAIN, name="ending", fx_px=250.0, fy_px=260.0, distortion=(-0.25, 0.0, 0.0, 0.0))
+"""A lens whose model ends within the image."""
 CAMERAS = pytest.mark.parametrize("camera", [PLAIN, BROWN, FISHEYE], ids=lambda camera: camera.name)
 
 
@@ -103,8 +105,8 @@ def test_the_footprint_at_nadir_is_a_rectangle():
     assert_allclose(area(corners), 64.0 * 480 * 50 / 510, rtol=1e-12)
 
 
-@CAMERAS
-@settings(max_examples=12, deadline=None)
+@pytest.mark.parametrize("camera", [PLAIN, BROWN, FISHEYE, ENDING], ids=lambda camera: camera.name)
+@settings(max_examples=8, deadline=None)
 @given(
     tilt_deg=st.floats(0.0, 95.0),
     roll_deg=st.floats(-50.0, 50.0),
@@ -126,6 +128,14 @@ def test_the_footprint_holds_what_the_pixels_see(camera, tilt_deg, roll_deg, hea
     outline = corners.astype(np.float32).reshape(-1, 1, 2)
     for point in np.stack([east, north], axis=-1)[~np.isnan(east)].tolist():
         assert cv2.pointPolygonTest(outline, point, True) > -0.002 * max_range_m
+
+
+def test_the_footprint_ends_where_the_lens_model_does():
+    """Radius r (1 - r^2 / 4) grows up to r = sqrt(4/3), the tangent of the largest angle."""
+    corners = footprint(ENDING, pose_of(0.0), 1000.0)
+    away = np.hypot(*(corners - [10.0, -20.0]).T)
+    assert_allclose(away.max(), 50 * math.sqrt(4 / 3), rtol=1e-3)
+    assert np.isnan(rays_from_pixels(ENDING, np.array([0.0, 0.0]))).all()
 
 
 def test_the_footprint_ends_at_the_longest_range():

@@ -13,7 +13,7 @@ from aerodft.errors import InputError
 from aerodft.model.status import Status
 from replay.recording import Recording
 
-Key = tuple[str, str, int | None, int]
+Key = tuple[str, str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Two recordings' measurements, matched by probe, stamp and image.
+    """Two recordings' measurements, matched by probe and stamp.
 
     Attributes:
         is_identical: Every payload is the same, byte by byte, in the same order.
@@ -119,12 +119,12 @@ class _Side:
         self._digest = hashlib.sha256()
 
     def values(self) -> Iterator[tuple[Key, _Value]]:
-        seen: Counter[tuple[str, str, int | None]] = Counter()
+        seen: Counter[tuple[str, str]] = Counter()
         for payload in self._recording.measurements():
             self._digest.update(len(payload).to_bytes(8, "little") + payload)
             try:
                 item = orjson.loads(payload)
-                key = (item["name"], item["stamp_ns"], item["image"])
+                key = (item["name"], item["stamp_ns"])
                 value = _Value(item["value"], item["std"], item["status"], item["unit"])
             except (orjson.JSONDecodeError, KeyError, TypeError) as error:
                 raise InputError(

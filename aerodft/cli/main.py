@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 a bug, 2 usage, 3 bad input or configuration, 4 no answer 
 a loss to report.
 """
 
+import inspect
 import keyword
 import logging
 import sys
@@ -71,7 +72,9 @@ def build_app(arguments: list[str]) -> typer.Typer:
     )
     app.callback()(_options)
     for name, line in COMMANDS.items():
-        app.command(name=name, short_help=line)(_command(name, wanted))
+        function = _command(name, wanted)
+        text = inspect.getdoc(function) or line
+        app.command(name=name, short_help=line, help=text.replace(r"\b", "\b"))(function)  # keeps an example's lines
     return app
 
 

@@ -21,7 +21,7 @@ from aerodft.dft.models import compare_models
 from aerodft.errors import InputError, UsageError
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.status import Status
 
 _LOWEST_M = 1e-3
@@ -70,17 +70,15 @@ def measure(
         raise UsageError("--depth-map beside --probe, --compare or --explain", expected="one of them")
     if image is not None and depth_map is None:
         raise UsageError("--image without --depth-map", expected="both, to see the image from above")
+    if compare and explain:
+        raise UsageError("--explain beside --compare", expected="one of them")
     if not probe and depth_map is None:
         raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
     if (recording is None) != (at is None):
         raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
     if recording is not None and at is not None:
-        from aerodft.cli.recorded import recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
-
         _refuse_pose(camera=camera, height=height, tilt=tilt, roll=roll or None, heading=heading or None, lat=lat)
-        setup, sample = recorded_setup(recording, at)
-        setup = setup if model is None else replace(setup, model=model)
-        stds = parse_stds(std) if std else Stds()
+        setup, sample, stds = _recorded(recording, at, model, std)
     else:
         stds = parse_stds(std) if std else assumed_stds(height or 0.0)
         setup = _setup(camera, model or ProjectionModel.PINHOLE, stds)
@@ -91,21 +89,33 @@ def measure(
 
         write_depth(setup, sample, depth_map, image, as_json=json)
         return
-    requests = []
-    for index, text in enumerate(probe or []):
-        parsed = parse_probe(text, index, stds)
-        requests.append(Request(probe=parsed, pixels=parsed.pixels, std_px=parsed.std_px))
-    if compare and explain:
-        raise UsageError("--explain beside --compare", expected="one of them")
+    parsed = [parse_probe(text, index, stds) for index, text in enumerate(probe or [])]
+    requests = tuple(Request(probe=one, pixels=one.pixels, std_px=one.std_px) for one in parsed)
     if compare:
-        differences = compare_models(setup, sample, tuple(requests))
-        show_models(differences, sample, as_json=json)
-        _finish([measurement for item in differences for measurement in (item.pinhole, item.dft)])
+        _compare(setup, sample, requests, as_json=json)
     else:
-        measurements = measure_requests(setup, sample, tuple(requests))
+        measurements = measure_requests(setup, sample, requests)
         budgets = [explain_request(setup, sample, request) for request in requests] if explain else []
         _show(measurements, budgets, as_json=json)
         _finish(measurements)
+
+
+def _recorded(
+    recording: Path, at: str, model: ProjectionModel | None, std: str | None
+) -> tuple[Setup, PoseSample, Stds]:
+    from aerodft.cli.recorded import recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
+
+    stds = parse_stds(std) if std else Stds()
+    if stds.pose != PoseStd():
+        raise UsageError("--std of the pose beside --recording", expected="px, elevation: the pose's are recorded")
+    setup, sample = recorded_setup(recording, at)
+    return (setup if model is None else replace(setup, model=model)), sample, stds
+
+
+def _compare(setup: Setup, sample: PoseSample, requests: tuple[Request, ...], *, as_json: bool) -> None:
+    differences = compare_models(setup, sample, requests)
+    show_models(differences, sample, as_json=as_json)
+    _finish([measurement for item in differences for measurement in (item.pinhole, item.dft)])
 
 
 def _check_model(

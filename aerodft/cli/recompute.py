@@ -11,8 +11,9 @@ from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.output import progress_bar
 from aerodft.cli.recorded import recorded_station, reoffset
 from aerodft.cli.summary import report
-from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
+from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, closing_recorder, run
 from aerodft.errors import InputError
+from aerodft.model.image import Image
 from aerodft.service.feed import MergedFeed
 from replay.recording import Recording
 from replay.source import RecordingSource
@@ -38,6 +39,7 @@ def recompute(
     was, station = _stations(old, config)
     if calibration is not None:
         station = with_calibration(station, calibration)
+    _check_sizes(old, station)
     recorder = build_recorder(station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
     tally, pipeline = Tally(), build_pipeline(station)
     feed = MergedFeed([reoffset(RecordingSource(old), was, station)], station.pipeline.tick_ns)
@@ -54,6 +56,18 @@ def _stations(recording: Recording, config: Path | None) -> tuple[StationConfig,
         return own, own
     new = load_station(config)
     return (new if recording.text("config.toml") is None else recorded_station(recording)), new
+
+
+def _check_sizes(recording: Recording, station: StationConfig) -> None:
+    """Refuse a camera that the recorded images are not from; one source has images of one size.
+
+    Raises:
+        InputError: The sizes differ.
+    """
+    for event in RecordingSource(recording).events():
+        if isinstance(event, Image) and event.width_px is not None:
+            check_size(event, station.pipeline.camera, recording.folder)
+            return
 
 
 def _copy_images(recording: Recording, output: Path) -> None:

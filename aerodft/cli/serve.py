@@ -69,9 +69,12 @@ def serve(
         stack.callback(recorder.close)
         stack.enter_context(_stop_on_signal(feed, seconds))
         say(f"recording to {folder}; stop with Ctrl-C")
-        sinks = (recorder, tally) if bus is None else (bus, recorder, tally)
-        run(feed, pipeline, sinks, _StatusEverySecond(station, inbox, tally, recorder, bus))
+        receivers = (recorder,) if bus is None else (bus, recorder)
+        status = _StatusEverySecond(station, pipeline, inbox, tally, receivers)
+        run(feed, pipeline, (*receivers, tally), status)
     images.raise_refusal()
+    if bus is not None and bus.malformed:
+        say(f"{bus.malformed} observations on the bus were none; the first was said when it came")
     report(recorder.totals, tally, pipeline.counts, as_json=json, live=True)
 
 
@@ -93,6 +96,7 @@ def _open_bus(station: StationConfig, pipeline: Pipeline, inbox: Inbox) -> Zenoh
         probes=station.pipeline.probes,
         on_measure=answer,
         on_observation=inbox.put_observation if station.observations.topic else None,
+        in_utc=pipeline.in_utc,
     )
 
 
@@ -149,12 +153,18 @@ class _StatusEverySecond:
     """Publishes and records the station's state once a second of ticks."""
 
     def __init__(
-        self, station: StationConfig, inbox: Inbox, tally: Tally, recorder: McapRecorder, bus: ZenohBus | None
+        self,
+        station: StationConfig,
+        pipeline: Pipeline,
+        inbox: Inbox,
+        tally: Tally,
+        receivers: tuple[McapRecorder | ZenohBus, ...],
     ) -> None:
         self._station = station.pipeline.station
+        self._pipeline = pipeline
         self._inbox = inbox
         self._tally = tally
-        self._receivers = (recorder,) if bus is None else (recorder, bus)
+        self._receivers = receivers
         self._next_ns = 0
 
     def __call__(self, now_ns: int) -> None:
@@ -168,7 +178,8 @@ class _StatusEverySecond:
             **{f"poses_{status}": number for status, number in tally.poses.items()},
             **{f"measurements_{status}": number for status, number in tally.measurements.items()},
         }
-        text = "; ".join(f"{status}: {why}" for status, why in tally.reasons.items())
+        last = self._pipeline.last_pose
+        text = "no image yet" if last is None else "; ".join((str(last.status), *last.reasons))
         status = StationStatus(station=self._station, stamp_ns=now_ns, state="running", text=text, counts=counts)
         for receiver in self._receivers:
             receiver.status(status)

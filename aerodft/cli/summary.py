@@ -55,7 +55,9 @@ def report(
     if missing:
         why = "could not be written" if totals.lost else "came faster than they could be written"
         say(f"aerodft: {totals.folder}: {missing} messages are not in the recording: they {why}")
-    if tally.poses or not live:
+    if live and not tally.poses:
+        say("nothing was measured: no image came")
+    else:
         _refuse_emptiness(totals, tally)
     if missing:
         raise typer.Exit(_LOSS)

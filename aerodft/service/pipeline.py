@@ -129,6 +129,11 @@ class Pipeline:
             sample = self._pose(stamp_ns, final=True)
         return sample or PoseSample(stamp_ns=stamp_ns, status=Status.STALE_TELEMETRY)
 
+    def in_utc(self, image: Image) -> Image:
+        """The image with its stamp in UTC as it is known now, from any thread; what an observer's answer refers to."""
+        with self._lock:
+            return replace(image, stamp_ns=self._utc(image.stamp_ns, image.clock), clock=StampClock.UTC)
+
     def _accept_image(self, image: Image) -> None:
         self.counts.images += 1
         stamp_ns = self._utc(image.stamp_ns, image.clock)

@@ -47,7 +47,8 @@ class Rows:
 
     def column(self, field: str) -> FloatArray:
         """A field as float64."""
-        return self.payload[field].astype(np.float64)
+        with np.errstate(invalid="ignore"):  # damaged senders write signalling NaN too
+            return self.payload[field].astype(np.float64)
 
     def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows | None":
         """The rows without a fault, or None where none is left; a faulty row counts once, under its first fault."""
@@ -118,7 +119,7 @@ def position_track(rows: Rows, rejected: Counter[str]) -> Track | None:
 
 def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     """GIMBAL_DEVICE_ATTITUDE_STATUS: the yaw's frame from the flags, the lock bit only where no frame bit is set."""
-    q = rows.payload["q"].astype(np.float64)
+    q = rows.column("q")
     norm = np.sqrt(np.sum(q * q, axis=-1))
     faults = {
         "gimbal reports a failure": rows.payload["failure_flags"] != 0,
@@ -127,7 +128,7 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     good = rows.kept(rejected, faults)
     if good is None:
         return None
-    q = good.payload["q"].astype(np.float64)
+    q = good.column("q")
     flags = good.payload["flags"]
     framed = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
     earth = np.where(framed, (flags & _YAW_IN_VEHICLE) == 0, (flags & _YAW_LOCK) != 0)

@@ -107,5 +107,6 @@ def rangefinder_readings_m(block: RawBlock) -> FloatArray:
     index = np.flatnonzero(heads[0] == RANGEFINDER)
     raw = np.zeros((len(index), 4), dtype=np.uint8)
     gather(np.frombuffer(block.data, dtype=np.uint8), heads[3:, index], raw)
-    distance_m = raw.view("<f4")[:, 0].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # damaged senders write signalling NaN too
+        distance_m = raw.view("<f4")[:, 0].astype(np.float64)
     return distance_m[np.isfinite(distance_m)]

@@ -64,6 +64,10 @@ class BusSettings:
     history: int = 1000
 
 
+def _as_it_is(image: Image) -> Image:
+    return image
+
+
 class _Remembered(NamedTuple):
     name: str
     payload: bytes
@@ -79,6 +83,7 @@ class ZenohBus:
         probes: What ``probes`` queries show.
         on_measure: Answers ``measure`` queries, in a thread of the bus.
         on_observation: Takes observations (their arrival is to be set), in a thread of the bus.
+        in_utc: Puts an image's stamp into UTC before it is published, so that an observer's answer is in UTC too.
 
     Raises:
         LinkError: An endpoint is busy or makes no sense.
@@ -91,6 +96,7 @@ class ZenohBus:
         probes: Sequence[Probe] = (),
         on_measure: Callable[[MeasureRequest], list[Measurement]] | None = None,
         on_observation: Callable[[Observation], None] | None = None,
+        in_utc: Callable[[Image], Image] = _as_it_is,
     ) -> None:
         self._settings = settings
         self._keys = Keys(settings.station)
@@ -98,6 +104,7 @@ class ZenohBus:
         self._history: deque[_Remembered] = deque(maxlen=settings.history)
         self._history_lock = threading.Lock()
         self._last_image_ns: int | None = None
+        self._in_utc = in_utc
         self._malformed = self._shed_images = self._shed_outputs = 0
         self._session = open_session(settings.listen, settings.connect)
         self._publishers = Publishers(self._session)
@@ -127,7 +134,7 @@ class ZenohBus:
         for image in batch.images:
             if image.pixels is not None and self._is_due(image):
                 self._last_image_ns = image.arrival_ns
-                self._shed_images += not self._image_lane.put(image)
+                self._shed_images += not self._image_lane.put(self._in_utc(image))
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
         """Publish one tick's poses and measurements."""

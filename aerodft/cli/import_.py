@@ -1,5 +1,6 @@
 """``aerodft import``: a recorded flight to a recording with measurements, as fast as it goes."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -9,13 +10,18 @@ import typer
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Stills, VideoFile
+from aerodft.adapters.images.video import video_info
 from aerodft.cli.flight import open_flight
-from aerodft.cli.output import progress_bar
+from aerodft.cli.output import progress_bar, say
 from aerodft.cli.summary import report
 from aerodft.cli.times import parse_utc
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, UsageError
 from aerodft.service.feed import MergedFeed
+
+_WHOLE_SECONDS_STD_S = 3**-0.5
+"""How far, root mean square, a time is from itself cut to whole seconds."""
 
 _MAX_RATE_HZ = 1000  # far beyond any camera
 
@@ -64,8 +70,21 @@ def _station(
 ) -> StationConfig:
     station = load_station(config)
     source = _image_input(station.images.source, video, video_start, images, rate)
-    station = refreshed(replace(station, images=replace(station.images, source=source)))
+    station = refreshed(_timed(replace(station, images=replace(station.images, source=source))))
     return station if calibration is None else with_calibration(station, calibration)
+
+
+def _timed(station: StationConfig) -> StationConfig:
+    """The station with its video's start made explicit; one that was read in whole seconds is known to 0.6 s only."""
+    source = station.images.source
+    if not isinstance(source, VideoFile) or source.start_ns is not None:
+        return station
+    start_ns = video_info(source.path).start_ns
+    if start_ns is None or start_ns % SECOND_NS:
+        return station
+    time_std_s = math.hypot(station.pipeline.time_std_s, _WHOLE_SECONDS_STD_S)
+    say(f"aerodft: {source.path}: start in whole seconds: every interval covers {time_std_s:.2f} s of std in time")
+    return replace(station, pipeline=replace(station.pipeline, time_std_s=time_std_s))
 
 
 def _image_input(

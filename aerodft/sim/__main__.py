@@ -45,12 +45,16 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Folder for the flight's files.")],
     log: Annotated[Path | None, typer.Option(help="Fly as this telemetry log (.tlog) did.")] = None,
     start: Annotated[float, typer.Option(min=0.0, help="With --log: seconds to leave out at its start.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=2.0, help="Seconds; 20, or with --log the rest of it.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(min=2.0, max=36_000.0, help="Seconds; 20, or with --log the rest of it.")
+    ] = None,
     thin: Annotated[int, typer.Option(min=1, help="With --log: write every n-th frame of each message.")] = 1,
-    fps: Annotated[float | None, typer.Option(min=0.1, help="Images a second; 10, with --log every sample.")] = None,
+    fps: Annotated[
+        float | None, typer.Option(min=0.1, max=1000.0, help="Images a second; 10, with --log every sample.")
+    ] = None,
     size: Annotated[str, typer.Option(help="Image size.")] = "1280x720",
     camera: Annotated[Path | None, typer.Option(help="Camera file; its size replaces --size.")] = None,
-    height: Annotated[float, typer.Option(min=2.0, help="Height of a generated flight, m.")] = 40.0,
+    height: Annotated[float, typer.Option(min=2.0, max=10_000.0, help="Height of a generated flight, m.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 1,
     std: Annotated[str, typer.Option(help="Draw biases with these stds: height=0.3,tilt=0.3,roll=0.2,heading=1")] = "",
     bias: Annotated[str, typer.Option(help="Add these biases (said minus true): tilt=0.4,height=-1")] = "",

@@ -2,12 +2,16 @@
 
 import math
 import re
+from collections.abc import Mapping
 
 from aerodft.errors import UsageError
 from aerodft.model.pose import PoseStd
 from aerodft.sim.telemetry import Biases, Radio
 
 _NS = 1_000_000_000
+_MOST = 1e5  # metres, degrees, seconds, pixels: what fits into MAVLink's integers
+_MOST_CLOCK_S = 1e9
+_SHARES = ("drop", "duplicate", "reorder")
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -37,7 +41,7 @@ def parse_stds(option: str, text: str) -> PoseStd:
 
 def parse_biases(option: str, text: str) -> Biases:
     """Height in m, tilt, pan, roll, heading in degrees."""
-    given = _pairs(option, text, ("height", "tilt", "pan", "roll", "heading"), lowest=-math.inf)
+    given = _pairs(option, text, ("height", "tilt", "pan", "roll", "heading"), lowest=-_MOST)
     return Biases(
         height_m=given["height"],
         tilt_rad=math.radians(given["tilt"]),
@@ -50,7 +54,7 @@ def parse_biases(option: str, text: str) -> Biases:
 def parse_radio(option: str, text: str, *, seed: int) -> Radio:
     """Latency and jitter in seconds; drop, duplicate, reorder as shares; one outage from ``mute`` to ``unmute`` (s)."""
     names = ("latency", "jitter", "drop", "duplicate", "reorder", "mute", "unmute")
-    given = _pairs(option, text, names, lowest=0.0)
+    given = _pairs(option, text, names, lowest=0.0, most=dict.fromkeys(_SHARES, 1.0))
     outage = (round(given["mute"] * _NS), round(given["unmute"] * _NS))
     return Radio(
         latency_ns=round(given["latency"] * _NS),
@@ -72,17 +76,19 @@ def parse_numbers(option: str, text: str, **defaults: float) -> dict[str, float]
 
 def parse_autopilot(option: str, text: str) -> tuple[int, int]:
     """Lag of the camera behind the gimbal's reports, and the autopilot's UTC minus the host's: s in, ns out."""
-    given = _pairs(option, text, ("lag", "clock"), lowest=-math.inf)
+    given = _pairs(option, text, ("lag", "clock"), lowest=-_MOST, most={"clock": _MOST_CLOCK_S})
     if given["lag"] < 0:
         raise UsageError(f"{option} lag", got=given["lag"], expected="a number of at least 0")
     return round(given["lag"] * _NS), round(given["clock"] * _NS)
 
 
-def _pairs(option: str, text: str, names: tuple[str, ...], *, lowest: float) -> dict[str, float]:
+def _pairs(
+    option: str, text: str, names: tuple[str, ...], *, lowest: float, most: Mapping[str, float] | None = None
+) -> dict[str, float]:
     """Every name with its value, 0 where it is not given.
 
     Raises:
-        UsageError: An unknown name, or a value that is no number of at least ``lowest``.
+        UsageError: An unknown name, or a value that is no number from ``lowest`` to the name's ``most``.
     """
     values = dict.fromkeys(names, 0.0)
     for part in filter(None, (piece.strip() for piece in text.split(","))):
@@ -93,8 +99,10 @@ def _pairs(option: str, text: str, names: tuple[str, ...], *, lowest: float) -> 
             value = float(number)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or value < lowest:
-            least = "" if math.isinf(lowest) else f" of at least {lowest:g}"
-            raise UsageError(f"{option} {part}", got=repr(number), expected=f"a number{least}, e.g. {name}=0.3")
+        limit = (most or {}).get(name, _MOST)
+        least = -limit if lowest < 0 else lowest
+        if not least <= value <= limit:
+            expected = f"a number of at least {least:g}, at most {limit:g}, e.g. {name}=0.3"
+            raise UsageError(f"{option} {part}", got=repr(number), expected=expected)
         values[name] = value
     return values

@@ -28,6 +28,7 @@ EPOCH_NS = 1_795_221_278 * SECOND_NS
 """UTC at which generated flights start, unless they are live."""
 
 STATIONS = 3
+_CAMERA, _TRUTH = "camera.toml", "truth.jsonl"
 _EXPOSURE_SAMPLES = 5
 _AIRBORNE_M = 5.0
 _HOME_FROM_RIVER_M = 26.0
@@ -207,21 +208,28 @@ def write_files(scenario: Scenario, folder: Path, *, video: bool = True, progres
     image's true pose), ``camera.toml``, ``world.geojson`` and, on request, ``video.mp4``.
 
     Raises:
-        InputError: The folder cannot be written to.
+        InputError: The folder holds a camera file that no simulation made, or cannot be written to.
     """
+    if (folder / _CAMERA).exists() and not (folder / _TRUTH).exists():
+        raise InputError("is no simulated flight", where=folder, got=f"a {_CAMERA} in it", hint="choose another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_telemetry(scenario, folder / "flight.tlog")
+        _write(scenario, folder)
+        if video:
+            write_video(folder / "video.mp4", watched(scenario, progress), fps=scenario.fps)
     except OSError as error:
         raise InputError("cannot be written", where=folder, got=error.strerror, hint="choose another folder") from None
+
+
+def _write(scenario: Scenario, folder: Path) -> None:
+    """Everything but the video."""
+    _write_telemetry(scenario, folder / "flight.tlog")
     seen = list(_sightings(scenario))
     write_lines(folder / "observations.jsonl", (each.observation_line() for each in seen))
-    write_lines(folder / "truth.jsonl", (each.truth_line() for each in seen))
+    write_lines(folder / _TRUTH, (each.truth_line() for each in seen))
     write_lines(folder / "poses.jsonl", _pose_lines(scenario))
-    (folder / "camera.toml").write_text(tomli_w.dumps(camera_document(scenario.camera)))
+    (folder / _CAMERA).write_text(tomli_w.dumps(camera_document(scenario.camera)))
     (folder / "world.geojson").write_bytes(orjson.dumps(world_document(scenario.world), option=orjson.OPT_INDENT_2))
-    if video:
-        write_video(folder / "video.mp4", watched(scenario, progress), fps=scenario.fps)
 
 
 def _sightings(scenario: Scenario) -> Iterator[Sighting]:

@@ -30,7 +30,7 @@ def _missing(report: SurveyReport) -> list[str]:
         sentences.append("no height: neither a rangefinder, nor terrain data, nor a position with a height above home")
     elif {source.name for source in report.heights} == {"home"}:
         sentences.append(
-            "heights are above home only: where the river lies lower or higher than home, set home_above_plane"
+            "heights are above home only: where the river lies lower or higher than home, set height.home_above_plane_m"
         )
     if not report.attitudes and report.vehicle_attitude:
         sentences.append("no gimbal attitude: only a camera that is fixed to the vehicle can be used")

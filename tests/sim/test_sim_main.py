@@ -68,6 +68,9 @@ def test_the_same_seed_writes_the_same_bytes(tmp_path: Path, monkeypatch: pytest
         (("--std", "yaw=1"), 2, "one of height"),
         (("--bias", "tilt=much"), 2, "a number"),
         (("--autopilot", "lag=-1"), 2, "at least 0"),
+        (("--std", "height=1e300"), 2, "at most 100000"),
+        (("--radio", "drop=2"), 2, "at most 1,"),
+        (("--autopilot", "clock=1e10"), 2, "at most 1e+09"),
         (("--mavlink", "udpout:127.0.0.1:14550"), 2, "--live"),
         (("--live", "--mavlink", "udpin:127.0.0.1:14550"), 2, "no address"),
         (("--log", "missing.tlog"), 3, "missing.tlog"),
@@ -135,3 +138,12 @@ def test_numbers_are_read_with_their_units() -> None:
     assert (radio.latency_ns, radio.outages_ns, radio.seed) == (20_000_000, ((5_000_000_000, 7_000_000_000),), 9)
     with pytest.raises(UsageError):
         parse_radio("--radio", "latency", seed=1)
+
+
+def test_a_camera_file_of_somebody_elses_is_not_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "camera.toml").write_text("mine")
+    assert run(monkeypatch, "--out", str(tmp_path), "--duration", "2", "--no-video") == 3
+    assert "is no simulated flight: got a camera.toml in it" in capfd.readouterr().err
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("camera.toml", "mine")]

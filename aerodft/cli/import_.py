@@ -52,9 +52,8 @@ def import_(
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=config, expected=need)
     flight = open_flight(station, log, (*station.observations.files, *(observations or ())))
+    tally, pipeline = Tally(), build_pipeline(station)
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
-    tally = Tally()
-    pipeline = build_pipeline(station)
     with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
         run(MergedFeed(flight.sources, station.pipeline.tick_ns), pipeline, (recorder, tally), progress)
     report(recorder.totals, tally, pipeline.counts, as_json=json, warnings=flight.warnings())

@@ -7,10 +7,13 @@ a loss to report.
 import inspect
 import keyword
 import logging
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
-from typing import Annotated, Final
+from types import FrameType
+from typing import Annotated, Final, NoReturn
 
 import typer
 
@@ -78,14 +81,30 @@ def build_app(arguments: list[str]) -> typer.Typer:
     return app
 
 
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """SIGTERM ends a command as an error would: its files are closed, the processes that it started are ended."""
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - a signal handler's signature
+    signal.signal(number, signal.SIG_IGN)  # once is enough: what closes files must not be interrupted itself
+    raise SystemExit(128 + number)
+
+
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
     guard_streams()
     try:
-        try:
-            build_app(sys.argv[1:])()
-        finally:
-            flush_stdout()
+        with _ended_by_sigterm():
+            try:
+                build_app(sys.argv[1:])()
+            finally:
+                flush_stdout()
     except AerodftError as error:
         typer.echo(f"aerodft: {error}", err=True)
         sys.exit(error.exit_code)

@@ -40,9 +40,9 @@ def recompute(
     if calibration is not None:
         station = with_calibration(station, calibration)
     _check_sizes(old, station)
-    recorder = build_recorder(station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
     tally, pipeline = Tally(), build_pipeline(station)
     feed = MergedFeed([reoffset(RecordingSource(old), was, station)], station.pipeline.tick_ns)
+    recorder = build_recorder(station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
         run(feed, pipeline, (recorder, tally), progress)
     _copy_images(old, output)

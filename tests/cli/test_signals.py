@@ -1,0 +1,29 @@
+"""Signals in the middle of something: what there is is kept and said, and nothing is left running."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from replay.recording import Recording
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_import_that_is_ended_keeps_what_it_has_and_says_so(desk, number, code):
+    out = desk.folder / "rec"
+    line = ["import", desk.tlog(seconds=120.0), "-c", desk.config, "-o", out, "--rate", 1000, "--json"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "aerodft", *map(str, line)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        deadline_s = time.monotonic() + 60
+        begun = out / "data_000.mcap"
+        while not (begun.exists() and begun.stat().st_size > 20_000) and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+        process.send_signal(number)
+        said, complained = process.communicate(timeout=60)
+    assert (process.returncode, said) == (code, "")
+    assert complained.splitlines()[-1] == f"aerodft: not finished; {out} holds what was read so far"
+    assert "Traceback" not in complained
+    assert Recording(out).is_whole

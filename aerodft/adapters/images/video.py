@@ -5,11 +5,13 @@ container whose time line begins elsewhere (a transport stream, an edit list) ne
 """
 
 import logging
+from bisect import bisect_left, insort
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import TypeAlias
 
 import av
 from av.container import InputContainer
@@ -27,6 +29,7 @@ _LOG = logging.getLogger(__name__)
 # The first is local time with its offset, and of the recording's start; the second is what most containers have.
 _START_KEYS = ("com.apple.quicktime.creationdate", "creation_time")
 _NO_VIDEO = {"image2", "tty", "bin", "xbin", "adf", "idf"}
+_Found: TypeAlias = tuple[int, int | None, av.VideoFrame | None]  # index, presentation stamp, image
 _OLDEST_NS = 946_684_800 * SECOND_NS  # the year 2000: before it the camera's clock was never set
 
 
@@ -114,7 +117,7 @@ class VideoFileSource:
         with _opened(self.path) as (container, stream):
             clock = _MediaClock(stream)
             found = _frames(container, stream, losses) if self._decode else _stamps_only(container, stream)
-            for index, (pts, frame) in enumerate(found):
+            for index, pts, frame in found:
                 media_ns = clock.media_ns(pts)
                 if media_ns is None:
                     losses.unstamped += 1
@@ -252,10 +255,13 @@ def _packets(container: InputContainer, stream: VideoStream) -> Iterator["av.Pac
         _LOG.warning("%s: damaged, reading stops here (%s)", container.name, error.strerror)
 
 
-def _frames(
-    container: InputContainer, stream: VideoStream, losses: _Losses
-) -> Iterator[tuple[int | None, av.VideoFrame | None]]:
+def _frames(container: InputContainer, stream: VideoStream, losses: _Losses) -> Iterator[_Found]:
+    """Decoded images; a damaged one keeps its index, so that the others are what a player and a detector call them."""
+    stamps: list[int] = []
+    index = -1
     for packet in _packets(container, stream):
+        if packet.pts is not None and packet.size and not packet.is_discard:
+            insort(stamps, packet.pts)
         try:
             frames = packet.decode()
         except av.FFmpegError:
@@ -265,13 +271,15 @@ def _frames(
             if frame.is_corrupt:
                 losses.damaged += 1
             else:
-                yield frame.pts, frame
+                index = index + 1 if frame.pts is None else bisect_left(stamps, frame.pts)
+                yield index, frame.pts, frame
 
 
-def _stamps_only(container: InputContainer, stream: VideoStream) -> Iterator[tuple[int | None, av.VideoFrame | None]]:
+def _stamps_only(container: InputContainer, stream: VideoStream) -> Iterator[_Found]:
     """Packets in presentation order; stored order differs where images refer to later ones."""
     stamps = [packet.pts for packet in _packets(container, stream) if packet.size and not packet.is_discard]
-    for pts in sorted(pts for pts in stamps if pts is not None):
-        yield pts, None
-    for _ in range(stamps.count(None)):
-        yield None, None
+    known = sorted(pts for pts in stamps if pts is not None)
+    for index, pts in enumerate(known):
+        yield index, pts, None
+    for index in range(len(known), len(stamps)):
+        yield index, None, None

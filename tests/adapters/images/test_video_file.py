@@ -230,3 +230,29 @@ def test_leaving_early_closes_the_file(tmp_path: Path, make_video: MakeVideo) ->
     assert next(iter(events)).index == 0
     events.close()  # type: ignore[attr-defined]
     assert next(iter(events), None) is None
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.ts"])
+def test_a_damaged_image_does_not_renumber_the_others(tmp_path: Path, name: str) -> None:
+    """What was observed in image 40 belongs to image 40, whether image 20 can be decoded or not."""
+    noise = np.random.default_rng(1)
+    path = tmp_path / name
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=20)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for _ in range(60):
+            pixels = noise.integers(0, 255, (48, 64, 3), dtype=np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="bgr24")))
+        container.mux(stream.encode())
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 3
+    data[middle : middle + 6000] = noise.bytes(6000)
+    path.write_bytes(data)
+
+    def stamps(*, decode: bool) -> dict[int, int]:
+        source = VideoFileSource(path, start_ns=START_NS, decode=decode)
+        return {image.index: image.stamp_ns for image in source.events()}
+
+    known, decoded = stamps(decode=False), stamps(decode=True)
+    assert 20 < len(decoded) < len(known)
+    assert decoded == {index: known[index] for index in decoded}

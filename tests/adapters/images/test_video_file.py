@@ -232,11 +232,10 @@ def test_leaving_early_closes_the_file(tmp_path: Path, make_video: MakeVideo) ->
     assert next(iter(events), None) is None
 
 
-@pytest.mark.parametrize("name", ["a.mp4", "a.ts"])
-def test_a_damaged_image_does_not_renumber_the_others(tmp_path: Path, name: str) -> None:
+def test_a_damaged_image_does_not_renumber_the_others(tmp_path: Path) -> None:
     """What was observed in image 40 belongs to image 40, whether image 20 can be decoded or not."""
     noise = np.random.default_rng(1)
-    path = tmp_path / name
+    path = tmp_path / "a.mp4"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=20)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"

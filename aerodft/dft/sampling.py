@@ -9,7 +9,6 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from aerodft.dft.projection import ELEVATION, FOCAL, POSITION, PRINCIPAL_POINT, ROTATION, SHARED
 from aerodft.dft.quantities import Sight
@@ -25,6 +24,8 @@ DRAWS = 1024
 @lru_cache(maxsize=16)
 def standard_draws(dimensions: int) -> FloatArray:
     """``(DRAWS, dimensions)`` standard normal draws, always the same ones, symmetric in every dimension."""
+    from scipy.stats import qmc  # noqa: PLC0415 - takes a second to load, and most commands never draw
+
     half = qmc.Sobol(dimensions, scramble=True, rng=np.random.default_rng(20)).random(DRAWS // 2)
     normal = ndtri(np.clip(half, 1e-9, 1 - 1e-9))
     draws = np.concatenate([normal, -normal])

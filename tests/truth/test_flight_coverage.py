@@ -29,7 +29,7 @@ from aerodft.sim.telemetry import Autopilot, datagrams, drawn_biases
 from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
 
-FLIGHTS = 300
+FLIGHTS = 500
 CAMERA = default_camera(1920, 1080)
 STD_PX = 1.0
 MARGIN_PX = 50.0

@@ -59,7 +59,7 @@ class Sender:
     """Sends H.264 in MPEG-TS over UDP at a steady rate; image ``i`` has brightness 20 + 12 (i mod 16)."""
 
     def __init__(self, port: int, muxer: str = "mpegts") -> None:
-        self.sent_ns: list[int] = []
+        self.due_ns: list[int] = []
         self._muxer = muxer
         self._port = port
         self._stopping = threading.Event()
@@ -80,14 +80,14 @@ class Sender:
             stream = container.add_stream("libx264", rate=RATE_HZ)
             stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
             stream.options = {"preset": "ultrafast", "tune": "zerolatency", "g": "8"}
-            begin = time.monotonic()
+            begin, begin_ns = time.monotonic(), CLOCK.now_ns()
             for index in range(10_000):
                 if self._stopping.wait(max(0.0, begin + index / RATE_HZ - time.monotonic())):
                     break
                 pixels = np.full((120, 160, 3), 20 + 12 * (index % 16), dtype=np.uint8)
                 frame = av.VideoFrame.from_ndarray(pixels, format="bgr24")
                 frame.pts, frame.time_base = index, Fraction(1, RATE_HZ)
-                self.sent_ns.append(CLOCK.now_ns())
+                self.due_ns.append(begin_ns + index * 1_000_000_000 // RATE_HZ)
                 container.mux(stream.encode(frame))
 
 
@@ -99,19 +99,17 @@ def test_a_udp_stream_is_stamped_with_when_it_was_sent(port: int, caplog: pytest
             assert receiver.wait_for(30)
             assert reader.status.connected
     errors_ms, greys = [], []
-    sent_ns = np.array(sender.sent_ns)
+    due_ns = np.array(sender.due_ns)  # a sender that the host holds up is late, and its stamps must not be
     for image in receiver.images:
         stamp_ns = image.stamp_ns + 10_000_000_000
-        index = int(np.argmin(np.abs(sent_ns - stamp_ns)))
-        errors_ms.append((stamp_ns - sent_ns[index]) / 1e6)
+        index = int(np.argmin(np.abs(due_ns - stamp_ns)))
+        errors_ms.append((stamp_ns - due_ns[index]) / 1e6)
         assert image.pixels is not None
         greys.append(float(image.pixels().mean()) - (20 + 12 * (index % 16)))
         assert image.clock is StampClock.HOST
         assert image.arrival_ns > stamp_ns
-    # The host is shared: a sender that is held up for a moment is late in its own log, not in the stamp.
-    assert np.median(np.abs(errors_ms)) < 5.0
-    assert np.percentile(np.abs(errors_ms), 80) < 12.0
-    assert np.percentile(np.abs(greys), 80) < 6.0
+    assert np.abs(errors_ms).max() < 12.0  # well below half a period: the host is shared
+    assert np.abs(greys).max() < 6.0
     assert [image.index for image in receiver.images] == list(range(len(receiver.images)))
     assert "first key image" in caplog.text
     assert "images are coming, 160 x 120 px" in caplog.text
@@ -141,9 +139,9 @@ def test_a_sender_that_starts_anew_in_between_is_stamped_anew(port: int) -> None
         before = len(receiver.images)
         with Sender(port).running() as sender:
             assert receiver.wait_for(before + 5)
-    sent_ns = np.array(sender.sent_ns)
+    due_ns = np.array(sender.due_ns)
     last_ns = np.array([image.stamp_ns for image in receiver.images[-4:]])
-    assert np.abs(sent_ns[:, None] - last_ns).min(axis=0).max() < 12e6
+    assert np.abs(due_ns[:, None] - last_ns).min(axis=0).max() < 12e6
 
 
 def test_a_slow_receiver_gets_the_newest_images(port: int) -> None:

@@ -7,6 +7,7 @@ direction, by ``M`` with the camera, and by ``d n_up / (n . d)`` where the surfa
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -52,9 +53,14 @@ class Plane:
         normal = np.array([back * math.sin(uphill_azimuth_rad), back * math.cos(uphill_azimuth_rad), up])
         return cls(normal, float(normal @ np.asarray(point_enu_m, dtype=np.float64)))
 
-    def raised(self, by_m: float) -> "Plane":
-        """The parallel plane that is ``by_m`` higher, measured along the vertical."""
-        return Plane(self.normal_enu, self.offset_m + by_m * float(self.normal_enu[2]))
+    def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> "GroundHits":
+        """As ``Ground.meet``; the horizon is the plane's own."""
+        raised = self.offset_m + np.asarray(elevation_m, dtype=np.float64) * self.normal_enu[2]
+        return _meet(camera_enu_m, directions_enu, self.normal_enu, raised)
+
+    def height_at(self, east_north_m: FloatArray) -> FloatArray:
+        """As ``Ground.height_at``; known everywhere."""
+        return np.asarray((self.offset_m - east_north_m @ self.normal_enu[:2]) / self.normal_enu[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +81,18 @@ class GroundHits:
     normal_enu: FloatArray
     status: npt.NDArray[np.uint8]
     curvature_per_m: float = 0.0
+
+
+class Ground(Protocol):
+    """Ground that is not level: a ``Plane``, or ``terrain.Terrain``."""
+
+    def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
+        """Meet rays with the surface ``elevation_m (...)`` above the ground; as ``meet_level`` otherwise."""
+        ...
+
+    def height_at(self, east_north_m: FloatArray) -> FloatArray:
+        """Height of the ground ``(...)`` at ``(..., 2)``, ENU; NaN where it is unknown."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,11 +132,6 @@ def meet_level(camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m
     return hits
 
 
-def meet_plane(camera_enu_m: FloatArray, directions_enu: FloatArray, plane: Plane) -> GroundHits:
-    """As ``meet_level``, with a tilted plane; the horizon is the plane's own."""
-    return _meet(camera_enu_m, directions_enu, plane.normal_enu, np.asarray(plane.offset_m))
-
-
 def _meet(camera: FloatArray, directions: FloatArray, normal: FloatArray, offset: FloatArray) -> GroundHits:
     camera = finite(camera, "camera position")
     directions = np.asarray(directions, dtype=np.float64)
@@ -155,7 +168,7 @@ def finite(values: npt.ArrayLike, what: str) -> FloatArray:
 
 
 def jacobians(camera_enu_m: FloatArray, directions_enu: FloatArray, hits: GroundHits) -> GroundJacobians:
-    """Derivatives of the points that ``meet_level``, ``meet_plane`` or ``terrain.meet_terrain`` found.
+    """Derivatives of the points that ``meet_level`` or a ``Ground`` found.
 
     On terrain they are those of the patch that is hit: they know nothing of the edge behind which the ray would end
     up elsewhere.

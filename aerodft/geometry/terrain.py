@@ -68,6 +68,28 @@ class ElevationGrid:
         object.__setattr__(self, "summit_m", float(np.nanmax(heights)))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Terrain:
+    """The ground of an elevation model, on the curved earth, as ``ground.Ground``.
+
+    Attributes:
+        grid: Its heights.
+        refraction: Refraction coefficient.
+    """
+
+    grid: ElevationGrid
+    refraction: float = STANDARD_REFRACTION
+
+    def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
+        """As ``meet_terrain``."""
+        grid, refraction = self.grid, self.refraction
+        return meet_terrain(camera_enu_m, directions_enu, grid, elevation_m=elevation_m, refraction=refraction)
+
+    def height_at(self, east_north_m: FloatArray) -> FloatArray:
+        """As ``elevation_at``."""
+        return elevation_at(self.grid, east_north_m)
+
+
 def _peaks(heights_m: FloatArray) -> FloatArray:
     highest = np.maximum(heights_m[:-1], heights_m[1:])
     highest = np.maximum(highest[:, :-1], highest[:, 1:])

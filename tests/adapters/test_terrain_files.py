@@ -12,7 +12,7 @@ from pyproj import CRS, Transformer
 from aerodft.adapters import terrain
 from aerodft.adapters.terrain import load_elevation
 from aerodft.errors import InputError
-from aerodft.geometry.ground import Plane, meet_plane
+from aerodft.geometry.ground import Plane
 from aerodft.geometry.terrain import elevation_at, meet_terrain
 from aerodft.model.pose import GeoOrigin
 from aerodft.model.status import CODES, Status
@@ -135,7 +135,7 @@ def test_a_ray_meets_the_slope_of_a_file(tmp_path):
     camera, ray = np.array([0.0, 0.0, 0.0]), np.array([math.cos(down), 0.0, -math.sin(down)])
     slope = Plane.sloping([0.0, 0.0, -100.0], math.atan(0.2), math.pi / 2)
     hits = meet_terrain(camera, ray, grid)
-    assert_allclose(hits.points_enu_m, meet_plane(camera, ray, slope).points_enu_m, atol=0.03)
+    assert_allclose(hits.points_enu_m, slope.meet(camera, ray, 0.0).points_enu_m, atol=0.03)
     assert_allclose([hits.points_enu_m[0], hits.range_m], [265.7, 269.8], atol=0.1)
 
 

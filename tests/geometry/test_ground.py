@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aerodft.geometry.ground import GroundHits, Plane, jacobians, meet_level, meet_plane
+from aerodft.geometry.ground import GroundHits, Plane, jacobians, meet_level
 from aerodft.geometry.terrain import ElevationGrid, meet_terrain
 from aerodft.model.status import CODE_OF, CODES, Status
 
@@ -37,7 +37,7 @@ def test_a_slope_that_rises_ahead_is_met_earlier_and_one_that_falls_later():
     """Depression a, slope b, height h above the foot: h / (tan a + tan b) ahead."""
     for slope_deg, azimuth_deg in ((11.3099, 0.0), (11.3099, 180.0), (11.3099, 90.0), (0.0, 45.0)):
         plane = Plane.sloping([3.0, 4.0, 7.0], math.radians(slope_deg), math.radians(azimuth_deg))
-        hits = meet_plane(np.array([3.0, 4.0, 107.0]), _ray(20.0), plane)
+        hits = plane.meet(np.array([3.0, 4.0, 107.0]), _ray(20.0), 0.0)
         rise = math.tan(math.radians(slope_deg)) * math.cos(math.radians(azimuth_deg))
         ahead = 100.0 / (math.tan(math.radians(20.0)) + rise)
         assert_allclose(hits.points_enu_m, [3.0, 4.0 + ahead, 7.0 + ahead * rise], atol=1e-9)
@@ -47,14 +47,14 @@ def test_a_slope_that_rises_ahead_is_met_earlier_and_one_that_falls_later():
 def test_a_level_slope_is_the_level_plane():
     rays = np.random.default_rng(1).normal(size=(50, 3))
     camera = np.array([1.0, 2.0, 30.0])
-    slope, level = meet_plane(camera, rays, Plane.sloping([0, 0, 4.0], 0.0, 1.0)), meet_level(camera, rays, 4.0)
+    slope, level = Plane.sloping([0, 0, 4.0], 0.0, 1.0).meet(camera, rays, 0.0), meet_level(camera, rays, 4.0)
     assert_array_equal(slope.status, level.status)
     assert_allclose(slope.points_enu_m, level.points_enu_m, rtol=1e-12, atol=1e-9)
 
 
 def test_a_raised_plane_is_higher_along_the_vertical():
     plane = Plane.sloping([0.0, 0.0, 0.0], 0.5, 1.0)
-    low, high = (meet_plane(np.array([0.0, 0.0, 50.0]), _ray(90.0), each) for each in (plane, plane.raised(3.0)))
+    low, high = (plane.meet(np.array([0.0, 0.0, 50.0]), _ray(90.0), each) for each in (0.0, 3.0))
     assert_allclose(high.points_enu_m - low.points_enu_m, [0.0, 0.0, 3.0], atol=NANOMETRE)
 
 
@@ -73,7 +73,7 @@ def test_a_raised_plane_is_higher_along_the_vertical():
 )
 def test_misses_have_a_status_and_no_number(camera_up_m, ray, status):
     camera = np.array([0.0, 0.0, camera_up_m])
-    for hits in (meet_level(camera, ray, 5.0), meet_plane(camera, ray, Plane(np.array([0.0, 0.0, 1.0]), 5.0))):
+    for hits in (meet_level(camera, ray, 5.0), Plane(np.array([0.0, 0.0, 1.0]), 5.0).meet(camera, ray, 0.0)):
         assert CODES[int(hits.status)] is status
         for values in (hits.points_enu_m, hits.range_m, hits.normal_enu):
             assert_array_equal(np.isfinite(values), status is Status.OK)
@@ -81,9 +81,9 @@ def test_misses_have_a_status_and_no_number(camera_up_m, ray, status):
 
 def test_a_slope_has_a_horizon_of_its_own():
     plane = Plane.sloping([0.0, 0.0, 0.0], math.radians(20.0), 0.0)
-    up = meet_plane(np.array([0.0, 0.0, 50.0]), np.array([_ray(-19.0), _ray(-21.0)]), plane)
+    up = plane.meet(np.array([0.0, 0.0, 50.0]), np.array([_ray(-19.0), _ray(-21.0)]), 0.0)
     assert [CODES[code] for code in up.status] == [Status.OK, Status.ABOVE_HORIZON]
-    down = meet_plane(np.array([0.0, 0.0, 50.0]), np.array([_ray(21.0, 180.0), _ray(19.0, 180.0)]), plane)
+    down = plane.meet(np.array([0.0, 0.0, 50.0]), np.array([_ray(21.0, 180.0), _ray(19.0, 180.0)]), 0.0)
     assert [CODES[code] for code in down.status] == [Status.OK, Status.ABOVE_HORIZON]
 
 
@@ -101,7 +101,7 @@ def test_all_inputs_broadcast(shape):
     assert meet_level(np.array([0, 0, 9.0]), rays, 1.0).points_enu_m.shape == (*shape, 3)
     assert meet_level(camera, np.array([0, 0, -1.0]), 1.0).points_enu_m.shape == (*shape, 3)
     plane = Plane.sloping([0, 0, 1.0], 0.1, 0.2)
-    assert meet_plane(camera, np.array([0, 0, -1.0]), plane).points_enu_m.shape == (*shape, 3)
+    assert plane.meet(camera, np.array([0, 0, -1.0]), 0.0).points_enu_m.shape == (*shape, 3)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def _level(camera, direction, by_m):
 
 
 def _sloping(camera, direction, by_m):
-    return meet_plane(camera, direction, PLANE.raised(by_m))
+    return PLANE.meet(camera, direction, by_m)
 
 
 def _terrain(camera, direction, by_m):

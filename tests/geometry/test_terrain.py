@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import RegularGridInterpolator
 
-from aerodft.geometry.ground import Plane, meet_plane
+from aerodft.geometry.ground import Plane
 from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION, ElevationGrid, elevation_at, meet_terrain
 from aerodft.model.status import CODES, Status
 
@@ -68,7 +68,7 @@ def test_an_upslope_of_20_percent_is_hit_at_265_7_m(azimuth_deg):
     plane = Plane.sloping([0, 0, 0], math.atan(0.2), azimuth)
     assert_allclose(hits.normal_enu, plane.normal_enu, atol=1e-12)
     flat_earth = meet_terrain(np.array([0, 0, 100.0]), _ray(10.0, azimuth_deg), grid, earth_radius_m=FLAT_EARTH_M)
-    exact = meet_plane(np.array([0.0, 0.0, 100.0]), _ray(10.0, azimuth_deg), plane)
+    exact = plane.meet(np.array([0.0, 0.0, 100.0]), _ray(10.0, azimuth_deg), 0.0)
     assert_allclose(flat_earth.points_enu_m, exact.points_enu_m, atol=1e-9)
 
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, FOCAL, PRINCIPAL_POINT, ROTATION
-from aerodft.dft.quantities import gradient
-from aerodft.dft.values import Seen, dependence, sight_of
+from aerodft.dft.object_top import ObjectTop
+from aerodft.dft.projection import DISTORTION, ELEVATION, FOCAL, PRINCIPAL_POINT, ROTATION
+from aerodft.dft.seen import Seen, dependence
+from aerodft.dft.values import scalar_with_gradient
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import PoseStd
@@ -21,6 +22,7 @@ _ADVICE = {
     "attitude": "add a landmark",
     "focal": "calibrate the lens",
     "principal point": "calibrate the lens",
+    "distortion": "calibrate the lens",
     "elevation": "survey the elevation of the measured plane",
     "time": "align the clocks of images and telemetry, or hold still",
     "pixels": "pick the pixels more precisely, come closer, or use more resolution",
@@ -42,17 +44,23 @@ class Share:
     share: float
 
 
-def variance_budget(seen: Seen, std: PoseStd) -> tuple[Share, ...]:
+def variance_budget(seen: Seen, std: PoseStd, top: ObjectTop | None = None) -> tuple[Share, ...]:
     """The parts of a probe's variance, the largest first; empty for a position, which has no one scalar.
 
     Args:
         seen: The probe as it is seen.
         std: How the pose's covariance was stated; where it does not reproduce it (a calibration's full covariance),
             tilt, pan, roll and heading are given as one ``attitude``.
+        top: What the probe lies on top of; None where it lies on the ground.
     """
     if not seen.has_scalar:
         return ()
-    shared, own = dependence(seen, gradient(seen.kind, sight_of(seen)))
+    _, by = scalar_with_gradient(seen)
+    shared, own = dependence(seen, by)
+    by_pixels = seen.std_px**2 * float(np.sum(own * own))
+    if top is not None:
+        by_pixels += (float(shared[ELEVATION]) * top.own_std_m) ** 2
+        shared = top.by_errors(shared)
     pose_cov, cov = seen.pose.cov, seen.shared_cov
     motion = np.concatenate([seen.pose.velocity_enu_mps, seen.pose.rate_cam_radps])
     variances = {
@@ -60,10 +68,11 @@ def variance_budget(seen: Seen, std: PoseStd) -> tuple[Share, ...]:
         "position": shared[:2] @ pose_cov[:2, :2] @ shared[:2],
         **_attitude(shared[ROTATION], seen, std),
         "time": float(shared[:6] @ motion) ** 2 * seen.pose.time_std_s**2,
-        "focal": shared[FOCAL] ** 2 * cov[FOCAL, FOCAL],
+        "focal": shared[FOCAL] @ cov[FOCAL, FOCAL] @ shared[FOCAL],
         "principal point": shared[PRINCIPAL_POINT] @ cov[PRINCIPAL_POINT, PRINCIPAL_POINT] @ shared[PRINCIPAL_POINT],
+        "distortion": shared[DISTORTION] @ cov[DISTORTION, DISTORTION] @ shared[DISTORTION],
         "elevation": shared[ELEVATION] ** 2 * cov[ELEVATION, ELEVATION],
-        "pixels": seen.std_px**2 * np.sum(own * own),
+        "pixels": by_pixels,
     }
     total = float(shared @ cov @ shared) + float(variances["pixels"])
     parts = [

@@ -20,7 +20,7 @@ class ImagePoints:
 
     Attributes:
         ground: The ``(k,)`` points with what they depend on.
-        shared_cov: ``(k, 10, 10)``, see ``shared_covariance``.
+        shared_cov: ``(k, s, s)``, see ``shared_covariance``.
         cov_enu_m2: ``(k, 3, 3)``.
         range_m: ``(k,)`` from the camera.
         range_std_m: ``(k,)``.

@@ -2,9 +2,9 @@
 
 Columns of ``jac_shared`` (one error that all points of an image have in common)::
 
-    0:3  camera position, ENU (m)          6    relative focal length
-    3:6  small rotation, camera axes (rad) 7:9  principal point (px)
-    9    elevation of the plane (m)
+    0:3  camera position, ENU (m)          7:9   focal lengths fx, fy (px)
+    3:6  small rotation, camera axes (rad) 9:11  principal point (px)
+    6    elevation of the ground (m)       11:   distortion coefficients, where they are uncertain
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import equations
+from aerodft.geometry.ground import Ground, jacobians
+from aerodft.geometry.intrinsics import intrinsics_covariance, rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.geometry.rotation import camera_angles, matrix, skew
 from aerodft.model.arrays import FloatArray
@@ -22,9 +24,16 @@ from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from aerodft.model.status import CODE_OF, Status
 
-SHARED = 10
-POSITION, ROTATION = slice(0, 3), slice(3, 6)
-FOCAL, PRINCIPAL_POINT, ELEVATION = 6, slice(7, 9), 9
+POSITION, ROTATION, ELEVATION = slice(0, 3), slice(3, 6), 6
+INTRINSICS = slice(7, None)
+FOCAL, PRINCIPAL_POINT, DISTORTION = slice(7, 9), slice(9, 11), slice(11, None)
+
+Codes = npt.NDArray[np.uint8]
+
+
+def shared_count(camera: Camera) -> int:
+    """How many errors all points of an image have in common."""
+    return INTRINSICS.start + len(intrinsics_covariance(camera))
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +42,7 @@ class GroundPoints:
 
     Attributes:
         points_enu_m: ``(..., 3)``; NaN where ``status`` is not ok.
-        jac_shared: ``(..., 3, 10)``, see the module.
+        jac_shared: ``(..., 3, s)``, see the module.
         jac_px: ``(..., 3, 2)`` by the point's own pixel.
         status: ``(...)`` indices into ``CODES``.
         depression_rad: ``(...)`` of the ray below the horizon; negative above it.
@@ -42,7 +51,7 @@ class GroundPoints:
     points_enu_m: FloatArray
     jac_shared: FloatArray
     jac_px: FloatArray
-    status: npt.NDArray[np.uint8]
+    status: Codes
     depression_rad: FloatArray
 
     def __getitem__(self, rows: slice) -> "GroundPoints":
@@ -55,17 +64,34 @@ class GroundPoints:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class _Met:
+    """Where rays meet the ground, and what that depends on; as ``ground.GroundHits`` and ``GroundJacobians``."""
+
+    points_enu_m: FloatArray
+    by_direction: FloatArray
+    by_position: FloatArray
+    by_elevation: FloatArray
+    status: Codes
+
+
 def project(
-    camera: Camera, pose: Pose, pixels_px: FloatArray, elevation_m: npt.ArrayLike, model: ProjectionModel
+    camera: Camera,
+    pose: Pose,
+    pixels_px: FloatArray,
+    elevation_m: npt.ArrayLike,
+    model: ProjectionModel,
+    ground: Ground | None = None,
 ) -> GroundPoints:
-    """Meet the rays of ``pixels_px (..., 2)`` with the horizontal plane at ``elevation_m`` (broadcasts to ``(...)``).
+    """Meet the rays of ``pixels_px (..., 2)`` with the surface that lies ``elevation_m (...)`` above the ground.
 
     Args:
         camera: The camera.
         pose: One pose; its position's third component is the height above the elevation 0.
         pixels_px: Pixels; anything outside the image is ``OUT_OF_IMAGE``.
-        elevation_m: Height of the plane.
-        model: ``pinhole`` or the paper's ``dft``.
+        elevation_m: Height of the measured surface.
+        model: ``pinhole`` or the paper's ``dft``, which knows level ground only.
+        ground: What the elevation is counted from; None for the level plane at 0.
 
     Returns:
         The points, in ENU, with Jacobians; misses are NaN with a status.
@@ -73,38 +99,52 @@ def project(
     pixels = np.asarray(pixels_px, dtype=np.float64)
     elevation = np.broadcast_to(np.asarray(elevation_m, dtype=np.float64), pixels.shape[:-1])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        solve = _pinhole if model is ProjectionModel.PINHOLE else _dft
-        points, jac_shared, jac_px, depression = solve(camera, pose, pixels, elevation)
-    status = _status(camera, pose, pixels, elevation, depression)
-    points = np.where((status == CODE_OF[Status.OK])[..., None], points, np.nan)
-    return GroundPoints(points, jac_shared, jac_px, status, depression)
+        if model is ProjectionModel.PINHOLE:
+            found = _pinhole(camera, pose, pixels, elevation, ground)
+        else:
+            found = _dft(camera, pose, pixels, elevation)
+    size = np.array([camera.width_px, camera.height_px])
+    inside = np.all((pixels >= -PIXEL_CENTRE_OFFSET_PX) & (pixels <= size - PIXEL_CENTRE_OFFSET_PX), axis=-1)
+    status = np.where(inside, found.status, CODE_OF[Status.OUT_OF_IMAGE]).astype(np.uint8)
+    points = np.where((status == CODE_OF[Status.OK])[..., None], found.points_enu_m, np.nan)
+    return GroundPoints(points, found.jac_shared, found.jac_px, status, found.depression_rad)
 
 
-_Solution = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-
-
-def _pinhole(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) -> _Solution:
+def _pinhole(
+    camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray, ground: Ground | None
+) -> GroundPoints:
     rays = rays_with_jacobian(camera, pixels)
     rotation = matrix(pose.wxyz)
     direction = rays.rays_cam @ rotation.T
+    depression = np.arctan2(-direction[..., 2], np.hypot(direction[..., 0], direction[..., 1]))
+    met = _level(pose, direction, elevation) if ground is None else _uneven(pose, direction, elevation, ground)
+    by_ray = met.by_direction @ rotation
+    shared = np.empty((*pixels.shape[:-1], 3, shared_count(camera)))
+    shared[..., POSITION] = met.by_position
+    shared[..., ROTATION] = -by_ray @ skew(rays.rays_cam)
+    shared[..., ELEVATION] = met.by_elevation
+    shared[..., INTRINSICS] = by_ray @ rays_by_intrinsics(camera, pixels)
+    return GroundPoints(met.points_enu_m, shared, by_ray @ rays.jac_px, met.status, depression)
+
+
+def _level(pose: Pose, direction: FloatArray, elevation: FloatArray) -> _Met:
+    """As ``meet_level`` with its Jacobians; derivatives also where the ray goes up."""
     down = direction[..., 2]
     reach = (elevation - pose.position_enu_m[2]) / down
     points = pose.position_enu_m + reach[..., None] * direction
     points[..., 2] = elevation  # exactly, not within rounding
     along_plane = np.eye(3) - direction[..., :, None] * np.array([0.0, 0.0, 1.0]) / down[..., None, None]
-    by_ray = reach[..., None, None] * (along_plane @ rotation)
-    jac_px = by_ray @ rays.jac_px
-    shared = np.zeros((*pixels.shape[:-1], 3, SHARED))
-    shared[..., POSITION] = along_plane
-    shared[..., ROTATION] = -by_ray @ skew(rays.rays_cam)
-    shared[..., FOCAL] = np.einsum("...ij,...j->...i", by_ray, rays.jac_focal)
-    shared[..., PRINCIPAL_POINT] = -jac_px
-    shared[..., ELEVATION] = direction / down[..., None]
-    depression = np.arctan2(-down, np.hypot(direction[..., 0], direction[..., 1]))
-    return points, shared, jac_px, depression
+    status = _level_status(pose, elevation, -down)
+    return _Met(points, reach[..., None, None] * along_plane, along_plane, direction / down[..., None], status)
 
 
-def _dft(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) -> _Solution:
+def _uneven(pose: Pose, direction: FloatArray, elevation: FloatArray, ground: Ground) -> _Met:
+    hits = ground.meet(pose.position_enu_m, direction, elevation)
+    by = jacobians(pose.position_enu_m, direction, hits)
+    return _Met(hits.points_enu_m, by.by_direction, by.by_position, by.by_elevation, hits.status)
+
+
+def _dft(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) -> GroundPoints:
     tilt, _, heading = camera_angles(pose.wxyz)
     height = pose.position_enu_m[2] - elevation
     step_h, step_v = camera.hfov_rad / camera.width_px, camera.vfov_rad / camera.height_px
@@ -120,31 +160,28 @@ def _dft(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) 
     by_psi = np.stack([height / np.cos(psi) ** 2 * np.tan(phi), height / np.cos(psi) ** 2], axis=-1) @ axes.T
     by_phi = np.stack([ahead / np.cos(phi) ** 2, np.zeros_like(ahead)], axis=-1) @ axes.T
     by_height = np.stack([np.tan(psi) * np.tan(phi), np.tan(psi)], axis=-1) @ axes.T
-    shared = np.zeros((*pixels.shape[:-1], 3, SHARED))
+    shared = np.zeros((*pixels.shape[:-1], 3, shared_count(camera)))
     shared[..., :2, 0:2] = np.eye(2)
     shared[..., :2, 2] = by_height
     shared[..., :2, 3], shared[..., :2, 4] = by_psi, by_phi
     across, up = phi / step_h, (psi - tilt) / step_v  # pixel offsets from the image's centre
     shared[..., :2, 5] = by_phi * (up * step_h)[..., None] - by_psi * (across * step_v)[..., None]
-    shared[..., :2, FOCAL] = -by_phi * phi[..., None] - by_psi * (psi - tilt)[..., None]
+    # Angles are in proportion to the field of view, 2 atan(width / 2 f).
+    shared[..., :2, 7] = -by_phi * (across / (camera.fx_px**2 + (camera.width_px / 2) ** 2))[..., None]
+    shared[..., :2, 8] = -by_psi * (up / (camera.fy_px**2 + (camera.height_px / 2) ** 2))[..., None]
     shared[..., :2, ELEVATION] = -by_height
     shared[..., 2, ELEVATION] = 1.0
     jac_px = np.zeros((*pixels.shape[:-1], 3, 2))
     jac_px[..., :2, 0], jac_px[..., :2, 1] = by_phi * step_h, -by_psi * step_v
     shared[..., PRINCIPAL_POINT] = -jac_px
-    return points, shared, jac_px, np.pi / 2 - np.abs(psi)
+    depression = np.pi / 2 - np.abs(psi)
+    return GroundPoints(points, shared, jac_px, _level_status(pose, elevation, depression), depression)
 
 
-def _status(
-    camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray, depression: FloatArray
-) -> npt.NDArray[np.uint8]:
-    size = np.array([camera.width_px, camera.height_px])
-    inside = np.all((pixels >= -PIXEL_CENTRE_OFFSET_PX) & (pixels <= size - PIXEL_CENTRE_OFFSET_PX), axis=-1)
+def _level_status(pose: Pose, elevation: FloatArray, down: FloatArray) -> Codes:
+    """By anything that is positive for rays that go down, and NaN where there is no ray."""
     return np.select(
-        [~inside, np.isnan(depression), elevation >= pose.position_enu_m[2], depression <= 0],
-        [
-            CODE_OF[status]
-            for status in (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL, Status.BELOW_SURFACE, Status.ABOVE_HORIZON)
-        ],
+        [np.isnan(down), elevation >= pose.position_enu_m[2], down <= 0],
+        [CODE_OF[status] for status in (Status.BEYOND_LENS_MODEL, Status.BELOW_SURFACE, Status.ABOVE_HORIZON)],
         default=CODE_OF[Status.OK],
     ).astype(np.uint8)

@@ -85,6 +85,13 @@ def upright_height(sight: Sight) -> FloatArray:
     return np.asarray(np.where(reach > 0, top - base[..., 2], np.nan))
 
 
+def bearing(sight: Sight) -> FloatArray:
+    """Azimuth ``(...)`` from the first to the second point, or of one pixel's ray: clockwise from north, [0, 2 pi)."""
+    points, directions = sight.points_enu_m, sight.directions_enu
+    away = directions[..., 0, :] if points.shape[-2] == 1 else points[..., 1, :] - points[..., 0, :]
+    return np.asarray(np.arctan2(away[..., 0], away[..., 1]) % (2 * np.pi))
+
+
 SCALARS: dict[ProbeKind, Callable[[Sight], FloatArray]] = {
     ProbeKind.RANGE: slant_range,
     ProbeKind.DISTANCE: ground_distance,
@@ -92,6 +99,7 @@ SCALARS: dict[ProbeKind, Callable[[Sight], FloatArray]] = {
     ProbeKind.LENGTH: polyline_length,
     ProbeKind.AREA: polygon_area,
     ProbeKind.HEIGHT: upright_height,
+    ProbeKind.BEARING: bearing,
 }
 """The scalar of each kind; a ``position`` has none."""
 
@@ -110,6 +118,8 @@ def gradient(kind: ProbeKind, sight: Sight) -> Gradient:
         return Gradient(-unit, none, by_points)
     if kind is ProbeKind.HEIGHT:
         return _height_gradient(sight)
+    if kind is ProbeKind.BEARING:
+        return _bearing_gradient(sight)
     by_points = _area_gradient(points) if kind is ProbeKind.AREA else _length_gradient(sight)
     return Gradient(np.zeros(3), none, by_points)
 
@@ -142,6 +152,19 @@ def _height_gradient(sight: Sight) -> Gradient:
     by_points[0] = ray[2] * along / square - [0, 0, 1]
     by_directions[1] = ray[2] * (to_base - 2 * reach * along) / square + [0, 0, reach]
     return Gradient(np.array([0, 0, 1]) - ray[2] * along / square, by_directions, by_points)
+
+
+def _bearing_gradient(sight: Sight) -> Gradient:
+    by_points, by_directions = np.zeros_like(sight.points_enu_m), np.zeros_like(sight.directions_enu)
+    one_ray = len(by_points) == 1
+    east, north, _ = sight.directions_enu[0] if one_ray else sight.points_enu_m[1] - sight.points_enu_m[0]
+    with np.errstate(divide="ignore", invalid="ignore"):  # two points in one, and straight down, have no direction
+        turn = np.array([north, -east, 0.0]) / (east * east + north * north)
+    if one_ray:
+        by_directions[0] = turn
+    else:
+        by_points[0], by_points[1] = -turn, turn
+    return Gradient(np.zeros(3), by_directions, by_points)
 
 
 def _signed_area(points: FloatArray) -> FloatArray:

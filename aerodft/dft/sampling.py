@@ -10,13 +10,13 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtri
 
-from aerodft.dft.projection import ELEVATION, FOCAL, POSITION, PRINCIPAL_POINT, ROTATION, SHARED
+from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION
 from aerodft.dft.quantities import Sight
+from aerodft.dft.seen import Seen
+from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.geometry.rotation import from_rotation_vector, matrix
 from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
 
 DRAWS = 1024
 
@@ -33,44 +33,39 @@ def standard_draws(dimensions: int) -> FloatArray:
     return draws
 
 
-def draw_sights(
-    camera: Camera,
-    pose: Pose,
-    pixels_px: FloatArray,
-    elevation_m: float,
-    shared_cov: FloatArray,
-    std_px: float,
-) -> Sight:
+def draw_sights(seen: Seen) -> Sight:
     """What each draw of the stated errors would have seen, with the pinhole model.
 
-    Args:
-        camera: The camera; its lens is taken as linear over the pixels' errors.
-        pose: The pose.
-        pixels_px: ``(k, 2)``.
-        elevation_m: Of the measured plane.
-        shared_cov: ``(10, 10)``, ordered as in ``projection``.
-        std_px: Of each pixel coordinate.
+    The lens is taken as linear over the errors of pixels and intrinsics.
 
     Returns:
-        ``DRAWS`` sights; points are NaN where a draw's ray misses the plane.
+        ``DRAWS`` sights; points are NaN where a draw's ray misses the ground.
     """
-    count = len(pixels_px)
-    draws = standard_draws(SHARED + 2 * count)
-    shared = draws[:, :SHARED] @ _root(shared_cov).T
-    own = std_px * draws[:, SHARED:].reshape(DRAWS, count, 2) - shared[:, None, PRINCIPAL_POINT]
-    rays = rays_with_jacobian(camera, pixels_px)
+    count, errors = len(seen.pixels_px), len(seen.shared_cov)
+    draws = standard_draws(errors + 2 * count)
+    shared = draws[:, :errors] @ _root(seen.shared_cov).T
+    own = seen.std_px * draws[:, errors:].reshape(DRAWS, count, 2)
+    rays = rays_with_jacobian(seen.camera, seen.pixels_px)
     rays_cam = rays.rays_cam + np.einsum("kij,nkj->nki", rays.jac_px, own)
-    rays_cam += shared[:, None, FOCAL, None] * rays.jac_focal
-    rotations = matrix(pose.wxyz) @ matrix(from_rotation_vector(shared[:, ROTATION]))
+    rays_cam += np.einsum("kij,nj->nki", rays_by_intrinsics(seen.camera, seen.pixels_px), shared[:, INTRINSICS])
+    rotations = matrix(seen.pose.wxyz) @ matrix(from_rotation_vector(shared[:, ROTATION]))
     directions = np.einsum("nij,nkj->nki", rotations, rays_cam)
-    cameras = pose.position_enu_m + shared[:, POSITION]
-    planes = elevation_m + shared[:, ELEVATION]
+    cameras = seen.pose.position_enu_m + shared[:, POSITION]
+    elevations = seen.elevation_m + shared[:, ELEVATION]
+    if seen.surface is None:
+        points = _meet_level(cameras, directions, elevations)
+    else:
+        points = seen.surface.meet(cameras[:, None], directions, elevations[:, None]).points_enu_m
+    return Sight(cameras, directions, points)
+
+
+def _meet_level(cameras: FloatArray, directions: FloatArray, elevations: FloatArray) -> FloatArray:
     down = directions[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = (planes - cameras[:, 2])[:, None] / down
+        reach = (elevations - cameras[:, 2])[:, None] / down
         points = cameras[:, None] + reach[..., None] * directions
     points[(down >= 0) | (reach <= 0)] = np.nan
-    return Sight(cameras, directions, points)
+    return points
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, FOCAL, POSITION, PRINCIPAL_POINT, SHARED, GroundPoints
+from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, GroundPoints, shared_count
+from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import Ellipse95
@@ -18,7 +19,7 @@ CHI2_2D_95 = 5.991464547107979
 
 
 def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: FloatLike) -> FloatArray:
-    """``(..., 10, 10)`` covariance of the errors that all points have in common, ordered as in ``projection``.
+    """``(..., s, s)`` covariance of the errors that all points have in common, ordered as in ``projection``.
 
     A stamp that is off by ``dt`` is a pose that is off by ``dt`` times the camera's motion.
 
@@ -28,16 +29,16 @@ def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: FloatLike) ->
         elevation_std_m: ``(...)``.
     """
     motion = np.concatenate([pose.velocity_enu_mps, pose.rate_cam_radps])
-    cov = np.zeros((*np.shape(elevation_std_m), SHARED, SHARED))
+    count = shared_count(camera)
+    cov = np.zeros((*np.shape(elevation_std_m), count, count))
     cov[..., :6, :6] = pose.cov + pose.time_std_s**2 * motion[:, None] * motion
-    cov[..., FOCAL, FOCAL] = (camera.std.focal_px / camera.fx_px) ** 2
-    cov[..., PRINCIPAL_POINT, PRINCIPAL_POINT] = np.eye(2) * camera.std.principal_point_px**2
     cov[..., ELEVATION, ELEVATION] = np.square(elevation_std_m)
+    cov[..., INTRINSICS, INTRINSICS] = intrinsics_covariance(camera)
     return cov
 
 
 def point_covariances(ground: GroundPoints, shared_cov: FloatArray, std_px: FloatArray) -> FloatArray:
-    """``(k, 3, 3)`` ENU covariance (m^2) of each of the points, with ``shared_cov (k, 10, 10)``, ``std_px (k,)``."""
+    """``(k, 3, 3)`` ENU covariance (m^2) of each of the points, with ``shared_cov (k, s, s)``, ``std_px (k,)``."""
     jac, own = ground.jac_shared, ground.jac_px
     by_pixel = np.square(std_px)[:, None, None] * own @ own.swapaxes(-1, -2)
     return np.asarray(jac @ shared_cov @ jac.swapaxes(-1, -2) + by_pixel)

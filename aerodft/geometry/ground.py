@@ -53,6 +53,11 @@ class Plane:
         normal = np.array([back * math.sin(uphill_azimuth_rad), back * math.cos(uphill_azimuth_rad), up])
         return cls(normal, float(normal @ np.asarray(point_enu_m, dtype=np.float64)))
 
+    @property
+    def has_edges(self) -> bool:
+        """A plane has none."""
+        return False
+
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> "GroundHits":
         """As ``Ground.meet``; the horizon is the plane's own."""
         raised = self.offset_m + np.asarray(elevation_m, dtype=np.float64) * self.normal_enu[2]
@@ -85,6 +90,11 @@ class GroundHits:
 
 class Ground(Protocol):
     """Ground that is not level: a ``Plane``, or ``terrain.Terrain``."""
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether rays next to each other may meet ground far apart, of which no derivative knows."""
+        ...
 
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
         """Meet rays with the surface ``elevation_m (...)`` above the ground; as ``meet_level`` otherwise."""

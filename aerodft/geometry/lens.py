@@ -30,13 +30,11 @@ class Rays:
 
     Attributes:
         rays_cam: ``(..., 3)``, not normalised; NaN where the lens model has no inverse.
-        jac_px: ``(..., 3, 2)`` derivative by the pixel. By the principal point it is the opposite.
-        jac_focal: ``(..., 3)`` derivative by the relative focal length (fx and fy together).
+        jac_px: ``(..., 3, 2)`` derivative by the pixel; by the intrinsics see ``intrinsics.rays_by_intrinsics``.
     """
 
     rays_cam: FloatArray
     jac_px: FloatArray
-    jac_focal: FloatArray
 
 
 def rays_from_pixels(camera: Camera, pixels_px: FloatArray) -> FloatArray:
@@ -53,7 +51,7 @@ def rays_with_jacobian(camera: Camera, pixels_px: FloatArray) -> Rays:
 @lru_cache(maxsize=64)
 def _remembered_rays(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> Rays:
     rays = _rays(camera, np.frombuffer(pixels).reshape(shape))
-    for array in (rays.rays_cam, rays.jac_px, rays.jac_focal):
+    for array in (rays.rays_cam, rays.jac_px):
         array.setflags(write=False)
     return rays
 
@@ -62,10 +60,10 @@ def _rays(camera: Camera, pixels_px: FloatArray) -> Rays:
     focal = np.array([camera.fx_px, camera.fy_px])
     distorted = (pixels_px - [camera.cx_px, camera.cy_px]) / focal
     if camera.lens is LensModel.FISHEYE:
-        rays, jac = _fisheye_rays(_padded(camera, 4), distorted)
+        rays, jac = _fisheye_rays(padded(camera, 4), distorted)
     else:
-        rays, jac = _brown_rays(_padded(camera, 8), distorted)
-    return Rays(rays, jac / focal, -np.einsum("...ij,...j->...i", jac, distorted))
+        rays, jac = _brown_rays(padded(camera, 8), distorted)
+    return Rays(rays, jac / focal)
 
 
 def pixels_from_rays(camera: Camera, rays_cam: FloatArray) -> FloatArray:
@@ -77,20 +75,21 @@ def pixels_from_rays(camera: Camera, rays_cam: FloatArray) -> FloatArray:
     sideways = np.hypot(rays[..., 0], rays[..., 1])
     with np.errstate(invalid="ignore", divide="ignore"):
         if camera.lens is LensModel.FISHEYE:
-            coefficients = _padded(camera, 4)
+            coefficients = padded(camera, 4)
             angle = np.arctan2(sideways, rays[..., 2])
             valid = angle <= _fisheye_limit(coefficients)
             scale = np.where(sideways > 0, _fisheye_polynomial(coefficients)(angle) / sideways, 1 / rays[..., 2])
             distorted = rays[..., :2] * scale[..., None]
         else:
-            coefficients = _padded(camera, 8)
+            coefficients = padded(camera, 8)
             valid = (rays[..., 2] > 0) & (sideways <= _brown_limit(coefficients) * rays[..., 2])
             distorted, _ = _brown(coefficients, rays[..., :2] / rays[..., 2:])
     pixels = distorted * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
     return np.where(valid[..., None], pixels, np.nan)
 
 
-def _padded(camera: Camera, count: int) -> tuple[float, ...]:
+def padded(camera: Camera, count: int) -> tuple[float, ...]:
+    """The camera's distortion coefficients, zeros for those that it does not have."""
     return (*camera.distortion, *([0.0] * (count - len(camera.distortion))))
 
 

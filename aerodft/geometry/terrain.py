@@ -80,6 +80,11 @@ class Terrain:
     grid: ElevationGrid
     refraction: float = STANDARD_REFRACTION
 
+    @property
+    def has_edges(self) -> bool:
+        """Ridges hide what is behind them."""
+        return True
+
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
         """As ``meet_terrain``."""
         grid, refraction = self.grid, self.refraction

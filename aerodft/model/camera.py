@@ -17,17 +17,26 @@ _COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraStd:
-    """Standard deviations of the intrinsics, in pixels; 0 means taken as exact."""
+    """Standard deviations of the intrinsics; 0 means taken as exact.
+
+    Attributes:
+        focal_px: Of fx; fy is off by the same share.
+        principal_point_px: Of cx and of cy.
+        distortion: Of each coefficient; empty where all are taken as exact.
+    """
 
     focal_px: float = 0.0
     principal_point_px: float = 0.0
+    distortion: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
     """A camera in one mode (size, crop, zoom).
 
-    Pixel (0, 0) is the centre of the top-left pixel; the image spans -0.5 to W - 0.5.
+    Pixel (0, 0) is the centre of the top-left pixel; the image spans -0.5 to W - 0.5. ``covariance`` is that of fx, fy,
+    cx, cy and the distortion coefficients, in rows, as a lens calibration gives it; where it is there, it takes the
+    place of ``std``.
     """
 
     name: str
@@ -40,6 +49,7 @@ class Camera:
     lens: LensModel = LensModel.BROWN
     distortion: tuple[float, ...] = ()
     std: CameraStd = field(default_factory=CameraStd)
+    covariance: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -51,6 +61,11 @@ class Camera:
                 f"{len(self.distortion)} distortion coefficients for a {self.lens} lens,"
                 f" must be one of {_COEFFICIENTS[self.lens]}"
             )
+        wanted = 4 + len(self.distortion)
+        if self.covariance and {len(self.covariance), *map(len, self.covariance)} != {wanted}:
+            raise ValueError(f"covariance of {len(self.covariance)} rows, must be {wanted} of {wanted}")
+        if len(self.std.distortion) not in (0, len(self.distortion)):
+            raise ValueError(f"{len(self.std.distortion)} stds of {len(self.distortion)} distortion coefficients")
 
     @classmethod
     def from_fov(cls, *, name: str, width_px: int, height_px: int, hfov_rad: float, vfov_rad: float) -> "Camera":

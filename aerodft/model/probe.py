@@ -14,6 +14,7 @@ class ProbeKind(StrEnum):
     LENGTH = "length"
     AREA = "area"
     HEIGHT = "height"
+    BEARING = "bearing"
 
 
 class PixelSource(StrEnum):
@@ -30,6 +31,7 @@ _PIXELS = {
     ProbeKind.DISTANCE: (2, 2),
     ProbeKind.WIDTH: (2, 2),
     ProbeKind.HEIGHT: (2, 2),  # base, then top
+    ProbeKind.BEARING: (1, 2),  # of a ray, or from the first point to the second
     ProbeKind.LENGTH: (2, _MOST),
     ProbeKind.AREA: (3, _MOST),
 }

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from aerodft.dft.measure import Request, Setup, measure
-from aerodft.dft.projection import SHARED
+from aerodft.dft.projection import shared_count
 from aerodft.dft.sampling import standard_draws
 from aerodft.model.batch import Batch
 from aerodft.model.image import Image, StampClock
@@ -76,7 +76,7 @@ class Pipeline:
         self._jobs: deque[_Job] = deque()
         self._images: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED_IMAGES)
         self._last_pose: PoseSample | None = None
-        standard_draws(SHARED + 2)  # loads now what would hold up the first measurement near the horizon
+        standard_draws(shared_count(settings.camera) + 2)  # loads now what would hold up a measurement near the horizon
         self._lock = threading.Lock()  # between the ticks and the questions from outside
 
     @property

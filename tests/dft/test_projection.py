@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.projection import POSITION, ROTATION, SHARED, project
+from aerodft.dft.projection import ELEVATION, POSITION, ROTATION, project, shared_count
+from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, CameraStd, LensModel
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from aerodft.model.status import CODES, Status
@@ -88,17 +89,34 @@ def perturbed(pose, shift):
     return Pose(position_enu_m=pose.position_enu_m + shift[POSITION], wxyz=multiply(pose.wxyz, turn))
 
 
-def perturbed_camera(shift):
-    zoom = 1 + shift[6]
+def perturbed_camera(lens, shift):
+    fx, fy, cx, cy = shift[7:11]
+    bent = tuple(np.array(lens.distortion) + shift[11:]) if len(shift) > 11 else lens.distortion
     return replace(
-        camera,
-        fx_px=camera.fx_px * zoom,
-        fy_px=camera.fy_px * zoom,
-        cx_px=camera.cx_px + shift[7],
-        cy_px=camera.cy_px + shift[8],
+        lens,
+        fx_px=lens.fx_px + fx,
+        fy_px=lens.fy_px + fy,
+        cx_px=lens.cx_px + cx,
+        cy_px=lens.cy_px + cy,
+        distortion=bent,
     )
 
 
+def uncertain(lens):
+    return replace(lens, std=CameraStd(distortion=(0.001,) * len(lens.distortion)))
+
+
+LENSES = {
+    "brown": uncertain(camera),
+    "rational": uncertain(replace(camera, distortion=(0.3, -0.1, 1e-3, -1e-3, 0.02, 0.35, -0.08, 0.01))),
+    "fisheye": uncertain(replace(camera, lens=LensModel.FISHEYE, distortion=(0.05, -0.01, 0.004, -0.001))),
+    "exact": camera,
+}
+GROUNDS = {"level": None, "slope": Plane.sloping([3.0, 1.0, 2.0], 0.2, 1.0)}
+
+
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
+@pytest.mark.parametrize("surface", GROUNDS.values(), ids=GROUNDS)
 @given(
     tilt=st.floats(0, 1.1),
     roll=st.floats(-0.5, 0.5),
@@ -106,24 +124,43 @@ def perturbed_camera(shift):
     u=st.floats(0, 1919),
     v=st.floats(300, 1079),
 )
-@settings(max_examples=60, deadline=None)
-def test_pinhole_jacobian_is_the_finite_difference(tilt, roll, heading, u, v):
+@settings(max_examples=25, deadline=None)
+def test_pinhole_jacobian_is_the_finite_difference(lens, surface, tilt, roll, heading, u, v):
     pose = camera_pose(height_agl_m=50.0, tilt_rad=tilt, roll_rad=roll, heading_rad=heading)
     pixels, step = np.array([[u, v]]), 1e-6
-    ground = project(camera, pose, pixels, 1.0, PINHOLE)
-    assume(ground.status[0] == 0 and ground.depression_rad[0] > math.radians(5))
-    for column in range(SHARED):
-        shift = step * np.eye(SHARED)[column]
+    ground = project(lens, pose, pixels, 1.0, PINHOLE, surface)
+    assume(ground.status[0] == 0 and np.linalg.norm(ground.points_enu_m - pose.position_enu_m) < 400)
+    for column in range(shared_count(lens)):
+        shift = step * np.eye(shared_count(lens))[column]
         ends = [
-            project(perturbed_camera(s), perturbed(pose, s), pixels, 1.0 + s[9], PINHOLE).points_enu_m
+            project(
+                perturbed_camera(lens, s), perturbed(pose, s), pixels, 1.0 + s[ELEVATION], PINHOLE, surface
+            ).points_enu_m
+            for s in (shift, -shift)
+        ]
+        want = (ends[0] - ends[1])[0] / (2 * step)
+        assert_allclose(ground.jac_shared[0, :, column], want, rtol=2e-5, atol=1e-3, err_msg=f"column {column}")
+    for axis in (0, 1):
+        shift = step * np.eye(2)[axis]
+        ends = [project(lens, pose, pixels + s, 1.0, PINHOLE, surface).points_enu_m for s in (shift, -shift)]
+        assert_allclose(ground.jac_px[0, :, axis], (ends[0] - ends[1])[0] / (2 * step), rtol=1e-5, atol=1e-5)
+
+
+@given(tilt=st.floats(0.1, 1.0), heading=st.floats(0, 6.28), u=st.floats(0, 1919), v=st.floats(300, 1079))
+@settings(max_examples=40, deadline=None)
+def test_the_papers_jacobian_is_the_finite_difference(tilt, heading, u, v):
+    plain = Camera.from_fov(name="p", width_px=1920, height_px=1080, hfov_rad=1.1, vfov_rad=0.7)
+    pose = camera_pose(height_agl_m=50.0, tilt_rad=tilt, heading_rad=heading)
+    pixels, step, columns = np.array([[u, v]]), 1e-6, (0, 1, 2, 3, ELEVATION, 7, 8)
+    ground = project(plain, pose, pixels, 1.0, DFT)
+    for column in columns:
+        shift = step * np.eye(shared_count(plain))[column]
+        ends = [
+            project(perturbed_camera(plain, s), perturbed(pose, s), pixels, 1.0 + s[ELEVATION], DFT).points_enu_m
             for s in (shift, -shift)
         ]
         want = (ends[0] - ends[1])[0] / (2 * step)
         assert_allclose(ground.jac_shared[0, :, column], want, rtol=1e-5, atol=1e-4, err_msg=f"column {column}")
-    for axis in (0, 1):
-        shift = step * np.eye(2)[axis]
-        ends = [project(camera, pose, pixels + s, 1.0, PINHOLE).points_enu_m for s in (shift, -shift)]
-        assert_allclose(ground.jac_px[0, :, axis], (ends[0] - ends[1])[0] / (2 * step), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("model", [PINHOLE, DFT])

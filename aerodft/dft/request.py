@@ -1,0 +1,45 @@
+"""What is asked of the engine: the station's circumstances, and one probe with its pixels."""
+
+from dataclasses import dataclass
+from typing import Optional
+
+from aerodft.geometry.ground import Ground
+from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.probe import Probe
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """What all measurements of a station share.
+
+    Attributes:
+        camera: The camera.
+        model: Projection model.
+        ground: What probes' elevations are counted from; None for the level plane at 0. The dft model knows no other.
+        max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
+        config_id: Named in every measurement.
+    """
+
+    camera: Camera
+    model: ProjectionModel = ProjectionModel.PINHOLE
+    ground: Ground | None = None
+    max_range_m: float | None = None
+    config_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """One probe with the pixels that it has in this image.
+
+    Attributes:
+        probe: The probe.
+        pixels: Its pixels.
+        std_px: Of each pixel coordinate.
+        on_top_of: A ``height`` in the same image: the probe lies in the level plane through that object's top.
+    """
+
+    probe: Probe
+    pixels: tuple[tuple[float, float], ...]
+    std_px: float
+    on_top_of: Optional["Request"] = None

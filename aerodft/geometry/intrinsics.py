@@ -1,0 +1,93 @@
+"""How pixels depend on the intrinsics, and how well these are known.
+
+Parameters are ordered as OpenCV's calibrations have them: fx, fy, cx, cy, then the distortion coefficients.
+"""
+
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from aerodft.geometry.lens import padded, rays_with_jacobian
+from aerodft.model.arrays import FloatArray, read_only
+from aerodft.model.camera import Camera, LensModel
+
+PINHOLE_PARAMETERS: Final = 4
+"""fx, fy, cx, cy: all that is uncertain where distortion is taken as exact."""
+
+_FEW = 512  # coordinates of an image's fixed probes, at most
+
+
+@lru_cache(maxsize=16)
+def intrinsics_covariance(camera: Camera) -> FloatArray:
+    """``(m, m)`` covariance of the intrinsics; ``m`` is 4 where the distortion is taken as exact.
+
+    From ``camera.covariance`` where there is one; else fx and fy are off together, by the same share, and all others
+    each on its own, as ``camera.std`` says.
+    """
+    if camera.covariance:
+        return read_only(np.array(camera.covariance))
+    std = camera.std
+    bent = std.distortion if any(std.distortion) else ()
+    cov = np.zeros((PINHOLE_PARAMETERS + len(bent), PINHOLE_PARAMETERS + len(bent)))
+    focal = np.array([1.0, camera.fy_px / camera.fx_px]) * std.focal_px
+    cov[:2, :2] = np.outer(focal, focal)
+    cov[2:, 2:] = np.diag(np.square([std.principal_point_px, std.principal_point_px, *bent]))
+    return read_only(cov)
+
+
+def rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
+    """Derivative ``(..., 3, m)`` of the rays (``lens.Rays.rays_cam``) of pixels ``(..., 2)`` by the intrinsics.
+
+    A parameter that would move a ray's pixel by so much moves the pixel's ray as a pixel that is off by the opposite
+    does. Not to be written to: the same few pixels are asked for again.
+    """
+    pixels = np.asarray(pixels_px, dtype=np.float64)
+    if pixels.size > _FEW:
+        return _rays_by_intrinsics(camera, pixels)
+    return _remembered(camera, pixels.shape, pixels.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _remembered(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> FloatArray:
+    return read_only(_rays_by_intrinsics(camera, np.frombuffer(pixels).reshape(shape)))
+
+
+def _rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
+    rays = rays_with_jacobian(camera, pixels_px)
+    count = len(intrinsics_covariance(camera))
+    focal = np.array([camera.fx_px, camera.fy_px])
+    distorted = (pixels_px - [camera.cx_px, camera.cy_px]) / focal
+    moved = np.zeros((*pixels_px.shape, count))  # of the pixel, by the parameter
+    moved[..., 0, 0], moved[..., 1, 1] = distorted[..., 0], distorted[..., 1]
+    moved[..., 0, 2] = moved[..., 1, 3] = 1.0
+    if count > PINHOLE_PARAMETERS:
+        bend = _fisheye_bend if camera.lens is LensModel.FISHEYE else _brown_bend
+        by_coefficients = bend(camera, rays.rays_cam)[..., : len(camera.distortion)]
+        moved[..., PINHOLE_PARAMETERS:] = focal[:, None] * by_coefficients
+    return np.asarray(-rays.jac_px @ moved)
+
+
+def _brown_bend(camera: Camera, rays_cam: FloatArray) -> FloatArray:
+    """Derivative ``(..., 2, 8)`` of the distorted by the coefficients, rays with a third component of 1."""
+    k1, k2, _, _, k3, k4, k5, k6 = padded(camera, 8)
+    x, y = rays_cam[..., 0], rays_cam[..., 1]
+    s = x * x + y * y
+    over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
+    powers = np.stack([s, s * s, s**3], axis=-1) / under[..., None]
+    above, below = powers, -powers * (over / under)[..., None]
+    by = np.empty((*x.shape, 2, 8))
+    for axis, along in enumerate((x, y)):
+        by[..., axis, [0, 1, 4]] = along[..., None] * above
+        by[..., axis, [5, 6, 7]] = along[..., None] * below
+    by[..., 0, 2] = by[..., 1, 3] = 2 * x * y
+    by[..., 1, 2], by[..., 0, 3] = s + 2 * y * y, s + 2 * x * x
+    return by
+
+
+def _fisheye_bend(_: Camera, rays_cam: FloatArray) -> FloatArray:
+    """Derivative ``(..., 2, 4)`` of the distorted by the coefficients."""
+    sideways = np.hypot(rays_cam[..., 0], rays_cam[..., 1])
+    angle = np.arctan2(sideways, rays_cam[..., 2])
+    outward = rays_cam[..., :2] / np.where(sideways > 0, sideways, 1.0)[..., None]
+    return np.asarray(outward[..., None] * angle[..., None, None] ** np.array([3, 5, 7, 9]))

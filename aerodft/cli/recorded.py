@@ -111,6 +111,7 @@ def recorded_setup(folder: Path, at: str) -> tuple[Setup, PoseSample]:
     setup = Setup(
         camera=settings.camera,
         model=settings.model,
+        ground=settings.ground,
         max_range_m=settings.max_range_m,
         config_id=settings.config_id,
     )

@@ -1,12 +1,13 @@
 """What is asked of the engine: the station's circumstances, and one probe with its pixels."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Optional
 
 from aerodft.geometry.ground import Ground
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
-from aerodft.model.probe import Probe
+from aerodft.model.probe import Probe, ProbeKind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,3 +44,32 @@ class Request:
     pixels: tuple[tuple[float, float], ...]
     std_px: float
     on_top_of: Optional["Request"] = None
+
+
+def linked(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tuple[Request, ...]:
+    """The requests, each with what its probe says that it lies on top of.
+
+    Args:
+        requests: Of one image.
+        heights: More of the same image, to lie on top of.
+
+    Raises:
+        ValueError: There is no such ``height`` in the image, or it lies on top of something itself.
+    """
+    requests = tuple(requests)
+    standing = {
+        request.probe.name: request
+        for request in (*heights, *requests)
+        if request.probe.kind is ProbeKind.HEIGHT and request.probe.on_top_of is None
+    }
+    return tuple(_linked(request, standing) for request in requests)
+
+
+def _linked(request: Request, standing: dict[str, Request]) -> Request:
+    name = request.probe.on_top_of
+    if name is None:
+        return request
+    if name not in standing:
+        got = f"got {', '.join(standing)}" if standing else "got none"
+        raise ValueError(f"probe {request.probe.name} lies on top of {name}: {got}, expected a height on the ground")
+    return replace(request, on_top_of=standing[name])

@@ -59,8 +59,10 @@ class Probe:
         source: Fixed pixels, or pixels that somebody observes.
         pixels: ``((u, v), ...)`` for a fixed probe, else empty.
         std_px: Standard deviation of each pixel coordinate, unless the observation brings its own.
-        elevation_m: Height of the measured plane above the height's datum plane.
+        elevation_m: Height of the measured surface above the ground; level ground is the height's datum plane.
         elevation_std_m: Its standard deviation, shared by all points of the probe.
+        on_top_of: Name of a ``height`` in the same image: the probe lies in the level plane through that object's top,
+            ``elevation_m`` is 0.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Probe:
     std_px: float = 1.0
     elevation_m: float = 0.0
     elevation_std_m: float = 0.0
+    on_top_of: str | None = None
 
     def __post_init__(self) -> None:
         if self.source is PixelSource.FIXED and not takes_pixels(self.kind, len(self.pixels)):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.projection import shared_count
+from aerodft.dft.request import linked
 from aerodft.dft.sampling import standard_draws
 from aerodft.model.batch import Batch
 from aerodft.model.image import Image, StampClock
@@ -63,13 +64,13 @@ class Pipeline:
         self._setup = Setup(
             camera=settings.camera,
             model=settings.model,
+            ground=settings.ground,
             max_range_m=settings.max_range_m,
             config_id=settings.config_id,
         )
         self._observed = {p.name: p for p in settings.probes if p.source is PixelSource.OBSERVED}
-        self._fixed = tuple(
-            Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in settings.probes if p.source is PixelSource.FIXED
-        )
+        fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
+        self._fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         telemetry = settings.telemetry or TelemetrySettings()
         self._wait_ns = telemetry.wait_ns
         self._poses = PoseSource(telemetry, origin=settings.origin, time_std_s=settings.time_std_s)
@@ -199,7 +200,7 @@ class Pipeline:
         observation = self._linked(job.subject)
         probe = self._observed[observation.name]
         request = Request(probe=probe, pixels=observation.pixels, std_px=observation.std_px or probe.std_px)
-        return [observation, *measure(self._setup, sample, (request,), observation.image)]
+        return [observation, *measure(self._setup, sample, linked([request], self._fixed), observation.image)]
 
     def _awaits_image(self, job: _Job) -> bool:
         """Whether an observation was faster than the image that it was made in."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from aerodft.conventions import SECOND_NS
+from aerodft.geometry.ground import Ground
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
@@ -94,6 +95,7 @@ class PipelineSettings:
         camera: The camera.
         probes: What to measure in every image.
         model: Projection model.
+        ground: What probes' elevations are counted from; None for the level plane at 0.
         telemetry: None for a fixed camera.
         fixed_pose: The fixed camera's pose; None where telemetry gives it.
         origin: ENU origin; None for the first good fix.
@@ -108,6 +110,7 @@ class PipelineSettings:
     camera: Camera
     probes: tuple[Probe, ...]
     model: ProjectionModel = ProjectionModel.PINHOLE
+    ground: Ground | None = None
     telemetry: TelemetrySettings | None = None
     fixed_pose: PoseSample | None = None
     origin: GeoOrigin | None = None

@@ -15,11 +15,13 @@ from aerodft.cli.depth_figure import draw_depth
 from aerodft.cli.output import print_json, say
 from aerodft.dft.depth_map import DepthMap, depth_map
 from aerodft.dft.measure import Setup
-from aerodft.dft.orthophoto import top_view
+from aerodft.dft.orthophoto import Sampling, top_view
 from aerodft.dft.points import to_ground_frame
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.geometry.geodesy import lat_lon
-from aerodft.geometry.outline import footprint, horizon_line
+from aerodft.geometry.ground import Ground, Plane
+from aerodft.geometry.outline import footprint, horizon_line, ring_area
+from aerodft.geometry.terrain import Terrain
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
@@ -38,34 +40,53 @@ class _Scene:
     camera: Camera
     pose: Pose
     sample: PoseSample
+    ground: Ground | None
+    elevation_m: float
     max_range_m: float
     seen: DepthMap
 
 
-def write_depth(setup: Setup, sample: PoseSample, folder: Path, image: Path | None, *, as_json: bool) -> None:
+def write_depth(
+    setup: Setup,
+    sample: PoseSample,
+    folder: Path,
+    image: Path | None,
+    *,
+    as_json: bool,
+    max_range_m: float | None = None,
+    step_m: float | None = None,
+) -> None:
     """Write depth.npz, depth.png, footprint.geojson and, with an image, its top view; say what was written.
 
     Args:
-        setup: The camera; pinhole only.
+        setup: The camera and the ground; pinhole only.
         sample: The pose.
         folder: Made where it is not there.
         image: The image that was taken; None for no top view.
         as_json: Whether to print one JSON document.
+        max_range_m: Farther ground is left out; None for the station's limit, or ``FARTHEST_HEIGHTS``.
+        step_m: Side of the top view's pixels; None for the image's own sampling distance.
 
     Raises:
-        UsageError: The paper's model was asked for.
+        UsageError: The paper's model was asked for, or a step without an image.
         NoAnswerError: There is no pose, or the image shows no ground.
-        InputError: The image does not fit, or the folder cannot be written.
+        InputError: A length is not above 0, the image does not fit, or the folder cannot be written.
     """
+    if step_m is not None and image is None:
+        raise UsageError("--step without --image", expected="both: it is the side of the top view's pixels")
+    for option, length_m in (("--max-range", max_range_m), ("--step", step_m)):
+        if length_m is not None and not 0 < length_m < math.inf:
+            raise InputError(option, got=f"{length_m:g}", expected="m, above 0")
     if setup.model is not ProjectionModel.PINHOLE:
         raise UsageError("--depth-map with --model dft", expected="the pinhole model")
     pixels = None if image is None else _read_image(image, setup.camera)
-    scene = _scene(setup, sample)
+    scene = _scene(setup, sample, max_range_m)
     document = _document(scene)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _write_arrays(scene, folder / "depth.npz")
-        draw_depth(scene.seen.range_m, horizon_line(scene.camera, scene.pose), folder / "depth.png")
+        title = f"Slant range to {_in_words(document['ground'])}"
+        draw_depth(scene.seen, horizon_line(scene.camera, scene.pose), title, folder / "depth.png")
         (folder / "footprint.geojson").write_bytes(_footprint(scene, document))
     except OSError as error:
         raise InputError(
@@ -76,7 +97,7 @@ def write_depth(setup: Setup, sample: PoseSample, folder: Path, image: Path | No
         ) from error
     names = ["depth.npz", "depth.png", "footprint.geojson"]
     if pixels is not None:
-        document["top_view"], more = _write_top_view(scene, pixels, folder)
+        document["top_view"], more = _write_top_view(scene, pixels, step_m, folder)
         names += more
     document["files"] = [str(folder / name) for name in names]
     if as_json:
@@ -103,20 +124,35 @@ def _read_image(path: Path, camera: Camera) -> ImageArray:
     return pixels
 
 
-def _scene(setup: Setup, sample: PoseSample) -> _Scene:
+def _scene(setup: Setup, sample: PoseSample, max_range_m: float | None) -> _Scene:
     if sample.pose is None or sample.status is not Status.OK:
         raise NoAnswerError("no pose", got=f"{sample.status}: {'; '.join(sample.reasons)}")
     pose = sample.pose
-    height = float(pose.position_enu_m[2])
-    limit = FARTHEST_HEIGHTS * height if setup.max_range_m is None else setup.max_range_m
-    seen = depth_map(setup.camera, pose, max_range_m=limit)
+    ground: Ground | None = getattr(setup, "ground", None)
+    elevation_m: float = getattr(setup, "elevation_m", 0.0)
+    limit = setup.max_range_m if max_range_m is None else max_range_m
+    if limit is None:
+        limit = FARTHEST_HEIGHTS * _height_above(ground, elevation_m, pose)
+    seen = depth_map(setup.camera, pose, elevation_m, limit, ground)
     if np.all(np.isnan(seen.range_m)):
+        hint = "the camera looks too far up, or the ground is farther"
         raise NoAnswerError(
             "the image shows no ground",
             got=f"none within {limit:.0f} m",
-            hint="the camera looks too far up, or the ground is farther",
+            hint=f"{hint}, or the terrain ends before" if isinstance(ground, Terrain) else hint,
         )
-    return _Scene(setup.camera, pose, sample, limit, seen)
+    return _Scene(setup.camera, pose, sample, ground, elevation_m, limit, seen)
+
+
+def _height_above(ground: Ground | None, elevation_m: float, pose: Pose) -> float:
+    """Of the camera above the ground below it; above the elevation 0 where terrain has no height there."""
+    camera_m, foot_m = float(pose.position_enu_m[2]), elevation_m
+    if ground is not None:
+        below_m = float(ground.height_at(pose.position_enu_m[:2]))
+        foot_m += 0.0 if math.isnan(below_m) else below_m
+    if camera_m <= foot_m:
+        raise NoAnswerError("the camera is not above the ground", got=f"{camera_m:.2f} m over ground at {foot_m:.2f} m")
+    return camera_m - foot_m
 
 
 def _document(scene: _Scene) -> dict[str, Any]:
@@ -126,31 +162,68 @@ def _document(scene: _Scene) -> dict[str, Any]:
     return {
         "schema": "aerodft.depth/1",
         "camera": scene.camera.name,
+        "ground": _about_ground(scene.ground, scene.elevation_m),
         "max_range_m": scene.max_range_m,
         "ground_share": float(np.mean(~np.isnan(seen.range_m))),
         "range_m": [float(np.nanmin(seen.range_m)), float(np.nanmax(seen.range_m))],
+        "z_m": [float(np.nanmin(seen.z_m)), float(np.nanmax(seen.z_m))],
         "gsd_m": {"min": low, "median": middle, "max": high},
         "horizon_px": [line.tolist() for line in lines] or None,
         "footprint_area_m2": None,
         "top_view": None,
+        "notes": _notes(scene),
         "files": [],
     }
+
+
+def _about_ground(ground: Ground | None, elevation_m: float) -> dict[str, Any]:
+    about: dict[str, Any] = {"kind": "level", "elevation_m": elevation_m}
+    if isinstance(ground, Plane):
+        east, north, up = ground.normal_enu.tolist()
+        uphill = math.degrees(math.atan2(-east, -north)) % 360.0
+        slope = math.degrees(math.atan2(math.hypot(east, north), up))
+        about |= {"kind": "slope", "slope_deg": slope, "uphill_deg": uphill}
+    elif isinstance(ground, Terrain):
+        about |= {"kind": "terrain", "cell_m": ground.grid.cell_m, "refraction": ground.refraction}
+    return about
+
+
+def _in_words(ground: dict[str, Any]) -> str:
+    if ground["kind"] == "slope":
+        words = f"ground that rises by {ground['slope_deg']:.3g} deg towards azimuth {ground['uphill_deg']:.3g} deg"
+    elif ground["kind"] == "terrain":
+        words = f"terrain of {ground['cell_m']:.3g} m cells"
+    else:
+        return f"level ground at {ground['elevation_m']:g} m" if ground["elevation_m"] else "level ground"
+    return f"what is {ground['elevation_m']:g} m above {words}" if ground["elevation_m"] else words
+
+
+def _notes(scene: _Scene) -> list[str]:
+    if scene.ground is None:
+        return []
+    notes = ["gsd_m is the sampling of the surface itself, footprint_area_m2 the area on the map"]
+    if isinstance(scene.ground, Terrain):
+        notes.append("ground that is hidden from the camera is not cut out of the footprint")
+    return notes
 
 
 def _write_arrays(scene: _Scene, path: Path) -> None:
     seen = scene.seen
     east_m, north_m = seen.east_north_m()
-    np.savez(path, range_m=seen.range_m, x_m=seen.x_m, y_m=seen.y_m, east_m=east_m, north_m=north_m, gsd_m=seen.gsd_m)
+    x_m, y_m, z_m = seen.x_m, seen.y_m, seen.z_m
+    np.savez(path, range_m=seen.range_m, x_m=x_m, y_m=y_m, z_m=z_m, east_m=east_m, north_m=north_m, gsd_m=seen.gsd_m)
 
 
 def _footprint(scene: _Scene, document: dict[str, Any]) -> bytes:
     """GeoJSON in WGS84 where the place is known, else in the ground frame; enters the area into the document."""
-    corners = footprint(scene.camera, scene.pose, scene.max_range_m)
+    corners = footprint(scene.camera, scene.pose, scene.max_range_m, scene.elevation_m, scene.ground)
     features = []
-    if corners is not None:
-        document["footprint_area_m2"] = _area(corners)
+    if corners is None:
+        document["notes"].append("footprint.geojson is empty: what the image shows of the ground has no outline")
+    else:
+        document["footprint_area_m2"] = ring_area(corners)
         ring = _places(scene, corners)
-        properties = {"camera": scene.camera.name, "area_m2": _area(corners), "max_range_m": scene.max_range_m}
+        properties = {"camera": scene.camera.name, "area_m2": ring_area(corners), "max_range_m": scene.max_range_m}
         if scene.sample.origin is None:
             properties["coordinates"] = "ground frame: X right, Y ahead of the camera, m"
         geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
@@ -167,14 +240,11 @@ def _places(scene: _Scene, corners_en_m: FloatArray) -> list[list[float]]:
     return places
 
 
-def _area(corners_m: FloatArray) -> float:
-    away = corners_m - corners_m[0]
-    x, y = away[:, 0], away[:, 1]
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
-def _write_top_view(scene: _Scene, pixels: ImageArray, folder: Path) -> tuple[dict[str, Any], list[str]]:
-    view = top_view(pixels, scene.camera, scene.pose, max_range_m=scene.max_range_m)
+def _write_top_view(
+    scene: _Scene, pixels: ImageArray, step_m: float | None, folder: Path
+) -> tuple[dict[str, Any], list[str]]:
+    sampling = Sampling(step_m=step_m, max_range_m=scene.max_range_m)
+    view = top_view(pixels, scene.camera, scene.pose, sampling, elevation_m=scene.elevation_m, ground=scene.ground)
     if view is None:
         raise NoAnswerError("the image shows no ground", where=folder)
     about = write_top_view(view, scene.sample.origin, folder)
@@ -194,5 +264,10 @@ def _say(document: dict[str, Any]) -> None:
         f"{100 * document['ground_share']:.0f} % of the image shows ground, {near:.4g} to {far:.4g} m away, sampled"
         f" every {gsd['median']:.3g} m in the median ({gsd['min']:.3g} to {gsd['max']:.3g}); {horizon}"
     )
+    if document["ground"]["kind"] != "level":
+        low, high = document["z_m"]
+        say(f"the ground: {_in_words(document['ground'])}; from {low:.4g} to {high:.4g} m high where it is seen")
+    for note in document["notes"]:
+        say(note)
     for file in document["files"]:
         say(f"wrote {file}")

@@ -6,7 +6,7 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.geometry.dense import Float32Array
+from aerodft.dft.depth_map import DepthMap
 from aerodft.model.arrays import FloatArray
 
 mpl.use("Agg")
@@ -18,21 +18,22 @@ _MOST_PX = 2000  # columns that are drawn; a picture has no room for more
 _LOG_FROM: Final = 8.0  # ratio of the ranges' ends from which equal factors, not equal metres, get equal colours
 
 
-def draw_depth(range_m: Float32Array, horizon_px: tuple[FloatArray, ...], path: Path) -> None:
-    """Draw slant ranges ``(height, width)``, NaN in grey, with the horizon's polylines."""
-    height, width = range_m.shape
+def draw_depth(seen: DepthMap, horizon_px: tuple[FloatArray, ...], title: str, path: Path) -> None:
+    """Draw slant ranges, misses in grey, with the horizon's polylines."""
+    height, width = seen.range_m.shape
     step = max(1, width // _MOST_PX)
+    range_m = seen.range_m[::step, ::step]
     near, far = float(np.nanmin(range_m)), float(np.nanmax(range_m))
     norm = LogNorm(near, far) if far > _LOG_FROM * near else Normalize(near, far)
     colours = mpl.colormaps["viridis_r"].with_extremes(bad="0.8")
     figure, axes = plt.subplots(figsize=(_WIDTH_IN, 1.0 + 0.82 * _WIDTH_IN * height / width))
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-    drawn = axes.imshow(range_m[::step, ::step], cmap=colours, norm=norm, extent=extent, interpolation="nearest")
+    drawn = axes.imshow(range_m, cmap=colours, norm=norm, extent=extent, interpolation="nearest")
     for line in horizon_px:
         axes.plot(line[:, 0], line[:, 1], color="tab:red", linewidth=1.5, label="horizon")
     if horizon_px:
         axes.legend(handles=axes.lines[:1], loc="lower right", fontsize="small")
-    axes.set(xlabel="u (px)", ylabel="v (px)", title="Slant range to level ground", xlim=extent[:2], ylim=extent[2:])
+    axes.set(xlabel="u (px)", ylabel="v (px)", title=title, xlim=extent[:2], ylim=extent[2:])
     bar = axes.inset_axes((1.02, 0.0, 0.025, 1.0))
     figure.colorbar(drawn, cax=bar, label="slant range (m)", format="{x:g}")
     figure.savefig(path, dpi=_DPI, bbox_inches="tight")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aerodft.dft.depth_map import depth_map
-from aerodft.dft.orthophoto import COARSEST, top_view
+from aerodft.dft.orthophoto import COARSEST, Sampling, top_view
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
 from aerodft.sim.render import Imaging, Renderer
@@ -93,12 +93,12 @@ def test_the_step_is_the_images_own_unless_given():
     image, pose = scene(30)
     own = float(np.median(depth_map(CAMERA, pose).gsd_m))
     assert top_view(image, CAMERA, pose).step_m == pytest.approx(own)
-    fine, coarse = top_view(image, CAMERA, pose, step_m=0.05), top_view(image, CAMERA, pose, step_m=0.5)
+    fine, coarse = (top_view(image, CAMERA, pose, Sampling(step_m=step_m)) for step_m in (0.05, 0.5))
     assert (fine.step_m, coarse.step_m) == (0.05, 0.5)
     areas = [np.count_nonzero(view.pixels[..., 3]) * view.step_m**2 for view in (fine, coarse)]
     assert areas[0] == pytest.approx(float(np.sum(depth_map(CAMERA, pose).gsd_m.astype(float) ** 2)), rel=0.01)
     assert areas[1] == pytest.approx(areas[0], rel=0.02)
-    tiny = top_view(image, CAMERA, pose, step_m=0.001, most_pixels=100_000)
+    tiny = top_view(image, CAMERA, pose, Sampling(step_m=0.001, most_pixels=100_000))
     assert 90_000 < tiny.pixels[..., 0].size < 103_000
 
 
@@ -111,7 +111,7 @@ def test_ground_near_the_horizon_is_left_out():
     away = np.hypot(*(at_en_m(view, np.stack([columns, rows], axis=-1)) - pose.position_enu_m[:2]).T)
     assert np.hypot(away.max(), 40.0) <= reach
     assert np.hypot(away.max(), 40.0) > 0.97 * reach
-    limited = top_view(image, CAMERA, pose, max_range_m=150.0)
+    limited = top_view(image, CAMERA, pose, Sampling(max_range_m=150.0))
     rows, columns = np.nonzero(limited.pixels[..., 3])
     away = np.hypot(*(at_en_m(limited, np.stack([columns, rows], axis=-1)) - pose.position_enu_m[:2]).T)
     assert np.hypot(away.max(), 40.0) <= 150.0
@@ -123,4 +123,4 @@ def test_a_broken_contract_is_a_value_error():
     with pytest.raises(ValueError, match="expected uint8"):
         top_view(image[:-1], CAMERA, pose)
     with pytest.raises(ValueError, match="expected one above 0"):
-        top_view(image, CAMERA, pose, step_m=0.0)
+        Sampling(step_m=0.0)

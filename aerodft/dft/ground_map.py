@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.geometry.dense import meet_straight
-from aerodft.geometry.lens import rays_from_pixels
+from aerodft.geometry.dense import BrownLens, meet_brown, meet_straight
+from aerodft.geometry.lens import _brown_limit, padded, rays_from_pixels
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
@@ -21,12 +21,14 @@ class GroundMap:
         ground_from_ray: ``(3, 3)``: from rays in camera axes to ENU, in camera heights.
         foot_m: ``(2,)`` east and north below the camera.
         ground_from_pixel: ``(3, 3)``: the same from homogeneous pixels; None for a lens with distortion.
+        brown: What a lens with Brown's distortion is; None for any other.
     """
 
     camera: Camera
     ground_from_ray: FloatArray
     foot_m: FloatArray
     ground_from_pixel: FloatArray | None
+    brown: BrownLens | None
 
     @classmethod
     def at(cls, camera: Camera, pose: Pose, elevation_m: float = 0.0) -> "GroundMap":
@@ -37,17 +39,12 @@ class GroundMap:
         height = float(pose.position_enu_m[2]) - elevation_m
         scale = np.array([height, height, 1.0]) if height > 0 else np.full(3, np.nan)
         ground_from_ray = scale[:, None] * matrix(pose.wxyz)
-        ground_from_pixel = None
-        if camera.lens is LensModel.BROWN and not any(camera.distortion):
-            ray_from_pixel = np.array(
-                [
-                    [1 / camera.fx_px, 0.0, -camera.cx_px / camera.fx_px],
-                    [0.0, 1 / camera.fy_px, -camera.cy_px / camera.fy_px],
-                    [0.0, 0.0, 1.0],
-                ]
-            )
-            ground_from_pixel = ground_from_ray @ ray_from_pixel
-        return cls(camera, ground_from_ray, np.array(pose.position_enu_m[:2]), ground_from_pixel)
+        ground_from_pixel, brown = None, None
+        if is_straight(camera):
+            ground_from_pixel = ground_from_ray @ ray_from_pixel(camera)
+        elif camera.lens is LensModel.BROWN:
+            brown = brown_lens(camera)
+        return cls(camera, ground_from_ray, np.array(pose.position_enu_m[:2]), ground_from_pixel, brown)
 
     def points_en_m(self, pixels_px: FloatArray) -> FloatArray:
         """East and north ``(..., 2)`` of pixels ``(..., 2)``, in the image or beside it.
@@ -55,11 +52,37 @@ class GroundMap:
         NaN at and above the horizon, and beyond the valid part of the lens.
         """
         pixels = np.ascontiguousarray(pixels_px, dtype=np.float64)
-        if self.ground_from_pixel is None:
+        points = np.empty_like(pixels)
+        if self.ground_from_pixel is not None:
+            meet_straight(pixels.reshape(-1, 2), self.ground_from_pixel, self.foot_m, points.reshape(-1, 2))
+        elif self.brown is not None:
+            meet_brown(pixels.reshape(-1, 2), self.brown, self.ground_from_ray, self.foot_m, points.reshape(-1, 2))
+        else:
             rays = rays_from_pixels(self.camera, pixels) @ self.ground_from_ray.T
             with np.errstate(invalid="ignore", divide="ignore"):
                 reach = np.where(rays[..., 2] < 0, -1 / rays[..., 2], np.nan)
-            return np.asarray(self.foot_m + reach[..., None] * rays[..., :2])
-        points = np.empty_like(pixels)
-        meet_straight(pixels.reshape(-1, 2), self.ground_from_pixel, self.foot_m, points.reshape(-1, 2))
+            points[...] = self.foot_m + reach[..., None] * rays[..., :2]
         return points
+
+
+def is_straight(camera: Camera) -> bool:
+    """Whether the lens has no distortion."""
+    return camera.lens is LensModel.BROWN and not any(camera.distortion)
+
+
+def ray_from_pixel(camera: Camera) -> FloatArray:
+    """``(3, 3)``: from homogeneous pixels to rays in camera axes, of a lens without distortion."""
+    return np.array(
+        [
+            [1 / camera.fx_px, 0.0, -camera.cx_px / camera.fx_px],
+            [0.0, 1 / camera.fy_px, -camera.cy_px / camera.fy_px],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def brown_lens(camera: Camera) -> BrownLens:
+    """What the compiled loops have to know of a lens with Brown's distortion."""
+    coefficients = tuple(map(float, padded(camera, 8)))
+    intrinsics = (float(camera.fx_px), float(camera.fy_px), float(camera.cx_px), float(camera.cy_px))
+    return intrinsics, coefficients, _brown_limit(coefficients)

@@ -1,6 +1,7 @@
 """The hot loops over all pixels of an image, and over many pixels at once: undistorted, and met with level ground.
 
-All of them stand in this module: code that is kept on disk is renewed only when its own file changes.
+All of them stand in this module: code that is kept on disk is renewed only when its own file changes. Pairs are taken
+from flat arrays, two numbers a step, and what fails is left to a second loop: so the compiler takes several at once.
 """
 
 import math
@@ -13,12 +14,19 @@ from aerodft.geometry.jit import njit_ieee
 from aerodft.model.arrays import FloatArray
 
 Float32Array: TypeAlias = npt.NDArray[np.float32]
+BrownLens: TypeAlias = tuple[tuple[float, ...], tuple[float, ...], float]
+"""fx, fy, cx and cy; k1, k2, p1, p2, k3, k4, k5, k6; and the radius up to which the model is one to one."""
 
 RAY_X, RAY_Y, RAY_Z, PITCH = 0, 1, 2, 3  # planes of a ray table
 RANGE, X, Y, GSD = 0, 1, 2, 3  # planes of what ``meet_dense`` writes
 
+_DOUBLINGS = 64
+_BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
 _STEPS = 16
 _CONVERGED, _ACCEPTED = 1e-14, 1e-11  # in units of the focal length, as in ``lens``
+_FIRST_STEPS = 5
+_SETTLED = 1e-8  # a step of Newton's that leaves an error of the order of its square
+_BLOCK = 512  # pixels that stay in the nearest cache from one loop to the next
 
 
 @njit_ieee
@@ -70,34 +78,123 @@ def meet_straight(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: 
 
 
 @njit_ieee
+def meet_brown(
+    pixels_px: FloatArray,
+    lens: BrownLens,
+    ground_from_ray: FloatArray,
+    foot_m: FloatArray,
+    out_m: FloatArray,
+) -> None:
+    """As ``meet_straight``, through a lens with Brown's distortion.
+
+    Args:
+        pixels_px: ``(n, 2)``.
+        lens: What it is.
+        ground_from_ray: ``(3, 3)``: ray in camera axes to one whose third component is upwards, in heights.
+        foot_m: ``(2,)`` below the camera.
+        out_m: ``(n, 2)``; NaN for rays that do not go down, and where the model has no inverse.
+    """
+    intrinsics, coefficients, limit = lens
+    size = min(_BLOCK, len(pixels_px))
+    distorted, straight = np.empty((size, 2)), np.empty((size, 2))
+    for first in range(0, len(pixels_px), _BLOCK):
+        count = min(_BLOCK, len(pixels_px) - first)
+        normalise(pixels_px[first : first + count], intrinsics, distorted)
+        undistort(distorted[:count], coefficients, limit, straight)
+        meet_straight(straight[:count], ground_from_ray, foot_m, out_m[first : first + count])
+
+
+@njit_ieee
+def normalise(pixels_px: FloatArray, intrinsics: tuple[float, ...], out: FloatArray) -> None:
+    """Pixels ``(n, 2)`` to ``(n, 2)`` in units of the focal length from the principal point; fx, fy, cx, cy in px."""
+    fx, fy, cx, cy = intrinsics
+    for k in range(len(pixels_px)):
+        out[k, 0], out[k, 1] = (pixels_px[k, 0] - cx) / fx, (pixels_px[k, 1] - cy) / fy
+
+
+@njit_ieee
+def brown(coefficients: tuple[float, ...], x: float, y: float) -> tuple[float, float, float, float, float]:
+    """Brown's distortion, and its derivatives: xd, yd; d xd / dx, d xd / dy = d yd / dx, d yd / dy."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
+    s = x * x + y * y
+    over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
+    radial = over / under
+    slope = (k1 + s * (2 * k2 + s * 3 * k3) - radial * (k4 + s * (2 * k5 + s * 3 * k6))) / under
+    xd = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x)
+    yd = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+    xy = 2 * (x * y * slope + p1 * x + p2 * y)
+    yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+    return xd, yd, xx, xy, yy
+
+
+@njit_ieee
+def _newton(coefficients: tuple[float, ...], xd: float, yd: float, x: float, y: float) -> tuple[float, float, bool]:
+    """Newton's step from ``x, y`` towards the inverse of ``xd, yd``, and whether the model is upright there."""
+    got_x, got_y, xx, xy, yy = brown(coefficients, x, y)
+    det = xx * yy - xy * xy
+    miss_x, miss_y = got_x - xd, got_y - yd
+    return (yy * miss_x - xy * miss_y) / det, (xx * miss_y - xy * miss_x) / det, det > 0.0
+
+
+@njit_ieee
 def undistort(distorted: FloatArray, coefficients: tuple[float, ...], limit: float, out: FloatArray) -> None:
-    """Invert Brown's distortion by Newton's method, started at the distorted point.
+    """Invert Brown's distortion by Newton's method.
 
     Args:
         distorted: ``(n, 2)`` in units of the focal length.
         coefficients: k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV.
         limit: Radius up to which the model is one to one.
-        out: ``(n, 2)``; NaN where it does not converge to a valid point, which does not mean that there is none.
+        out: ``(n, 2)`` or more, of which the first are written; NaN where the model has no inverse.
     """
-    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
+    given, found = distorted.reshape(-1), out.reshape(-1)
     for k in range(len(distorted)):
-        x, y = distorted[k, 0], distorted[k, 1]
-        good = False
-        for _ in range(_STEPS):
-            s = x * x + y * y
-            over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
-            radial = over / under
-            slope = (k1 + s * (2 * k2 + s * 3 * k3) - radial * (k4 + s * (2 * k5 + s * 3 * k6))) / under
-            miss_x = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x) - distorted[k, 0]
-            miss_y = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y - distorted[k, 1]
-            xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-            xy = 2 * (x * y * slope + p1 * x + p2 * y)
-            yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-            det = xx * yy - xy * xy
-            good = (abs(miss_x) < _ACCEPTED) & (abs(miss_y) < _ACCEPTED) & (det > 0.0) & (s <= limit * limit)
-            step_x, step_y = (yy * miss_x - xy * miss_y) / det, (xx * miss_y - xy * miss_x) / det
+        xd, yd = given[2 * k], given[2 * k + 1]
+        x, y, step_x, step_y, upright = xd, yd, 0.0, 0.0, True
+        for _ in range(_FIRST_STEPS):
+            step_x, step_y, upright = _newton(coefficients, xd, yd, x, y)
             x, y = x - step_x, y - step_y
-            if not (abs(step_x) > _CONVERGED or abs(step_y) > _CONVERGED):
-                break
-        out[k, 0] = x if good else math.nan
-        out[k, 1] = y if good else math.nan
+        good = (abs(step_x) < _SETTLED) & (abs(step_y) < _SETTLED) & upright & (x * x + y * y <= limit * limit)
+        found[2 * k] = x if good else math.nan
+        found[2 * k + 1] = y if good else math.nan
+    for k in range(len(distorted)):
+        if math.isnan(found[2 * k]):
+            found[2 * k], found[2 * k + 1] = _undistort_surely(given[2 * k], given[2 * k + 1], coefficients, limit)
+
+
+@njit_ieee
+def _undistort_surely(xd: float, yd: float, coefficients: tuple[float, ...], limit: float) -> tuple[float, float]:
+    """As ``undistort``, started where the radial part alone has its inverse."""
+    radius_d = math.hypot(xd, yd)
+    scale = _radius(radius_d, coefficients, limit) / radius_d if radius_d > 0.0 else 1.0
+    x, y = xd * scale, yd * scale
+    for _ in range(_STEPS):
+        step_x, step_y, _ = _newton(coefficients, xd, yd, x, y)
+        x, y = x - step_x, y - step_y
+        if not (abs(step_x) > _CONVERGED or abs(step_y) > _CONVERGED):
+            break
+    got_x, got_y, xx, xy, yy = brown(coefficients, x, y)
+    near = abs(got_x - xd) < _ACCEPTED and abs(got_y - yd) < _ACCEPTED
+    if near and math.hypot(x, y) <= limit and xx * yy > xy * xy:
+        return x, y
+    return math.nan, math.nan
+
+
+@njit_ieee
+def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> float:
+    """Approximate radius in [0, limit] that is distorted to ``radius_d``; the limit where that is beyond it."""
+    k1, k2, _, _, k3, k4, k5, k6 = coefficients
+    radial_only = (k1, k2, 0.0, 0.0, k3, k4, k5, k6)
+    low, high = 0.0, limit
+    if math.isinf(limit):
+        high = 1.0
+        for _ in range(_DOUBLINGS):
+            if brown(radial_only, high, 0.0)[0] < radius_d:
+                high = 2.0 * high
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2.0
+        if brown(radial_only, middle, 0.0)[0] < radius_d:
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2.0

@@ -244,7 +244,8 @@ def _write_top_view(
     scene: _Scene, pixels: ImageArray, step_m: float | None, folder: Path
 ) -> tuple[dict[str, Any], list[str]]:
     sampling = Sampling(step_m=step_m, max_range_m=scene.max_range_m)
-    view = top_view(pixels, scene.camera, scene.pose, sampling, elevation_m=scene.elevation_m, ground=scene.ground)
+    level_m, ground = scene.elevation_m, scene.ground
+    view = top_view(pixels, scene.camera, scene.pose, sampling, elevation_m=level_m, ground=ground, seen=scene.seen)
     if view is None:
         raise NoAnswerError("the image shows no ground", where=folder)
     about = write_top_view(view, scene.sample.origin, folder)

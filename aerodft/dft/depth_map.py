@@ -102,7 +102,7 @@ def depth_map(
     """Meet the ray of every pixel with the ground; pinhole model.
 
     The camera's rays are found once and kept; for a lens with distortion that takes seconds, what follows milliseconds
-    on level and tilted ground. Terrain is met at some hundred thousand pixels a second.
+    on level and tilted ground. Terrain is met at up to a million pixels a second.
 
     Args:
         camera: The camera.

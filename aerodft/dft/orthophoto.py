@@ -74,6 +74,7 @@ def top_view(
     *,
     elevation_m: float = 0.0,
     ground: Ground | None = None,
+    seen: DepthMap | None = None,
 ) -> TopView | None:
     """Resample an image to the ground, bilinearly; pinhole model.
 
@@ -87,6 +88,7 @@ def top_view(
         sampling: Of the view.
         elevation_m: Height of level ground, or of the measured surface above ``ground``.
         ground: Ground that is not level; None for the horizontal plane at ``elevation_m``.
+        seen: The depth map of all this, up to ``sampling.max_range_m``, where it is there already.
 
     Returns:
         The view; None where the image shows no ground.
@@ -96,7 +98,7 @@ def top_view(
     """
     if image.shape != (camera.height_px, camera.width_px, 3) or image.dtype != np.uint8:
         raise ValueError(f"got {image.shape} {image.dtype}, expected uint8 {camera.height_px, camera.width_px, 3}")
-    seen = depth_map(camera, pose, elevation_m, sampling.max_range_m, ground)
+    seen = seen or depth_map(camera, pose, elevation_m, sampling.max_range_m, ground)
     if np.all(np.isnan(seen.gsd_m)):
         return None
     own_m = float(np.nanmedian(seen.gsd_m))

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from aerodft.dft.depth_map import depth_map
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.outline import footprint, horizon_line
+from aerodft.geometry.ground import Plane
+from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
+from aerodft.geometry.outline import footprint, horizon_line, ring_area
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix
+from aerodft.geometry.terrain import ElevationGrid, Terrain
 from aerodft.model.camera import Camera, LensModel
 
 PLAIN = Camera(name="plain", width_px=640, height_px=480, fx_px=500.0, fy_px=510.0, cx_px=330.0, cy_px=228.0)
@@ -40,11 +42,6 @@ def pose_of(tilt_deg, roll_deg=0.0, heading_deg=0.0, height_m=50.0):
     return camera_pose(
         height_agl_m=height_m, tilt_rad=tilt, roll_rad=roll, heading_rad=heading, east_m=10.0, north_m=-20.0
     )
-
-
-def area(corners):
-    x, y = (corners - corners[0]).T
-    return 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
 
 
 def on_border(camera, pixel):
@@ -102,7 +99,7 @@ def test_the_footprint_at_nadir_is_a_rectangle():
     corners = footprint(PLAIN, pose_of(0.0), 1000.0)
     assert_allclose(corners.min(axis=0), [10 - 330.5 * 0.1, -20 - (479.5 - 228) * 50 / 510], atol=1e-9)
     assert_allclose(corners.max(axis=0), [10 + (639.5 - 330) * 0.1, -20 + 228.5 * 50 / 510], atol=1e-9)
-    assert_allclose(area(corners), 64.0 * 480 * 50 / 510, rtol=1e-12)
+    assert_allclose(ring_area(corners), 64.0 * 480 * 50 / 510, rtol=1e-12)
 
 
 @pytest.mark.parametrize("camera", [PLAIN, BROWN, FISHEYE, ENDING], ids=lambda camera: camera.name)
@@ -123,7 +120,7 @@ def test_the_footprint_holds_what_the_pixels_see(camera, tilt_deg, roll_deg, hea
         assert count < 50 or corners is not None
         return
     rim = 4.0 * max_range_m * np.nanmax(seen.gsd_m)  # pixels that the limit cuts
-    assert abs(area(corners) - np.nansum(seen.gsd_m.astype(float) ** 2)) < 0.01 * area(corners) + rim
+    assert abs(ring_area(corners) - np.nansum(seen.gsd_m.astype(float) ** 2)) < 0.01 * ring_area(corners) + rim
     east, north = (plane[24:-24:24, 24:-24:24].ravel() for plane in seen.east_north_m())
     outline = corners.astype(np.float32).reshape(-1, 1, 2)
     for point in np.stack([east, north], axis=-1)[~np.isnan(east)].tolist():
@@ -146,7 +143,7 @@ def test_the_footprint_ends_at_the_longest_range():
     assert np.count_nonzero(away > reach * (1 - 1e-9)) > 20
     whole = footprint(ALL_ROUND, pose_of(0.0), 100.0)
     assert_allclose(np.hypot(*(whole - [10.0, -20.0]).T), math.sqrt(100.0**2 - 50.0**2), rtol=1e-12)
-    assert area(whole) > 0
+    assert ring_area(whole) > 0
 
 
 @pytest.mark.parametrize(
@@ -154,3 +151,97 @@ def test_the_footprint_ends_at_the_longest_range():
 )
 def test_no_ground_no_footprint(tilt_deg, max_range_m, elevation_m):
     assert footprint(PLAIN, pose_of(tilt_deg), max_range_m, elevation_m) is None
+
+
+def test_the_area_of_a_ring_is_signed_and_stays_far_from_the_origin():
+    triangle = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]]) + 5e6
+    assert ring_area(triangle) == pytest.approx(6.0)
+    assert ring_area(triangle[::-1]) == pytest.approx(-6.0)
+
+
+def terrain_of(height_of, *, half_m=800.0, cell_m=5.0):
+    axis = np.arange(-half_m, half_m + cell_m / 2, cell_m)
+    east, north = np.meshgrid(axis, axis)
+    heights = np.broadcast_to(np.asarray(height_of(east, north), dtype=float), east.shape)
+    grid = ElevationGrid(east_m=-half_m, north_m=-half_m, cell_m=cell_m, heights_m=heights)
+    return Terrain(grid, refraction=1.0 - 1e-12)  # as on a flat earth
+
+
+def rise(uphill_rad, slope_rad):
+    return lambda e, n: math.tan(slope_rad) * (e * math.sin(uphill_rad) + n * math.cos(uphill_rad))
+
+
+@CAMERAS
+@settings(max_examples=15, deadline=None)
+@given(
+    tilt_deg=st.floats(0.0, 100.0),
+    roll_deg=st.floats(-50.0, 50.0),
+    slope_deg=st.floats(0.0, 35.0),
+    uphill_deg=st.floats(0.0, 360.0),
+)
+def test_every_corner_on_a_slope_is_on_the_images_border_or_as_far_as_can_be(
+    camera, tilt_deg, roll_deg, slope_deg, uphill_deg
+):
+    slope, uphill, pose = math.radians(slope_deg), math.radians(uphill_deg), pose_of(tilt_deg, roll_deg, 20.0, 90.0)
+    corners = footprint(camera, pose, 400.0, 2.0, Plane.sloping([0.0, 0.0, 0.0], slope, uphill))
+    if corners is None:
+        return
+    away = np.column_stack([corners, 2.0 + rise(uphill, slope)(*corners.T)]) - pose.position_enu_m
+    range_m = np.linalg.norm(away, axis=-1)
+    assert np.max(range_m) < 400.0 * (1 + 1e-9)
+    pixels = pixels_from_rays(camera, away @ matrix(pose.wxyz))
+    for pixel, reach_m in zip(pixels, range_m, strict=True):
+        assert reach_m > 400.0 * (1 - 1e-9) or on_border(camera, pixel)
+    assert ring_area(corners) > 0
+
+
+@pytest.mark.parametrize(("tilt_deg", "max_range_m"), [(0.0, 500.0), (50.0, 500.0), (75.0, 300.0), (95.0, 300.0)])
+def test_terrain_that_is_a_plane_has_its_outline(tilt_deg, max_range_m):
+    pose, slope, uphill = pose_of(tilt_deg, 8.0, 300.0, 60.0), math.radians(9.0), 1.1
+    terrain = terrain_of(rise(uphill, slope))
+    got = footprint(BROWN, pose, max_range_m, 1.0, terrain)
+    want = footprint(BROWN, pose, max_range_m, 1.0, Plane.sloping([0.0, 0.0, 0.0], slope, uphill))
+    assert ring_area(got) == pytest.approx(ring_area(want), rel=0.003)
+    outline = want.astype(np.float32).reshape(-1, 1, 2)
+    off_m = np.abs([cv2.pointPolygonTest(outline, point, True) for point in got.tolist()])
+    assert np.max(off_m) < 0.01 * max_range_m
+    assert np.median(off_m) < 0.03  # the curved border between corners, and the polygon's single precision
+
+
+def test_hills_end_at_the_skyline():
+    """No pixel's ground lies outside; where a ring's corner is no border pixel, a little higher there is none."""
+    hills = terrain_of(lambda e, n: 25 * np.sin(e / 70) * np.sin(n / 90))
+    pose = pose_of(80.0, 10.0, 30.0, 90.0)
+    corners = footprint(FISHEYE, pose, 600.0, 0.0, hills)
+    seen = depth_map(FISHEYE, pose, max_range_m=600.0, ground=hills)
+    places = np.stack(seen.east_north_m(), axis=-1)[::9, ::9].reshape(-1, 2)
+    outline = corners.astype(np.float32).reshape(-1, 1, 2)
+    shown = places[~np.isnan(places[:, 0])].tolist()
+    inside_m = np.array([cv2.pointPolygonTest(outline, place, True) for place in shown])
+    assert np.min(inside_m) > -12.0  # skylines between two of its pixels
+    assert np.mean(inside_m > -0.5) > 0.99
+    up = hills.height_at(corners)
+    away = np.column_stack([corners, up]) - pose.position_enu_m
+    pixels = pixels_from_rays(FISHEYE, away @ matrix(pose.wxyz))
+    ends = [k for k, pixel in enumerate(pixels) if not on_border(FISHEYE, pixel)]
+    assert len(ends) > 100
+    side = np.linalg.norm(away[ends, :2], axis=-1)
+    level = away[ends] / side[:, None]
+    higher = hills.meet(pose.position_enu_m, level + [0.0, 0.0, math.radians(0.2)], 0.0)
+    assert not np.any(higher.range_m < 600.0)
+
+
+def test_where_terrain_ends_its_outline_ends():
+    corners = footprint(PLAIN, pose_of(85.0, 0.0, 0.0), 5000.0, 0.0, terrain_of(lambda e, _: 0 * e, half_m=300.0))
+    assert corners[:, 1].max() == pytest.approx(300.0, abs=1e-3)
+    assert np.count_nonzero(corners[:, 1] > 299.99) > 20
+    assert ring_area(corners) > 0
+
+
+@pytest.mark.parametrize("tilt_deg", [40.0, 140.0])
+def test_ground_out_of_view_has_no_outline(tilt_deg):
+    beside = terrain_of(lambda e, _: 0 * e, half_m=5.0, cell_m=1.0)
+    assert footprint(PLAIN, pose_of(tilt_deg), 500.0, 0.0, beside) is None
+    assert footprint(PLAIN, pose_of(tilt_deg), 500.0, 0.0, Plane.sloping([0, 0, 70.0], 0.1, 1.0)) is None
+    above = Plane.sloping([0, 0, 0.0], 0.1, 1.0)
+    assert (footprint(PLAIN, pose_of(tilt_deg), 500.0, 0.0, above) is None) == (tilt_deg > 90)

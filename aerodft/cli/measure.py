@@ -1,6 +1,5 @@
 """``aerodft measure``: one pose, some pixels, measurements."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -9,32 +8,39 @@ import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.camera import load_camera
+from aerodft.cli.given import GivenGround, GivenPose, refuse_beside_recording
 from aerodft.cli.model_table import cautions, show_models
 from aerodft.cli.output import print_budget, print_json, print_measurements, say
-from aerodft.cli.probes import parse_probe
+from aerodft.cli.probes import parse_probes
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
+from aerodft.conventions import LARGEST
 from aerodft.dft.budget import Share, advice
 from aerodft.dft.measure import Request, Setup
 from aerodft.dft.measure import explain as explain_request
 from aerodft.dft.measure import measure as measure_requests
 from aerodft.dft.models import compare_models
-from aerodft.errors import InputError, UsageError
-from aerodft.geometry.poses import camera_pose
+from aerodft.errors import UsageError
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
+from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status
-
-_LOWEST_M = 1e-3
 
 
 def measure(
     camera: Annotated[Path | None, typer.Option(help="Camera file (TOML).")] = None,
-    height: Annotated[float | None, typer.Option(help="Camera height above the measured plane, m.")] = None,
+    height: Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")] = None,
     tilt: Annotated[float | None, typer.Option(help="Angle of the optical axis from straight down, deg.")] = None,
     roll: Annotated[float, typer.Option(help="Positive with the camera's right side down, deg.")] = 0.0,
     heading: Annotated[float, typer.Option(help="Clockwise from true north, deg.")] = 0.0,
     lat: Annotated[float | None, typer.Option(help="Camera latitude, WGS84, deg.")] = None,
     lon: Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")] = None,
+    altitude: Annotated[
+        float | None, typer.Option(help="With --terrain, instead of --height: above mean sea level, m.")
+    ] = None,
+    elevation: Annotated[float, typer.Option(help="Height of what is measured above the ground, m.")] = 0.0,
+    slope: Annotated[float | None, typer.Option(help="Ground that rises at this angle, through the foot, deg.")] = None,
+    uphill: Annotated[float | None, typer.Option(help="Where it rises, clockwise from true north, deg.")] = None,
+    terrain: Annotated[Path | None, typer.Option(help="Ground of an elevation model (GeoTIFF); needs --lat.")] = None,
+    max_range: Annotated[float | None, typer.Option(help="What is farther is refused, m.")] = None,
     model: Annotated[ProjectionModel | None, typer.Option(help="Projection model; else pinhole.")] = None,
     std: Annotated[
         str | None,
@@ -42,8 +48,12 @@ def measure(
             help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude."
         ),
     ] = None,
+    covariance: Annotated[
+        Path | None, typer.Option(help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.")
+    ] = None,
     probe: Annotated[
-        list[str] | None, typer.Option(help='"KIND u,v [u,v] [elevation=Z] [name=N]"; may be repeated.')
+        list[str] | None,
+        typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
     ] = None,
     compare: Annotated[
         bool, typer.Option("--compare", help="Both projection models side by side, and what lies between.")
@@ -56,6 +66,7 @@ def measure(
         Path | None, typer.Option(help="Write range, ground point and sampling of every pixel to this folder.")
     ] = None,
     image: Annotated[Path | None, typer.Option(help="With --depth-map: the image, to be seen from above.")] = None,
+    step: Annotated[float | None, typer.Option(help="With --image: step of the view from above, m.")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="Say where each uncertainty comes from.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
 ) -> None:
@@ -66,31 +77,41 @@ def measure(
       aerodft measure --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
         --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
     """
-    if depth_map is not None and (probe or compare or explain):
-        raise UsageError("--depth-map beside --probe, --compare or --explain", expected="one of them")
-    if image is not None and depth_map is None:
-        raise UsageError("--image without --depth-map", expected="both, to see the image from above")
-    if compare and explain:
-        raise UsageError("--explain beside --compare", expected="one of them")
-    if not probe and depth_map is None:
-        raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
+    _check_together(
+        {"--probe": probe, "--compare": compare, "--explain": explain},
+        {"--depth-map": depth_map, "--image": image, "--step": step},
+    )
     if (recording is None) != (at is None):
         raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
+    pose = GivenPose(
+        height_m=height,
+        altitude_m=altitude,
+        tilt_deg=tilt,
+        roll_deg=roll,
+        heading_deg=heading,
+        lat_deg=lat,
+        lon_deg=lon,
+        covariance=covariance,
+    )
+    terms = GivenGround(slope_deg=slope, uphill_deg=uphill, terrain=terrain)
     if recording is not None and at is not None:
-        _refuse_pose(camera=camera, height=height, tilt=tilt, roll=roll or None, heading=heading or None, lat=lat)
+        refuse_beside_recording({"camera": camera})
+        pose.refuse_all()
+        terms.refuse_all()
         setup, sample, stds = _recorded(recording, at, model, std)
     else:
-        stds = parse_stds(std) if std else assumed_stds(height or 0.0)
-        setup = _setup(camera, model or ProjectionModel.PINHOLE, stds)
-        sample = _sample(height, tilt, roll, heading, (lat, lon), stds)
+        stds = _stds(std, pose)
+        surface, origin = terms.ground(pose.origin)
+        setup = replace(_setup(camera, model or ProjectionModel.PINHOLE, stds), ground=surface)
+        sample = pose.sample(stds, origin)
+    setup = _limited(setup, elevation, max_range)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
         from aerodft.cli.depth import write_depth  # noqa: PLC0415 - matplotlib and the video library are slow
 
-        write_depth(setup, sample, depth_map, image, as_json=json)
+        write_depth(setup, sample, depth_map, image, as_json=json, max_range_m=max_range, step_m=step)
         return
-    parsed = [parse_probe(text, index, stds) for index, text in enumerate(probe or [])]
-    requests = tuple(Request(probe=one, pixels=one.pixels, std_px=one.std_px) for one in parsed)
+    requests = parse_probes(probe or [], stds, setup.elevation_m)
     if compare:
         _compare(setup, sample, requests, as_json=json)
     else:
@@ -98,6 +119,43 @@ def measure(
         budgets = [explain_request(setup, sample, request) for request in requests] if explain else []
         _show(measurements, budgets, as_json=json)
         _finish(measurements)
+
+
+def _check_together(probing: dict[str, object], mapping: dict[str, object]) -> None:
+    """Refuse options that do not go together: those of probes, and those of ``--depth-map``."""
+    asked = [name for name, value in probing.items() if value]
+    given = [name for name, value in mapping.items() if value is not None]
+    if "--depth-map" in given:
+        if asked:
+            raise UsageError(f"--depth-map beside {asked[0]}", expected="one of them")
+        if "--step" in given and "--image" not in given:
+            raise UsageError("--step without --image", expected="both: it is the step of the image seen from above")
+        return
+    if given:
+        raise UsageError(f"{given[0]} without --depth-map", expected="both, to see the image from above")
+    if "--compare" in asked and "--explain" in asked:
+        raise UsageError("--explain beside --compare", expected="one of them")
+    if "--probe" not in asked:
+        raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
+
+
+def _stds(std: str | None, pose: GivenPose) -> Stds:
+    stds = parse_stds(std) if std else None
+    if pose.covariance is None:
+        return stds or assumed_stds(pose.height_m or pose.altitude_m or 0.0)
+    if stds is not None and stds.pose != PoseStd():
+        raise UsageError("--std of the pose beside --covariance", expected="px, focal, elevation: the rest is there")
+    return stds or Stds()
+
+
+def _limited(setup: Setup, elevation_m: float, max_range_m: float | None) -> Setup:
+    if not abs(elevation_m) <= LARGEST:
+        raise UsageError("--elevation", got=f"{elevation_m:g}", expected="m above the ground, finite")
+    if max_range_m is None:
+        return replace(setup, elevation_m=elevation_m)
+    if not 0 < max_range_m <= LARGEST:
+        raise UsageError("--max-range", got=f"{max_range_m:g}", expected="m, above 0")
+    return replace(setup, elevation_m=elevation_m, max_range_m=max_range_m)
 
 
 def _recorded(
@@ -125,6 +183,9 @@ def _check_model(
         raise UsageError("--model beside --compare", expected="one of them: --compare shows both models")
     if not compare and setup.model is not ProjectionModel.DFT:
         return
+    if setup.ground is not None:
+        option = "--compare" if compare else "--model dft"
+        raise UsageError(f"uneven ground with {option}", expected="level ground: the paper knows no other")
     if roll:
         option = "--compare" if compare else "--model dft"
         raise UsageError(f"--roll with {option}", got=f"{roll:g}", expected="0: the paper's camera does not roll")
@@ -132,66 +193,10 @@ def _check_model(
         say(f"aerodft: {caution}")
 
 
-def _refuse_pose(**options: object) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise UsageError(f"--{name} beside --recording", expected="one of them: the recording has camera and pose")
-
-
 def _setup(camera: Path | None, model: ProjectionModel, stds: Stds) -> Setup:
     if camera is None:
         raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
     return Setup(camera=stds.on_camera(load_camera(camera)), model=model)
-
-
-def _sample(
-    height: float | None,
-    tilt: float | None,
-    roll: float,
-    heading: float,
-    lat_lon: tuple[float | None, float | None],
-    stds: Stds,
-) -> PoseSample:
-    height_m = _in_range("--height", height, _LOWEST_M, 100_000.0, "m above the measured plane, above 0")
-    tilt_deg = _in_range("--tilt", tilt, 0.0, 180.0, "deg from straight down: 0 nadir, 90 horizon, at most 180")
-    _in_range("--roll", roll, -180.0, 180.0, "deg")
-    _in_range("--heading", heading, -360.0, 360.0, "deg")
-    lat, lon = lat_lon
-    if (lat is None) != (lon is None):
-        raise UsageError("--lat and --lon go together")
-    origin = None
-    if lat is not None and lon is not None:
-        _in_range("--lat", lat, -90.0, 90.0, "deg")
-        _in_range("--lon", lon, -180.0, 360.0, "deg")
-        origin = GeoOrigin(lat_rad=math.radians(lat), lon_rad=math.radians(lon))
-    pose = camera_pose(
-        height_agl_m=height_m,
-        tilt_rad=math.radians(tilt_deg),
-        roll_rad=math.radians(roll),
-        heading_rad=math.radians(heading),
-        std=stds.pose,
-    )
-    return PoseSample(
-        stamp_ns=0,
-        status=Status.OK,
-        reasons=stds.assumptions,
-        pose=pose,
-        std=stds.pose,
-        origin=origin,
-        lat_rad=None if origin is None else origin.lat_rad,
-        lon_rad=None if origin is None else origin.lon_rad,
-        height_source=HeightSource.MANUAL,
-        height_datum="manual",
-        attitude_source=GimbalSource.MANUAL,
-    )
-
-
-def _in_range(option: str, value: float | None, low: float, high: float, expected: str) -> float:
-    if value is None:
-        raise UsageError(f"no {option}", expected=expected)
-    if not low <= value <= high:
-        raise InputError(option, got=f"{value:g}", expected=expected)
-    return value
 
 
 def _show(measurements: list[Measurement], budgets: list[tuple[Share, ...]], *, as_json: bool) -> None:

@@ -1,21 +1,43 @@
 """``--probe "distance 812,604.5 1377,611 elevation=0.5"``: probes as people write them."""
 
 import math
+import re
 
 from aerodft.cli.stds import Stds
 from aerodft.conventions import LARGEST
+from aerodft.dft.request import Request, linked
 from aerodft.errors import UsageError
 from aerodft.model.probe import Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _OPTIONS = ("elevation", "name")
+_NO_NAMES = ("nan", "inf", "infinity", "NaN", "Inf")  # numbers of a kind, and none that can be an elevation
 
 
-def parse_probe(text: str, index: int, stds: Stds) -> Probe:
-    """Read one ``--probe``: a kind, as many ``u,v`` as it needs, and ``key=value`` options.
+def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> tuple[Request, ...]:
+    """Read all ``--probe`` of one command.
+
+    Args:
+        texts: A kind, as many ``u,v`` as it needs, and ``key=value`` options each. ``elevation`` is a number, or the
+            name of a ``height`` on whose object's top the probe lies.
+        stds: Of pixels and elevations.
+        elevation_m: Of probes that have no ``elevation``.
 
     Raises:
-        UsageError: An unknown kind or option, a malformed pixel, or too many or too few of them.
+        UsageError: An unknown kind, option or name, a name twice, a malformed pixel, or too many or too few of them.
     """
+    probes = [_probe(text, index, stds, elevation_m) for index, text in enumerate(texts)]
+    for index, probe in enumerate(probes):
+        if probe.name in [other.name for other in probes[:index]]:
+            raise UsageError(f'--probe "{texts[index]}"', got=f"the name {probe.name} again", expected="its own name")
+    try:
+        return linked(Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px) for probe in probes)
+    except ValueError as error:
+        raise UsageError(
+            "--probe ... elevation=NAME", got=str(error), expected="a number, or a height's name"
+        ) from None
+
+
+def _probe(text: str, index: int, stds: Stds, elevation_m: float) -> Probe:
     kind_text, *words = text.split() or [""]
     try:
         kind = ProbeKind(kind_text)
@@ -26,13 +48,17 @@ def parse_probe(text: str, index: int, stds: Stds) -> Probe:
     pixels = tuple(_pixel(word, text) for word in words if "=" not in word)
     if not takes_pixels(kind, len(pixels)):
         raise UsageError(f'--probe "{text}"', got=f"{len(pixels)} pixels", expected=f"{pixels_wanted(kind)} for {kind}")
+    elevation = options.get("elevation", "")
+    named = re.fullmatch(r"[A-Za-z_][\w-]*", elevation) is not None and elevation not in _NO_NAMES
+    number_m = _finite(elevation, text) if elevation and not named else elevation_m
     return Probe(
         name=options.get("name", f"{kind}-{index + 1}"),
         kind=kind,
         pixels=pixels,
         std_px=stds.px,
-        elevation_m=_finite(options.get("elevation", "0"), text),
+        elevation_m=0.0 if named else number_m,
         elevation_std_m=stds.elevation_m,
+        on_top_of=elevation if named else None,
     )
 
 

@@ -10,11 +10,11 @@ from aerodft.dft.object_top import ObjectTop, object_top
 from aerodft.dft.points import ImagePoints, image_points
 from aerodft.dft.projection import project
 from aerodft.dft.quantities import crosses_itself
-from aerodft.dft.record import Record
+from aerodft.dft.record import UNITS, Record
 from aerodft.dft.request import Request, Setup
 from aerodft.dft.seen import Seen
 from aerodft.dft.uncertainty import Z95, shared_covariance
-from aerodft.dft.values import FIRST_ORDER_LIMIT, Value, drawn, first_order
+from aerodft.dft.values import FIRST_ORDER_LIMIT, Value, drawn, first_order, has_edge
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
@@ -106,7 +106,10 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
     points = _points(pose, [record])
     seen = _seen(record, pose, points)
     blocked = _blocked(record, pose, points, points[: seen.on_ground])
-    return () if blocked else variance_budget(seen, sample.std, top)
+    if blocked is not None:
+        return ()
+    _, scale = UNITS.get(seen.kind, ("m", 1.0))
+    return tuple(replace(share, std=scale * share.std) for share in variance_budget(seen, sample.std, top))
 
 
 def _seen(record: Record, pose: Pose, points: ImagePoints) -> Seen:
@@ -133,9 +136,8 @@ def _measure_one(record: Record, pose: Pose, points: ImagePoints) -> Measurement
         return refusal
     stds, ranges = on_ground.range_std_m, on_ground.range_m
     worst = float(np.max(stds / ranges, initial=0.0))
-    has_edges = record.setup.ground is not None and record.setup.ground.has_edges
     draws = record.setup.model is ProjectionModel.PINHOLE
-    if draws and (worst > FIRST_ORDER_LIMIT or (has_edges and len(ranges))):
+    if draws and (worst > FIRST_ORDER_LIMIT or (len(ranges) and has_edge(seen, stds))):
         return _draw(record, seen, points)
     if worst > MAX_RELATIVE_RANGE_STD:
         return record.refuse(on_ground, Z95 * stds)

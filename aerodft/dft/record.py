@@ -16,7 +16,8 @@ from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import CODES, Status
 
-_UNITS = {ProbeKind.AREA: ("m2", 1.0), ProbeKind.BEARING: ("deg", math.degrees(1.0))}  # all else is in metres
+UNITS = {ProbeKind.AREA: ("m2", 1.0), ProbeKind.BEARING: ("deg", math.degrees(1.0))}
+"""Unit of a value, and what an SI value is multiplied with, where it is not in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class Record:
     def answer(self, pose: Pose, points: ImagePoints, value: Value | None, cov_enu_m2: FloatArray) -> Measurement:
         """A measurement with its value, if its kind has one, and its points, if all of them are on the ground."""
         kind = self.request.probe.kind
-        unit, scale = _UNITS.get(kind, ("m", 1.0))
+        unit, scale = UNITS.get(kind, ("m", 1.0))
         answer = replace(self.miss(Status.OK, *self.sample.reasons), unit=unit)
         if value is not None:
             low, high = value.ci95

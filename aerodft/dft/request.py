@@ -18,6 +18,7 @@ class Setup:
         camera: The camera.
         model: Projection model.
         ground: What probes' elevations are counted from; None for the level plane at 0. The dft model knows no other.
+        elevation_m: Height of the measured surface above the ground for what is no probe: whole images.
         max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
         config_id: Named in every measurement.
     """
@@ -25,6 +26,7 @@ class Setup:
     camera: Camera
     model: ProjectionModel = ProjectionModel.PINHOLE
     ground: Ground | None = None
+    elevation_m: float = 0.0
     max_range_m: float | None = None
     config_id: str | None = None
 

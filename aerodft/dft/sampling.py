@@ -33,18 +33,22 @@ def standard_draws(dimensions: int) -> FloatArray:
     return draws
 
 
-def draw_sights(seen: Seen) -> Sight:
+def draw_sights(seen: Seen, every: int = 1) -> Sight:
     """What each draw of the stated errors would have seen, with the pinhole model.
 
     The lens is taken as linear over the errors of pixels and intrinsics.
 
+    Args:
+        seen: The probe.
+        every: Only every so many-th draw, for a quick look.
+
     Returns:
-        ``DRAWS`` sights; points are NaN where a draw's ray misses the ground.
+        ``DRAWS / every`` sights; points are NaN where a draw's ray misses the ground.
     """
     count, errors = len(seen.pixels_px), len(seen.shared_cov)
-    draws = standard_draws(errors + 2 * count)
+    draws = standard_draws(errors + 2 * count)[::every]
     shared = draws[:, :errors] @ _root(seen.shared_cov).T
-    own = seen.std_px * draws[:, errors:].reshape(DRAWS, count, 2)
+    own = seen.std_px * draws[:, errors:].reshape(len(draws), count, 2)
     rays = rays_with_jacobian(seen.camera, seen.pixels_px)
     rays_cam = rays.rays_cam + np.einsum("kij,nkj->nki", rays.jac_px, own)
     rays_cam += np.einsum("kij,nj->nki", rays_by_intrinsics(seen.camera, seen.pixels_px), shared[:, INTRINSICS])

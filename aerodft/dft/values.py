@@ -24,6 +24,9 @@ FIRST_ORDER_LIMIT = 0.05
 """Relative standard deviation of a slant range above which errors are drawn."""
 
 
+_EDGE, _QUICK = 0.25, 4  # 256 draws tell their 95 % within a tenth
+
+
 @dataclass(frozen=True, slots=True)
 class Value:
     """A scalar, its standard deviation, and its central 95 %; not symmetric where it was drawn."""
@@ -68,16 +71,33 @@ def scalar_with_gradient(seen: Seen) -> tuple[float, Gradient]:
 def drawn(seen: Seen) -> Drawn:
     """Value by drawing the stated errors; pinhole only."""
     sights = draw_sights(seen)
-    ranges = tuple(
-        spread(slant_range(replace(sights, points_enu_m=sights.points_enu_m[:, index : index + 1])))
-        for index in range(seen.on_ground)
-    )
+    ranges = _range_spreads(seen, sights)
     value = None
     if seen.has_scalar:
         centre, _ = scalar_with_gradient(seen)
         found = spread(_near(seen.kind, SCALARS[seen.kind](sights), centre))
         value = Value(centre, (found.high - found.low) / (2 * Z95), (found.low, found.high))
     return Drawn(value, ranges, _scatter(sights.points_enu_m[:, 0], seen.ground.points_enu_m[0]))
+
+
+def has_edge(seen: Seen, range_std_m: FloatArray) -> bool:
+    """Whether the ground's shape makes more, or less, of the errors than its slope where it is met says.
+
+    Args:
+        seen: The probe.
+        range_std_m: ``(k,)`` first-order standard deviations of its points' slant ranges.
+    """
+    if seen.surface is None or not seen.surface.has_edges:
+        return False
+    widths = np.array([found.high - found.low for found in _range_spreads(seen, draw_sights(seen, _QUICK))])
+    return bool(np.any(np.abs(widths - 2 * Z95 * range_std_m) > _EDGE * 2 * Z95 * range_std_m))
+
+
+def _range_spreads(seen: Seen, sights: Sight) -> tuple[Spread, ...]:
+    return tuple(
+        spread(slant_range(replace(sights, points_enu_m=sights.points_enu_m[:, index : index + 1])))
+        for index in range(seen.on_ground)
+    )
 
 
 def _near(kind: ProbeKind, values: FloatArray, centre: float) -> FloatArray:
@@ -125,14 +145,12 @@ def _scatter(draws_enu_m: FloatArray, centre_enu_m: FloatArray) -> FloatArray:
 
     Its shape is that of the nearer 95 %: a few draws near the horizon would stretch it without bound.
     """
-    away = (draws_enu_m - centre_enu_m)[:, :2]
+    away = draws_enu_m - centre_enu_m
     far = np.where(np.isnan(away[:, 0]), np.inf, np.hypot(away[:, 0], away[:, 1]))
     if np.count_nonzero(np.isinf(far)) > 0.05 * len(far):
         return np.full((3, 3), np.inf)  # no ellipse holds them; the point is refused for its range anyway
     near = far <= np.sort(far)[int(0.95 * len(far)) - 1]
     moment = away[near].T @ away[near] / np.count_nonzero(near)
-    squared = np.einsum("ni,ij,nj->n", away, np.linalg.pinv(moment), away)
+    squared = np.einsum("ni,ij,nj->n", away[:, :2], np.linalg.pinv(moment[:2, :2]), away[:, :2])
     scale = np.sort(np.where(np.isnan(squared), np.inf, squared))[int(np.ceil(0.95 * len(far))) - 1] / CHI2_2D_95
-    cov = np.zeros((3, 3))
-    cov[:2, :2] = moment * scale
-    return cov
+    return np.asarray(moment * scale)

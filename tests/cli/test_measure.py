@@ -208,7 +208,7 @@ POSE = ("--height", 50, "--tilt", 60)
     ("arguments", "code", "said"),
     [
         (("--height", 50, "--tilt", 60), 2, "no --probe: expected e.g."),
-        (("--tilt", 60, "--probe", "range 1,1"), 2, "no --height: expected m above the measured plane"),
+        (("--tilt", 60, "--probe", "range 1,1"), 2, "no --height: expected m above the ground"),
         (("--height", 50, "--probe", "range 1,1"), 2, "no --tilt"),
         (("--height", -3, "--tilt", 60, "--probe", "range 1,1"), 3, "--height: got -3, expected m above"),
         (("--height", "nan", "--tilt", 60, "--probe", "range 1,1"), 3, "--height: got nan"),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.cli.probes import parse_probe
+from aerodft.cli.probes import parse_probes
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
 from aerodft.errors import UsageError
 from aerodft.model.camera import Camera, CameraStd
@@ -17,15 +17,40 @@ NUMBERS = st.floats(-1e12, 1e12)
 
 @given(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
 def test_numbers_are_read_exactly(u1, v1, u2, v2, elevation_m):
-    probe = parse_probe(f"distance {u1!r},{v1!r} {u2!r},{v2!r} elevation={elevation_m!r} name=ford", 0, Stds())
+    text = f"distance {u1!r},{v1!r} {u2!r},{v2!r} elevation={elevation_m!r} name=ford"
+    probe = parse_probes([text], Stds(), 0.0)[0].probe
     assert (probe.name, probe.kind) == ("ford", ProbeKind.DISTANCE)
     assert probe.pixels == ((u1, v1), (u2, v2))
     assert probe.elevation_m == elevation_m
 
 
 def test_what_is_left_out_has_its_default():
-    probe = parse_probe("range 1,2", 4, parse_stds("px=0.25,elevation=0.1"))
-    assert (probe.name, probe.elevation_m, probe.std_px, probe.elevation_std_m) == ("range-5", 0.0, 0.25, 0.1)
+    _, request = parse_probes(["range 1,2 name=a", "range 1,2"], parse_stds("px=0.25,elevation=0.1"), 3.0)
+    probe = request.probe
+    assert (probe.name, probe.elevation_m, probe.std_px, probe.elevation_std_m) == ("range-2", 3.0, 0.25, 0.1)
+    assert (request.std_px, request.on_top_of) == (0.25, None)
+
+
+def test_an_elevation_may_be_the_name_of_a_height():
+    top, base = parse_probes(["width 1,2 3,4 elevation=mast-1", "height 5,6 7,1 name=mast-1"], Stds(), 3.0)
+    assert top.on_top_of is base
+    assert (top.probe.elevation_m, base.probe.elevation_m) == (0.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (["range 1,2", "height 1,2 3,4 name=range-1"], "got the name range-1 again"),
+        (["width 1,2 3,4 elevation=mast"], "got probe width-1 lies on top of mast: got none"),
+        (["width 1,2 3,4 elevation=mast", "range 1,2 name=mast"], "got none"),
+        (["width 1,2 3,4 elevation=mats", "height 1,2 3,4 name=mast"], "got mast, expected a height"),
+        (["height 1,2 3,4 elevation=height-1"], "expected a height on the ground"),
+    ],
+)
+def test_names_that_do_not_fit_together_are_one_sentence(texts, said):
+    with pytest.raises(UsageError, match="--probe") as caught:
+        parse_probes(texts, Stds(), 0.0)
+    assert said in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -42,13 +67,12 @@ def test_what_is_left_out_has_its_default():
         ("range 1,inf", "got 'inf', expected a finite number"),
         ("range 1,2 elevation=1e300", "got '1e300', expected a finite number"),
         ("range 1,2 hight=3", "got option 'hight', expected one of elevation, name"),
-        ("range 1,2 elevation=up", "got 'up', expected a finite number"),
         ("range 1,2 name=", "got nothing, expected a value after name="),
     ],
 )
 def test_a_malformed_probe_is_one_sentence(text, said):
     with pytest.raises(UsageError) as caught:
-        parse_probe(text, 0, Stds())
+        parse_probes([text], Stds(), 0.0)
     assert str(caught.value).startswith(f'--probe "{text}": ')
     assert said in str(caught.value)
 

@@ -87,6 +87,8 @@ class _Differences:
             return
         self.units |= {first.unit, second.unit}
         difference = abs(first.value - second.value)
+        if first.unit == "deg":
+            difference = min(difference, 360.0 - difference)
         self.values.append(difference)
         if first.std is not None and second.std is not None:
             self.stds.append(abs(first.std - second.std))

@@ -92,6 +92,7 @@ def encode_probes(probes: Iterable[Probe]) -> bytes:
                 "std_px": probe.std_px,
                 "elevation_m": probe.elevation_m,
                 "elevation_std_m": probe.elevation_std_m,
+                "on_top_of": probe.on_top_of,
             }
             for probe in probes
         ]

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.geometry.dense import BrownLens, meet_brown, meet_straight
-from aerodft.geometry.lens import _brown_limit, padded, rays_from_pixels
+from aerodft.geometry.fisheye import FisheyeLens, meet_fisheye
+from aerodft.geometry.lens import _brown_limit, _fisheye_limit, padded
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
@@ -22,13 +23,15 @@ class GroundMap:
         foot_m: ``(2,)`` east and north below the camera.
         ground_from_pixel: ``(3, 3)``: the same from homogeneous pixels; None for a lens with distortion.
         brown: What a lens with Brown's distortion is; None for any other.
+        fisheye: What a fisheye lens is; None for any other.
     """
 
     camera: Camera
     ground_from_ray: FloatArray
     foot_m: FloatArray
     ground_from_pixel: FloatArray | None
-    brown: BrownLens | None
+    brown: BrownLens | None = None
+    fisheye: FisheyeLens | None = None
 
     @classmethod
     def at(cls, camera: Camera, pose: Pose, elevation_m: float = 0.0) -> "GroundMap":
@@ -39,12 +42,12 @@ class GroundMap:
         height = float(pose.position_enu_m[2]) - elevation_m
         scale = np.array([height, height, 1.0]) if height > 0 else np.full(3, np.nan)
         ground_from_ray = scale[:, None] * matrix(pose.wxyz)
-        ground_from_pixel, brown = None, None
+        foot = np.array(pose.position_enu_m[:2])
         if is_straight(camera):
-            ground_from_pixel = ground_from_ray @ ray_from_pixel(camera)
-        elif camera.lens is LensModel.BROWN:
-            brown = brown_lens(camera)
-        return cls(camera, ground_from_ray, np.array(pose.position_enu_m[:2]), ground_from_pixel, brown)
+            return cls(camera, ground_from_ray, foot, ground_from_ray @ ray_from_pixel(camera))
+        if camera.lens is LensModel.FISHEYE:
+            return cls(camera, ground_from_ray, foot, None, fisheye=fisheye_lens(camera))
+        return cls(camera, ground_from_ray, foot, None, brown=brown_lens(camera))
 
     def points_en_m(self, pixels_px: FloatArray) -> FloatArray:
         """East and north ``(..., 2)`` of pixels ``(..., 2)``, in the image or beside it.
@@ -53,15 +56,13 @@ class GroundMap:
         """
         pixels = np.ascontiguousarray(pixels_px, dtype=np.float64)
         points = np.empty_like(pixels)
+        flat, out = pixels.reshape(-1, 2), points.reshape(-1, 2)
         if self.ground_from_pixel is not None:
-            meet_straight(pixels.reshape(-1, 2), self.ground_from_pixel, self.foot_m, points.reshape(-1, 2))
+            meet_straight(flat, self.ground_from_pixel, self.foot_m, out)
         elif self.brown is not None:
-            meet_brown(pixels.reshape(-1, 2), self.brown, self.ground_from_ray, self.foot_m, points.reshape(-1, 2))
-        else:
-            rays = rays_from_pixels(self.camera, pixels) @ self.ground_from_ray.T
-            with np.errstate(invalid="ignore", divide="ignore"):
-                reach = np.where(rays[..., 2] < 0, -1 / rays[..., 2], np.nan)
-            points[...] = self.foot_m + reach[..., None] * rays[..., :2]
+            meet_brown(flat, self.brown, self.ground_from_ray, self.foot_m, out)
+        elif self.fisheye is not None:
+            meet_fisheye(flat, self.fisheye, self.ground_from_ray, self.foot_m, out)
         return points
 
 
@@ -81,8 +82,18 @@ def ray_from_pixel(camera: Camera) -> FloatArray:
     )
 
 
+def intrinsics_of(camera: Camera) -> tuple[float, float, float, float]:
+    """fx, fy, cx and cy, as the compiled loops take them."""
+    return float(camera.fx_px), float(camera.fy_px), float(camera.cx_px), float(camera.cy_px)
+
+
 def brown_lens(camera: Camera) -> BrownLens:
-    """What the compiled loops have to know of a lens with Brown's distortion."""
+    """A lens with Brown's distortion, as the compiled loops take it."""
     coefficients = tuple(map(float, padded(camera, 8)))
-    intrinsics = (float(camera.fx_px), float(camera.fy_px), float(camera.cx_px), float(camera.cy_px))
-    return intrinsics, coefficients, _brown_limit(coefficients)
+    return intrinsics_of(camera), coefficients, _brown_limit(coefficients)
+
+
+def fisheye_lens(camera: Camera) -> FisheyeLens:
+    """A fisheye lens, as the compiled loops take it."""
+    coefficients = tuple(map(float, padded(camera, 4)))
+    return intrinsics_of(camera), coefficients, _fisheye_limit(coefficients)

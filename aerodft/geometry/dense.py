@@ -1,7 +1,8 @@
 """The hot loops over all pixels of an image, and over many pixels at once: undistorted, and met with level ground.
 
-All of them stand in this module: code that is kept on disk is renewed only when its own file changes. Pairs are taken
-from flat arrays, two numbers a step, and what fails is left to a second loop: so the compiler takes several at once.
+All of them stand in this module: code that is kept on disk is renewed only when its own file changes. Where much is
+computed for a pixel, pairs are taken from flat arrays, two numbers a step, and what fails is left to a second loop: so
+the compiler takes several pixels at once.
 """
 
 import math
@@ -27,6 +28,12 @@ _CONVERGED, _ACCEPTED = 1e-14, 1e-11  # in units of the focal length, as in ``le
 _FIRST_STEPS = 5
 _SETTLED = 1e-8  # a step of Newton's that leaves an error of the order of its square
 _BLOCK = 512  # pixels that stay in the nearest cache from one loop to the next
+
+RAY_ROWS = 11
+"""Ray (3), its derivative by the pixel (3 x 2, row by row), and the distorted place (2) in focal lengths."""
+
+RAYS_AT_ONCE = 2048
+"""Columns of a ray table: known to the compiler, which then sees that rows do not overlap."""
 
 
 @njit_ieee
@@ -108,8 +115,9 @@ def meet_brown(
 def normalise(pixels_px: FloatArray, intrinsics: tuple[float, ...], out: FloatArray) -> None:
     """Pixels ``(n, 2)`` to ``(n, 2)`` in units of the focal length from the principal point; fx, fy, cx, cy in px."""
     fx, fy, cx, cy = intrinsics
+    given, found = pixels_px.reshape(-1), out.reshape(-1)
     for k in range(len(pixels_px)):
-        out[k, 0], out[k, 1] = (pixels_px[k, 0] - cx) / fx, (pixels_px[k, 1] - cy) / fy
+        found[2 * k], found[2 * k + 1] = (given[2 * k] - cx) / fx, (given[2 * k + 1] - cy) / fy
 
 
 @njit_ieee
@@ -198,3 +206,59 @@ def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> f
         else:
             high = middle
     return (low + high) / 2.0
+
+
+@njit_ieee
+def brown_rays(pixels_px: FloatArray, lens: BrownLens, rays: FloatArray, bends: FloatArray) -> None:
+    """Rays of at most ``RAYS_AT_ONCE`` pixels with what they depend on.
+
+    Args:
+        pixels_px: ``(n, 2)``.
+        lens: What it is.
+        rays: ``(11, RAYS_AT_ONCE)``, see ``RAY_ROWS``; NaN where the model has no inverse.
+        bends: ``(2 c, RAYS_AT_ONCE)``: u and v by which each of the first ``c`` coefficients moves a pixel.
+    """
+    intrinsics, coefficients, limit = lens
+    fx, fy, _, _ = intrinsics
+    distorted, straight = np.empty((len(pixels_px), 2)), np.empty((len(pixels_px), 2))
+    normalise(pixels_px, intrinsics, distorted)
+    undistort(distorted, coefficients, limit, straight)
+    given, found, table = distorted.reshape(-1), straight.reshape(-1), rays.reshape(-1)
+    for k in range(len(pixels_px)):
+        x, y = found[2 * k], found[2 * k + 1]
+        _, _, xx, xy, yy = brown(coefficients, x, y)
+        det = xx * yy - xy * xy
+        table[k], table[RAYS_AT_ONCE + k], table[2 * RAYS_AT_ONCE + k] = x, y, 1.0
+        table[3 * RAYS_AT_ONCE + k], table[4 * RAYS_AT_ONCE + k] = yy / (det * fx), -xy / (det * fy)
+        table[5 * RAYS_AT_ONCE + k], table[6 * RAYS_AT_ONCE + k] = -xy / (det * fx), xx / (det * fy)
+        table[7 * RAYS_AT_ONCE + k], table[8 * RAYS_AT_ONCE + k] = 0.0, 0.0
+        table[9 * RAYS_AT_ONCE + k], table[10 * RAYS_AT_ONCE + k] = given[2 * k], given[2 * k + 1]
+    if len(bends):
+        _bend(found, lens, bends.reshape(-1))
+
+
+@njit_ieee
+def _bend(straight: FloatArray, lens: BrownLens, bends: FloatArray) -> None:
+    """By how much the coefficients move the pixels of what is at ``straight (2 n,)``; the rows one after the other."""
+    (fx, fy, _, _), (k1, k2, _, _, k3, k4, k5, k6), _ = lens
+    wide = RAYS_AT_ONCE
+    for k in range(len(straight) // 2):
+        x, y = straight[2 * k], straight[2 * k + 1]
+        s = x * x + y * y
+        first = s / (1 + s * (k4 + s * (k5 + s * k6)))
+        bends[k], bends[wide + k] = fx * x * first, fy * y * first
+        bends[2 * wide + k], bends[3 * wide + k] = fx * x * first * s, fy * y * first * s
+        bends[4 * wide + k], bends[5 * wide + k] = fx * 2 * x * y, fy * (s + 2 * y * y)
+        bends[6 * wide + k], bends[7 * wide + k] = fx * (s + 2 * x * x), fy * 2 * x * y
+    if len(bends) > 8 * wide:
+        for k in range(len(straight) // 2):
+            s = straight[2 * k] ** 2 + straight[2 * k + 1] ** 2
+            bends[8 * wide + k], bends[9 * wide + k] = s * bends[2 * wide + k], s * bends[3 * wide + k]
+    if len(bends) > 10 * wide:
+        for k in range(len(straight) // 2):
+            s = straight[2 * k] ** 2 + straight[2 * k + 1] ** 2
+            over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
+            u, v = -over / under * bends[k], -over / under * bends[wide + k]
+            bends[10 * wide + k], bends[11 * wide + k] = u, v
+            bends[12 * wide + k], bends[13 * wide + k] = u * s, v * s
+            bends[14 * wide + k], bends[15 * wide + k] = u * s * s, v * s * s

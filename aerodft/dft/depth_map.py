@@ -129,12 +129,11 @@ def depth_map(
     limit_m = math.inf if max_range_m is None else max_range_m
     heading = float(camera_angles(pose.wxyz)[2])
     flat, curvature_per_m = planes.reshape(len(planes), -1), 0.0
-    if ground is None:
-        _meet_plane(camera, pose, heading, Plane(_UP, elevation_m), limit_m, flat)
-    elif isinstance(ground, Plane):
-        raised = Plane(ground.normal_enu, ground.offset_m + elevation_m * float(ground.normal_enu[2]))
-        _meet_plane(camera, pose, heading, raised, limit_m, flat)
-        _heights_on_plane(pose, heading, raised, flat)
+    if ground is None or isinstance(ground, Plane):
+        plane = measured_plane(ground, elevation_m)
+        _meet_plane(camera, pose, heading, plane, limit_m, flat)
+        if ground is not None:
+            _heights_on_plane(pose, heading, plane, flat)
     else:
         curvature_per_m = _meet_ground(camera, pose, heading, ground, elevation_m, limit_m, flat)
     return DepthMap(
@@ -144,6 +143,13 @@ def depth_map(
         elevation_m=elevation_m,
         curvature_per_m=curvature_per_m,
     )
+
+
+def measured_plane(ground: Plane | None, elevation_m: float) -> Plane:
+    """The plane ``elevation_m`` above ``ground``, along the vertical; without one the horizontal plane there."""
+    if ground is None:
+        return Plane(_UP, elevation_m)
+    return Plane(ground.normal_enu, ground.offset_m + elevation_m * float(ground.normal_enu[2]))
 
 
 def _ground_from_enu(heading_rad: float) -> FloatArray:
@@ -165,7 +171,7 @@ def _meet_plane(
         axes = np.zeros((3, 3))
         axes[:2, :2], axes[2] = _ground_from_enu(heading_rad), plane.normal_enu
         turn = (axes @ matrix(pose.wxyz)).astype(np.float32)
-        meet_dense(_ray_table(camera), turn, np.float32(above_m), np.float32(limit_m), out[:_LEVEL_PLANES])
+        meet_dense(ray_table(camera), turn, np.float32(above_m), np.float32(limit_m), out[:_LEVEL_PLANES])
     else:
         out[...] = np.nan
 
@@ -188,7 +194,7 @@ def _meet_ground(
     out: Float32Array,
 ) -> float:
     """All planes of ``out (planes, n)``, pixels by the block; returns the ground's curvature (per m)."""
-    table, rotation, turn = _ray_table(camera), matrix(pose.wxyz), _ground_from_enu(heading_rad)
+    table, rotation, turn = ray_table(camera), matrix(pose.wxyz), _ground_from_enu(heading_rad)
     curvature_per_m = 0.0
     for first in range(0, table.shape[1], _AT_ONCE):
         block = slice(first, first + _AT_ONCE)
@@ -216,7 +222,7 @@ def _cos_incidence(rays_enu: FloatArray, away_enu_m: FloatArray, hits: GroundHit
 
 
 @lru_cache(maxsize=2)
-def _ray_table(camera: Camera) -> Float32Array:
+def ray_table(camera: Camera) -> Float32Array:
     """``(4, n)`` unit rays in camera axes and square roots of the pixels' solid angles, row by row."""
     width, count = camera.width_px, camera.width_px * camera.height_px
     table = np.empty((_LEVEL_PLANES, count), dtype=np.float32)

@@ -194,7 +194,7 @@ def elevation_model(path, heights_m, cell_m=5.0):
 
 def test_on_terrain_a_ridge_hides_what_is_behind_it(depth, tmp_path):
     """30 m high, 60 to 70 m north, seen from 50 m: it hides the ground as far as 70 * 50 / 20 = 175 m."""
-    north = 402.5 - 5.0 * np.arange(161)
+    north = 400.0 - 5.0 * np.arange(161)
     heights = np.repeat(np.where((north > 59) & (north < 71), 30.0, 0.0)[:, None], 161, axis=1) + 500.0
     model = elevation_model(tmp_path / "ridge.tif", heights)
     options = ("--terrain", model, "--lat", 48, "--lon", 11, "--image", tmp_path / "image.png")

@@ -6,8 +6,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from aerodft.adapters.config.ground import COPY_NAME, copy_terrain, travels
 from aerodft.adapters.config.resolved import resolved_toml
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.config.station import StationConfig, TerrainGround
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.cli.output import say
@@ -34,7 +35,10 @@ def build_pipeline(station: StationConfig) -> Pipeline:
 def build_recorder(
     station: StationConfig, folder: Path, *, started_ns: int, lossless: bool, image_hz: float | None = None
 ) -> McapRecorder:
-    """A recorder into a new folder; the configuration is written beside the segments, complete in itself."""
+    """A recorder into a new folder; the configuration is written beside the segments, complete in itself.
+
+    An elevation model travels with it, where it is one file of moderate size; its name there is in the configuration.
+    """
     settings = RecorderSettings(
         station=station.pipeline.station,
         camera=station.pipeline.camera,
@@ -42,7 +46,19 @@ def build_recorder(
         max_image_hz=station.record.image_hz if image_hz is None else image_hz,
         jpeg_quality=station.record.jpeg_quality,
     )
-    return McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": resolved_toml(station)})
+    terrain = station.ground if isinstance(station.ground, TerrainGround) else None
+    copied = terrain is not None and travels(terrain)
+    text = resolved_toml(station, terrain_file=COPY_NAME if copied else None)
+    recorder = McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": text})
+    if terrain is not None and not copied:
+        say(f"aerodft: {terrain.path} is not copied into the recording, which needs it to be computed anew")
+    elif terrain is not None:
+        try:
+            copy_terrain(terrain, folder)
+        except InputError:
+            recorder.close()
+            raise
+    return recorder
 
 
 @contextmanager

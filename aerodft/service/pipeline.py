@@ -73,7 +73,9 @@ class Pipeline:
         self._fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         telemetry = settings.telemetry or TelemetrySettings()
         self._wait_ns = telemetry.wait_ns
-        self._poses = PoseSource(telemetry, origin=settings.origin, time_std_s=settings.time_std_s)
+        self._poses = PoseSource(
+            telemetry, origin=settings.origin, time_std_s=settings.time_std_s, ground=settings.ground
+        )
         self._jobs: deque[_Job] = deque()
         self._images: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED_IMAGES)
         self._last_pose: PoseSample | None = None

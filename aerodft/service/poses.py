@@ -7,12 +7,14 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.geodesy import east_north
+from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin, Pose, PoseSample
+from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude
+from aerodft.service.footing import footing
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
@@ -33,13 +35,22 @@ class PoseSource:
         settings: Sources, stds and limits.
         origin: The station's ENU origin; None takes the first fix.
         time_std_s: Standard deviation of image stamps against telemetry stamps.
+        ground: What heights that are measured from the surface below are counted from; None for the level plane at 0.
     """
 
-    def __init__(self, settings: TelemetrySettings, *, origin: GeoOrigin | None, time_std_s: float) -> None:
+    def __init__(
+        self,
+        settings: TelemetrySettings,
+        *,
+        origin: GeoOrigin | None,
+        time_std_s: float,
+        ground: Ground | None = None,
+    ) -> None:
         self.clock = ClockMap()
         self.origin = origin
         self._settings = settings
         self._time_std_s = time_std_s
+        self._ground = ground
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
         self._position = Stream(settings.height.max_gap_ns)
@@ -76,8 +87,10 @@ class PoseSource:
         if isinstance(height, Missing) or isinstance(attitude, Missing):
             return self._miss(stamp_ns, height, attitude)
         sample = self._sample(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
+        if self._ground is not None:
+            sample = self._over_ground(sample, self._ground, place)
         minimum = self._settings.height.min_m
-        if height.height_agl_m < minimum:
+        if height.height_agl_m < minimum and sample.status is Status.OK:
             reason = f"{height.source} says {height.height_agl_m:.2f} m, the minimum is {minimum:g} m"
             return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(reason,))
         return sample
@@ -146,6 +159,20 @@ class PoseSource:
             telemetry_age_s=max(height.age_s, attitude.age_s),
         )
 
+    def _over_ground(self, sample: PoseSample, ground: Ground, place: _Place | Missing) -> PoseSample:
+        """The sample in ENU, where its height may be counted from the surface below; or why it has no place there."""
+        from_zero, pose = sample.height_source is HeightSource.HOME, sample.pose
+        if pose is None:
+            return sample
+        if isinstance(place, Missing) and (from_zero or not isinstance(ground, Plane)):  # a slope is alike everywhere
+            return _unplaced(sample, place, self._settings.height.max_gap_ns)
+        below = footing(ground, pose.position_enu_m[:2])
+        if below.status is Status.BEYOND_TERRAIN or not (from_zero or below.status is Status.OK):
+            east, north = pose.position_enu_m[:2].tolist()
+            reason = f"the camera is {below.where}, {east:.0f} m east and {north:.0f} m north of the origin"
+            return replace(sample, status=below.status, reasons=(reason,), pose=None)
+        return sample if from_zero else replace(sample, pose=below.carrying(pose))
+
     def _miss(self, stamp_ns: int, height: Height | Missing, attitude: CameraAttitude | Missing) -> PoseSample:
         reasons = []
         if isinstance(height, Missing):
@@ -160,6 +187,14 @@ class PoseSource:
         else:
             status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
         return PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons))
+
+
+def _unplaced(sample: PoseSample, missing: Missing, max_gap_ns: int) -> PoseSample:
+    """What a sample becomes over ground of which nobody knows which part is below."""
+    status, when = Status.NO_HEIGHT, "received yet"
+    if missing is Missing.STALE:
+        status, when = Status.STALE_TELEMETRY, f"on both sides of the stamp within {max_gap_ns / SECOND_NS:g} s"
+    return replace(sample, pose=None, status=status, reasons=(f"no position {when}, and the ground is uneven",))
 
 
 def _sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:

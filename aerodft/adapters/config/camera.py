@@ -7,11 +7,13 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import (
     Count,
     FieldOfViewDeg,
     Focal,
+    Many,
     NonNegative,
     Real,
     Table,
@@ -21,7 +23,8 @@ from aerodft.adapters.config.tables import (
 from aerodft.model.camera import Camera, CameraStd, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
-_LENS_ONLY = ("distortion", "lens")
+_LENS_ONLY = ("distortion", "lens", "distortion_std")
+_STDS = ("focal_std_px", "principal_point_std_px", "distortion_std")
 _COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 
 
@@ -41,11 +44,15 @@ class CameraTable(Table):
     lens: Annotated[LensModel, Field(strict=False)] = LensModel.BROWN
     focal_std_px: NonNegative = 0.0
     principal_point_std_px: NonNegative = 0.0
+    distortion_std: Many[NonNegative] = ()
+    covariance: Many[Many[Real]] | None = None
 
     @model_validator(mode="after")
     def _one_of_two_ways(self) -> Self:
         given = self.model_fields_set
         intrinsics = [key for key in _INTRINSICS if key in given]
+        if self.covariance is not None and (stds := [key for key in _STDS if key in given]):
+            raise impossible("covariance", got=f"it beside {stds[0]}", expected="one of the two")
         if {"hfov_deg", "vfov_deg"} & given and intrinsics:
             raise impossible(
                 "",
@@ -78,6 +85,9 @@ class CameraTable(Table):
                 got=f"{len(self.distortion)} coefficients",
                 expected=f"{' or '.join(map(str, allowed))} for a {self.lens} lens",
             )
+        if len(self.distortion_std) not in {0, len(self.distortion)}:
+            got = f"{len(self.distortion_std)} of them"
+            raise impossible("distortion_std", got=got, expected=f"{len(self.distortion)}, as many as in distortion")
 
 
 def load_camera(path: Path) -> Camera:
@@ -90,12 +100,26 @@ def load_camera(path: Path) -> Camera:
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
     """
-    return camera_from(validated(CameraTable, parse_toml(read_bytes(path), str(path)), str(path)))
+    return camera_from(validated(CameraTable, parse_toml(read_bytes(path), str(path)), str(path)), str(path))
 
 
-def camera_from(table: CameraTable) -> Camera:
-    """The camera that a validated table describes."""
-    std = CameraStd(focal_px=table.focal_std_px, principal_point_px=table.principal_point_std_px)
+def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
+    """The camera that a validated table describes.
+
+    Args:
+        table: The table.
+        where: The file's name in messages.
+        prefix: Key path of the table in its file, with a trailing dot; empty for the file's root.
+
+    Raises:
+        ConfigError: Its covariance is none.
+    """
+    std = CameraStd(
+        focal_px=table.focal_std_px,
+        principal_point_px=table.principal_point_std_px,
+        distortion=table.distortion_std,
+    )
+    covariance = _covariance(table, where, prefix)
     width, height = table.width_px, table.height_px
     if table.hfov_deg is None:
         return Camera(
@@ -109,11 +133,20 @@ def camera_from(table: CameraTable) -> Camera:
             lens=table.lens,
             distortion=table.distortion,
             std=std,
+            covariance=covariance,
         )
     hfov_rad = math.radians(table.hfov_deg)
     vfov_rad = hfov_rad if table.vfov_deg is None else math.radians(table.vfov_deg)
     camera = Camera.from_fov(name=table.name, width_px=width, height_px=height, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
-    return replace(camera, std=std, fy_px=camera.fx_px if table.vfov_deg is None else camera.fy_px)
+    fy_px = camera.fx_px if table.vfov_deg is None else camera.fy_px
+    return replace(camera, std=std, covariance=covariance, fy_px=fy_px)
+
+
+def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[float, ...], ...]:
+    if table.covariance is None:
+        return ()
+    size, of = len(_INTRINSICS) + len(table.distortion), "fx, fy, cx, cy, distortion"
+    return as_rows(checked_covariance(table.covariance, size, where=where, key=f"{prefix}covariance", of=of))
 
 
 def camera_document(camera: Camera) -> dict[str, Any]:
@@ -125,6 +158,13 @@ def camera_document(camera: Camera) -> dict[str, Any]:
         **{key: getattr(camera, key) for key in _INTRINSICS},
         "lens": str(camera.lens),
         "distortion": list(camera.distortion),
-        "focal_std_px": camera.std.focal_px,
-        "principal_point_std_px": camera.std.principal_point_px,
+        **_uncertainty(camera),
     }
+
+
+def _uncertainty(camera: Camera) -> dict[str, Any]:
+    if camera.covariance:
+        return {"covariance": [list(row) for row in camera.covariance]}
+    std = camera.std
+    bent = {"distortion_std": list(std.distortion)} if std.distortion else {}
+    return {"focal_std_px": std.focal_px, "principal_point_std_px": std.principal_point_px, **bent}

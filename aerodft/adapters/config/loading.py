@@ -7,6 +7,7 @@ from typing import Any
 
 from aerodft.adapters.config.calibration import calibration_from, load_calibrated_pose, load_calibration
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
+from aerodft.adapters.config.ground import ground_from, needs_place
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
@@ -14,15 +15,18 @@ from aerodft.adapters.config.settings import (
     fixed_pose_from,
     images_from,
     origin_from,
+    placed,
     probes_from,
     telemetry_from,
 )
 from aerodft.adapters.config.station import (
     FixedPose,
+    GroundShape,
     Link,
     ObservationSettings,
     RecordSettings,
     StationConfig,
+    TerrainGround,
     ZenohSettings,
 )
 from aerodft.adapters.config.station_tables import ConfigTable
@@ -43,10 +47,11 @@ def load_station(path: Path) -> StationConfig:
     """Read a station's configuration.
 
     Args:
-        path: A TOML file; camera, calibration, video and observation files in it are relative to its folder.
+        path: A TOML file; camera, calibration, terrain, video and observation files in it are relative to its folder.
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value, here or in a file that it refers to.
+        InputError: The elevation model cannot be used.
     """
     return parse_station(read_bytes(path), where=str(path), folder=path.parent)
 
@@ -64,9 +69,12 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
     """
     table = validated(ConfigTable, parse_toml(data, where), where)
     telemetry, observations, zenoh, record = table.telemetry, table.observations, table.zenoh, table.record
-    return refreshed(
+    ground = ground_from(table.ground, where, folder)
+    pipeline = _pipeline(table, where, folder)
+    _check_ground(ground, pipeline.model, table.pose, where)
+    return _refreshed(
         StationConfig(
-            pipeline=_pipeline(table, where, folder),
+            pipeline=pipeline,
             link=_link(telemetry),
             images=images_from(table.images, folder),
             observations=ObservationSettings(
@@ -79,9 +87,36 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
                 folder=Path(record.folder), image_hz=record.image_hz, jpeg_quality=record.jpeg_quality
             ),
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
+            ground=ground,
             calibration=None if telemetry is None else _telemetry_calibration(telemetry, folder),
-        )
+        ),
+        where,
     )
+
+
+def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: PoseTable | None, where: str) -> None:
+    if ground is not None and model is ProjectionModel.DFT:
+        got, hint = 'it beside camera.model = "dft"', "the equations of the paper know level ground only"
+        raise ConfigError("ground", where=where, got=got, expected='"pinhole", or no [ground]', hint=hint)
+    stated = pose is not None and pose.calibration is None
+    if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
+        expected = "degrees from north, because the ground is laid out on the map"
+        raise ConfigError("pose.heading_deg", where=where, got="nothing", expected=expected)
+
+
+def _refreshed(station: StationConfig, where: str) -> StationConfig:
+    """The station with what follows from the rest, once it is sure that it does.
+
+    Raises:
+        ConfigError: The ground lies on the map, and no one says where the station is; or it ends before the camera.
+        InputError: The elevation model cannot be used.
+    """
+    pose, origin = station.fixed_pose, station.pipeline.origin
+    if needs_place(station.ground) and (origin if pose is None else placed(pose, origin)[0]) is None:
+        key = "ground.terrain" if isinstance(station.ground, TerrainGround) else "ground.point"
+        expected = "station.origin = { lat_deg, lon_deg }" if pose is None else "pose.lat_deg and pose.lon_deg"
+        raise ConfigError(key, where=where, got="no place on the map for the station", expected=expected)
+    return refreshed(station, where)
 
 
 def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
@@ -112,7 +147,7 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
         ConfigError: As :func:`aerodft.adapters.config.calibration.load_calibration`, or the file lacks what it takes.
     """
     if station.fixed_pose is not None:
-        return refreshed(replace(station, fixed_pose=_calibrated_pose(path)))
+        return _refreshed(replace(station, fixed_pose=_calibrated_pose(path)), str(path))
     return replace(station, calibration=_biases(path))
 
 
@@ -126,7 +161,7 @@ def _camera(document: dict[str, Any], where: str, folder: Path) -> tuple[Camera,
         raise ConfigError("camera.model", where=where, got=repr(name), expected=expected) from None
     if "file" in rest:
         return load_camera(folder / validated(_CameraFile, rest, where, "camera.").file), model
-    return camera_from(validated(CameraTable, rest, where, "camera.")), model
+    return camera_from(validated(CameraTable, rest, where, "camera."), where, "camera."), model
 
 
 def _fixed_pose(table: PoseTable, where: str, folder: Path) -> FixedPose:

@@ -12,6 +12,7 @@ from aerodft.adapters.config.tables import (
     HeadingDeg,
     Latitude,
     Longitude,
+    Many,
     NonNegative,
     Order,
     Positive,
@@ -129,6 +130,7 @@ class PoseTable(Table):
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
     std: PoseStdTable = PoseStdTable()
+    covariance: Many[Many[Real]] | None = None
 
     @model_validator(mode="after")
     def _stated_or_calibrated(self) -> Self:
@@ -139,5 +141,7 @@ class PoseTable(Table):
             missing = [key for key in ("height_agl_m", "tilt_deg") if getattr(self, key) is None]
             if missing:
                 raise impossible(missing[0], got="nothing", expected="height_agl_m and tilt_deg, or calibration")
+        if self.covariance is not None and "std" in self.model_fields_set:
+            raise impossible("covariance", got="it beside std", expected="one of the two")
         check_position(self.lat_deg, self.lon_deg)
         return self

@@ -9,7 +9,8 @@ import tomli_w
 
 from aerodft.adapters.config.calibration import bias_document
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.config.settings import pose_sample
+from aerodft.adapters.config.ground import ground_document, made_ground
+from aerodft.adapters.config.settings import placed, pose_sample
 from aerodft.adapters.config.station import (
     Device,
     FixedPose,
@@ -22,22 +23,35 @@ from aerodft.adapters.config.station import (
 )
 from aerodft.adapters.config.units import to_deg, to_s
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.model.pose import GeoOrigin
+from aerodft.model.pose import GeoOrigin, PoseStd
 from aerodft.model.probe import PixelSource, Probe
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 
 
-def refreshed(station: StationConfig) -> StationConfig:
-    """The station with ``pipeline.fixed_pose`` and ``pipeline.config_id`` made anew from the rest."""
-    fixed = None if station.fixed_pose is None else pose_sample(station.fixed_pose, station.pipeline.origin)
-    current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed))
+def refreshed(station: StationConfig, where: str = "") -> StationConfig:
+    """The station with ``pipeline.ground``, ``.fixed_pose`` and ``.config_id`` made anew from the rest.
+
+    Args:
+        station: The station.
+        where: File that it is from, for messages.
+
+    Raises:
+        InputError: The elevation model cannot be used, or there is no ground below the fixed camera.
+        ValueError: The ground needs an origin, and there is none.
+    """
+    pose, origin = station.fixed_pose, station.pipeline.origin
+    place, *foot_m = (origin, 0.0, 0.0) if pose is None else placed(pose, origin)
+    ground = made_ground(station.ground, place, (foot_m[0], foot_m[1]))
+    fixed = None if pose is None else pose_sample(pose, origin, ground, where)
+    current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed, ground=ground))
     return replace(current, pipeline=replace(current.pipeline, config_id=config_id(current)))
 
 
 def config_id(station: StationConfig) -> str:
     """``sha256:...`` of what the numbers depend on: not of ports, folders, or where input comes from.
 
-    A telemetry calibration is left out too: a measurement names it by its own id.
+    A telemetry calibration is left out too: a measurement names it by its own id. An elevation model counts with the
+    hash of its bytes.
     """
     document = station_document(station)
     for key in ("zenoh", "record"):
@@ -48,6 +62,7 @@ def config_id(station: StationConfig) -> str:
         document["observations"].pop(key, None)
     for key in ("connection", "baud", "bias"):
         document.get("telemetry", {}).pop(key, None)
+    document.get("ground", {}).pop("terrain", None)
     text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
@@ -61,16 +76,20 @@ def _as_numbers(value: Any) -> Any:  # noqa: ANN401 (whatever TOML can hold)
     return value + 0.0 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-def resolved_toml(station: StationConfig) -> str:
+def resolved_toml(station: StationConfig, *, terrain_file: str | None = None) -> str:
     """One TOML text with camera, calibration and every default written out.
 
     Reading it with :func:`aerodft.adapters.config.loading.parse_station` gives the same settings to the last bit.
+
+    Args:
+        station: The station.
+        terrain_file: What an elevation model's file is called beside the text; None for where it is now.
     """
-    return tomli_w.dumps(station_document(station))
+    return tomli_w.dumps(station_document(station, terrain_file))
 
 
-def station_document(station: StationConfig) -> dict[str, Any]:
-    """The station as TOML keys; what is None is left out."""
+def station_document(station: StationConfig, terrain_file: str | None = None) -> dict[str, Any]:
+    """The station as TOML keys; what is None is left out. ``terrain_file`` as in :func:`resolved_toml`."""
     pipeline = station.pipeline
     document: dict[str, Any] = {
         "station": {"name": pipeline.station, "tick_ms": pipeline.tick_ns // 1_000_000},
@@ -82,6 +101,8 @@ def station_document(station: StationConfig) -> dict[str, Any]:
         document["telemetry"] = _telemetry(pipeline.telemetry, station)
     if station.fixed_pose is not None:
         document["pose"] = _pose(station.fixed_pose)
+    if station.ground is not None:
+        document["ground"] = ground_document(station.ground, terrain_file)
     document["images"] = {**_images(station.images), "time_std_s": pipeline.time_std_s}
     document["observations"] = {
         "files": [str(file.absolute()) for file in station.observations.files],
@@ -170,15 +191,20 @@ def _pose(fixed: FixedPose) -> dict[str, Any]:
         lat_deg=_degrees(fixed.lat_rad),
         lon_deg=_degrees(fixed.lon_rad),
         alt_msl_m=fixed.alt_msl_m,
-        std={
-            "height_m": fixed.std.height_agl_m,
-            "tilt_deg": to_deg(fixed.std.tilt_rad),
-            "pan_deg": to_deg(fixed.std.pan_rad),
-            "roll_deg": to_deg(fixed.std.roll_rad),
-            "heading_deg": to_deg(fixed.std.heading_rad),
-            "horizontal_m": fixed.std.horizontal_m,
-        },
+        covariance=[list(row) for row in fixed.covariance] or None,
+        std=None if fixed.covariance else _pose_std(fixed.std),
     )
+
+
+def _pose_std(std: PoseStd) -> dict[str, float]:
+    return {
+        "height_m": std.height_agl_m,
+        "tilt_deg": to_deg(std.tilt_rad),
+        "pan_deg": to_deg(std.pan_rad),
+        "roll_deg": to_deg(std.roll_rad),
+        "heading_deg": to_deg(std.heading_rad),
+        "horizontal_m": std.horizontal_m,
+    }
 
 
 def _images(settings: ImageSettings) -> dict[str, Any]:
@@ -201,11 +227,11 @@ def _images(settings: ImageSettings) -> dict[str, Any]:
 
 def _probe(probe: Probe) -> dict[str, Any]:
     fixed = probe.source is PixelSource.FIXED
+    plane = {"elevation_m": probe.elevation_m, "elevation_std_m": probe.elevation_std_m}
     return {
         "name": probe.name,
         "kind": str(probe.kind),
         **({"pixels": [list(pixel) for pixel in probe.pixels]} if fixed else {"observed": True}),
         "std_px": probe.std_px,
-        "elevation_m": probe.elevation_m,
-        "elevation_std_m": probe.elevation_std_m,
+        **(plane if probe.on_top_of is None else {"on_top_of": probe.on_top_of}),
     }

@@ -1,8 +1,12 @@
 """Validated tables to the settings and values that the inside works with: SI units, radians, nanoseconds."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.pose_tables import AttitudeTable, HeightTable, PoseStdTable, PoseTable, TelemetryTable
 from aerodft.adapters.config.station import (
     Device,
@@ -18,11 +22,14 @@ from aerodft.adapters.config.station_tables import ImagesTable, OriginTable, Pro
 from aerodft.adapters.config.units import to_ns
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
+from aerodft.geometry.ground import Ground
 from aerodft.geometry.poses import camera_pose
+from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
-from aerodft.model.probe import PixelSource, Probe
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
+from aerodft.service.footing import footing
 from aerodft.service.settings import AttitudeSettings, FixedMount, HeightSettings, TelemetrySettings
 
 _POSITION_STD_M = 2.0
@@ -86,10 +93,16 @@ def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
     """A fixed camera's stated pose.
 
     Raises:
-        ConfigError: Height or tilt is not stated.
+        ConfigError: Height or tilt is not stated, or the covariance is none.
     """
     if table.height_agl_m is None or table.tilt_deg is None:
         raise ConfigError("pose", where=where, got="a calibration", expected="height_agl_m and tilt_deg")
+    std = _stated_std(table.std, knows_heading=table.heading_deg is not None, knows_position=table.lat_deg is not None)
+    covariance: tuple[tuple[float, ...], ...] = ()
+    if table.covariance is not None:
+        of = "east, north, up, then rotation about the camera's x, y, z"
+        cov = checked_covariance(table.covariance, 6, where=where, key="pose.covariance", of=of)
+        covariance, std = as_rows(cov), _std_of(cov)
     return FixedPose(
         height_agl_m=table.height_agl_m,
         tilt_rad=math.radians(table.tilt_deg),
@@ -98,9 +111,8 @@ def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
         lat_rad=None if table.lat_deg is None else math.radians(table.lat_deg),
         lon_rad=None if table.lon_deg is None else math.radians(table.lon_deg),
         alt_msl_m=table.alt_msl_m,
-        std=_stated_std(
-            table.std, knows_heading=table.heading_deg is not None, knows_position=table.lat_deg is not None
-        ),
+        std=std,
+        covariance=covariance,
         calibration=table.calibration_id,
     )
 
@@ -118,29 +130,53 @@ def _stated_std(table: PoseStdTable, *, knows_heading: bool, knows_position: boo
     )
 
 
-def pose_sample(fixed: FixedPose, origin: GeoOrigin | None) -> PoseSample:
+def _std_of(cov: FloatArray) -> PoseStd:
+    """What a full covariance ``(6, 6)`` comes to in people's words; the heading is in the three rotations."""
+    east, north, up, tilt, pan, roll = np.diag(cov).tolist()
+    return PoseStd(
+        height_agl_m=math.sqrt(up),
+        horizontal_m=math.sqrt((east + north) / 2),
+        tilt_rad=math.sqrt(tilt),
+        pan_rad=math.sqrt(pan),
+        roll_rad=math.sqrt(roll),
+    )
+
+
+def pose_sample(
+    fixed: FixedPose, origin: GeoOrigin | None, ground: Ground | None = None, where: str = ""
+) -> PoseSample:
     """A fixed camera's pose as the pipeline takes it.
 
     Args:
         fixed: The pose.
         origin: The station's ENU origin; without one, the camera's foot is the origin.
+        ground: What the height is counted from, right below the camera; None for the level plane at 0.
+        where: File that the pose is from, for messages.
 
     Returns:
         A sample with stamp 0, in ENU of ``origin`` where the camera's position is known, else above its own foot.
+
+    Raises:
+        ConfigError: There is no ground below the camera.
     """
-    origin, east_m, north_m = _placed(fixed, origin)
+    origin, east_m, north_m = placed(fixed, origin)
+    pose = camera_pose(
+        height_agl_m=fixed.height_agl_m,
+        tilt_rad=fixed.tilt_rad,
+        roll_rad=fixed.roll_rad,
+        heading_rad=fixed.heading_rad,
+        std=fixed.std,
+        east_m=east_m,
+        north_m=north_m,
+    )
+    if ground is not None:
+        pose = _on_ground(pose, ground, where)
+    if fixed.covariance:
+        pose = replace(pose, cov=np.array(fixed.covariance))
     return PoseSample(
         stamp_ns=0,
         status=Status.OK,
-        pose=camera_pose(
-            height_agl_m=fixed.height_agl_m,
-            tilt_rad=fixed.tilt_rad,
-            roll_rad=fixed.roll_rad,
-            heading_rad=fixed.heading_rad,
-            std=fixed.std,
-            east_m=east_m,
-            north_m=north_m,
-        ),
+        pose=pose,
         std=fixed.std,
         origin=origin,
         lat_rad=fixed.lat_rad,
@@ -153,8 +189,25 @@ def pose_sample(fixed: FixedPose, origin: GeoOrigin | None) -> PoseSample:
     )
 
 
-def _placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
-    """The ENU origin with the camera's east and north (m) in it; no origin where the position is unknown."""
+def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
+    below = footing(ground, pose.position_enu_m[:2])
+    if below.status is not Status.OK:
+        hint = "check the position, or set fill_msl_m or radius_m in [ground]"
+        got = f"a camera {below.where}"
+        raise ConfigError("pose", where=where, got=got, expected="ground right below it", hint=hint)
+    return below.carrying(pose)
+
+
+def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
+    """Where a fixed camera is: an ENU origin with its east and north (m) there.
+
+    Args:
+        fixed: The camera's pose.
+        origin: The station's ENU origin; without one, the camera's foot is the origin.
+
+    Returns:
+        No origin where the camera's position is unknown.
+    """
     if fixed.lat_rad is None or fixed.lon_rad is None:
         return None, 0.0, 0.0
     if origin is None:
@@ -185,7 +238,7 @@ def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> t
     """The configured probes.
 
     Raises:
-        ConfigError: A name twice, or a fixed pixel outside the camera's image.
+        ConfigError: A name twice, a fixed pixel outside the camera's image, or a probe on top of what is no height.
     """
     names = [table.name for table in tables]
     right_px, bottom_px = camera.width_px + _EDGE_PX, camera.height_px + _EDGE_PX
@@ -202,6 +255,8 @@ def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> t
                     got=f"pixel ({u:g}, {v:g})",
                     expected=f"within (-0.5, -0.5) to ({right_px:g}, {bottom_px:g}) of {camera.name}",
                 )
+        if table.on_top_of is not None:
+            _check_object(table.on_top_of, tables, f"{where}: probe[{index}].on_top_of")
     return tuple(
         Probe(
             name=table.name,
@@ -211,6 +266,23 @@ def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> t
             std_px=table.std_px,
             elevation_m=table.elevation_m,
             elevation_std_m=table.elevation_std_m,
+            on_top_of=table.on_top_of,
         )
         for table in tables
     )
+
+
+def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None:
+    """Refuse to lie on top of anything but an object that stands on the ground, seen in fixed pixels."""
+    found = next((table for table in tables if table.name == name), None)
+    if found is None:
+        got = f'"{name}", which is not there'
+    elif found.kind is not ProbeKind.HEIGHT:
+        got = f'"{name}", which measures a {found.kind}'
+    elif found.observed:
+        got = f'"{name}", of which the pixels are observed'
+    elif found.on_top_of is not None:
+        got = f'"{name}", which lies on top of "{found.on_top_of}"'
+    else:
+        return
+    raise ConfigError("no object", where=where, got=got, expected="a height on the ground with pixels of its own")

@@ -99,11 +99,53 @@ class RecordSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SlopedGround:
+    """Ground that is a tilted plane.
+
+    Attributes:
+        slope_rad: Against the horizontal.
+        uphill_azimuth_rad: Where it rises to, clockwise from north.
+        point_rad: WGS84 latitude and longitude of its point at height 0; None for the origin, or what is right below
+            a fixed camera.
+    """
+
+    slope_rad: float
+    uphill_azimuth_rad: float
+    point_rad: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TerrainGround:
+    """Ground from an elevation model; see ``adapters.terrain.load_elevation``.
+
+    Attributes:
+        path: The raster.
+        sha256: Of its bytes, in hexadecimal digits: what the numbers depend on, wherever it lies.
+        radius_m: How far around the origin it is read.
+        cell_m: Distance of the nodes; None for that of its pixels.
+        band: Of the heights, from 1.
+        fill_msl_m: Height of what has no data; None to leave holes.
+        refraction: Refraction coefficient of sight lines.
+    """
+
+    path: Path
+    sha256: str
+    radius_m: float
+    cell_m: float | None = None
+    band: int = 1
+    fill_msl_m: float | None = None
+    refraction: float
+
+
+GroundShape: TypeAlias = SlopedGround | TerrainGround
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FixedPose:
     """A fixed camera's pose as it was stated or calibrated.
 
     Attributes:
-        height_agl_m: Above the measured plane.
+        height_agl_m: Above the measured plane, or above uneven ground right below the camera.
         tilt_rad: From straight down.
         roll_rad: Right side down.
         heading_rad: Clockwise from true north; 0 where unknown, which makes ENU turn with the camera.
@@ -111,6 +153,7 @@ class FixedPose:
         lon_rad: Likewise.
         alt_msl_m: Of the camera, likewise.
         std: How well all this is known.
+        covariance: 6 rows of 6, as ``Pose.cov`` has them; where it is there, it takes the place of ``std``.
         calibration: Id of the calibration that it came from.
     """
 
@@ -122,6 +165,7 @@ class FixedPose:
     lon_rad: float | None = None
     alt_msl_m: float | None = None
     std: PoseStd = field(default_factory=PoseStd)
+    covariance: tuple[tuple[float, ...], ...] = ()
     calibration: str | None = None
 
 
@@ -129,7 +173,7 @@ class FixedPose:
 class StationConfig:
     """One station, from one file.
 
-    ``pipeline.fixed_pose`` and ``pipeline.config_id`` follow from the rest: after a ``dataclasses.replace`` that
+    ``pipeline.fixed_pose``, ``.ground`` and ``.config_id`` follow from the rest: after a ``dataclasses.replace`` that
     touches what numbers depend on, pass the result through :func:`aerodft.adapters.config.resolved.refreshed`.
 
     Attributes:
@@ -140,6 +184,7 @@ class StationConfig:
         zenoh: The bus.
         record: The recorder.
         fixed_pose: What ``pipeline.fixed_pose`` was made of; None where telemetry gives the pose.
+        ground: What ``pipeline.ground`` was made of; None for level ground.
         calibration: Biases to correct the telemetry with.
     """
 
@@ -150,4 +195,5 @@ class StationConfig:
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
     record: RecordSettings = field(default_factory=RecordSettings)
     fixed_pose: FixedPose | None = None
+    ground: GroundShape | None = None
     calibration: Calibration | None = None

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
 from aerodft.adapters.config.tables import (
     Duration,
+    HeadingDeg,
     Latitude,
     Longitude,
     Many,
@@ -125,6 +126,44 @@ class RecordTable(Table):
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
 
 
+class PointTable(Table):
+    """A point of sloping ground."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+
+_SLOPE_KEYS = ("uphill_azimuth_deg", "point")
+_TERRAIN_KEYS = ("sha256", "radius_m", "cell_m", "band", "fill_msl_m", "refraction")
+
+
+class GroundTable(Table):
+    """Ground that is not level: a slope, or an elevation model."""
+
+    slope_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
+    uphill_azimuth_deg: HeadingDeg | None = None
+    point: PointTable | None = None
+    terrain: Text | None = None
+    sha256: Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits")] | None = None
+    radius_m: Positive | None = None
+    cell_m: Positive | None = None
+    band: Annotated[int, Field(ge=1, le=65535)] = 1
+    fill_msl_m: Real | None = None
+    refraction: Annotated[float, Field(ge=0, lt=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if (self.slope_deg is None) == (self.terrain is None):
+            got = "neither of them" if self.terrain is None else "both of them"
+            raise impossible("", got=got, expected="either slope_deg with uphill_azimuth_deg, or terrain")
+        owner, others = ("slope_deg", _TERRAIN_KEYS) if self.terrain is None else ("terrain", _SLOPE_KEYS)
+        if beside := [key for key in others if key in self.model_fields_set]:
+            raise impossible(beside[0], got=f"it beside {owner}", expected="one of the two")
+        if self.terrain is None and self.uphill_azimuth_deg is None:
+            raise impossible("uphill_azimuth_deg", got="nothing", expected="where the ground rises to, from north")
+        return self
+
+
 class ProbeTable(Table):
     """One thing to measure."""
 
@@ -135,6 +174,7 @@ class ProbeTable(Table):
     std_px: NonNegative = 1.0
     elevation_m: Real = 0.0
     elevation_std_m: NonNegative = 0.0
+    on_top_of: Slug | None = None
 
     @model_validator(mode="after")
     def _fixed_or_observed(self) -> Self:
@@ -146,6 +186,9 @@ class ProbeTable(Table):
             raise impossible(
                 "pixels", got=f"{len(self.pixels)} of them", expected=f"{pixels_wanted(self.kind)} for {self.kind}"
             )
+        elevation = sorted(self.model_fields_set & {"elevation_m", "elevation_std_m"})
+        if self.on_top_of is not None and elevation:
+            raise impossible(elevation[0], got="it beside on_top_of", expected="one of the two")
         return self
 
 
@@ -159,6 +202,7 @@ class ConfigTable(Table):
     images: ImagesTable = ImagesTable()
     observations: ObservationsTable = ObservationsTable()
     limits: LimitsTable = LimitsTable()
+    ground: GroundTable | None = None
     zenoh: ZenohTable = ZenohTable()
     record: RecordTable = RecordTable()
     probe: Many[ProbeTable] = ()

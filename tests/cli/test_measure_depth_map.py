@@ -197,7 +197,7 @@ def test_on_terrain_a_ridge_hides_what_is_behind_it(depth, tmp_path):
     north = 400.0 - 5.0 * np.arange(161)
     heights = np.repeat(np.where((north > 59) & (north < 71), 30.0, 0.0)[:, None], 161, axis=1) + 500.0
     model = elevation_model(tmp_path / "ridge.tif", heights)
-    options = ("--terrain", model, "--lat", 48, "--lon", 11, "--image", tmp_path / "image.png")
+    options = ("--terrain", model, "--lat", 48, "--lon", 11, "--image", tmp_path / "image.png", "--step", 1)
     found = depth(60, *options, "--json")
     assert (found.code, found.err) == (0, "")
     assert found.json["ground"]["kind"] == "terrain"
@@ -213,11 +213,8 @@ def test_on_terrain_a_ridge_hides_what_is_behind_it(depth, tmp_path):
     assert np.any((ahead > 60) & (ahead < 75))
     view = cv2.imread(str(tmp_path / "out/topview.png"), cv2.IMREAD_UNCHANGED)
     about = found.json["top_view"]
-    column, rows = (
-        int(-about["west_enu_m"] / about["step_m"]),
-        ((about["north_enu_m"] - np.array([172.0, 90.0, 40.0])) / about["step_m"]).astype(int),
-    )
-    assert view[rows, column, 3].tolist() == [0, 0, 255]
+    column, rows = int(-about["west_enu_m"]), np.ceil(about["north_enu_m"] - np.array([185.0, 120.0, 40.0])).astype(int)
+    assert view[rows, column, 3].tolist() == [255, 0, 255]
     assert len(orjson.loads((tmp_path / "out/footprint.geojson").read_bytes())["features"]) == 1
     assert found.json["footprint_area_m2"] > 10_000
     assert "terrain of 5" in depth(60, *options).err

@@ -83,7 +83,7 @@ def scene_of(setup: Setup, sample: PoseSample, max_range_m: float | None) -> Sce
     std_m = None
     uncertain = np.any(pose.cov) or pose.time_std_s or np.any(intrinsics_covariance(camera))
     if uncertain and (ground is None or isinstance(ground, Plane)):
-        std_m = range_std(camera, pose, measured_plane(ground, elevation_m))
+        std_m = range_std(camera, pose, measured_plane(ground, elevation_m), setup.elevation_std_m)
         std_m[np.isnan(seen.range_m)] = np.nan
     return Scene(
         camera=camera,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-
+from aerodft.adapters.config.covariance import load_covariance
 from aerodft.cli.stds import Stds
 from aerodft.errors import InputError, UsageError
 from aerodft.geometry.ground import Ground, Plane
@@ -95,8 +95,6 @@ class GivenPose:
             std=stds.pose,
         )
         if self.covariance is not None:
-            from aerodft.adapters.config.covariance import load_covariance
-
             pose = replace(pose, cov=load_covariance(self.covariance))
         alt_msl_m = None if origin is None or origin.alt_msl_m is None else origin.alt_msl_m + height_m
         return PoseSample(

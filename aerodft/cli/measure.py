@@ -19,7 +19,7 @@ from aerodft.dft.measure import Request, Setup
 from aerodft.dft.measure import explain as explain_request
 from aerodft.dft.measure import measure as measure_requests
 from aerodft.dft.models import compare_models
-from aerodft.errors import UsageError
+from aerodft.errors import InputError, UsageError
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status
@@ -104,7 +104,7 @@ def measure(
         surface, origin = terms.ground(pose.origin)
         setup = replace(_setup(camera, model or ProjectionModel.PINHOLE, stds), ground=surface)
         sample = pose.sample(stds, origin)
-    setup = _limited(setup, elevation, max_range)
+    setup = replace(_limited(setup, elevation, max_range), elevation_std_m=stds.elevation_m)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
         from aerodft.cli.depth import write_depth  # noqa: PLC0415 - matplotlib and the video library are slow
@@ -150,11 +150,11 @@ def _stds(std: str | None, pose: GivenPose) -> Stds:
 
 def _limited(setup: Setup, elevation_m: float, max_range_m: float | None) -> Setup:
     if not abs(elevation_m) <= LARGEST:
-        raise UsageError("--elevation", got=f"{elevation_m:g}", expected="m above the ground, finite")
+        raise InputError("--elevation", got=f"{elevation_m:g}", expected="m above the ground, finite")
     if max_range_m is None:
         return replace(setup, elevation_m=elevation_m)
     if not 0 < max_range_m <= LARGEST:
-        raise UsageError("--max-range", got=f"{max_range_m:g}", expected="m, above 0")
+        raise InputError("--max-range", got=f"{max_range_m:g}", expected="m, above 0")
     return replace(setup, elevation_m=elevation_m, max_range_m=max_range_m)
 
 

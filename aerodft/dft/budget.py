@@ -1,5 +1,6 @@
 """Where a measurement's uncertainty comes from, and what to do about it: first order, input by input."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import PoseStd
 
+_ROUNDING = 1e-12
 _ADVICE = {
     "height": "measure the height better: a rangefinder, or a surveyed point",
     "position": "a better position fix",
@@ -23,6 +25,7 @@ _ADVICE = {
     "focal": "calibrate the lens",
     "principal point": "calibrate the lens",
     "distortion": "calibrate the lens",
+    "correlations": "a landmark tells apart what varies together",
     "elevation": "survey the elevation of the measured plane",
     "time": "align the clocks of images and telemetry, or hold still",
     "pixels": "pick the pixels more precisely, come closer, or use more resolution",
@@ -35,8 +38,9 @@ class Share:
 
     Attributes:
         source: The input.
-        std: What the measurement's standard deviation would be if this input alone were uncertain.
-        share: Of the variance, 0 to 1. Inputs that are correlated do not add up to 1.
+        std: What the measurement's standard deviation would be if this input alone were uncertain; negative where
+            correlations make the measurement more certain.
+        share: Of the variance. What inputs that vary together add, or take away, stands under ``correlations``.
     """
 
     source: str
@@ -75,10 +79,13 @@ def variance_budget(seen: Seen, std: PoseStd, top: ObjectTop | None = None) -> t
         "pixels": by_pixels,
     }
     total = float(shared @ cov @ shared) + float(variances["pixels"])
+    if not total > 0:
+        return ()
+    variances["correlations"] = total - sum(map(float, variances.values()))
     parts = [
-        Share(source, float(np.sqrt(variance)), float(variance) / total)
+        Share(source, math.copysign(math.sqrt(abs(variance)), variance), float(variance) / total)
         for source, variance in variances.items()
-        if variance > 0 and total > 0
+        if abs(variance) > _ROUNDING * total
     ]
     return tuple(sorted(parts, key=lambda part: -part.share))
 

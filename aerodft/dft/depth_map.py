@@ -147,9 +147,7 @@ def depth_map(
 
 def measured_plane(ground: Plane | None, elevation_m: float) -> Plane:
     """The plane ``elevation_m`` above ``ground``, along the vertical; without one the horizontal plane there."""
-    if ground is None:
-        return Plane(_UP, elevation_m)
-    return Plane(ground.normal_enu, ground.offset_m + elevation_m * float(ground.normal_enu[2]))
+    return Plane(_UP, elevation_m) if ground is None else ground.raised(elevation_m)
 
 
 def _ground_from_enu(heading_rad: float) -> FloatArray:

@@ -19,6 +19,7 @@ class Setup:
         model: Projection model.
         ground: What probes' elevations are counted from; None for the level plane at 0. The dft model knows no other.
         elevation_m: Height of the measured surface above the ground for what is no probe: whole images.
+        elevation_std_m: Its standard deviation.
         max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
         config_id: Named in every measurement.
     """
@@ -27,6 +28,7 @@ class Setup:
     model: ProjectionModel = ProjectionModel.PINHOLE
     ground: Ground | None = None
     elevation_m: float = 0.0
+    elevation_std_m: float = 0.0
     max_range_m: float | None = None
     config_id: str | None = None
 

@@ -53,6 +53,10 @@ class Plane:
         normal = np.array([back * math.sin(uphill_azimuth_rad), back * math.cos(uphill_azimuth_rad), up])
         return cls(normal, float(normal @ np.asarray(point_enu_m, dtype=np.float64)))
 
+    def raised(self, by_m: float) -> "Plane":
+        """The parallel plane that is ``by_m`` higher, along the vertical."""
+        return Plane(self.normal_enu, self.offset_m + by_m * float(self.normal_enu[2]))
+
     @property
     def has_edges(self) -> bool:
         """A plane has none."""

@@ -82,8 +82,7 @@ def footprint(
     if ground is None:
         return _plane_footprint(camera, pose, max_range_m, Plane(_UP, elevation_m))
     if isinstance(ground, Plane):
-        raised = Plane(ground.normal_enu, ground.offset_m + elevation_m * float(ground.normal_enu[2]))
-        return _plane_footprint(camera, pose, max_range_m, raised)
+        return _plane_footprint(camera, pose, max_range_m, ground.raised(elevation_m))
     return _terrain_footprint(camera, pose, max_range_m, elevation_m, ground)
 
 

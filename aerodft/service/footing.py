@@ -11,7 +11,6 @@ from aerodft.model.status import CODES, Status
 
 _ALOFT_M = 1e5  # above all ground
 _DOWN = np.array([0.0, 0.0, -1.0])
-_WHERE = {Status.NO_ELEVATION: "over a hole in the elevation model"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,9 +28,9 @@ class Footing:
     slope: FloatArray
 
     @property
-    def where(self) -> str:
-        """Where a camera is that has no ground below it, in words."""
-        return _WHERE.get(self.status, "beyond the border of the elevation model")
+    def what(self) -> str:
+        """What there is instead of ground whose height is known."""
+        return "a hole in the elevation model" if self.status is Status.NO_ELEVATION else "no more elevation model"
 
     def carrying(self, pose: Pose) -> Pose:
         """The pose in ENU of a camera whose height, and its variance, are counted from this ground.

@@ -22,13 +22,18 @@ _DATUM = {
 
 @dataclass(frozen=True, slots=True)
 class Height:
-    """A height above the measured plane, its standard deviation, source, datum and age."""
+    """A height above the measured plane, its standard deviation, source, datum and age.
+
+    ``foot_m`` is east and north, from the vehicle, of the surface that was measured to: a rangefinder that is bolted to
+    a vehicle which leans does not look straight down.
+    """
 
     height_agl_m: float
     std_m: float
     source: HeightSource
     datum: str
     age_s: float
+    foot_m: tuple[float, float] = (0.0, 0.0)
 
 
 class HeightSources:
@@ -81,11 +86,12 @@ class HeightSources:
         found = stream.find(stamp_ns, watermark_ns)
         if isinstance(found, Missing):
             return found
-        value = float(found.linear(stream.column("value_m")))
+        value, foot_m = float(found.linear(stream.column("value_m"))), (0.0, 0.0)
         if stream.column("slant")[found.before]:
             if isinstance(vehicle_wxyz, Missing):
                 return vehicle_wxyz
-            value *= float(matrix(vehicle_wxyz)[2, 2])  # cos(roll) cos(pitch)
+            north, east, down = (value * matrix(vehicle_wxyz)[:, 2]).tolist()
+            value, foot_m = down, (east, north)
         reported = float(found.linear(stream.column("std_m")))
         std = max(self._settings.std_m[source], reported) if math.isfinite(reported) else self._settings.std_m[source]
-        return Height(value, std, source, _DATUM[source], stream.age_s(stamp_ns) or 0.0)
+        return Height(value, std, source, _DATUM[source], stream.age_s(stamp_ns) or 0.0, foot_m)

@@ -88,7 +88,7 @@ class PoseSource:
             return self._miss(stamp_ns, height, attitude)
         sample = self._sample(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
         if self._ground is not None:
-            sample = self._over_ground(sample, self._ground, place)
+            sample = self._over_ground(sample, self._ground, height, place)
         minimum = self._settings.height.min_m
         if height.height_agl_m < minimum and sample.status is Status.OK:
             reason = f"{height.source} says {height.height_agl_m:.2f} m, the minimum is {minimum:g} m"
@@ -159,17 +159,18 @@ class PoseSource:
             telemetry_age_s=max(height.age_s, attitude.age_s),
         )
 
-    def _over_ground(self, sample: PoseSample, ground: Ground, place: _Place | Missing) -> PoseSample:
+    def _over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: _Place | Missing) -> PoseSample:
         """The sample in ENU, where its height may be counted from the surface below; or why it has no place there."""
-        from_zero, pose = sample.height_source is HeightSource.HOME, sample.pose
+        from_zero, pose = height.source is HeightSource.HOME, sample.pose
         if pose is None:
             return sample
         if isinstance(place, Missing) and (from_zero or not isinstance(ground, Plane)):  # a slope is alike everywhere
             return _unplaced(sample, place, self._settings.height.max_gap_ns)
-        below = footing(ground, pose.position_enu_m[:2])
+        foot = pose.position_enu_m[:2] + height.foot_m
+        below = footing(ground, foot)
         if below.status is Status.BEYOND_TERRAIN or not (from_zero or below.status is Status.OK):
-            east, north = pose.position_enu_m[:2].tolist()
-            reason = f"the camera is {below.where}, {east:.0f} m east and {north:.0f} m north of the origin"
+            east, north = foot.tolist()
+            reason = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin, is {below.what}"
             return replace(sample, status=below.status, reasons=(reason,), pose=None)
         return sample if from_zero else replace(sample, pose=below.carrying(pose))
 

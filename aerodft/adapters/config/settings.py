@@ -193,8 +193,7 @@ def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
     below = footing(ground, pose.position_enu_m[:2])
     if below.status is not Status.OK:
         hint = "check the position, or set fill_msl_m or radius_m in [ground]"
-        got = f"a camera {below.where}"
-        raise ConfigError("pose", where=where, got=got, expected="ground right below it", hint=hint)
+        raise ConfigError("below the pose", where=where, got=below.what, expected="ground", hint=hint)
     return below.carrying(pose)
 
 

@@ -1,6 +1,8 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 from hypothesis import given
@@ -22,6 +24,8 @@ PAPER_TABLE_1 = {  # name: width, height, horizontal and vertical field of view
 }
 FOV = 'name = "A"\nwidth_px = 100\nheight_px = 50\nhfov_deg = 90\n'
 INTRINSICS = 'name = "A"\nwidth_px = 100\nheight_px = 50\nfx_px = 80\nfy_px = 81.5\ncx_px = 48\ncy_px = 26\n'
+
+COVARIANCE = "covariance = [[4.0, 3.9, 0, 0], [3.9, 4.0, 0, 0], [0, 0, 0.25, 0], [0, 0, 0, 0.25]]\n"
 
 
 def camera_file(folder: Path, text: str) -> Path:
@@ -52,6 +56,17 @@ def test_every_camera_file_that_we_ship_loads() -> None:
 def test_horizontal_field_of_view_alone_means_square_pixels(tmp_path: Path) -> None:
     camera = load_camera(camera_file(tmp_path, FOV))
     assert camera.fx_px == camera.fy_px == pytest.approx(50.0)
+
+
+def test_how_well_each_intrinsic_is_known(tmp_path: Path) -> None:
+    text = INTRINSICS + "distortion = [0.1, 0, 0, 0]\ndistortion_std = [0.01, 0.02, 0, 0]\nfocal_std_px = 2\n"
+    stated = load_camera(camera_file(tmp_path, text))
+    assert stated.std == CameraStd(focal_px=2.0, distortion=(0.01, 0.02, 0.0, 0.0))
+    full = load_camera(camera_file(tmp_path, INTRINSICS + COVARIANCE))
+    assert full.covariance[:2] == ((4.0, 3.9, 0.0, 0.0), (3.9, 4.0, 0.0, 0.0))
+    assert full.std == CameraStd()
+    by_view = load_camera(camera_file(tmp_path, FOV + COVARIANCE))
+    assert by_view.covariance == full.covariance
 
 
 def test_intrinsics_are_taken_as_they_stand(tmp_path: Path) -> None:
@@ -86,6 +101,16 @@ def test_intrinsics_are_taken_as_they_stand(tmp_path: Path) -> None:
         (INTRINSICS + "distortion = [1]\n", "distortion: got 1 coefficients, expected 0 or 4 or 5 or 8 for a brown"),
         (INTRINSICS + "focal_std_px = 1e300\n", "camera.toml: focal_std_px: got 1e+300, expected at most 1e+12"),
         (INTRINSICS.replace("cy_px = 26", "cy_px = -1e300"), "cy_px: got -1e+300, expected at least -1e+12"),
+        (INTRINSICS + "distortion_std = [1]\n", "distortion_std: got 1 of them, expected 0, as many as in distortion"),
+        (FOV + "distortion_std = [0, 0, 0, 0]\n", "distortion_std: got it beside a field of view, expected intrinsics"),
+        (INTRINSICS + f"focal_std_px = 0\n{COVARIANCE}", "covariance: got it beside focal_std_px, expected one of the"),
+        (
+            INTRINSICS + f"distortion = [0, 0, 0, 0]\n{COVARIANCE}",
+            "got 4 rows, expected 8 rows of 8 numbers (fx, fy, c",
+        ),
+        (INTRINSICS + COVARIANCE.replace("3.9", "4.1"), "got correlations with an eigenvalue of -0.025, expected none"),
+        (INTRINSICS + COVARIANCE.replace("[3.9", "[3.8"), "got [0][1] = 3.9 and [1][0] = 3.8, expected the same numb"),
+        (INTRINSICS + COVARIANCE.replace("0.25", '"x"'), 'camera.toml: covariance[2][2]: got "x", expected a number'),
         (INTRINSICS + 'lens = "wide"\n', "camera.toml: lens: got \"wide\", expected one of 'brown' or 'fisheye'"),
     ],
 )
@@ -131,7 +156,21 @@ cameras = st.builds(
 )
 
 
-@given(camera=cameras)
+@st.composite
+def known_cameras(draw: st.DrawFn) -> Camera:
+    """Cameras with stds of their distortion, or a covariance of all, or neither."""
+    camera = draw(cameras)
+    count = len(camera.distortion)
+    if draw(st.booleans()):
+        stds = draw(st.lists(st.floats(0, 0.1), min_size=count, max_size=count).map(tuple))
+        return replace(camera, std=replace(camera.std, distortion=stds))
+    if draw(st.booleans()):
+        root = np.random.default_rng(draw(st.integers(0, 99))).normal(size=(4 + count, 9))
+        return replace(camera, std=CameraStd(), covariance=tuple(map(tuple, (root @ root.T).tolist())))
+    return camera
+
+
+@given(camera=known_cameras())
 def test_a_camera_survives_its_own_file(tmp_path_factory: pytest.TempPathFactory, camera: Camera) -> None:
     path = tmp_path_factory.getbasetemp() / "round.toml"
     path.write_text(tomli_w.dumps(camera_document(camera)))

@@ -1,0 +1,120 @@
+"""Covariances are taken as they are or refused: against matrices that are, or are not, made of causes."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from aerodft.adapters.config.covariance import checked_covariance, load_covariance
+from aerodft.errors import ConfigError, InputError
+
+SCALES = np.array([2.0, 2.0, 0.1, 5e-3, 5e-3, 2e-3])  # metres and radians
+
+
+def refused(rows, size=6):
+    with pytest.raises(ConfigError) as caught:
+        checked_covariance(rows, size, where="x.toml", key="pose.covariance", of="a, b")
+    return str(caught.value)
+
+
+def made(rank, seed):
+    """A covariance of six errors with so many causes."""
+    root = SCALES[:, None] * np.random.default_rng(seed).normal(size=(6, rank))
+    return root @ root.T
+
+
+@given(rank=st.integers(1, 8), seed=st.integers(0, 2**32 - 1))
+def test_what_is_made_of_causes_is_a_covariance_singular_or_not(rank, seed):
+    cov = made(rank, seed)
+    symmetric = (cov + cov.T) / 2
+    assert_array_equal(checked_covariance(cov, 6, where=""), symmetric)
+    printed = [[float(f"{value:.9g}") for value in row] for row in cov]
+    checked_covariance(printed, 6, where="")
+
+
+@given(
+    rank=st.integers(1, 8),
+    seed=st.integers(0, 2**32 - 1),
+    below=st.floats(1e-4, 0.5),
+    direction=st.lists(st.floats(-1, 1), min_size=6, max_size=6).filter(lambda each: np.linalg.norm(each) > 0.1),
+)
+def test_a_combination_with_a_negative_variance_is_refused(rank, seed, below, direction):
+    cov = made(rank, seed)
+    scale = np.sqrt(np.diag(cov))
+    towards = np.array(direction) / np.linalg.norm(direction)
+    correlations = cov / np.outer(scale, scale)
+    excess = towards @ correlations @ towards + below * len(cov)  # for sure below 0 along it, also when normalised
+    rows = np.outer(scale, scale) * (correlations - excess * np.outer(towards, towards))
+    sentence = refused(rows)
+    assert "eigenvalue of -" in sentence or "expected variances of 0 or more" in sentence
+
+
+def test_what_is_exact_has_no_variance_and_no_covariance():
+    cov = np.diag([0.0, 0.0, 0.01, 1e-6, 1e-6, 0.0])
+    assert_array_equal(checked_covariance(cov, 6, where=""), cov)
+    assert_array_equal(checked_covariance(np.zeros((4, 4)), 4, where=""), np.zeros((4, 4)))
+
+
+@pytest.mark.parametrize(
+    ("rows", "sentence"),
+    [
+        ([[1.0, 0.0]], "x.toml: pose.covariance: got 1 rows, expected 2 rows of 2 numbers (a, b)"),
+        ([[1.0, 0.0], [0.0]], "got 1 in [1], expected 2 rows of 2 numbers (a, b)"),
+        ([[1.0, 0.2], [0.3, 1.0]], "got [0][1] = 0.2 and [1][0] = 0.3, expected the same number twice: it is symm"),
+        ([[1.0, 0.0], [0.0, -0.25]], "got [1][1] = -0.25, expected variances of 0 or more on its diagonal"),
+        ([[1.0, 2.0], [2.0, 1.0]], "got correlations with an eigenvalue of -1, expected none below 0"),
+        ([[0.0, 0.0], [0.0, 1.0], [0.0, 0.0]], "got 3 rows, expected 2 rows of 2"),
+        ([[1.0, math.nan], [0.0, 1.0]], "got [0][1] = nan, expected numbers up to 1e+12"),
+        ([[1.0, 0.0], [0.0, math.inf]], "got [1][1] = inf, expected numbers up to 1e+12"),
+        ([[1.0, 0.0], [0.0, 1e200]], "got [1][1] = 1e+200, expected numbers up to 1e+12"),
+    ],
+)
+def test_the_sentence_says_where_it_is_wrong(rows, sentence):
+    assert sentence in refused(rows, size=2)
+
+
+def test_what_is_exact_varies_with_nothing():
+    assert "got [0][1] = " in refused([[0.0, 1e-9], [1e-9, 4.0]], size=2)
+
+
+def test_a_file_of_rows(tmp_path):
+    path, cov = tmp_path / "cov.json", made(3, 1)
+    path.write_text(json.dumps(cov.tolist()))
+    assert_array_equal(load_covariance(path), (cov + cov.T) / 2)
+    path.write_text("[[1, 0], [0, 4]]")
+    assert_array_equal(load_covariance(path, 2), [[1.0, 0.0], [0.0, 4.0]])
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"\xff\xd8\xff\xe0", "cov.json: not JSON: got a JPEG image, expected a JSON list of rows"),
+        (b"", "cov.json: not JSON: got an empty file, expected a JSON list of rows"),
+        (b"{}", "cov.json: holds no covariance: got text, expected a JSON list of rows"),
+        (b"[]", "cov.json: holds no covariance"),
+        (b"[[]]", "cov.json: holds no covariance"),
+        (b"[1, 2]", "cov.json: holds no covariance"),
+        (b'[[1, "2"]]', 'cov.json: [0][1]: got "2", expected a number'),
+        (b"[[1, true]]", "cov.json: [0][1]: got true, expected a number"),
+        (b"[[1, 0], [0, 1]]", "cov.json: covariance: got 2 rows, expected 6 rows of 6 numbers"),
+        (b"[[NaN]]", "cov.json: not JSON"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content, sentence):
+    path = tmp_path / "cov.json"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        load_covariance(path)
+    assert sentence in str(caught.value)
+    assert caught.value.exit_code == 3
+
+
+def test_a_missing_file_is_said(tmp_path):
+    with pytest.raises(InputError, match=r"none\.json: no covariance: got unreadable"):
+        load_covariance(tmp_path / "none.json")
+    with pytest.raises(InputError, match="no covariance: got a folder, expected a JSON list of rows"):
+        load_covariance(tmp_path)

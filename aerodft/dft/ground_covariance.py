@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.ground_map import brown_lens, fisheye_lens, intrinsics_of, is_straight
+from aerodft.dft.ground_map import brown_lens, fisheye_lens, is_straight, ray_from_pixel
 from aerodft.dft.projection import ELEVATION
 from aerodft.dft.uncertainty import shared_covariance
 from aerodft.geometry.dense import RAY_ROWS, RAYS_AT_ONCE, brown_rays
@@ -87,8 +87,8 @@ class GroundCovariance:
         self, forms: tuple[Quadratic, ...], pixels: FloatArray, points: FloatArray, covs: FloatArray
     ) -> None:
         east, north, height = self.camera_m
-        scaled = _matrix(np.array(self.enu_from_cam) * [[height], [height], [1.0]])
-        spread_straight(pixels, intrinsics_of(self.camera), scaled, forms, (east, north), points, covs)
+        rows = np.array(self.enu_from_cam) @ ray_from_pixel(self.camera) * [[height], [height], [1.0]]
+        spread_straight(pixels, _matrix(rows), forms, (east, north), points, covs)
 
     def _spread_rays(self, pixels: FloatArray, points: FloatArray, covs: FloatArray) -> None:
         bent = self.factors.shape[1] - _PINHOLE
@@ -135,12 +135,16 @@ def _factors(cov: FloatArray) -> FloatArray:
 
 
 def _forms(camera: Camera, rotation: FloatArray, height_m: float, cov: FloatArray) -> tuple[Quadratic, ...]:
-    """``spread_straight``'s: every error moves what it moves by a linear function of the undistorted x, y and 1."""
-    by = np.zeros((_PINHOLE, 3, 3))
-    by[range(3), range(3)] = -rotation[_UP]
-    by[3:6] = height_m * rotation @ skew(np.eye(3))
-    by[6, :, 0], by[7, :, 1] = -height_m * rotation[:, :2].T / [[camera.fx_px], [camera.fy_px]]
-    by[8, :, 2], by[9, :, 2] = by[6, :, 0], by[7, :, 1]
+    """``spread_straight``'s.
+
+    The ray that is as long as its range is linear in where it ends, and every error moves it by something linear in it.
+    """
+    by_ray = np.zeros((_PINHOLE, 3, 3))
+    by_ray[3:6] = rotation @ skew(np.eye(3))
+    by_ray[6, :, 0], by_ray[7, :, 1] = -rotation[:, :2].T / [[camera.fx_px], [camera.fy_px]]
+    by_ray[8, :, 2], by_ray[9, :, 2] = by_ray[6, :, 0], by_ray[7, :, 1]
+    by = by_ray @ rotation.T @ np.diag([1.0, 1.0, -height_m])
+    by[range(3), range(3), 2] = 1.0
     products = np.einsum("kl,kai,lbj->abij", cov, by, by)
     scale = np.array([1.0, 1.0, 1 / height_m])
     products = products * (scale[:, None] * scale)[..., None, None]

@@ -1,8 +1,7 @@
 """The hot loops over all pixels of an image, and over many pixels at once: undistorted, and met with level ground.
 
-All of them stand in this module: code that is kept on disk is renewed only when its own file changes. Where much is
-computed for a pixel, pairs are taken from flat arrays, two numbers a step, and what fails is left to a second loop: so
-the compiler takes several pixels at once.
+All of them stand in this module: code that is kept on disk is renewed only when its own file changes. Pairs are taken
+from flat arrays, two numbers a step, and what fails is left to a second loop: so the compiler takes several at once.
 """
 
 import math
@@ -76,12 +75,13 @@ def meet_straight(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: 
         out_m: NaN for rays that do not go down.
     """
     m = ground_from_pixel
+    given, points = pixels_px.reshape(-1), out_m.reshape(-1)
     for k in range(len(pixels_px)):
-        u, v = pixels_px[k, 0], pixels_px[k, 1]
+        u, v = given[2 * k], given[2 * k + 1]
         up = m[2, 0] * u + m[2, 1] * v + m[2, 2]
         reach = -1.0 / up if up < 0.0 else math.nan
-        out_m[k, 0] = foot_m[0] + reach * (m[0, 0] * u + m[0, 1] * v + m[0, 2])
-        out_m[k, 1] = foot_m[1] + reach * (m[1, 0] * u + m[1, 1] * v + m[1, 2])
+        points[2 * k] = foot_m[0] + reach * (m[0, 0] * u + m[0, 1] * v + m[0, 2])
+        points[2 * k + 1] = foot_m[1] + reach * (m[1, 0] * u + m[1, 1] * v + m[1, 2])
 
 
 @njit_ieee
@@ -115,9 +115,10 @@ def meet_brown(
 def normalise(pixels_px: FloatArray, intrinsics: tuple[float, ...], out: FloatArray) -> None:
     """Pixels ``(n, 2)`` to ``(n, 2)`` in units of the focal length from the principal point; fx, fy, cx, cy in px."""
     fx, fy, cx, cy = intrinsics
+    per_x, per_y = 1.0 / fx, 1.0 / fy
     given, found = pixels_px.reshape(-1), out.reshape(-1)
     for k in range(len(pixels_px)):
-        found[2 * k], found[2 * k + 1] = (given[2 * k] - cx) / fx, (given[2 * k + 1] - cy) / fy
+        found[2 * k], found[2 * k + 1] = (given[2 * k] - cx) * per_x, (given[2 * k + 1] - cy) * per_y
 
 
 @njit_ieee

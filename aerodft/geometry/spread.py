@@ -28,14 +28,13 @@ _HEIGHT, _ROTATION, _FOCAL, _CENTRE, _BENDS = 2, 3, 6, 8, 10  # rows of derivati
 
 @njit_ieee
 def _at(form: Quadratic, x: float, y: float) -> float:
-    return (form[0] * x + form[1] * y + form[3]) * x + (form[2] * y + form[4]) * y + form[5]
+    return (form[0] * x + (form[1] * y + form[3])) * x + ((form[2] * y + form[4]) * y + form[5])
 
 
 @njit_ieee
 def spread_straight(
     pixels_px: FloatArray,
-    intrinsics: tuple[float, ...],
-    ground_from_ray: Matrix,
+    ground_from_pixel: Matrix,
     forms: tuple[Quadratic, ...],
     foot_m: tuple[float, float],
     out_m: FloatArray,
@@ -45,32 +44,40 @@ def spread_straight(
 
     Args:
         pixels_px: ``(n, 2)``.
-        intrinsics: fx, fy, cx and cy.
-        ground_from_ray: ``(3, 3)``: ray in camera axes to one whose third component is upwards, in heights.
-        forms: Covariance of ``h dq - q_z dx`` as a function of the undistorted x and y: EE, EN, NN; then EU and NU
-            divided by the height, and UU divided by its square.
+        ground_from_pixel: ``(3, 3)``: homogeneous pixel to a ray whose third component is upwards, in heights.
+        forms: Covariance of ``s dq + dx`` as a function of the point's own east and north from the camera's foot: EE,
+            EN, NN; then EU and NU divided by the height, and UU divided by its square.
         foot_m: Below the camera.
         out_m: ``(n, 2)``; NaN for rays that do not go down.
         cov_m2: ``(n, 2, 2)``; NaN as ``out_m``.
     """
-    fx, fy, cx, cy = intrinsics
-    to_east, to_north, to_up = ground_from_ray
+    m = ground_from_pixel
     ee, en, nn, eu, nu, uu = forms
     given, points, covs = pixels_px.reshape(-1), out_m.reshape(-1), cov_m2.reshape(-1)
-    for k in range(len(pixels_px)):
-        x, y = (given[2 * k] - cx) / fx, (given[2 * k + 1] - cy) / fy
-        up = to_up[0] * x + to_up[1] * y + to_up[2]
-        reach = -1.0 / up if up < 0.0 else math.nan
-        east = reach * (to_east[0] * x + to_east[1] * y + to_east[2])
-        north = reach * (to_north[0] * x + to_north[1] * y + to_north[2])
-        by_up, east_up, north_up = _at(uu, x, y), _at(eu, x, y), _at(nu, x, y)
-        square = reach * reach
-        across = square * (_at(en, x, y) + east * north_up + north * (east_up + east * by_up))
-        points[2 * k], points[2 * k + 1] = foot_m[0] + east, foot_m[1] + north
-        covs[4 * k] = square * (_at(ee, x, y) + east * (2 * east_up + east * by_up))
-        covs[4 * k + 1] = across
-        covs[4 * k + 2] = across
-        covs[4 * k + 3] = square * (_at(nn, x, y) + north * (2 * north_up + north * by_up))
+    block = np.empty(5 * _BLOCK)
+    for first in range(0, len(pixels_px), _BLOCK):  # three short loops: one's factors fill the registers
+        count = min(_BLOCK, len(pixels_px) - first)
+        pixel, point, cov = given[2 * first :], points[2 * first :], covs[4 * first :]
+        for k in range(count):
+            u, v = pixel[2 * k], pixel[2 * k + 1]
+            up = m[2][0] * u + (m[2][1] * v + m[2][2])
+            reach = -1.0 / up if up < 0.0 else math.nan
+            x = reach * (m[0][0] * u + (m[0][1] * v + m[0][2]))
+            y = reach * (m[1][0] * u + (m[1][1] * v + m[1][2]))
+            block[k], block[_BLOCK + k] = x, y
+            point[2 * k], point[2 * k + 1] = foot_m[0] + x, foot_m[1] + y
+        for k in range(count):
+            x, y = block[k], block[_BLOCK + k]
+            block[2 * _BLOCK + k], block[3 * _BLOCK + k] = _at(eu, x, y), _at(nu, x, y)
+            block[4 * _BLOCK + k] = _at(uu, x, y)
+        for k in range(count):
+            x, y = block[k], block[_BLOCK + k]
+            by_x, by_y, by_up = block[2 * _BLOCK + k], block[3 * _BLOCK + k], block[4 * _BLOCK + k]
+            across = y * (x * by_up + by_x) + (x * by_y + _at(en, x, y))
+            cov[4 * k] = x * (x * by_up + 2.0 * by_x) + _at(ee, x, y)
+            cov[4 * k + 1] = across
+            cov[4 * k + 2] = across
+            cov[4 * k + 3] = y * (y * by_up + 2.0 * by_y) + _at(nn, x, y)
 
 
 @njit_ieee

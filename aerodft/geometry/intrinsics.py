@@ -55,23 +55,33 @@ def _remembered(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> FloatA
 
 def _rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
     rays = rays_with_jacobian(camera, pixels_px)
+    distorted = (pixels_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
+    return np.asarray(-rays.jac_px @ pixels_by_intrinsics(camera, rays.rays_cam, distorted))
+
+
+def pixels_by_intrinsics(camera: Camera, rays_cam: FloatArray, distorted: FloatArray) -> FloatArray:
+    """Derivative ``(..., 2, m)`` of the pixels of rays ``(..., 3)`` by the intrinsics.
+
+    Args:
+        camera: The camera.
+        rays_cam: In camera axes, of any length.
+        distorted: ``(..., 2)``: their pixels, from the principal point, in focal lengths.
+    """
     count = len(intrinsics_covariance(camera))
-    focal = np.array([camera.fx_px, camera.fy_px])
-    distorted = (pixels_px - [camera.cx_px, camera.cy_px]) / focal
-    moved = np.zeros((*pixels_px.shape, count))  # of the pixel, by the parameter
-    moved[..., 0, 0], moved[..., 1, 1] = distorted[..., 0], distorted[..., 1]
-    moved[..., 0, 2] = moved[..., 1, 3] = 1.0
+    by = np.zeros((*distorted.shape, count))
+    by[..., 0, 0], by[..., 1, 1] = distorted[..., 0], distorted[..., 1]
+    by[..., 0, 2] = by[..., 1, 3] = 1.0
     if count > PINHOLE_PARAMETERS:
         bend = _fisheye_bend if camera.lens is LensModel.FISHEYE else _brown_bend
-        by_coefficients = bend(camera, rays.rays_cam)[..., : len(camera.distortion)]
-        moved[..., PINHOLE_PARAMETERS:] = focal[:, None] * by_coefficients
-    return np.asarray(-rays.jac_px @ moved)
+        by_coefficients = bend(camera, rays_cam)[..., : len(camera.distortion)]
+        by[..., PINHOLE_PARAMETERS:] = np.array([[camera.fx_px], [camera.fy_px]]) * by_coefficients
+    return by
 
 
 def _brown_bend(camera: Camera, rays_cam: FloatArray) -> FloatArray:
-    """Derivative ``(..., 2, 8)`` of the distorted by the coefficients, rays with a third component of 1."""
+    """Derivative ``(..., 2, 8)`` of the distorted by the coefficients."""
     k1, k2, _, _, k3, k4, k5, k6 = padded(camera, 8)
-    x, y = rays_cam[..., 0], rays_cam[..., 1]
+    x, y = rays_cam[..., 0] / rays_cam[..., 2], rays_cam[..., 1] / rays_cam[..., 2]
     s = x * x + y * y
     over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
     powers = np.stack([s, s * s, s**3], axis=-1) / under[..., None]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
 from aerodft.geometry.dense import undistort
@@ -71,21 +72,52 @@ def pixels_from_rays(camera: Camera, rays_cam: FloatArray) -> FloatArray:
 
     NaN behind the camera and where the distortion model is no longer one to one. May lie outside the image.
     """
+    distorted, _ = distorted_with_jacobian(camera, rays_cam)
+    return np.asarray(distorted * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px])
+
+
+def distorted_with_jacobian(camera: Camera, rays_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pixels of rays from the principal point, in focal lengths ``(..., 2)``, and derivatives ``(..., 2, 3)``.
+
+    NaN where ``pixels_from_rays`` is.
+    """
     rays = np.asarray(rays_cam, dtype=np.float64)
-    sideways = np.hypot(rays[..., 0], rays[..., 1])
     with np.errstate(invalid="ignore", divide="ignore"):
-        if camera.lens is LensModel.FISHEYE:
-            coefficients = padded(camera, 4)
-            angle = np.arctan2(sideways, rays[..., 2])
-            valid = angle <= _fisheye_limit(coefficients)
-            scale = np.where(sideways > 0, _fisheye_polynomial(coefficients)(angle) / sideways, 1 / rays[..., 2])
-            distorted = rays[..., :2] * scale[..., None]
-        else:
-            coefficients = padded(camera, 8)
-            valid = (rays[..., 2] > 0) & (sideways <= _brown_limit(coefficients) * rays[..., 2])
-            distorted, _ = _brown(coefficients, rays[..., :2] / rays[..., 2:])
-    pixels = distorted * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
-    return np.where(valid[..., None], pixels, np.nan)
+        solve = _fisheye_distorted if camera.lens is LensModel.FISHEYE else _brown_distorted
+        distorted, jac, valid = solve(camera, rays)
+    return np.where(valid[..., None], distorted, np.nan), np.where(valid[..., None, None], jac, np.nan)
+
+
+_Distorted = tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]
+
+
+def _brown_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
+    coefficients, ahead = padded(camera, 8), rays[..., 2:]
+    sideways = np.hypot(rays[..., 0], rays[..., 1])
+    valid = (rays[..., 2] > 0) & (sideways <= _brown_limit(coefficients) * rays[..., 2])
+    xy = rays[..., :2] / ahead
+    distorted, by_xy = _brown(coefficients, xy)
+    jac = np.empty((*distorted.shape, 3))
+    jac[..., :2] = by_xy / ahead[..., None]
+    jac[..., 2] = -np.einsum("...ij,...j->...i", jac[..., :2], xy)
+    return distorted, jac, valid
+
+
+def _fisheye_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
+    polynomial, limit = _fisheye_polynomial(padded(camera, 4)), _fisheye_limit(padded(camera, 4))
+    sideways, ahead = np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2]
+    angle = np.arctan2(sideways, ahead)
+    on_axis = sideways == 0
+    outward = rays[..., :2] / np.where(on_axis, 1.0, sideways)[..., None]
+    scale = np.where(on_axis, 1 / ahead, polynomial(angle) / sideways)
+    slope = polynomial.deriv()(angle) / (sideways**2 + ahead**2)
+    jac = np.empty((*rays.shape[:-1], 2, 3))
+    radial = slope * ahead - scale
+    jac[..., :2] = (
+        scale[..., None, None] * np.eye(2) + radial[..., None, None] * outward[..., :, None] * outward[..., None, :]
+    )
+    jac[..., 2] = -(slope * sideways)[..., None] * outward
+    return rays[..., :2] * scale[..., None], jac, angle <= limit
 
 
 def padded(camera: Camera, count: int) -> tuple[float, ...]:

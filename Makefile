@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types imports unit bench format clean
+.PHONY: demo test lint types imports unit bench bench-peer format clean
 
 demo: $(INSTALLED)
 	$(BIN)/aerodft demo --output demo
@@ -44,9 +44,13 @@ bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_dense.py
 	$(BIN)/python tests/bench/bench_terrain.py
 
+# Needs the network once: the peer is installed in an environment of its own.
+bench-peer: $(INSTALLED)
+	$(BIN)/python tests/bench/bench_cameratransform.py
+
 format: $(INSTALLED)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) demo build *.egg-info
+	rm -rf $(VENV) .venv-peer demo build *.egg-info

@@ -13,7 +13,11 @@ HERE = Path(__file__).parent
     ("script", "options", "says"),
     [
         ("bench_import.py", ["--seconds", "4", "--probes", "2", "--rate", "5"], r"recompute +.* times real time"),
-        ("bench_dense.py", ["--width", "320", "--pixels", "2000", "--runs", "2"], r"% of the speed of a copy"),
+        (
+            "bench_dense.py",
+            ["--width", "320", "--pixels", "2000", "--runs", "2"],
+            r"bent and uncertain: .* with covariances",
+        ),
         ("bench_query.py", ["--queries", "50"], r"p99 \d+\.\d\d ms"),
         ("bench_terrain.py", ["--cells", "64", "--step", "40"], r"tilt 70: .* million rays/s"),
         ("bench_tlog.py", ["--tiles", "1"], r"recv_match of all messages .* times as long"),
@@ -22,3 +26,10 @@ HERE = Path(__file__).parent
 def test_it_runs_and_prints_its_figures(script, options, says, capsys):
     runpy.run_path(str(HERE / script))["main"](options)
     assert re.search(says, capsys.readouterr().out)
+
+
+def test_without_the_peer_the_benchmark_says_so():
+    main = runpy.run_path(str(HERE / "bench_cameratransform.py"))["main"]
+    main.__globals__["succeeds"] = lambda *_: False
+    with pytest.raises(SystemExit, match=r"cannot be installed in \.venv-peer: that needs the network"):
+        main([])

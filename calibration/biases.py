@@ -41,7 +41,9 @@ class BiasCalibrator:
         by_bias[2, 0] = by_bias[3, 1] = by_bias[5, 2] = 1.0
         by_bias[3:, 3] = -matrix(wxyz)[2, :]  # clockwise is about straight down
         cov = by_bias @ self._calibration.bias_cov @ by_bias.T
-        cov[:2, :2] += pose.cov[:2, :2]
+        slope = pose.cov[2, :2] @ np.linalg.pinv(pose.cov[:2, :2])  # a height above sloping ground goes with the place
+        follows = np.vstack([np.eye(2), slope])
+        cov[:3, :3] += follows @ pose.cov[:2, :2] @ follows.T
         return np.asarray(cov)
 
     def _stds(self, sample: PoseSample) -> PoseStd:

@@ -6,7 +6,7 @@ import numpy as np
 
 from aerodft.geometry.dense import BrownLens, meet_brown, meet_straight
 from aerodft.geometry.fisheye import FisheyeLens, meet_fisheye
-from aerodft.geometry.lens import _brown_limit, _fisheye_limit, padded
+from aerodft.geometry.lens import brown_limit, fisheye_limit, padded
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
@@ -90,10 +90,10 @@ def intrinsics_of(camera: Camera) -> tuple[float, float, float, float]:
 def brown_lens(camera: Camera) -> BrownLens:
     """A lens with Brown's distortion, as the compiled loops take it."""
     coefficients = tuple(map(float, padded(camera, 8)))
-    return intrinsics_of(camera), coefficients, _brown_limit(coefficients)
+    return intrinsics_of(camera), coefficients, brown_limit(coefficients)
 
 
 def fisheye_lens(camera: Camera) -> FisheyeLens:
     """A fisheye lens, as the compiled loops take it."""
     coefficients = tuple(map(float, padded(camera, 4)))
-    return intrinsics_of(camera), coefficients, _fisheye_limit(coefficients)
+    return intrinsics_of(camera), coefficients, fisheye_limit(coefficients)

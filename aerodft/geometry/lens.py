@@ -20,7 +20,7 @@ from aerodft.model.camera import Camera, LensModel
 _NOTHING = 1e-30  # a coefficient whose root lies beyond any image, and whose reciprocal may be infinite
 _BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
 _NEWTON_STEPS = 16
-_CONVERGED = 1e-14
+
 _FEW = 512  # coordinates of an image's fixed probes, at most; more of them are undistorted by a compiled loop first
 _ACCEPTED = 1e-11  # in units of the focal length: far below 1e-7 px
 
@@ -94,7 +94,7 @@ _Distorted = tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]
 def _brown_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
     coefficients, ahead = padded(camera, 8), rays[..., 2:]
     sideways = np.hypot(rays[..., 0], rays[..., 1])
-    valid = (rays[..., 2] > 0) & (sideways <= _brown_limit(coefficients) * rays[..., 2])
+    valid = (rays[..., 2] > 0) & (sideways <= brown_limit(coefficients) * rays[..., 2])
     xy = rays[..., :2] / ahead
     distorted, by_xy = _brown(coefficients, xy)
     jac = np.empty((*distorted.shape, 3))
@@ -104,7 +104,7 @@ def _brown_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
 
 
 def _fisheye_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
-    polynomial, limit = _fisheye_polynomial(padded(camera, 4)), _fisheye_limit(padded(camera, 4))
+    polynomial, limit = _fisheye_polynomial(padded(camera, 4)), fisheye_limit(padded(camera, 4))
     sideways, ahead = np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2]
     angle = np.arctan2(sideways, ahead)
     on_axis = sideways == 0
@@ -144,7 +144,7 @@ def _brown(coefficients: tuple[float, ...], xy: FloatArray) -> tuple[FloatArray,
 
 
 @lru_cache(maxsize=64)
-def _brown_limit(coefficients: tuple[float, ...]) -> float:
+def brown_limit(coefficients: tuple[float, ...]) -> float:
     """Undistorted radius (tangent of the angle) up to which the radial part is increasing."""
     k1, k2, _, _, k3, k4, k5, k6 = coefficients
     over, under, s = Polynomial([1, k1, k2, k3]), Polynomial([1, k4, k5, k6]), Polynomial([0, 1])
@@ -169,38 +169,10 @@ def _brown_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple
 
 
 def _invert_brown(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:
-    if distorted.size <= _FEW:
-        return _invert_brown_surely(coefficients, distorted)
     xy = np.empty(distorted.shape)
     flat = np.ascontiguousarray(distorted).reshape(-1, 2)
-    undistort(flat, tuple(map(float, coefficients)), _brown_limit(coefficients), xy.reshape(-1, 2))
-    missed = np.isnan(xy[..., 0])
-    if np.any(missed):
-        xy[missed] = _invert_brown_surely(coefficients, distorted[missed])
+    undistort(flat, tuple(map(float, coefficients)), brown_limit(coefficients), xy.reshape(-1, 2))
     return xy
-
-
-def _invert_brown_surely(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:
-    limit = _brown_limit(coefficients)
-    radius_d = np.linalg.norm(distorted, axis=-1)
-    radial_only = (*coefficients[:2], 0.0, 0.0, *coefficients[4:])
-
-    def radius_of(radius: FloatArray) -> FloatArray:
-        return _brown(radial_only, np.stack([radius, np.zeros_like(radius)], axis=-1))[0][..., 0]
-
-    radius = _bisect(radius_of, radius_d, limit)
-    xy = distorted * (radius / np.where(radius_d > 0, radius_d, 1.0))[..., None]
-    for _ in range(_NEWTON_STEPS):
-        value, jac = _brown(coefficients, xy)
-        step = np.einsum("...ij,...j->...i", _inverse_2x2(jac), value - distorted)
-        xy = xy - step
-        if not np.any(np.abs(step) > _CONVERGED):
-            break
-    value, jac = _brown(coefficients, xy)
-    with np.errstate(invalid="ignore"):
-        good = np.all(np.abs(value - distorted) < _ACCEPTED, axis=-1) & (np.linalg.norm(xy, axis=-1) <= limit)
-        good &= _determinant_2x2(jac) > 0
-    return np.where(good[..., None], xy, np.nan)
 
 
 def _bisect(function: Callable[[FloatArray], FloatArray], target: FloatArray, limit: float) -> FloatArray:
@@ -226,24 +198,26 @@ def _fisheye_polynomial(coefficients: tuple[float, ...]) -> Polynomial:
 
 
 @lru_cache(maxsize=64)
-def _fisheye_limit(coefficients: tuple[float, ...]) -> float:
+def fisheye_limit(coefficients: tuple[float, ...]) -> float:
     """Angle from the axis up to which the distorted radius is increasing, at most a half turn."""
     return min(_first_positive_root(_fisheye_polynomial(coefficients).deriv()), np.pi)
 
 
 def _fisheye_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    polynomial, limit = _fisheye_polynomial(coefficients), _fisheye_limit(coefficients)
+    polynomial, limit = _fisheye_polynomial(coefficients), fisheye_limit(coefficients)
     derivative = polynomial.deriv()
     radius = np.linalg.norm(distorted, axis=-1)
     angle = _bisect(polynomial, radius, limit)
-    for _ in range(_NEWTON_STEPS):
-        angle = np.clip(angle - (polynomial(angle) - radius) / derivative(angle), 0.0, limit)
+    with np.errstate(divide="ignore", invalid="ignore"):  # at the limit itself the derivative may be 0
+        for _ in range(_NEWTON_STEPS):
+            angle = np.clip(angle - (polynomial(angle) - radius) / derivative(angle), 0.0, limit)
+        slope = 1 / derivative(angle)
     angle = np.where(np.abs(polynomial(angle) - radius) < _ACCEPTED, angle, np.nan)
     outward = distorted / np.where(radius > 0, radius, 1.0)[..., None]
     sine_over_radius = np.where(radius > 0, np.sin(angle) / np.where(radius > 0, radius, 1.0), 1.0)
     rays = np.concatenate([distorted * sine_over_radius[..., None], np.cos(angle)[..., None]], axis=-1)
-    slope = 1 / derivative(angle)
     radial = np.concatenate([outward * np.cos(angle)[..., None], -np.sin(angle)[..., None]], axis=-1)
+    slope = np.where(np.isnan(angle), np.nan, slope)
     jac = radial[..., :, None] * (outward * slope[..., None])[..., None, :]
     across = np.eye(2) - outward[..., :, None] * outward[..., None, :]
     jac[..., :2, :] += across * sine_over_radius[..., None, None]

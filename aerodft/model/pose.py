@@ -89,7 +89,10 @@ class GeoOrigin:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseSample:
-    """The camera at one stamp, with where each part came from; ``pose`` is None where ``status`` is not ok."""
+    """The camera at one stamp, with where each part came from; ``pose`` is None where ``status`` is not ok.
+
+    ``datum_enu_m`` is the ENU height of what the stated height is counted from: not 0 above ground that is not level.
+    """
 
     stamp_ns: int
     status: Status
@@ -102,6 +105,7 @@ class PoseSample:
     alt_msl_m: float | None = None
     height_source: HeightSource | None = None
     height_datum: str | None = None
+    datum_enu_m: float = 0.0
     attitude_source: GimbalSource | None = None
     telemetry_age_s: float | None = None
     calibration: str | None = None

@@ -172,7 +172,7 @@ class PoseSource:
             east, north = foot.tolist()
             reason = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin, is {below.what}"
             return replace(sample, status=below.status, reasons=(reason,), pose=None)
-        return sample if from_zero else replace(sample, pose=below.carrying(pose))
+        return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)
 
     def _miss(self, stamp_ns: int, height: Height | Missing, attitude: CameraAttitude | Missing) -> PoseSample:
         reasons = []

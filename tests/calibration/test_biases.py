@@ -1,6 +1,7 @@
 """Biases against closed forms: which way each one turns, and how its uncertainty enters a pose."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -113,3 +114,16 @@ def test_what_is_not_ok_passes_unchanged():
     assert calibrator.refine(lost) is lost
     low = PoseSample(stamp_ns=1, status=Status.BELOW_MIN_HEIGHT, pose=sample().pose)
     assert calibrator.refine(low) is low
+
+
+def test_above_a_slope_the_corrected_height_still_goes_with_the_place():
+    """A camera that is off by 2 m along a 20 % slope, at a known height above it, is off by 0.4 m of height as well."""
+    level = sample()
+    carried = np.eye(6)
+    carried[2, :2] = 0.2, 0.1
+    over_slope = replace(level, pose=replace(level.pose, cov=carried @ level.pose.cov @ carried.T))
+    cov = refined(over_slope, bias_cov=np.diag([0.25, 0.0, 0.0, 0.0])).pose.cov[:3, :3]
+    place = np.diag([STD.horizontal_m**2] * 2)
+    rise = np.array([0.2, 0.1])
+    assert_allclose(cov[2, :2], rise @ place)
+    assert_allclose(cov[2, 2], 0.25 + rise @ place @ rise)

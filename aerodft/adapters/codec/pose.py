@@ -54,7 +54,7 @@ def summary(sample: PoseSample) -> wire.Json:
     tilt_deg = roll_deg = heading_deg = height_m = None
     if pose is not None:
         tilt_deg, roll_deg, heading_deg = camera_angles_deg(*pose.wxyz.tolist())
-        height_m = float(pose.position_enu_m[2])
+        height_m = float(pose.position_enu_m[2]) - sample.datum_enu_m
     return {
         "height_agl_m": height_m,
         "height_source": sample.height_source,

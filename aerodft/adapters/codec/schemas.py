@@ -67,7 +67,9 @@ _POINTS = _or_null(_list(_list(_NUMBER, length=3)))
 _GEO = {"lat": _NUMBER, "lon": _NUMBER, "alt_msl_m": _NUMBER}
 _SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), _NUMBER)
 _SUMMARY = {
-    "height_agl_m": _said(_NUMBER, "Above the measured plane"),
+    "height_agl_m": _said(
+        _NUMBER, "Above what height_datum says: the measured plane, or the ground right below the camera"
+    ),
     "height_source": _or_null(_one_of(HeightSource)),
     "height_datum": _TEXT_OR_NULL,
     "tilt_deg": _said(_NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),

@@ -171,6 +171,7 @@ def pose_sample(
     )
     if ground is not None:
         pose = _on_ground(pose, ground, where)
+    datum_m = float(pose.position_enu_m[2]) - fixed.height_agl_m
     if fixed.covariance:
         pose = replace(pose, cov=np.array(fixed.covariance))
     return PoseSample(
@@ -184,6 +185,7 @@ def pose_sample(
         alt_msl_m=fixed.alt_msl_m,
         height_source=HeightSource.CALIBRATION if fixed.calibration else HeightSource.MANUAL,
         height_datum="plane",
+        datum_enu_m=datum_m,
         attitude_source=GimbalSource.MANUAL,
         calibration=fixed.calibration,
     )

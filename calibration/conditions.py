@@ -1,0 +1,221 @@
+"""What each kind of evidence demands of a guess, apart from landmarks, which are reprojected."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from aerodft.dft.projection import INTRINSICS, ROTATION, project
+from aerodft.dft.seen import Seen, dependence
+from aerodft.dft.values import scalar_with_gradient
+from aerodft.geometry.intrinsics import rays_by_intrinsics
+from aerodft.geometry.lens import rays_with_jacobian
+from aerodft.geometry.rotation import camera_angles, skew
+from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION
+from aerodft.model.arrays import FloatArray
+from aerodft.model.evidence import (
+    Evidence,
+    GroundLines,
+    GroundPoint,
+    Horizon,
+    KnownHeight,
+    KnownLength,
+    Landmark,
+    Px,
+    SlantRange,
+    Vertical,
+)
+from aerodft.model.pose import Pose
+from aerodft.model.probe import ProbeKind
+from calibration.state import State
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A condition at one guess.
+
+    Attributes:
+        off: ``(m,)``: what is, less what is known.
+        by_shared: ``(m, s)`` by the errors of ``dft.projection``.
+        cov: ``(m, m)`` of ``off``, from pixels and from what is known.
+        std_px: Of the pixels, to say residuals in pixels.
+    """
+
+    off: FloatArray
+    by_shared: FloatArray
+    cov: FloatArray
+    std_px: float
+
+
+Condition: TypeAlias = Callable[[State], Found]
+
+
+def condition_of(evidence: Evidence) -> Condition:
+    """The condition of one piece of evidence."""
+    match evidence:
+        case SlantRange(pixel=pixel, range_m=known):
+            return partial(_scalar, evidence, ProbeKind.RANGE, (pixel,), known)
+        case KnownLength(pixels=pixels, length_m=known):
+            return partial(_scalar, evidence, ProbeKind.DISTANCE, pixels, known)
+        case KnownHeight(base=base, top=top, height_m=known):
+            return partial(_scalar, evidence, ProbeKind.HEIGHT, (base, top), known)
+        case _:
+            return partial(_CONDITIONS[type(evidence)], evidence)
+
+
+def _seen(state: State, kind: ProbeKind, pixels: tuple[Px, ...], elevation_m: float) -> Seen:
+    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
+    at = np.array(pixels, dtype=np.float64)
+    up = state.elevation_m + elevation_m
+    ground = project(state.camera, pose, at, up, state.model)
+    count = ground.jac_shared.shape[-1]
+    return Seen(
+        kind=kind,
+        camera=state.camera,
+        pose=pose,
+        model=state.model,
+        pixels_px=at,
+        elevation_m=up,
+        surface=None,
+        ground=ground,
+        shared_cov=np.zeros((count, count)),
+        std_px=1.0,
+    )
+
+
+def _scalar(
+    evidence: SlantRange | KnownLength | KnownHeight,
+    kind: ProbeKind,
+    pixels: tuple[Px, ...],
+    known: float,
+    state: State,
+) -> Found:
+    seen = _seen(state, kind, pixels, evidence.elevation_m if isinstance(evidence, KnownLength) else 0.0)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        value, by = scalar_with_gradient(seen)
+        shared, own = dependence(seen, by)
+    variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
+    return Found(np.array([value - known]), shared[None], np.array([[variance]]), evidence.std_px)
+
+
+def _ground_point(evidence: GroundPoint, state: State) -> Found:
+    """In the ground frame: right and ahead of the camera's foot."""
+    _, _, heading = camera_angles(state.wxyz)
+    axes = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+    ground = _seen(state, ProbeKind.POSITION, (evidence.pixel,), 0.0).ground
+    away = ground.points_enu_m[0, :2] - state.position_m[:2]
+    by_shared = ground.jac_shared[0, :2].copy()
+    by_shared[:, :2] -= np.eye(2)
+    # The ground frame turns with the camera: clockwise, as the camera's rotation about straight down.
+    across = np.array([-away[1], away[0]])
+    by_shared[:, ROTATION] -= np.outer(-across, _heading_by_rotation(state))
+    own = ground.jac_px[0, :2]
+    cov = evidence.std_px**2 * own @ own.T + evidence.std_m**2 * np.eye(2)
+    return Found(axes @ away - evidence.xy_m, axes @ by_shared, axes @ cov @ axes.T, evidence.std_px)
+
+
+def _heading_by_rotation(state: State) -> FloatArray:
+    """Derivative ``(3,)`` of the heading by a small rotation in camera axes: the azimuth of the optical axis."""
+    axis = state.rotation[:, 2]
+    square = axis[0] ** 2 + axis[1] ** 2
+    if square == 0:
+        return np.zeros(3)
+    by_axis = np.array([axis[1], -axis[0], 0.0]) / square
+    return np.asarray(by_axis @ (-state.rotation @ skew(np.array([0.0, 0.0, 1.0]))))
+
+
+def _landmark(evidence: Landmark, state: State) -> Found:
+    """Of a landmark with an unknown component, or in the paper's model: where its pixel meets its level plane."""
+    east, north, up = evidence.position_m
+    level = state.elevation_m if up is None else up
+    ground = _seen(state, ProbeKind.POSITION, (evidence.pixel,), level - state.elevation_m).ground
+    rows = [axis for axis, known in enumerate((east, north)) if known is not None]
+    known = np.array([value for value in (east, north) if value is not None])
+    by_shared = ground.jac_shared[0, rows].copy()
+    own = ground.jac_px[0, rows]
+    cov = evidence.std_px**2 * own @ own.T + np.diag(np.square(np.array(evidence.std_m)[rows]))
+    if up is not None:
+        raised = ground.jac_shared[0, rows, 6]
+        cov += evidence.std_m[2] ** 2 * np.outer(raised, raised)
+        by_shared[:, 6] = 0.0  # its own elevation, not the ground's
+    return Found(ground.points_enu_m[0, rows] - known, by_shared, cov, evidence.std_px)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """Rays of pixels in east, north, up ``(k, 3)``, by the shared errors ``(k, 3, s)``, by the pixels ``(k, 3, 2)``."""
+
+    enu: FloatArray
+    by_shared: FloatArray
+    by_px: FloatArray
+
+
+def _rays(state: State, pixels: tuple[Px, ...]) -> _Rays:
+    at = np.array(pixels, dtype=np.float64)
+    rays, turned = rays_with_jacobian(state.camera, at), state.rotation
+    by_intrinsics = rays_by_intrinsics(state.camera, at)
+    shared = np.zeros((len(at), 3, INTRINSICS.start + by_intrinsics.shape[-1]))
+    shared[..., ROTATION] = -turned @ skew(rays.rays_cam)
+    shared[..., INTRINSICS] = turned @ by_intrinsics
+    return _Rays(rays.rays_cam @ turned.T, shared, turned @ rays.jac_px)
+
+
+def _from_rays(off: float, by_rays: FloatArray, rays: _Rays, std_px: float) -> Found:
+    """A condition on rays, with its derivatives ``(k, 3)`` by each of them."""
+    shared = np.einsum("ki,kij->j", by_rays, rays.by_shared)
+    own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+    variance = std_px**2 * float(np.sum(own * own))
+    return Found(np.array([off]), shared[None], np.array([[variance]]), std_px)
+
+
+def _vertical(evidence: Vertical, state: State) -> Found:
+    """The plane through the camera and the line stands upright: its normal is level."""
+    rays = _rays(state, evidence.pixels)
+    a, b = rays.enu
+    up = np.array([0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(np.cross(a, b)))
+    by_rays = np.stack([np.cross(b, up), np.cross(up, a)]) / length
+    return _from_rays(float(np.cross(a, b) @ up) / length, by_rays, rays, evidence.std_px)
+
+
+def _lines(evidence: GroundLines, state: State) -> Found:
+    """Level lines lie where the planes through the camera and them meet a level plane."""
+    rays = _rays(state, (*evidence.first, *evidence.second))
+    a, b, c, d = rays.enu
+    first, second = np.cross(a, b)[:2], np.cross(c, d)[:2]
+    size = float(np.linalg.norm(first) * np.linalg.norm(second))
+    if evidence.at_right_angle:
+        off, by_first, by_second = first @ second, second, first
+    else:
+        off = first[0] * second[1] - first[1] * second[0]
+        by_first, by_second = np.array([second[1], -second[0]]), np.array([-first[1], first[0]])
+    by_first, by_second = np.append(by_first, 0.0), np.append(by_second, 0.0)
+    by_rays = np.stack([np.cross(b, by_first), np.cross(by_first, a), np.cross(d, by_second), np.cross(by_second, c)])
+    return _from_rays(float(off) / size, by_rays / size, rays, evidence.std_px)
+
+
+def _horizon(evidence: Horizon, state: State) -> Found:
+    """Each of its rays is level, or as far below as the sea's horizon."""
+    rays = _rays(state, evidence.pixels)
+    dip = 0.0
+    if evidence.is_sea:
+        above = max(float(state.position_m[2]) - state.elevation_m, 0.0)
+        dip = math.sqrt(2 * above * (1 - STANDARD_REFRACTION) / EARTH_RADIUS_M)
+    length = np.linalg.norm(rays.enu, axis=-1)
+    off = rays.enu[:, 2] / length + math.sin(dip)
+    by_rays = np.array([0.0, 0.0, 1.0]) / length[:, None] - (rays.enu[:, 2] / length**3)[:, None] * rays.enu
+    shared = np.einsum("ki,kij->kj", by_rays, rays.by_shared)
+    own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+    return Found(off, shared, np.diag(evidence.std_px**2 * np.sum(own * own, axis=-1)), evidence.std_px)
+
+
+_CONDITIONS: dict[type, Callable[..., Found]] = {
+    GroundPoint: _ground_point,
+    Landmark: _landmark,
+    Vertical: _vertical,
+    GroundLines: _lines,
+    Horizon: _horizon,
+}

@@ -1,0 +1,141 @@
+"""How far a guess is from the evidence: whitened residuals with analytic derivatives.
+
+An observation that is no reprojection (a range, a length, a horizon) is a condition ``g(state, pixels) = known``. Its
+residual is ``g`` less what is known, over what pixels and the known number's own std make of it to first order
+(Sampson's error; Hartley and Zisserman, "Multiple View Geometry", 2nd ed., section 4.2.6).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.dft.projection import INTRINSICS, POSITION, ROTATION
+from aerodft.geometry.reprojection import reproject
+from aerodft.model.arrays import FloatArray
+from aerodft.model.evidence import EvidenceSet, Landmark
+from aerodft.model.measurement import ProjectionModel
+from calibration.conditions import Condition, condition_of
+from calibration.state import State, Unknowns
+
+OUT_OF_SIGHT = 1e3
+"""Residual, in standard deviations, of what a guess does not see at all: behind the camera, above the horizon."""
+
+_ANGLES = ("roll", "heading")  # on a turn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """All residuals of one guess.
+
+    Attributes:
+        values: ``(m,)`` in standard deviations.
+        by_unknowns: ``(m, n)``.
+        owner: ``(m,)`` index of the observation that a row belongs to; -1 for priors.
+        px: ``(m,)`` in pixels; 0 for priors.
+    """
+
+    values: FloatArray
+    by_unknowns: FloatArray
+    owner: np.ndarray
+    px: FloatArray
+
+    def cost(self, weights: FloatArray | None = None) -> float:
+        """Half of the weighted sum of squares."""
+        squares = self.values * self.values
+        return 0.5 * float(np.sum(squares if weights is None else weights * squares))
+
+
+class Problem:
+    """Evidence and unknowns, ready to be evaluated again and again.
+
+    Args:
+        known: What is known.
+        unknowns: What is not.
+        model: Projection model.
+    """
+
+    def __init__(self, known: EvidenceSet, unknowns: Unknowns, model: ProjectionModel) -> None:
+        self.known = known
+        self.unknowns = unknowns
+        as_points = model is ProjectionModel.PINHOLE
+        self._landmarks = [
+            index
+            for index, each in enumerate(known.evidence)
+            if as_points and isinstance(each, Landmark) and None not in each.position_m
+        ]
+        points = [known.evidence[index] for index in self._landmarks]
+        self._points_m = np.array([each.position_m for each in points], dtype=np.float64).reshape(-1, 3)  # type: ignore[union-attr]
+        self._pixels = np.array([each.pixel for each in points]).reshape(-1, 2)  # type: ignore[union-attr]
+        self._std_px = np.array([each.std_px for each in points])
+        self._point_cov = np.array([np.diag(np.square(each.std_m)) for each in points]).reshape(-1, 3, 3)  # type: ignore[union-attr]
+        self._conditions: list[tuple[int, Condition]] = [
+            (index, condition_of(each))
+            for index, each in enumerate(known.evidence)
+            if index not in set(self._landmarks)
+        ]
+        self._priors = [(name, known.priors[name]) for name in unknowns.names if name in known.priors]
+
+    @property
+    def landmarks(self) -> tuple[FloatArray, FloatArray]:
+        """World points ``(k, 3)`` and pixels ``(k, 2)`` of the landmarks that are known in all three dimensions."""
+        return self._points_m, self._pixels
+
+    def evaluate(self, state: State) -> Residuals:
+        """All residuals of a guess."""
+        by = self.unknowns.by_unknowns(state)
+        parts = [self._of_landmarks(state, by)] if self._landmarks else []
+        parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
+        parts += [self._of_priors(state)] if self._priors else []
+        return Residuals(
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.by_unknowns for part in parts]),
+            np.concatenate([part.owner for part in parts]),
+            np.concatenate([part.px for part in parts]),
+        )
+
+    def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            found = reproject(state.camera, state.position_m, state.rotation, self._points_m)
+            off = found.pixels_px - self._pixels
+            jac = (
+                -found.by_point @ by[POSITION] + found.by_rotation @ by[ROTATION] + found.by_intrinsics @ by[INTRINSICS]
+            )
+        std = self._std_px[:, None]
+        values, rows = off / std, jac / std[..., None]
+        if np.any(self._point_cov):
+            cov = found.by_point @ self._point_cov @ found.by_point.swapaxes(-1, -2)
+            cov += np.square(self._std_px)[:, None, None] * np.eye(2)
+            cov = np.where(np.isfinite(cov), cov, np.eye(2))
+            root = np.linalg.inv(np.linalg.cholesky(cov))
+            values, rows = (root @ off[..., None])[..., 0], root @ jac
+        blind = np.isnan(off[:, 0])
+        values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
+        owner = np.repeat(self._landmarks, 2)
+        return Residuals(
+            values.ravel(), rows.reshape(len(owner), -1), owner, np.where(blind[:, None], np.inf, off).ravel()
+        )
+
+    def _of_priors(self, state: State) -> Residuals:
+        to_angles = self.unknowns.to_angles(state)
+        values, rows = [], []
+        for name, prior in self._priors:
+            off = state.value(name) - prior.value
+            if name in _ANGLES:
+                off = (off + np.pi) % (2 * np.pi) - np.pi
+            values.append(off / prior.std)
+            rows.append(to_angles[self.unknowns.names.index(name)] / prior.std)
+        count = len(values)
+        return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
+
+
+def _of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:
+    found = condition(state)
+    count = len(found.off)
+    blind = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.by_shared))
+    owner = np.full(count, index)
+    if blind:
+        nothing = np.zeros((count, by.shape[1]))
+        return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
+    root = np.linalg.inv(np.linalg.cholesky(found.cov))
+    values = root @ found.off
+    return Residuals(values, root @ found.by_shared @ by, owner, found.std_px * values)

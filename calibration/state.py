@@ -1,0 +1,187 @@
+"""A camera as a calibration moves it: pose, intrinsics and ground, by the names of what is unknown."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aerodft.dft.projection import ELEVATION, INTRINSICS
+from aerodft.geometry.rotation import camera_angles, camera_attitude, from_rotation_vector, matrix, multiply
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera, CameraStd, LensModel
+from aerodft.model.measurement import ProjectionModel
+
+_COEFFICIENTS = {
+    LensModel.BROWN: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    LensModel.FISHEYE: ("k1", "k2", "k3", "k4"),
+}
+_PLACE = {"east": 0, "north": 1, "height": 2}
+_ANGLES = ("tilt", "roll", "heading")
+_LENS = {"fx": 0, "fy": 1, "cx": 2, "cy": 3}
+GROUPS = {"position": ("east", "north"), "principal_point": ("cx", "cy")}
+"""Names that stand for several unknowns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """One guess at everything.
+
+    Attributes:
+        camera: Its intrinsics; all of its distortion coefficients count as uncertain, so that derivatives have them.
+        position_m: ``(3,)`` east, north and up.
+        wxyz: ``(4,)`` from camera axes to east, north, up.
+        elevation_m: Of the ground.
+        model: Projection model.
+    """
+
+    camera: Camera
+    position_m: FloatArray
+    wxyz: FloatArray
+    elevation_m: float = 0.0
+    model: ProjectionModel = ProjectionModel.PINHOLE
+
+    @classmethod
+    def of(
+        cls,
+        camera: Camera,
+        position_m: FloatArray,
+        angles_rad: tuple[float, float, float],
+        elevation_m: float = 0.0,
+        model: ProjectionModel = ProjectionModel.PINHOLE,
+    ) -> "State":
+        """From tilt, roll and heading."""
+        uncertain = CameraStd(distortion=(1.0,) * len(camera.distortion))
+        lens = replace(camera, std=uncertain, covariance=())
+        return cls(lens, np.asarray(position_m, dtype=np.float64), camera_attitude(*angles_rad), elevation_m, model)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """``(3, 3)`` from camera axes to east, north, up."""
+        return matrix(self.wxyz)
+
+    def value(self, name: str) -> float:
+        """An unknown's value: metres, radians, pixels; distortion coefficients as they are."""
+        if name in _PLACE:
+            return float(self.position_m[_PLACE[name]])
+        if name in _ANGLES:
+            return float(camera_angles(self.wxyz)[_ANGLES.index(name)])
+        if name == "elevation":
+            return self.elevation_m
+        if name in ("focal", "fx"):
+            return self.camera.fx_px
+        if name in _LENS:
+            return (self.camera.fy_px, self.camera.cx_px, self.camera.cy_px)[_LENS[name] - 1]
+        return self.camera.distortion[coefficient_names(self.camera).index(name)]
+
+    def angle_axes(self) -> FloatArray:
+        """``(3, 3)``: columns are the small rotations, in camera axes, that tilt, roll and heading make."""
+        _, _, heading = camera_angles(self.wxyz)
+        turned = self.rotation.T
+        right = np.array([math.cos(heading), -math.sin(heading), 0.0])
+        return np.stack([turned @ right, np.array([0.0, 0.0, 1.0]), -turned[:, 2]], axis=-1)
+
+
+def coefficient_names(camera: Camera) -> tuple[str, ...]:
+    """Names of the camera's distortion coefficients, in their order."""
+    return _COEFFICIENTS[camera.lens][: len(camera.distortion)]
+
+
+@dataclass(frozen=True, slots=True)
+class Unknowns:
+    """What is solved for.
+
+    Attributes:
+        names: In the order of the solution; groups are taken apart.
+    """
+
+    names: tuple[str, ...]
+
+    @property
+    def turns_freely(self) -> bool:
+        """All three angles are unknown: the solver turns about the camera's own axes, which works at nadir too."""
+        return set(_ANGLES) <= set(self.names)
+
+    def by_unknowns(self, state: State) -> FloatArray:
+        """``(s, n)``: the errors of ``dft.projection`` that a small step of each unknown makes.
+
+        Where the camera turns freely, the three angles stand for rotations about its x, z and y axes.
+        """
+        count = 7 + 4 + len(state.camera.distortion)
+        by = np.zeros((count, len(self.names)))
+        axes = np.eye(3)[:, [0, 2, 1]] if self.turns_freely else state.angle_axes()
+        ratio = state.camera.fy_px / state.camera.fx_px
+        for column, name in enumerate(self.names):
+            if name in _PLACE:
+                by[_PLACE[name], column] = 1.0
+            elif name in _ANGLES:
+                by[3:6, column] = axes[:, _ANGLES.index(name)]
+            elif name == "elevation":
+                by[ELEVATION, column] = 1.0
+            elif name == "focal":
+                by[INTRINSICS.start, column], by[INTRINSICS.start + 1, column] = 1.0, ratio
+            elif name in _LENS:
+                by[INTRINSICS.start + _LENS[name], column] = 1.0
+            else:
+                by[INTRINSICS.start + 4 + coefficient_names(state.camera).index(name), column] = 1.0
+        return by
+
+    def moved(self, state: State, step: FloatArray) -> State:
+        """The state after a step ``(n,)``.
+
+        Raises:
+            ValueError: The step leads to an impossible camera.
+        """
+        moved = self.by_unknowns(state) @ step
+        angles = [float(step[self.names.index(name)]) if name in self.names else 0.0 for name in _ANGLES]
+        if self.turns_freely:
+            wxyz = multiply(state.wxyz, from_rotation_vector(moved[3:6]))
+        else:
+            tilt, roll, heading = (float(angle) for angle in camera_angles(state.wxyz))
+            wxyz = (
+                camera_attitude(tilt + angles[0], roll + angles[1], heading + angles[2]) if any(angles) else state.wxyz
+            )
+        lens = state.camera
+        fx, fy, cx, cy, *bent = moved[INTRINSICS].tolist()
+        if any(moved[INTRINSICS]):
+            distortion = tuple(k + step for k, step in zip(lens.distortion, bent, strict=True))
+            lens = replace(
+                lens,
+                fx_px=lens.fx_px + fx,
+                fy_px=lens.fy_px + fy,
+                cx_px=lens.cx_px + cx,
+                cy_px=lens.cy_px + cy,
+                distortion=distortion,
+            )
+        return replace(
+            state,
+            camera=lens,
+            position_m=state.position_m + moved[:3],
+            wxyz=wxyz,
+            elevation_m=state.elevation_m + float(moved[ELEVATION]),
+        )
+
+    def to_angles(self, state: State) -> FloatArray:
+        """``(n, n)``: from the solver's steps to steps of the unknowns as they are named.
+
+        At nadir, where roll and heading turn about one axis, all of that turn counts as heading.
+        """
+        change = np.eye(len(self.names))
+        if self.turns_freely:
+            columns = [self.names.index(name) for name in _ANGLES]
+            steps = np.linalg.pinv(state.angle_axes(), rcond=1e-6) @ np.eye(3)[:, [0, 2, 1]]
+            change[np.ix_(columns, columns)] = steps
+        return change
+
+
+def expanded(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names with groups taken apart."""
+    return tuple(each for name in names for each in GROUPS.get(name, (name,)))
+
+
+BOUNDS: dict[str, Callable[[State], bool]] = {
+    "height": lambda state: float(state.position_m[2]) > state.elevation_m,
+    "focal": lambda state: 0.05 < state.camera.fx_px / state.camera.width_px < 50,  # noqa: PLR2004 - 169 to 1 degrees
+    "tilt": lambda state: 0.0 <= float(camera_angles(state.wxyz)[0]) <= math.pi,
+}
+"""What no camera can be beyond."""

@@ -29,6 +29,9 @@ MAX_RELATIVE_RANGE_STD = 0.3
 MAX_BEARING_STD_RAD = 0.3
 """So is a direction that is less certain than this; over a third of it, errors are drawn."""
 
+NEAR_FOOT = 0.1
+"""An object's height is drawn where its base is less certain than this share of its distance from the camera's foot."""
+
 _NO_RAY = [CODES.index(status) for status in (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL)]
 
 
@@ -137,7 +140,7 @@ def _measure_one(record: Record, pose: Pose, points: ImagePoints) -> Measurement
     stds, ranges = on_ground.range_std_m, on_ground.range_m
     worst = float(np.max(stds / ranges, initial=0.0))
     draws = record.setup.model is ProjectionModel.PINHOLE
-    if draws and (worst > FIRST_ORDER_LIMIT or (len(ranges) and has_edge(seen, stds))):
+    if draws and (worst > FIRST_ORDER_LIMIT or _is_bent(seen, points) or (len(ranges) and has_edge(seen, stds))):
         return _draw(record, seen, points)
     if worst > MAX_RELATIVE_RANGE_STD:
         return record.refuse(on_ground, Z95 * stds)
@@ -147,6 +150,14 @@ def _measure_one(record: Record, pose: Pose, points: ImagePoints) -> Measurement
     return _checked(record, pose, points, value, points.cov_enu_m2[0])
 
 
+def _is_bent(seen: Seen, points: ImagePoints) -> bool:
+    """Whether a height is seen from so nearly above that its base may be on either side of the camera's foot."""
+    if seen.kind is not ProbeKind.HEIGHT:
+        return False
+    away = float(np.linalg.norm((points.ground.points_enu_m[0] - seen.pose.position_enu_m)[:2]))
+    return float(np.linalg.norm(points.cov_enu_m2[0, :2, :2], 2)) > (NEAR_FOOT * away) ** 2
+
+
 def _draw(record: Record, seen: Seen, points: ImagePoints) -> Measurement:
     """The answer from drawn errors, or the refusal that they justify."""
     found = drawn(seen)
@@ -154,7 +165,8 @@ def _draw(record: Record, seen: Seen, points: ImagePoints) -> Measurement:
     half = np.array([(spread.high - spread.low) / 2 for spread in found.range_spreads])
     if not np.all(half <= Z95 * MAX_RELATIVE_RANGE_STD * on_ground.range_m):
         return record.refuse(on_ground, half)
-    if len(half) and found.value is not None and not math.isfinite(found.value.ci95[1]):
+    is_height = seen.kind is ProbeKind.HEIGHT  # may be infinite where its base is known: seen from above
+    if len(half) and not is_height and found.value is not None and not math.isfinite(found.value.ci95[1]):
         return record.refuse(on_ground, half)
     return _checked(record, seen.pose, points, found.value, found.cov_enu_m2)
 
@@ -163,6 +175,8 @@ def _checked(
     record: Record, pose: Pose, points: ImagePoints, value: Value | None, cov_enu_m2: FloatArray
 ) -> Measurement:
     kind = record.request.probe.kind
+    if kind is ProbeKind.HEIGHT and value is not None and not all(map(math.isfinite, (value.value, *value.ci95))):
+        return record.miss(Status.ILL_CONDITIONED, "the object is seen from above: its height may be anything")
     if kind is ProbeKind.HEIGHT and value is not None and not value.ci95[1] >= 0:
         sentence = f"the top is seen {-value.value:.2f} m below the base; the base comes first, then the top"
         return record.miss(Status.NOT_UPRIGHT, sentence)

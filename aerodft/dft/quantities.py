@@ -75,12 +75,14 @@ def crosses_itself(points_enu_m: FloatArray) -> bool:
 def upright_height(sight: Sight) -> FloatArray:
     """Height ``(...)`` of an upright object whose base is the first pixel and whose top the second, m.
 
-    The point of the vertical through the base that is closest to the top's ray, above the base. Only the ray's
+    The point of the vertical through the base that is closest to the top's ray, above the base; NaN where the ray
+    leads away from it, or straight down. Only the ray's
     horizontal direction decides where it passes the vertical, so that neither heading nor image column matter.
     """
     base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
     along = ray[..., :2]
-    reach = np.sum((base - sight.camera_enu_m)[..., :2] * along, axis=-1) / np.sum(along * along, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.sum((base - sight.camera_enu_m)[..., :2] * along, axis=-1) / np.sum(along * along, axis=-1)
     top = sight.camera_enu_m[..., 2] + reach * ray[..., 2]
     return np.asarray(np.where(reach > 0, top - base[..., 2], np.nan))
 
@@ -146,7 +148,9 @@ def _area_gradient(points: FloatArray) -> FloatArray:
 def _height_gradient(sight: Sight) -> Gradient:
     base, ray = sight.points_enu_m[0], sight.directions_enu[1]
     along, to_base = ray * [1, 1, 0], (base - sight.camera_enu_m) * [1, 1, 0]
-    square = float(along @ along)
+    square = along @ along
+    if square == 0:  # seen from straight above there is no height, and nothing that it depends on
+        return Gradient(np.zeros(3), np.zeros_like(sight.directions_enu), np.zeros_like(sight.points_enu_m))
     reach = float(to_base @ along) / square
     by_points, by_directions = np.zeros_like(sight.points_enu_m), np.zeros_like(sight.directions_enu)
     by_points[0] = ray[2] * along / square - [0, 0, 1]

@@ -17,7 +17,7 @@ from aerodft.geometry.dense import undistort
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
 
-_NOTHING = 1e-30  # a coefficient whose root lies beyond any image, and whose reciprocal may be infinite
+_NOTHING = 1e-9  # a reciprocal root beyond any image
 _BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
 _NEWTON_STEPS = 16
 
@@ -153,10 +153,12 @@ def brown_limit(coefficients: tuple[float, ...]) -> float:
 
 
 def _first_positive_root(polynomial: Polynomial) -> float:
-    polynomial = polynomial.trim(_NOTHING)
-    roots = polynomial.roots() if polynomial.degree() > 0 else np.array([])
+    """Infinite where there is none. From the reversed polynomial: a tiny last coefficient is then a tiny first one."""
+    reversed_ = Polynomial(polynomial.coef[::-1])
+    roots = reversed_.roots() if reversed_.degree() > 0 else np.array([])
     real = roots[np.abs(np.imag(roots)) < 1e-9 * (1 + np.abs(roots))].real
-    return float(min(real[real > 0], default=np.inf))
+    largest = max(real[real > _NOTHING], default=0.0)
+    return float(1 / largest) if largest > 0 else np.inf
 
 
 def _brown_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple[FloatArray, FloatArray]:

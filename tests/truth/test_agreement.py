@@ -125,7 +125,7 @@ def cameras(draw, lens):
         name="c", width_px=WIDTH_PX, height_px=HEIGHT_PX, fx_px=focal, fy_px=focal * draw(st.floats(0.8, 1.25)),
         cx_px=960 + 200 * draw(share), cy_px=540 + 150 * draw(share),
         lens=LensModel.FISHEYE if lens == "fisheye" else LensModel.BROWN,
-        distortion=tuple(round(bound * draw(share), 9) for bound in COEFFICIENTS[lens]),  # as calibrations write them
+        distortion=tuple(bound * draw(share) for bound in COEFFICIENTS[lens]),
     )  # fmt: skip
 
 

@@ -105,3 +105,17 @@ def test_heading_does_not_matter(tilt_deg):
             if answer.status is Status.OK:
                 found, expected = (answer.value, answer.std, *answer.ci95), (ahead.value, ahead.std, *ahead.ci95)
                 assert_allclose(found, expected, rtol=1e-9, err_msg=f"{pixels} at {heading_deg}")
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [((960.0, 540.0), (960.0, 540.0)), ((970.0, 540.0), (960.0, 540.0)), ((960.0, 540.0), (970.0, 540.0))],
+    ids=["both", "top", "base"],
+)
+def test_straight_down_a_height_may_be_anything_and_that_is_said(pixels):
+    camera = Camera(name="c", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1500.0, cx_px=960.0, cy_px=540.0)
+    sample = PoseSample(stamp_ns=0, status=Status.OK, pose=camera_pose(height_agl_m=12.0, tilt_rad=0.0))
+    request = Request(probe=Probe(name="h", kind=ProbeKind.HEIGHT, pixels=pixels), pixels=pixels, std_px=1.0)
+    (found,) = measure(Setup(camera=camera), sample, (request,))
+    assert found.status is Status.ILL_CONDITIONED
+    assert found.reasons == ("the object is seen from above: its height may be anything",)

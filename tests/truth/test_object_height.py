@@ -12,7 +12,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from aerodft.dft.measure import Request, Setup, measure
+from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
+from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 

@@ -1,0 +1,147 @@
+"""A camera's pose and lens from what is known of a scene: starts, descents and outliers."""
+
+import itertools
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.special import chdtrc, chdtri
+
+from aerodft.model.arrays import FloatArray
+from calibration.descent import Descent, Loss, descend
+from calibration.residuals import Problem, Residuals
+from calibration.starts import placed, scattered
+from calibration.state import State
+
+ROBUST: Final = 3.0
+"""Standard deviations beyond which an observation counts less and less while outliers are looked for."""
+
+_CHANCE: Final = 1e-5
+"""An observation is an outlier if chance alone puts one in 100,000 so far off."""
+
+_BEST, _ENOUGH, _SUBSETS, _ROUNDS = 4, 3.0, 60, 10
+_FEW = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """The best fit.
+
+    Attributes:
+        state: The camera.
+        residuals: At the state, of all evidence, outliers too.
+        kept: ``(k,)`` whether each observation was used.
+        covariance: ``(n, n)`` of the unknowns as they are named (SI units), scaled up where the residuals are larger
+            than stated; infinite where they are not determined.
+        chi2: Weighted sum of squares of what was used.
+        dof: Degrees of freedom.
+        p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
+        scaled: What the stated stds had to be multiplied with; 1 where they hold.
+    """
+
+    state: State
+    residuals: Residuals
+    kept: np.ndarray
+    covariance: FloatArray
+    chi2: float
+    dof: int
+    p_value: float | None
+    scaled: float
+
+
+def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Solution:
+    """Fit the unknowns.
+
+    Args:
+        problem: Evidence and unknowns.
+        given: What is known; where to start for what is not.
+        guess_is_good: ``given`` is near the truth in every unknown: nothing else is tried if it fits.
+
+    Returns:
+        The best of all descents. Whether it can be trusted is for ``observability`` to say.
+    """
+    best = _best_start(problem, given, guess_is_good=guess_is_good)
+    kept = _kept(best.residuals, len(problem.known.evidence))
+    for _ in range(_ROUNDS):
+        best = descend(problem, best.state, None, kept)
+        now = _kept(best.residuals, len(kept), kept)
+        if np.array_equal(now, kept):
+            break
+        kept = now
+    return _solution(problem, best, kept)
+
+
+def _best_start(problem: Problem, given: State, *, guess_is_good: bool) -> Descent:
+    first = [given] if guess_is_good else []
+    ends = [descend(problem, start, ROBUST) for start in itertools.chain(first, placed(problem, given))]
+    good = min(ends, key=lambda end: end.cost, default=None)
+    if good is not None and _fits(good.residuals):
+        return good
+    candidates = [given, *scattered(problem, given), *_from_subsets(problem, given)]
+    loss = None
+    scored = []
+    for candidate in candidates:
+        residuals = problem.evaluate(candidate)
+        loss = loss or Loss(residuals.owner, ROBUST)
+        scored.append(loss.cost(residuals))
+    chosen = [candidates[index] for index in np.argsort(scored)[: 2 * _BEST]]
+    ends += [descend(problem, start, ROBUST) for start in chosen]
+    return min(ends, key=lambda end: end.cost)
+
+
+def _from_subsets(problem: Problem, given: State) -> list[State]:
+    """What four landmarks at a time say: most fours are free of outliers where few landmarks are."""
+    count = len(problem.landmarks[0])
+    if count <= _FEW:
+        return []
+    rng = np.random.default_rng(count)
+    states = []
+    for _ in range(_SUBSETS):
+        states += list(itertools.islice(placed(problem, given, rng.choice(count, _FEW, replace=False)), 2))
+    return states
+
+
+def _fits(residuals: Residuals) -> bool:
+    """Whether a fit leaves nothing to be explained by another start."""
+    squares, rows = _by_owner(residuals)
+    return bool(np.all(squares <= _ENOUGH**2 * rows * 2)) if len(squares) else True
+
+
+def _by_owner(residuals: Residuals) -> tuple[FloatArray, FloatArray]:
+    """Sum of squares and number of rows of each observation."""
+    evidence = residuals.owner >= 0
+    owner, values = residuals.owner[evidence], residuals.values[evidence]
+    squares, rows = np.bincount(owner, values * values), np.bincount(owner, np.ones_like(values))
+    return squares.astype(np.float64), rows.astype(np.float64)
+
+
+def _kept(residuals: Residuals, count: int, before: np.ndarray | None = None) -> np.ndarray:
+    """Which observations are within chance of the fit, for the scatter that most of them show."""
+    squares, rows = _by_owner(residuals)
+    used = np.ones(count, dtype=bool) if before is None else before
+    medians = chdtri(rows, 0.5)
+    scatter = float(np.median(squares[used] / medians[used])) if np.count_nonzero(used) > _FEW else 1.0
+    return np.asarray(squares <= max(scatter, 1.0) * chdtri(rows, _CHANCE))
+
+
+def _solution(problem: Problem, end: Descent, kept: np.ndarray) -> Solution:
+    residuals = end.residuals
+    used = Loss(residuals.owner, None, kept).weights(residuals) > 0
+    jac, values = residuals.by_unknowns[used], residuals.values[used]
+    chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
+    p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
+    scaled = float(np.sqrt(chi2 / dof)) if p_value is not None and p_value < 0.01 else 1.0  # noqa: PLR2004 - 1 %
+    to_angles = problem.unknowns.to_angles(end.state)
+    covariance = to_angles @ _inverse(jac.T @ jac) @ to_angles.T * scaled**2
+    return Solution(end.state, residuals, kept, covariance, chi2, dof, p_value, scaled)
+
+
+def _inverse(normal: FloatArray) -> FloatArray:
+    """The inverse of what may be singular: infinite where it is."""
+    size = np.sqrt(np.diag(normal))
+    if not np.all(size > 0):
+        return np.full_like(normal, np.inf)
+    try:
+        return np.asarray(np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size))
+    except np.linalg.LinAlgError:
+        return np.full_like(normal, np.inf)

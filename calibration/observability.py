@@ -1,0 +1,115 @@
+"""Which unknown, or which combination of them, the evidence does not determine, and what to add."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from aerodft.model.arrays import FloatArray
+from calibration.solve import Solution
+from calibration.state import State, Unknowns
+
+LIMIT: Final = 0.5
+"""An unknown whose standard deviation is more than this share of its natural size is not determined."""
+
+_PART: Final = 0.25  # of a combination, below which an unknown has no part in it
+_LENS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_ADD: Final = (
+    ({"height", "focal"}, "add a landmark at another distance or a known length"),
+    ({"tilt", "focal"}, "add a landmark nearer or farther, or the horizon"),
+    ({"height", "tilt"}, "add landmarks or ranges at other distances"),
+    ({"height", "elevation"}, "state one of them: only their difference is seen"),
+    ({"tilt", "cy"}, "state the principal point, or add the horizon"),
+    ({"roll", "heading"}, "state one of them: straight down they turn about one axis"),
+    ({"heading", "east"}, "add a second landmark, far from the first"),
+    ({"heading", "north"}, "add a second landmark, far from the first"),
+    ({"focal"}, "add a known length, or landmarks at several distances"),
+    ({"height"}, "add a known length, a range or a landmark"),
+    ({"tilt"}, "add landmarks at several distances, or the horizon"),
+    ({"roll"}, "add landmarks to the left and to the right, a vertical or the horizon"),
+    ({"heading"}, "add a landmark whose place is known"),
+    ({"east"}, "add a landmark whose place is known"),
+    ({"north"}, "add a landmark whose place is known"),
+    ({"elevation"}, "add landmarks of known height"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Observability:
+    """How well the weakest combination of unknowns is determined.
+
+    Attributes:
+        combination: Its unknowns with their parts, the largest first.
+        std_share: Its standard deviation as a share of the unknowns' natural sizes; infinite where nothing tells.
+        advice: What to add; empty where it is determined.
+    """
+
+    combination: dict[str, float]
+    std_share: float
+    advice: str
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether every unknown is."""
+        return self.std_share <= LIMIT
+
+    @property
+    def sentence(self) -> str:
+        """What cannot be told; empty where everything can."""
+        if self.is_determined:
+            return ""
+        names = list(self.combination)
+        if len(names) == 1:
+            return f"{names[0]} cannot be told: {self.advice}"
+        return f"{', '.join(names[:-1])} and {names[-1]} cannot be told apart: {self.advice}"
+
+
+def observability(unknowns: Unknowns, solution: Solution) -> Observability:
+    """The weakest combination of a solution's unknowns.
+
+    Columns of the Jacobian are scaled by natural sizes (a height by itself, an angle by a radian, a focal length by
+    itself, a place by the camera's height), so that its singular values say how many standard deviations of the
+    evidence a whole size makes.
+    """
+    names = unknowns.names
+    jac = solution.residuals.by_unknowns[_used(solution)]
+    from_named = np.linalg.pinv(unknowns.to_angles(solution.state), rcond=1e-9)
+    sizes = np.array([_size(name, solution.state) for name in names])
+    _, singular, directions = np.linalg.svd(jac @ from_named * sizes, full_matrices=True)
+    weakest = directions[-1]
+    strength = float(singular[-1]) if len(singular) == len(names) else 0.0
+    share = solution.scaled / strength if strength > 0 else math.inf
+    order = np.argsort(-np.abs(weakest))
+    parts = {names[index]: float(abs(weakest[index])) for index in order if abs(weakest[index]) > _PART}
+    return Observability(parts, share, "" if share <= LIMIT else _advice(set(parts)))
+
+
+def _used(solution: Solution) -> np.ndarray:
+    owner = solution.residuals.owner
+    return np.asarray((owner < 0) | solution.kept[np.maximum(owner, 0)])
+
+
+def _size(name: str, state: State) -> float:
+    above = max(state.value("height") - state.elevation_m, 1e-3)
+    if name in ("height", "east", "north", "elevation"):
+        return above
+    if name in ("focal", "fx", "fy"):
+        return state.value(name)
+    if name in ("cx", "cy"):
+        return float(state.camera.width_px if name == "cx" else state.camera.height_px)
+    return 1.0
+
+
+def _advice(names: set[str]) -> str:
+    for wanted, advice in _ADD:
+        if wanted <= names:
+            return advice
+    return "add landmarks near the corners of the image" if names & set(_LENS) else "add landmarks"
+
+
+def correlations(covariance: FloatArray) -> FloatArray:
+    """``(n, n)`` correlation coefficients of a covariance; 0 beside what is exact."""
+    std = np.sqrt(np.diag(covariance))
+    size = np.where(std > 0, std, 1.0)
+    return np.asarray(covariance / np.outer(size, size))

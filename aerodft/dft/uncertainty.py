@@ -34,6 +34,9 @@ def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: FloatLike) ->
     cov[..., :6, :6] = pose.cov + pose.time_std_s**2 * motion[:, None] * motion
     cov[..., ELEVATION, ELEVATION] = np.square(elevation_std_m)
     cov[..., INTRINSICS, INTRINSICS] = intrinsics_covariance(camera)
+    if pose.lens_cov.shape[-1] == count - INTRINSICS.start:
+        cov[..., :6, INTRINSICS] = pose.lens_cov
+        cov[..., INTRINSICS, :6] = pose.lens_cov.T
     return cov
 
 

@@ -21,6 +21,8 @@ class Pose:
         position_enu_m: ``(..., 3)``; up is the height above the measured (ground or water) plane.
         wxyz: ``(..., 4)`` unit quaternion ``enu_SO3_cam``; camera axes x right, y down, z forward.
         cov: ``(..., 6, 6)``: position (ENU, m^2), then a small rotation in camera axes (rad^2). Never Euler angles.
+        lens_cov: ``(6, m)`` covariance of those errors with the intrinsics', where one calibration found both; else no
+            columns.
         velocity_enu_mps: ``(..., 3)``, for the effect of a time offset.
         rate_cam_radps: ``(..., 3)`` angular rate in camera axes, for the effect of a time offset.
         time_std_s: Standard deviation of the image's stamp against the telemetry's.
@@ -29,6 +31,7 @@ class Pose:
     position_enu_m: FloatArray
     wxyz: FloatArray
     cov: FloatArray = field(default_factory=lambda: _zeros(6, 6))
+    lens_cov: FloatArray = field(default_factory=lambda: _zeros(6, 0))
     velocity_enu_mps: FloatArray = field(default_factory=lambda: _zeros(3))
     rate_cam_radps: FloatArray = field(default_factory=lambda: _zeros(3))
     time_std_s: float = 0.0

@@ -3,11 +3,13 @@
 import hashlib
 import math
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from pydantic import model_validator
 
+from aerodft.adapters.config.camera import CameraTable, camera_from
+from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station import FixedPose
 from aerodft.adapters.config.tables import (
@@ -15,6 +17,7 @@ from aerodft.adapters.config.tables import (
     HeadingDeg,
     Latitude,
     Longitude,
+    Many,
     Positive,
     Real,
     RollDeg,
@@ -26,7 +29,10 @@ from aerodft.adapters.config.tables import (
 from aerodft.adapters.config.units import to_deg
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import Calibration
+from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseStd
+
+Rows: TypeAlias = tuple[tuple[float, ...], ...] | None
 
 
 class BiasTable(Table):
@@ -48,18 +54,29 @@ class CalibratedPoseTable(Table):
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
+    east_m: Real = 0.0
+    north_m: Real = 0.0
+    covariance: Many[Many[Real]] | None = None
+    lens_covariance: Many[Many[Real]] | None = None
 
     @model_validator(mode="after")
     def _position_is_whole(self) -> Self:
         check_position(self.lat_deg, self.lon_deg)
+        check_local(self.lat_deg, self.east_m, self.north_m)
+        check_lens_covariance(self.covariance, self.lens_covariance)
         return self
 
 
 class CalibrationTable(Table):
-    """A calibration file: biases for a moving camera, a pose for a fixed one, or both."""
+    """A calibration file: biases for a moving camera, a pose for a fixed one, or both; the lens where it was found too.
+
+    ``provenance`` is for people.
+    """
 
     bias: BiasTable | None = None
     pose: CalibratedPoseTable | None = None
+    camera: dict[str, Any] | None = None
+    provenance: dict[str, Any] | None = None
 
     @model_validator(mode="after")
     def _not_empty(self) -> Self:
@@ -73,6 +90,22 @@ def check_position(lat_deg: float | None, lon_deg: float | None) -> None:
     if (lat_deg is None) != (lon_deg is None):
         missing = "lat_deg" if lat_deg is None else "lon_deg"
         raise impossible(missing, got="nothing", expected="both lat_deg and lon_deg, or none of them")
+
+
+def check_local(lat_deg: float | None, east_m: float, north_m: float) -> None:
+    """Refuse a local place beside a geographic one (for validators)."""
+    if lat_deg is not None and (east_m or north_m):
+        raise impossible("east_m" if east_m else "north_m", got="it beside lat_deg", expected="one of the two")
+
+
+def check_lens_covariance(covariance: Rows, lens: Rows) -> None:
+    """Refuse a covariance with the lens without that of the pose, or of another size (for validators)."""
+    if lens is None:
+        return
+    if covariance is None:
+        raise impossible("lens_covariance", got="it without covariance", expected="both")
+    if len(lens) != 6 or len({len(row) for row in lens}) != 1:  # noqa: PLR2004 - position and rotation
+        raise impossible("lens_covariance", got=f"{len(lens)} rows", expected="6 rows of as many as the lens has")
 
 
 def load_calibration(path: Path) -> Calibration:
@@ -101,11 +134,23 @@ def load_calibrated_pose(path: Path) -> FixedPose | None:
     return _read(path)[1]
 
 
+def load_calibrated_camera(path: Path) -> Camera | None:
+    """The camera of a calibration that found the lens too; None where it did not.
+
+    Raises:
+        ConfigError: As :func:`load_calibration`.
+    """
+    table = validated(CalibrationTable, parse_toml(read_bytes(path), str(path)), str(path))
+    if table.camera is None:
+        return None
+    return camera_from(validated(CameraTable, table.camera, str(path), "camera."), str(path), "camera.")
+
+
 def _read(path: Path) -> tuple[Calibration, FixedPose | None]:
     data = read_bytes(path)
     table = validated(CalibrationTable, parse_toml(data, str(path)), str(path))
     identity = f"sha256:{hashlib.sha256(data).hexdigest()}"
-    pose = fixed_from(table.pose, identity) if table.pose else None
+    pose = fixed_from(table.pose, identity, str(path)) if table.pose else None
     return calibration_from(table.bias or BiasTable(), identity, pose), pose
 
 
@@ -144,8 +189,15 @@ def bias_document(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def fixed_from(table: CalibratedPoseTable, identity: str) -> FixedPose:
-    """The fixed pose that a validated table describes."""
+def fixed_from(table: CalibratedPoseTable, identity: str, where: str) -> FixedPose:
+    """The fixed pose that a validated table describes.
+
+    Raises:
+        ConfigError: Its covariance is none.
+    """
+    covariance: tuple[tuple[float, ...], ...] = ()
+    if table.covariance is not None:
+        covariance = as_rows(checked_covariance(table.covariance, 6, where=where, key="pose.covariance"))
     return FixedPose(
         height_agl_m=table.height_agl_m.value,
         tilt_rad=math.radians(table.tilt_deg.value),
@@ -160,5 +212,9 @@ def fixed_from(table: CalibratedPoseTable, identity: str) -> FixedPose:
             roll_rad=math.radians(table.roll_deg.std),
             heading_rad=math.radians(table.heading_deg.std),
         ),
+        covariance=covariance,
+        lens_covariance=tuple(map(tuple, table.lens_covariance or ())),
+        east_m=table.east_m,
+        north_m=table.north_m,
         calibration=identity,
     )

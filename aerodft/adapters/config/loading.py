@@ -5,7 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from aerodft.adapters.config.calibration import calibration_from, load_calibrated_pose, load_calibration
+from aerodft.adapters.config.calibration import (
+    calibration_from,
+    load_calibrated_camera,
+    load_calibrated_pose,
+    load_calibration,
+)
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
 from aerodft.adapters.config.ground import ground_from, needs_place
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
@@ -122,6 +127,8 @@ def _refreshed(station: StationConfig, where: str) -> StationConfig:
 def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
     """What the table says of the pipeline; the fixed pose and the id come with ``refreshed``."""
     camera, model = _camera(table.camera, where, folder)
+    if table.pose is not None and table.pose.calibration:
+        camera = load_calibrated_camera(folder / table.pose.calibration) or camera
     return PipelineSettings(
         station=table.station.name,
         camera=camera,
@@ -147,7 +154,9 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
         ConfigError: As :func:`aerodft.adapters.config.calibration.load_calibration`, or the file lacks what it takes.
     """
     if station.fixed_pose is not None:
-        return _refreshed(replace(station, fixed_pose=_calibrated_pose(path)), str(path))
+        camera = load_calibrated_camera(path) or station.pipeline.camera
+        pipeline = replace(station.pipeline, camera=camera)
+        return _refreshed(replace(station, pipeline=pipeline, fixed_pose=_calibrated_pose(path)), str(path))
     return replace(station, calibration=_biases(path))
 
 

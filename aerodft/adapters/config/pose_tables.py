@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.calibration import BiasTable, check_position
+from aerodft.adapters.config.calibration import BiasTable, check_lens_covariance, check_local, check_position
 from aerodft.adapters.config.tables import (
     Count,
     Duration,
@@ -129,8 +129,11 @@ class PoseTable(Table):
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
+    east_m: Real = 0.0
+    north_m: Real = 0.0
     std: PoseStdTable = PoseStdTable()
     covariance: Many[Many[Real]] | None = None
+    lens_covariance: Many[Many[Real]] | None = None
 
     @model_validator(mode="after")
     def _stated_or_calibrated(self) -> Self:
@@ -144,4 +147,6 @@ class PoseTable(Table):
         if self.covariance is not None and "std" in self.model_fields_set:
             raise impossible("covariance", got="it beside std", expected="one of the two")
         check_position(self.lat_deg, self.lon_deg)
+        check_local(self.lat_deg, self.east_m, self.north_m)
+        check_lens_covariance(self.covariance, self.lens_covariance)
         return self

@@ -191,7 +191,10 @@ def _pose(fixed: FixedPose) -> dict[str, Any]:
         lat_deg=_degrees(fixed.lat_rad),
         lon_deg=_degrees(fixed.lon_rad),
         alt_msl_m=fixed.alt_msl_m,
+        east_m=fixed.east_m or None,
+        north_m=fixed.north_m or None,
         covariance=[list(row) for row in fixed.covariance] or None,
+        lens_covariance=[list(row) for row in fixed.lens_covariance] or None,
         std=None if fixed.covariance else _pose_std(fixed.std),
     )
 

@@ -102,7 +102,7 @@ def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
     if table.covariance is not None:
         of = "east, north, up, then rotation about the camera's x, y, z"
         cov = checked_covariance(table.covariance, 6, where=where, key="pose.covariance", of=of)
-        covariance, std = as_rows(cov), _std_of(cov)
+        covariance, std = as_rows(cov), std_of(cov)
     return FixedPose(
         height_agl_m=table.height_agl_m,
         tilt_rad=math.radians(table.tilt_deg),
@@ -113,6 +113,9 @@ def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
         alt_msl_m=table.alt_msl_m,
         std=std,
         covariance=covariance,
+        lens_covariance=tuple(map(tuple, table.lens_covariance or ())),
+        east_m=table.east_m,
+        north_m=table.north_m,
         calibration=table.calibration_id,
     )
 
@@ -130,7 +133,7 @@ def _stated_std(table: PoseStdTable, *, knows_heading: bool, knows_position: boo
     )
 
 
-def _std_of(cov: FloatArray) -> PoseStd:
+def std_of(cov: FloatArray) -> PoseStd:
     """What a full covariance ``(6, 6)`` comes to in people's words; the heading is in the three rotations."""
     east, north, up, tilt, pan, roll = np.diag(cov).tolist()
     return PoseStd(
@@ -174,6 +177,8 @@ def pose_sample(
     datum_m = float(pose.position_enu_m[2]) - fixed.height_agl_m
     if fixed.covariance:
         pose = replace(pose, cov=np.array(fixed.covariance))
+    if fixed.lens_covariance:
+        pose = replace(pose, lens_cov=np.array(fixed.lens_covariance))
     return PoseSample(
         stamp_ns=0,
         status=Status.OK,
@@ -210,7 +215,7 @@ def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None
         No origin where the camera's position is unknown.
     """
     if fixed.lat_rad is None or fixed.lon_rad is None:
-        return None, 0.0, 0.0
+        return None, fixed.east_m, fixed.north_m
     if origin is None:
         foot_msl_m = None if fixed.alt_msl_m is None else fixed.alt_msl_m - fixed.height_agl_m
         return GeoOrigin(lat_rad=fixed.lat_rad, lon_rad=fixed.lon_rad, alt_msl_m=foot_msl_m), 0.0, 0.0

@@ -154,6 +154,9 @@ class FixedPose:
         alt_msl_m: Of the camera, likewise.
         std: How well all this is known.
         covariance: 6 rows of 6, as ``Pose.cov`` has them; where it is there, it takes the place of ``std``.
+        lens_covariance: 6 rows, as ``Pose.lens_cov`` has them; empty where pose and lens were not found together.
+        east_m: Of the camera, in a local frame without latitude and longitude.
+        north_m: Likewise.
         calibration: Id of the calibration that it came from.
     """
 
@@ -166,6 +169,9 @@ class FixedPose:
     alt_msl_m: float | None = None
     std: PoseStd = field(default_factory=PoseStd)
     covariance: tuple[tuple[float, ...], ...] = ()
+    lens_covariance: tuple[tuple[float, ...], ...] = ()
+    east_m: float = 0.0
+    north_m: float = 0.0
     calibration: str | None = None
 
 

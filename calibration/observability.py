@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.model.arrays import FloatArray
+from calibration.residuals import Problem
 from calibration.solve import Solution
-from calibration.state import State, Unknowns
+from calibration.state import State
 
 LIMIT: Final = 0.5
 """An unknown whose standard deviation is more than this share of its natural size is not determined."""
@@ -65,17 +66,18 @@ class Observability:
         return f"{', '.join(names[:-1])} and {names[-1]} cannot be told apart: {self.advice}"
 
 
-def observability(unknowns: Unknowns, solution: Solution) -> Observability:
+def observability(problem: Problem, solution: Solution) -> Observability:
     """The weakest combination of a solution's unknowns.
 
     Columns of the Jacobian are scaled by natural sizes (a height by itself, an angle by a radian, a focal length by
     itself, a place by the camera's height), so that its singular values say how many standard deviations of the
     evidence a whole size makes.
     """
-    names = unknowns.names
+    unknowns = problem.unknowns
+    names, above_m = unknowns.names, _above(problem, solution.state)
     jac = solution.residuals.by_unknowns[_used(solution)]
     from_named = np.linalg.pinv(unknowns.to_angles(solution.state), rcond=1e-9)
-    sizes = np.array([_size(name, solution.state) for name in names])
+    sizes = np.array([_size(name, solution.state, above_m) for name in names])
     _, singular, directions = np.linalg.svd(jac @ from_named * sizes, full_matrices=True)
     weakest = directions[-1]
     strength = float(singular[-1]) if len(singular) == len(names) else 0.0
@@ -90,10 +92,16 @@ def _used(solution: Solution) -> np.ndarray:
     return np.asarray((owner < 0) | solution.kept[np.maximum(owner, 0)])
 
 
-def _size(name: str, state: State) -> float:
-    above = max(state.value("height") - state.elevation_m, 1e-3)
+def _above(problem: Problem, state: State) -> float:
+    """Height above the landmarks, or above the ground where there are none."""
+    points, _ = problem.landmarks
+    below = float(np.median(points[:, 2])) if len(points) else state.elevation_m
+    return max(abs(state.value("height") - below), 1e-3)
+
+
+def _size(name: str, state: State, above_m: float) -> float:
     if name in ("height", "east", "north", "elevation"):
-        return above
+        return above_m
     if name in ("focal", "fx", "fy"):
         return state.value(name)
     if name in ("cx", "cy"):

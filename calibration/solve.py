@@ -33,6 +33,7 @@ class Solution:
         kept: ``(k,)`` whether each observation was used.
         covariance: ``(n, n)`` of the unknowns as they are named (SI units), scaled up where the residuals are larger
             than stated; infinite where they are not determined.
+        joint: ``(s, s)`` of the errors of ``dft.projection``, of which the unknowns are combinations.
         chi2: Weighted sum of squares of what was used.
         dof: Degrees of freedom.
         p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
@@ -43,6 +44,7 @@ class Solution:
     residuals: Residuals
     kept: np.ndarray
     covariance: FloatArray
+    joint: FloatArray
     chi2: float
     dof: int
     p_value: float | None
@@ -132,8 +134,11 @@ def _solution(problem: Problem, end: Descent, kept: np.ndarray) -> Solution:
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
     scaled = float(np.sqrt(chi2 / dof)) if p_value is not None and p_value < 0.01 else 1.0  # noqa: PLR2004 - 1 %
     to_angles = problem.unknowns.to_angles(end.state)
-    covariance = to_angles @ _inverse(jac.T @ jac) @ to_angles.T * scaled**2
-    return Solution(end.state, residuals, kept, covariance, chi2, dof, p_value, scaled)
+    own = _inverse(jac.T @ jac) * scaled**2
+    by = problem.unknowns.by_unknowns(end.state)
+    with np.errstate(invalid="ignore"):  # infinite where something is not determined
+        covariance, joint = to_angles @ own @ to_angles.T, by @ own @ by.T
+    return Solution(end.state, residuals, kept, covariance, joint, chi2, dof, p_value, scaled)
 
 
 def _inverse(normal: FloatArray) -> FloatArray:

@@ -33,6 +33,7 @@ COMMANDS: Final = {
     "compare": "Compare two recordings measurement by measurement.",
     "export": "Write a recording's measurements as CSV or GeoJSON.",
     "doctor": "Say what a log or a live link holds, and what is wrong with it.",
+    "calibrate": "Find a camera's height and angles from landmarks and what else is known of a scene.",
     "paper": "Compute the paper's tables and figures, beside what it prints.",
     "demo": "Fly a simulated flight through everything and show the result.",
 }

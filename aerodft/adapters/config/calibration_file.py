@@ -1,0 +1,57 @@
+"""Calibrations to files, as ``calibration.load_calibration`` and ``load_calibrated_camera`` read them."""
+
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.config.station import FixedPose
+from aerodft.adapters.config.units import to_deg
+from aerodft.errors import InputError
+from aerodft.model.camera import Camera
+
+
+def write_calibration(path: Path, pose: FixedPose, camera: Camera | None, provenance: dict[str, Any]) -> None:
+    """Write a fixed camera's calibration.
+
+    Args:
+        path: The TOML file; one that is there is replaced.
+        pose: What was found.
+        camera: The camera where its lens was found too; None where it was taken as it is.
+        provenance: Where all this comes from, for people; what is None is left out.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    document: dict[str, Any] = {"provenance": {key: value for key, value in provenance.items() if value is not None}}
+    document["pose"] = _pose(pose)
+    if camera is not None:
+        document["camera"] = camera_document(camera)
+    try:
+        path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    except OSError as error:
+        expected = "a file to write to"
+        raise InputError(
+            "the calibration cannot be written", where=path, got=error.strerror, expected=expected
+        ) from error
+
+
+def _pose(pose: FixedPose) -> dict[str, Any]:
+    std = pose.std
+    stated: dict[str, Any] = {
+        "height_agl_m": {"value": pose.height_agl_m, "std": std.height_agl_m},
+        "tilt_deg": {"value": to_deg(pose.tilt_rad), "std": to_deg(std.tilt_rad)},
+        "roll_deg": {"value": to_deg(pose.roll_rad), "std": to_deg(std.roll_rad)},
+        "heading_deg": {"value": to_deg(pose.heading_rad), "std": to_deg(std.heading_rad)},
+    }
+    if pose.lat_rad is not None and pose.lon_rad is not None:
+        stated |= {"lat_deg": to_deg(pose.lat_rad), "lon_deg": to_deg(pose.lon_rad)}
+        if pose.alt_msl_m is not None:
+            stated["alt_msl_m"] = pose.alt_msl_m
+    else:
+        stated |= {"east_m": pose.east_m, "north_m": pose.north_m}
+    stated["covariance"] = [list(row) for row in pose.covariance]
+    if pose.lens_covariance:
+        stated["lens_covariance"] = [list(row) for row in pose.lens_covariance]
+    return stated

@@ -1,0 +1,136 @@
+"""``aerodft calibrate``: a camera's height and angles, and more, from what people know about a scene."""
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from aerodft import __version__
+from aerodft.adapters.config.calibration_file import write_calibration
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
+from aerodft.adapters.config.station import FixedPose
+from aerodft.cli.calibrate_words import document, print_result, refusal, sentences
+from aerodft.cli.output import print_json, say
+from aerodft.errors import ConfigError, NoAnswerError, UsageError
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import PoseStd
+from calibration.result import Result, angles_deg, unknowns_of
+from calibration.result import calibrate as solve_for
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    found: EvidenceFile
+    result: Result
+    names: tuple[str, ...]
+
+
+def calibrate(
+    observations: Annotated[Path, typer.Argument(help="What is known: TOML, or CSV with a row for each landmark.")],
+    camera: Annotated[Path, typer.Option(help="Camera file (TOML).")],
+    unknowns: Annotated[
+        str,
+        typer.Option(help="height,tilt,roll,heading,position,focal (or fx,fy),principal_point,elevation,k1,k2,..."),
+    ] = "height,tilt",
+    model: Annotated[ProjectionModel, typer.Option(help="Projection model.")] = ProjectionModel.PINHOLE,
+    crs: Annotated[str | None, typer.Option(help="Of a CSV file: local, geo or an EPSG code.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the calibration to this file.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write pictures and tables to this folder.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    r"""Find a camera's pose (and lens) from landmarks, ranges, lengths, heights, verticals, lines and the horizon.
+
+    \b
+    Example:
+      aerodft calibrate site.toml --camera cam.toml --unknowns height,tilt,roll -o calibration.toml
+    """
+    lens, found = load_camera(camera), load_evidence(observations, crs)
+    check_against(found, lens)
+    names = tuple(filter(None, (name.strip() for name in unknowns.split(","))))
+    if not names:
+        raise UsageError("--unknowns", got="none", expected="e.g. height,tilt")
+    try:
+        unknowns_of(names, found.known, lens, model)
+    except ValueError as error:
+        raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
+    if not found.known.evidence:
+        raise ConfigError("no observations", where=observations, got="none", expected="landmarks, ranges, lengths, ...")
+    asked = _Asked(found, solve_for(found.known, lens, names, model), names)
+    why_not = refusal(asked.result)
+    if json:
+        print_json(document(asked.result, found, why_not))
+    else:
+        print_result(asked.result, found)
+    for sentence in sentences(asked.result, found):
+        say(f"aerodft: {sentence}")
+    if why_not:
+        raise NoAnswerError("no calibration", where=observations, got=why_not)
+    _write(asked, camera, output, report)
+
+
+def _write(asked: _Asked, camera: Path, output: Path | None, report: Path | None) -> None:
+    result, found = asked.result, asked.found
+    if output is not None:
+        provenance: dict[str, Any] = {
+            "date": datetime.now(UTC).isoformat(timespec="seconds"),
+            "software": f"aerodft {__version__}",
+            "observations": found.path.name,
+            "observations_sha256": found.sha256,
+            "camera_file": camera.name,
+            "model": str(result.solution.state.model),
+            "unknowns": list(asked.names),
+            "rms_px": result.rms_px,
+            "chi2": result.solution.chi2,
+            "degrees_of_freedom": result.solution.dof,
+            "outliers": [left.name for left in result.left if left.is_outlier],
+        }
+        lens_found = any(np.any(row) for row in result.camera.covariance)
+        write_calibration(output, fixed_pose(result, found), result.camera if lens_found else None, provenance)
+        say(f"wrote {output}")
+    if report is not None:
+        from aerodft.cli.calibrate_report import write_report  # noqa: PLC0415 - matplotlib is slow to load
+
+        write_report(result, found, report)
+
+
+def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:
+    """The pose as stations take it: on the map with true north where the file's coordinates are on one."""
+    state, cov = result.solution.state, result.pose_covariance.copy()
+    tilt_deg, roll_deg, heading_deg = angles_deg(state)
+    place, heading_rad = found.frame.wgs84(state.position_m), math.radians(heading_deg)
+    true_rad = found.frame.true_heading_rad(heading_rad)
+    if true_rad is not None:
+        turn = true_rad - heading_rad
+        from_grid = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+        cov[:2] = from_grid @ cov[:2]
+        cov[:, :2] = cov[:, :2] @ from_grid.T
+        heading_rad = true_rad
+    stds = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    names, named = result.problem.unknowns.names, np.sqrt(np.maximum(np.diag(result.solution.covariance), 0.0))
+    by_name = dict(zip(names, named.tolist(), strict=True))
+    lens = result.lens_covariance
+    return FixedPose(
+        height_agl_m=float(state.position_m[2]) - state.elevation_m,
+        tilt_rad=math.radians(tilt_deg),
+        roll_rad=math.radians(roll_deg),
+        heading_rad=heading_rad,
+        lat_rad=None if place is None else float(place[0]),
+        lon_rad=None if place is None else float(place[1]),
+        alt_msl_m=None if place is None else float(place[2]),
+        std=PoseStd(
+            height_agl_m=float(stds[2]),
+            horizontal_m=float(np.hypot(*stds[:2])) / math.sqrt(2),
+            tilt_rad=by_name.get("tilt", 0.0),
+            roll_rad=by_name.get("roll", 0.0),
+            heading_rad=by_name.get("heading", 0.0),
+        ),
+        covariance=tuple(map(tuple, cov.tolist())),
+        lens_covariance=tuple(map(tuple, lens.tolist())) if np.any(lens) else (),
+        east_m=float(state.position_m[0]),
+        north_m=float(state.position_m[1]),
+    )

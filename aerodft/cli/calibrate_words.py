@@ -1,0 +1,135 @@
+"""A calibration in words, tables and JSON."""
+
+import math
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.cli.output import tables
+from calibration.observability import correlations
+from calibration.result import Result, said
+
+_SUSPICIOUS_P = 0.01
+
+
+def refusal(result: Result) -> str:
+    """Why there is no calibration; empty where there is one."""
+    solution = result.solution
+    if not result.weakest.is_determined:
+        return result.weakest.sentence
+    if np.count_nonzero(~solution.kept) * 2 >= len(solution.kept):
+        return (
+            f"{np.count_nonzero(~solution.kept)} of {len(solution.kept)} observations disagree with the rest: check the"
+            " camera file, the coordinates and their stds"
+        )
+    return ""
+
+
+def sentences(result: Result, found: EvidenceFile) -> list[str]:
+    """What a person should know of the result."""
+    solution, said_so = result.solution, []
+    for left in result.left:
+        if left.is_outlier:
+            off = f"by {left.px:.0f} px" if math.isfinite(left.px) else "altogether: it cannot be seen from there"
+            said_so.append(f"{left.name} disagrees {off}, left out")
+    if solution.scaled > 1.0:
+        said_so.append(
+            f"the residuals are {solution.scaled:.1f} times as large as the stated stds: all stds are scaled up by that"
+        )
+    elif solution.p_value is not None and solution.p_value > 1 - _SUSPICIOUS_P:
+        said_so.append("the residuals are much smaller than the stated stds: these may be too large")
+    guesses = sorted(found.fixed & set(result.problem.unknowns.names))
+    if guesses:
+        keys = ", ".join(said(name)[0] for name in guesses)
+        said_so.append(f"{keys} has no std in the file: taken as a first guess only")
+    return said_so
+
+
+def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any]:
+    """The whole result as JSON; nothing that is not finite."""
+    solution, names = result.solution, result.problem.unknowns.names
+    keys, scales = zip(*(said(name) for name in names), strict=True)
+    covariance = solution.covariance * np.outer(scales, scales)
+    place = found.frame.wgs84(solution.state.position_m)
+    return {
+        "schema": "aerodft.calibration/1",
+        "status": "ILL_CONDITIONED" if why_not else "ok",
+        "reasons": [why_not] if why_not else [],
+        "parameters": {
+            key: {"value": value, "std": _finite(math.sqrt(max(covariance[index, index], 0.0)))}
+            for index, (key, value) in enumerate(_values(result).items())
+        },
+        "order": list(keys),
+        "covariance": _rows(covariance),
+        "correlations": _rows(correlations(covariance)),
+        "rms_px": result.rms_px,
+        "chi2": solution.chi2,
+        "degrees_of_freedom": solution.dof,
+        "p_value": solution.p_value,
+        "stds_scaled_by": solution.scaled,
+        "residuals": [
+            {
+                "name": left.name,
+                "px": _finite(left.px),
+                "sigma": left.sigma,
+                "ground_m": left.ground_m,
+                "left_out_ground_m": left.left_out_ground_m,
+                "outlier": left.is_outlier,
+            }
+            for left in result.left
+        ],
+        "outliers": [left.name for left in result.left if left.is_outlier],
+        "observability": {
+            "determined": result.weakest.is_determined,
+            "weakest": result.weakest.combination,
+            "std_share": _finite(result.weakest.std_share),
+            "sentence": result.weakest.sentence,
+        },
+        "position": found.frame.file_coordinates(solution.state.position_m).tolist(),
+        "lat_deg": None if place is None else math.degrees(place[0]),
+        "lon_deg": None if place is None else math.degrees(place[1]),
+        "crs": found.frame.crs,
+        "model": str(solution.state.model),
+        "notes": sentences(result, found),
+    }
+
+
+def print_result(result: Result, found: EvidenceFile) -> None:
+    """Two tables: the unknowns, and what is left of each observation."""
+    solution = result.solution
+    table = Table("unknown", "value", "std")
+    stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+    for (key, value), name, std in zip(_values(result).items(), result.problem.unknowns.names, stds, strict=True):
+        table.add_row(key, f"{value:.6g}", f"{std * said(name)[1]:.3g}")
+    tables().print(table)
+    rest = Table("observation", "px", "sigma", "on the ground (m)", "not having seen it (m)")
+    for left in result.left:
+        ground, without = ("" if value is None else f"{value:.3f}" for value in (left.ground_m, left.left_out_ground_m))
+        name = f"{left.name} (left out)" if left.is_outlier else left.name
+        rest.add_row(name, f"{left.px:.2f}", f"{left.sigma:.2f}", ground, without)
+    tables().print(rest)
+    rms = "" if result.rms_px is None else f"rms {result.rms_px:.2f} px, "
+    place = ", ".join(f"{value:.3f}" for value in found.frame.file_coordinates(solution.state.position_m))
+    fit = f"{rms}chi-square {solution.chi2:.1f} with {solution.dof} degrees of freedom"
+    tables().print(f"{fit}; camera at {place} ({found.frame.crs})")
+
+
+def _values(result: Result) -> dict[str, float]:
+    """Values by the names that people see, in the order of the unknowns; a height is above the ground."""
+    state = result.solution.state
+    values = {}
+    for name in result.problem.unknowns.names:
+        key, scale = said(name)
+        value = state.value(name) - (state.elevation_m if name == "height" else 0.0)
+        values[key] = scale * value
+    return values
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _rows(matrix: np.ndarray) -> list[list[float | None]]:
+    return [[_finite(value) for value in row] for row in matrix.tolist()]

@@ -1,0 +1,160 @@
+"""A whole calibration: from what is known and what is asked, to numbers that people and files can take."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from aerodft.dft.projection import INTRINSICS
+from aerodft.geometry.rotation import camera_angles
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera
+from aerodft.model.evidence import EvidenceSet
+from aerodft.model.measurement import ProjectionModel
+from calibration.errors_left import Leftover, leftovers, rms_px
+from calibration.observability import Observability, observability
+from calibration.residuals import Problem
+from calibration.solve import Solution, solve
+from calibration.state import State, Unknowns, coefficient_names, expanded
+
+_DEG: Final = math.degrees(1.0)
+_SAID = {
+    "height": ("height_agl_m", 1.0),
+    "tilt": ("tilt_deg", _DEG),
+    "roll": ("roll_deg", _DEG),
+    "heading": ("heading_deg", _DEG),
+    "east": ("east_m", 1.0),
+    "north": ("north_m", 1.0),
+    "elevation": ("elevation_m", 1.0),
+    "focal": ("focal_px", 1.0),
+    "fx": ("fx_px", 1.0),
+    "fy": ("fy_px", 1.0),
+    "cx": ("cx_px", 1.0),
+    "cy": ("cy_px", 1.0),
+}
+_FIRST_HEIGHT_M, _FIRST_TILT_RAD = 10.0, 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """What a calibration found.
+
+    Attributes:
+        problem: What was asked.
+        solution: The fit.
+        left: What is left of each observation.
+        rms_px: Of the landmarks; None without any.
+        weakest: The combination of unknowns that is known worst.
+    """
+
+    problem: Problem
+    solution: Solution
+    left: tuple[Leftover, ...]
+    rms_px: float | None
+    weakest: Observability
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with what was found of its lens, and how well."""
+        lens, joint = self.solution.state.camera, self.solution.joint[INTRINSICS, INTRINSICS]
+        covariance = tuple(map(tuple, joint.tolist())) if np.any(joint) else ()
+        return Camera(
+            name=lens.name,
+            width_px=lens.width_px,
+            height_px=lens.height_px,
+            fx_px=lens.fx_px,
+            fy_px=lens.fy_px,
+            cx_px=lens.cx_px,
+            cy_px=lens.cy_px,
+            lens=lens.lens,
+            distortion=lens.distortion,
+            covariance=covariance,
+        )
+
+    @property
+    def pose_covariance(self) -> FloatArray:
+        """``(6, 6)`` as ``Pose.cov``."""
+        return np.asarray(self.solution.joint[:6, :6])
+
+    @property
+    def lens_covariance(self) -> FloatArray:
+        """``(6, m)`` as ``Pose.lens_cov``."""
+        return np.asarray(self.solution.joint[:6, INTRINSICS])
+
+
+def said(name: str) -> tuple[str, float]:
+    """An unknown's name for people, with its unit, and what its SI value is multiplied with."""
+    return _SAID.get(name, (name, 1.0))
+
+
+def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> Unknowns:
+    """What is solved for: what was asked, and everything that is known beforehand with a std.
+
+    Raises:
+        ValueError: An unknown that there is not, or that excludes another.
+    """
+    possible = (*_SAID, *coefficient_names(camera))
+    asked = expanded(names)
+    for name in asked:
+        if name not in possible:
+            raise ValueError(f"got {name}, expected some of {', '.join((*possible, 'position', 'principal_point'))}")
+    if "focal" in asked and {"fx", "fy"} & set(asked):
+        raise ValueError("got focal beside fx or fy, expected one of the two")
+    lens_only = [name for name in asked if name in ("cx", "cy", "roll", *coefficient_names(camera))]
+    if model is ProjectionModel.DFT and lens_only:
+        raise ValueError(f"got {lens_only[0]} for the dft model, expected height, tilt, heading, position or focal")
+    more = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in asked)
+    return Unknowns(tuple(dict.fromkeys((*asked, *more))))
+
+
+def calibrate(
+    known: EvidenceSet, camera: Camera, names: tuple[str, ...], model: ProjectionModel = ProjectionModel.PINHOLE
+) -> Result:
+    """Find a camera's unknowns.
+
+    Args:
+        known: Observations and priors. A prior with a std of 0 is exact, or where to start from if it is asked for.
+        camera: The camera; what is not asked for is taken as exact.
+        names: What is asked for, see ``said``; also ``position`` and ``principal_point``.
+        model: Projection model.
+
+    Raises:
+        ValueError: As ``unknowns_of``.
+    """
+    unknowns = unknowns_of(names, known, camera, model)
+    priors = {name: prior for name, prior in known.priors.items() if prior.std > 0}
+    problem = Problem(EvidenceSet(evidence=known.evidence, priors=priors), unknowns, model)
+    start = _start(known, camera, model)
+    guessed = set(unknowns.names) <= {*known.priors, "focal", "fx", "fy", "cx", "cy", *coefficient_names(camera)}
+    solution = solve(problem, start, guess_is_good=guessed)
+    left = leftovers(problem, solution)
+    return Result(problem, solution, left, rms_px(problem, left), observability(problem, solution))
+
+
+def _start(known: EvidenceSet, camera: Camera, model: ProjectionModel) -> State:
+    def stated(name: str, otherwise: float) -> float:
+        return known.priors[name].value if name in known.priors else otherwise
+
+    focal = stated("focal", camera.fx_px)
+    zoomed = Camera(
+        name=camera.name,
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        fx_px=focal,
+        fy_px=camera.fy_px * focal / camera.fx_px,
+        cx_px=camera.cx_px,
+        cy_px=camera.cy_px,
+        lens=camera.lens,
+        distortion=camera.distortion,
+    )
+    elevation = stated("elevation", 0.0)
+    position = np.array([stated("east", 0.0), stated("north", 0.0), stated("height", elevation + _FIRST_HEIGHT_M)])
+    angles = (stated("tilt", _FIRST_TILT_RAD), stated("roll", 0.0), stated("heading", 0.0))
+    return State.of(zoomed, position, angles, elevation, model)
+
+
+def angles_deg(state: State) -> tuple[float, float, float]:
+    """Tilt, roll and heading, degrees."""
+    tilt, roll, heading = (math.degrees(float(angle)) for angle in camera_angles(state.wxyz))
+    return tilt, roll, heading

@@ -1,0 +1,188 @@
+"""Files of evidence: what people know about a scene, for a calibration.
+
+A TOML file (``configs/calibration/`` has one with every key explained), or a CSV file with a row for each landmark.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aerodft.adapters.config.evidence_checks import (
+    Stated,
+    check_degrees,
+    check_duplicates,
+    check_names,
+    check_pixels,
+    check_tilt,
+    check_together,
+)
+from aerodft.adapters.config.evidence_csv import landmark_rows
+from aerodft.adapters.config.evidence_frame import GEO, LOCAL, LocalFrame, checked_crs, takes_degrees
+from aerodft.adapters.config.evidence_places import check_datums, frame_around, landmark_from
+from aerodft.adapters.config.evidence_priors import EvidenceTable, priors_from
+from aerodft.adapters.config.evidence_tables import HorizonTable, LandmarkTable, ObservationTable
+from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
+from aerodft.errors import ConfigError
+from aerodft.model.camera import Camera
+from aerodft.model.evidence import Evidence, EvidenceSet
+
+_CSV_SUFFIXES = {".csv", ".tsv", ".txt"}
+_FIELDS = {"range": "ranges"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceFile:
+    """What a file says.
+
+    Attributes:
+        known: Observations and priors, in metres of ``frame`` and radians.
+        frame: Where these metres are. Its zero is the stated elevation of the ground; where none is stated, the file's
+            own zero for local coordinates, and otherwise the middle one of the landmarks' heights.
+        fixed: Names of the priors that are stated without a std: taken as exact (their std is 0).
+        stated: The observations as they stand in the file, for messages; in the order of ``known.evidence``.
+        image: File name of the image, as stated.
+        image_size_px: Its width and height, as stated.
+        sha256: Of the file's bytes, hexadecimal.
+        path: The file.
+    """
+
+    known: EvidenceSet
+    frame: LocalFrame
+    fixed: frozenset[str]
+    stated: tuple[Stated, ...]
+    image: str | None
+    image_size_px: tuple[int, int] | None
+    sha256: str
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    kind: str
+    label: str
+    table: LandmarkTable | ObservationTable
+
+    @property
+    def stated(self) -> Stated:
+        if isinstance(self.table, LandmarkTable):
+            return Stated(self.label, (self.table.pixel,), self.table.place, is_geo=self.table.is_geo)
+        return Stated(self.label, _pixels_of(self.table), may_be_outside=isinstance(self.table, HorizonTable))
+
+
+def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
+    """Read a file of evidence.
+
+    Args:
+        path: A TOML file; or, by its ending ``.csv``, ``.tsv`` or ``.txt``, a CSV file with a header.
+        crs: What the places of a CSV file are in: ``local`` metres, ``geo`` or an EPSG code. TOML files say it.
+
+    Raises:
+        ConfigError: Missing or unreadable, a syntax error, an unknown key or column, an impossible value, or
+            observations that cannot all be true.
+    """
+    where, data = str(path), read_bytes(path)
+    if path.suffix.lower() in _CSV_SUFFIXES:
+        table, rows = _from_csv(data, crs, where)
+    else:
+        table, rows = _from_toml(data, crs, where)
+    size_px = _size(table)
+    stated = tuple(row.stated for row in rows)
+    crs = checked_crs(table.crs, where)
+    check_datums(stated, table.camera, crs, where)
+    names = _names(rows)
+    check_names(names, stated, where)
+    check_pixels(stated, size_px, where)
+    check_duplicates(stated, where)
+    if takes_degrees(crs):
+        check_degrees(stated, where)
+    frame = frame_around(stated, table, crs, where)
+    check_together(stated, frame, where)
+    priors, fixed = priors_from(table, frame)
+    evidence = tuple(_made(row.table, name, frame) for row, name in zip(rows, names, strict=True))
+    return EvidenceFile(
+        known=EvidenceSet(evidence=evidence, priors=priors),
+        frame=frame,
+        fixed=fixed,
+        stated=stated,
+        image=table.image.file,
+        image_size_px=size_px,
+        sha256=hashlib.sha256(data).hexdigest(),
+        path=path,
+    )
+
+
+def check_against(found: EvidenceFile, camera: Camera) -> None:
+    """Refuse evidence that cannot be this camera's.
+
+    Args:
+        found: The evidence.
+        camera: The camera that is said to have taken the image.
+
+    Raises:
+        ConfigError: The image has another size, a pixel is outside of it (a horizon's may be), pixels and places or
+            u and v are interchanged, or the tilt was given in radians.
+    """
+    size_px = (camera.width_px, camera.height_px)
+    if found.image_size_px not in (None, size_px):
+        got = "{} x {} pixels".format(*found.image_size_px or ())
+        expected = f'{size_px[0]} x {size_px[1]}, the size of camera "{camera.name}"'
+        hint = "take the camera file of the mode that the image was taken in"
+        raise ConfigError("image", where=found.path, got=got, expected=expected, hint=hint)
+    check_pixels(found.stated, size_px, str(found.path))
+    check_tilt(found.known, camera, found.path)
+
+
+def _from_toml(data: bytes, crs: str | None, where: str) -> tuple[EvidenceTable, list[_Row]]:
+    if crs is not None:
+        got = f'"{crs}" for a TOML file'
+        raise ConfigError("crs", where=where, got=got, expected="it in the file", hint=f'write crs = "{crs}" in it')
+    document = parse_toml(data, where)
+    table = validated(EvidenceTable, document, where)
+    kinds = [key for key, value in document.items() if isinstance(value, list)]
+    rows = [
+        _Row(kind, f"{kind}[{index}]", each)
+        for kind in kinds
+        for index, each in enumerate(getattr(table, _FIELDS.get(kind, kind)))
+    ]
+    if not rows:
+        expected = "[[landmark]], [[range]], [[length]] or another observation"
+        raise ConfigError("no observations", where=where, expected=expected)
+    return table, rows
+
+
+def _from_csv(data: bytes, crs: str | None, where: str) -> tuple[EvidenceTable, list[_Row]]:
+    is_geo, lines = landmark_rows(data, where)
+    rows = [_Row("landmark", label, validated(LandmarkTable, row, where, f"{label}, ")) for label, row in lines]
+    return EvidenceTable(crs=crs or (GEO if is_geo else LOCAL)), list(rows)
+
+
+def _pixels_of(table: ObservationTable) -> tuple[tuple[float, float], ...]:
+    found = np.array([pixel for key in ("pixel", "pixels", "base", "top", "lines") for pixel in _flat(table, key)])
+    return tuple((float(u), float(v)) for u, v in found)
+
+
+def _flat(table: ObservationTable, key: str) -> list[list[float]]:
+    value = getattr(table, key, None)
+    return [] if value is None else np.reshape(value, (-1, 2)).tolist()
+
+
+def _size(table: EvidenceTable) -> tuple[int, int] | None:
+    width_px, height_px = table.image.width_px, table.image.height_px
+    return None if width_px is None or height_px is None else (width_px, height_px)
+
+
+def _names(rows: Sequence[_Row]) -> list[str]:
+    """Each one's own name, or its kind and number in the file."""
+    count: dict[str, int] = {}
+    names = []
+    for row in rows:
+        count[row.kind] = count.get(row.kind, 0) + 1
+        names.append(row.table.name or f"{row.kind}-{count[row.kind]}")
+    return names
+
+
+def _made(table: LandmarkTable | ObservationTable, name: str, frame: LocalFrame) -> Evidence:
+    return landmark_from(table, name, frame) if isinstance(table, LandmarkTable) else table.made(name)

@@ -1,0 +1,206 @@
+"""What makes observations impossible together, though each of them looks sound."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aerodft.adapters.config.evidence_frame import LocalFrame, takes_degrees
+from aerodft.errors import ConfigError
+from aerodft.geometry.lens import rays_from_pixels
+from aerodft.model.arrays import BoolArray
+from aerodft.model.camera import Camera
+from aerodft.model.evidence import EvidenceSet, GroundPoint, Horizon, Landmark, Px, SlantRange
+
+Place = tuple[float | None, ...]
+
+_LARGEST_PX = 1e5
+_FARTHEST_M = 1e5
+_DOUBT_RAD = math.radians(10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """An observation as its file has it.
+
+    Attributes:
+        label: What it is called in messages, like ``landmark[3]`` or ``line 5``.
+        pixels: All of its pixels.
+        place: In the file's coordinates, None where it has none; None in it for an unknown component.
+        is_geo: The place is a latitude, a longitude and an altitude.
+        may_be_outside: Its pixels need not be in the image.
+    """
+
+    label: str
+    pixels: tuple[Px, ...]
+    place: Place | None = None
+    is_geo: bool = False
+    may_be_outside: bool = False
+
+
+def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None, where: str) -> None:
+    """Refuse pixels that are outside of the image, or that no image has where its size is not known.
+
+    Args:
+        stated: The observations.
+        size_px: Width and height of the image.
+        where: The file's name in messages.
+
+    Raises:
+        ConfigError: Which, and whether pixels and places, or u and v, look swapped.
+    """
+    low, high = (-_LARGEST_PX, (_LARGEST_PX,) * 2) if size_px is None else (-0.5, (size_px[0] - 0.5, size_px[1] - 0.5))
+
+    def is_inside(u: float | None, v: float | None) -> bool:
+        return all(each is None or low <= each <= most for each, most in zip((u, v), high, strict=True))
+
+    outside = [
+        (each, pixel) for each in stated if not each.may_be_outside for pixel in each.pixels if not is_inside(*pixel)
+    ]
+    if not outside:
+        return
+    first, pixel = outside[0]
+    expected = f"{low:g} to {high[0]:g} across and {low:g} to {high[1]:g} down"
+    expected = f"a pixel of the image, {expected}" if size_px else f"a pixel, {expected}"
+    placed = [each for each in stated if each.place is not None]
+    wrong = [each for each, _ in outside if each.place is not None]
+    if 2 * len(wrong) > len(placed) and all(each.place and is_inside(*each.place[:2]) for each in placed):
+        got = f"{_list(pixel)}, and a place {_list(first.place or ())} that would be one"
+        hint = "swap pixels and places: they look interchanged"
+        raise ConfigError(f"{first.label}: pixel", where=where, got=got, expected=expected, hint=hint)
+    is_turned = size_px is not None and all(is_inside(v, u) for _, (u, v) in outside)
+    hint = "give u (across) before v (down): they look swapped" if is_turned else ""
+    raise ConfigError(f"{first.label}: pixel", where=where, got=_list(pixel), expected=expected, hint=hint)
+
+
+def _list(values: Sequence[float | None]) -> str:
+    return f"[{', '.join('?' if value is None else f'{value:.10g}' for value in values)}]"
+
+
+def check_duplicates(stated: Sequence[Stated], where: str) -> None:
+    """Refuse one pixel at two places, one place at two pixels, and a landmark that is there twice.
+
+    Raises:
+        ConfigError: Which two.
+    """
+    by_pixel: dict[tuple[Px, ...], Stated] = {}
+    by_place: dict[Place, Stated] = {}
+    for each in stated:
+        if each.place is None:
+            continue
+        other = by_pixel.setdefault(each.pixels, each)
+        if other is not each:
+            is_same = other.place == each.place
+            what = "the same place" if is_same else f"another place, {_list(other.place or ())}"
+            got = f"{_list(each.pixels[0])}, which {other.label} has with {what}"
+            hint = "remove one of the two" if is_same else ""
+            raise ConfigError(f"{each.label}: pixel", where=where, got=got, expected="a pixel of its own", hint=hint)
+        other = each if None in each.place else by_place.setdefault(each.place, each)
+        if other is not each:
+            got = f"{_list(each.place)}, which {other.label} has with another pixel, {_list(other.pixels[0])}"
+            raise ConfigError(f"{each.label}: place", where=where, got=got, expected="a place of its own")
+
+
+def check_names(names: Sequence[str], stated: Sequence[Stated], where: str) -> None:
+    """Refuse a name that two observations have.
+
+    Raises:
+        ConfigError: Which two.
+    """
+    seen: dict[str, str] = {}
+    for name, each in zip(names, stated, strict=True):
+        if name in seen:
+            got = f'"{name}", which {seen[name]} has'
+            raise ConfigError(f"{each.label}: name", where=where, got=got, expected="a name of its own")
+        seen[name] = each.label
+
+
+def check_together(stated: Sequence[Stated], frame: LocalFrame, where: str) -> None:
+    """Refuse a landmark that is nowhere near the others.
+
+    Raises:
+        ConfigError: Which, and whether its latitude and longitude look swapped.
+    """
+    placed = [(each, each.place) for each in stated if each.place is not None and None not in each.place]
+    if not placed:
+        return
+    points_m = frame.local_m(np.array([place for _, place in placed], dtype=np.float64))
+    away_m = np.linalg.norm(points_m - np.median(points_m, axis=0), axis=-1)
+    index = int(np.argmax(np.where(np.isfinite(away_m), away_m, np.inf)))
+    if away_m[index] <= _FARTHEST_M:
+        return
+    each, place = placed[index]
+    got = f"{_list(place)}, {away_m[index] / 1000:.0f} km from the others"
+    hint = "check whether latitude and longitude are swapped, or digits missing"
+    raise ConfigError(
+        f"{each.label}: place",
+        where=where,
+        got=got,
+        expected=f"{_FARTHEST_M / 1000:.0f} km at most",
+        hint=hint if takes_degrees(frame.crs) else "check its digits",
+    )
+
+
+def check_degrees(stated: Sequence[Stated], where: str) -> None:
+    """Refuse latitudes and longitudes that are radians: read as degrees, all of them lie in the Gulf of Guinea.
+
+    Raises:
+        ConfigError: They are.
+    """
+    lat_lon = [(lat, lon) for each in stated if each.place for lat, lon in [each.place[:2]] if lat and lon]
+    is_rad = all(abs(lat) <= math.pi / 2 and abs(lon) <= math.pi for lat, lon in lat_lon)
+    is_near_zero = all(abs(lat) < 0.01 and abs(lon) < 0.01 for lat, lon in lat_lon)  # noqa: PLR2004 - made-up places
+    if lat_lon and is_rad and not is_near_zero:
+        lat, lon = lat_lon[0]
+        got = f"{lat:.6g} and {lon:.6g}, in the open sea off Africa"
+        hint = "convert them from radians"
+        raise ConfigError("latitudes and longitudes", where=where, got=got, expected="degrees", hint=hint)
+
+
+def check_tilt(known: EvidenceSet, camera: Camera, path: Path) -> None:
+    """Refuse a tilt that was given in radians, where the observations can tell.
+
+    Raises:
+        ConfigError: No observation agrees with it to ten degrees, and all do when it is taken as radians.
+    """
+    prior = known.priors.get("tilt")
+    seen = list(_seen_at(known))
+    if prior is None or not seen or math.degrees(prior.value) > math.pi:
+        return
+    rays = rays_from_pixels(camera, np.array([pixel for pixel, _ in seen]))
+    off_axis = np.arccos(np.clip(rays[:, 2] / np.linalg.norm(rays, axis=-1), -1.0, 1.0))
+    from_nadir = np.array([angle for _, angle in seen])
+    is_known = np.isfinite(off_axis)
+
+    def fits(tilt_rad: float) -> BoolArray:
+        away = np.abs(tilt_rad - from_nadir[is_known])
+        return np.asarray(away <= off_axis[is_known] + _DOUBT_RAD + 3 * prior.std)
+
+    meant_deg = math.degrees(math.degrees(prior.value))
+    if is_known.any() and not fits(prior.value).any() and fits(math.radians(meant_deg)).all():
+        got = f"{math.degrees(prior.value):.6g}, with which the camera sees none of what was observed"
+        hint = f"if it is in radians, write {meant_deg:.2f}"
+        raise ConfigError("camera.tilt_deg", where=path, got=got, expected="degrees", hint=hint)
+
+
+def _seen_at(known: EvidenceSet) -> Iterator[tuple[Px, float]]:
+    """Pixels, and the angle from straight down that they must be seen at."""
+    priors = known.priors
+    height = priors["height"].value if "height" in priors else math.nan
+    foot = [priors[name].value if name in priors else math.nan for name in ("east", "north")]
+    for each in known.evidence:
+        match each:
+            case Horizon(pixels=pixels):
+                yield from ((pixel, math.pi / 2) for pixel in pixels)
+            case SlantRange(pixel=pixel, range_m=range_m) if height <= range_m:
+                yield pixel, math.acos(height / range_m)
+            case GroundPoint(pixel=pixel, xy_m=xy_m) if math.isfinite(height):
+                yield pixel, math.atan2(math.hypot(*xy_m), height)
+            case Landmark(pixel=pixel, position_m=(float(east), float(north), float(up))):
+                away_m = math.hypot(east - foot[0], north - foot[1])
+                if math.isfinite(away_m + height):
+                    yield pixel, math.atan2(away_m, height - up)
+            case _:
+                continue

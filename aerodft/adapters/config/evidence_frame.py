@@ -1,0 +1,256 @@
+"""The frame that evidence is computed in: metres east, north and up around a place, from and to a file's coordinates.
+
+Grid coordinates are no metres on the ground: a projection stretches (UTM by 4 in 10,000, web Mercator by six tenths at
+52 degrees), and its lengths are those at sea level. So they are taken to the ellipsoid of their own datum and from
+there to the level plane of the place, by PROJ; no datum is changed on that way, which would cost decimetres.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError
+
+from aerodft.errors import ConfigError
+from aerodft.model.arrays import FloatArray
+from aerodft.model.pose import GeoOrigin
+
+LOCAL, GEO = "local", "geo"
+_WGS84 = "EPSG:4326"
+_STEP_M = 10.0
+_HINT = 'write crs = "local", crs = "geo" for WGS84, or an EPSG code like crs = "EPSG:28992"'
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFrame:
+    """Metres east, north and up, which the evidence and what is found from it are in.
+
+    North, and so every heading, is that of the file: true north at the origin for latitudes and longitudes, *grid*
+    north at the origin for projected coordinates (``true_heading_rad`` adds the meridian's convergence), and what the
+    file calls its second axis for local ones.
+
+    Attributes:
+        crs: As in the file: ``local``, ``geo`` or ``EPSG:...``.
+        origin: The frame's zero in the file's coordinates: easting, northing and height in metres, or latitude and
+            longitude in degrees and height in metres.
+    """
+
+    crs: str
+    origin: tuple[float, float, float]
+
+    def local_m(self, coordinates: npt.ArrayLike) -> FloatArray:
+        """East, north, up ``(..., 3)`` of points in the file's coordinates ``(..., 3)``; not finite off the map."""
+        given = np.asarray(coordinates, dtype=np.float64)
+        if self.crs == LOCAL:
+            return np.asarray(given - self.origin)
+        return _map_of(self.crs, self.origin).to_local(given)
+
+    def file_coordinates(self, points_m: npt.ArrayLike) -> FloatArray:
+        """The file's coordinates ``(..., 3)`` of east, north, up ``(..., 3)``, in the order of ``origin``."""
+        points_m = np.asarray(points_m, dtype=np.float64)
+        if self.crs == LOCAL:
+            return np.asarray(points_m + self.origin)
+        return _map_of(self.crs, self.origin).from_local(points_m)
+
+    def wgs84(self, points_m: npt.ArrayLike) -> FloatArray | None:
+        """Latitude and longitude (rad) and the file's height (m), ``(..., 3)``, of east, north, up ``(..., 3)``.
+
+        Between datums PROJ's best transformation is taken, which may be off by a metre where a grid of corrections is
+        not installed. None for local coordinates, which nobody has placed on the map.
+        """
+        if self.crs == LOCAL:
+            return None
+        found = self.file_coordinates(points_m)
+        if _is_geographic(self.crs):
+            lon, lat = found[..., 1], found[..., 0]
+        else:
+            lon, lat = found[..., 0], found[..., 1]
+        lon, lat = _to_wgs84(self.crs).transform(lon, lat)
+        return np.stack([np.radians(lat), np.radians(lon), found[..., 2]], axis=-1)
+
+    @property
+    def geo_origin(self) -> GeoOrigin | None:
+        """The frame's zero in WGS84; None for local coordinates."""
+        found = self.wgs84(np.zeros(3))
+        if found is None:
+            return None
+        lat_rad, lon_rad, alt_msl_m = (float(each) for each in found)
+        return GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=alt_msl_m)
+
+    def true_heading_rad(self, heading_rad: float) -> float | None:
+        """A heading from true north, in 0 to 2 pi; None for local coordinates."""
+        if self.crs == LOCAL:
+            return None
+        return (heading_rad + _map_of(self.crs, self.origin).convergence_rad) % (2 * math.pi)
+
+
+@dataclass(frozen=True, slots=True)
+class _Map:
+    """From a file's coordinates to the level plane at the origin.
+
+    Attributes:
+        flat: From the file's x and y to longitude and latitude on its own datum; None where they are these already.
+        unit_rad: Of those longitudes and latitudes.
+        upright: From longitude, latitude (rad) and height to true east, north, up.
+        convergence_rad: Of the frame's north, clockwise from true north.
+    """
+
+    flat: Transformer | None
+    unit_rad: float
+    upright: Transformer
+    convergence_rad: float
+
+    def to_local(self, given: FloatArray) -> FloatArray:
+        x, y, height = np.moveaxis(given, -1, 0)
+        lon, lat = (y, x) if self.flat is None else self.flat.transform(x, y)
+        found = self.upright.transform(lon * self.unit_rad, lat * self.unit_rad, height, radians=True)
+        return np.stack(found, axis=-1) @ _turn(self.convergence_rad).T
+
+    def from_local(self, points_m: FloatArray) -> FloatArray:
+        east, north, up = np.moveaxis(points_m @ _turn(self.convergence_rad), -1, 0)
+        lon, lat, height = self.upright.transform(east, north, up, radians=True, direction="INVERSE")
+        lon, lat = np.asarray(lon) / self.unit_rad, np.asarray(lat) / self.unit_rad
+        if self.flat is None:
+            return np.stack([lat, lon, height], axis=-1)
+        return np.stack([*self.flat.transform(lon, lat, direction="INVERSE"), height], axis=-1)
+
+
+def _turn(convergence_rad: float) -> FloatArray:
+    """True east, north, up to axes whose north is ``convergence_rad`` clockwise of it."""
+    cos, sin = math.cos(convergence_rad), math.sin(convergence_rad)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+@lru_cache(maxsize=32)
+def _map_of(crs: str, origin: tuple[float, float, float]) -> _Map:
+    horizontal = _horizontal(crs)
+    datum = horizontal.geodetic_crs
+    assert datum is not None and datum.ellipsoid is not None  # noqa: S101, PT018 - geographic and projected ones have
+    flat = None if horizontal.is_geographic else Transformer.from_crs(horizontal, datum.to_2d(), always_xy=True)
+    unit_rad = datum.axis_info[0].unit_conversion_factor
+    x, y, height = origin
+    lon, lat = (y, x) if flat is None else flat.transform(x, y)
+    shape = f"+a={datum.ellipsoid.semi_major_metre!r} +b={datum.ellipsoid.semi_minor_metre!r}"
+    place = " ".join(
+        f"+{key}={value!r}"
+        for key, value in (
+            ("lat_0", math.degrees(lat * unit_rad)),
+            ("lon_0", math.degrees(lon * unit_rad)),
+            ("h_0", height),
+        )
+    )
+    upright = Transformer.from_pipeline(
+        f"+proj=pipeline +step +proj=cart {shape} +step +proj=topocentric {shape} {place}"
+    )
+    true = _Map(flat, unit_rad, upright, 0.0)
+    if flat is None:
+        return true
+    south, north = true.to_local(np.array(origin) + [[0.0, -_STEP_M, 0.0], [0.0, _STEP_M, 0.0]])
+    east_m, north_m, _ = north - south
+    return _Map(flat, unit_rad, upright, math.atan2(east_m, north_m))
+
+
+@lru_cache(maxsize=32)
+def _horizontal(crs: str) -> CRS:
+    found = CRS.from_user_input(_WGS84 if crs == GEO else crs)
+    return found.sub_crs_list[0] if found.is_compound else found.to_2d()
+
+
+@lru_cache(maxsize=32)
+def _to_wgs84(crs: str) -> Transformer:
+    return Transformer.from_crs(_horizontal(crs), _WGS84, always_xy=True)
+
+
+def _is_geographic(crs: str) -> bool:
+    return crs == GEO or (crs != LOCAL and bool(_horizontal(crs).is_geographic))
+
+
+def checked_crs(crs: str, where: str) -> str:
+    """``crs`` as a :class:`LocalFrame` has it.
+
+    Args:
+        crs: ``local``, ``geo`` or an EPSG code.
+        where: The file's name in messages.
+
+    Raises:
+        ConfigError: No such code, or one of another kind than metres east and north, or degrees.
+    """
+    given, found = f'"{crs}"', crs.strip()
+    if found.lower() in (LOCAL, GEO):
+        return found.lower()
+    authority, _, code = found.partition(":")
+    if authority.upper() != "EPSG" or not (code.isascii() and code.isdigit()):
+        raise ConfigError("crs", where=where, got=given, expected='"local", "geo" or an EPSG code', hint=_HINT)
+    name = f"EPSG:{code}"
+    try:
+        horizontal = _horizontal(name)
+    except CRSError:
+        raise ConfigError("crs", where=where, got=f"{given}, which is not in the EPSG register", hint=_HINT) from None
+    if not horizontal.is_geographic:
+        _check_metric(horizontal, given, where)
+    return name
+
+
+def _check_metric(horizontal: CRS, given: str, where: str) -> None:
+    got = f"{given} ({horizontal.name})"
+    if not horizontal.is_projected:
+        expected = "a projected or geographic coordinate reference system"
+        raise ConfigError("crs", where=where, got=f"{got}, {horizontal.type_name}", expected=expected, hint=_HINT)
+    unit = next((axis.unit_name for axis in horizontal.axis_info if axis.unit_conversion_factor != 1.0), None)
+    if unit is not None:
+        hint = "convert the coordinates to the same projection in metres"
+        raise ConfigError("crs", where=where, got=f"{got}, which counts in {unit}", expected="metres", hint=hint)
+    if {axis.direction.lower() for axis in horizontal.axis_info} != {"east", "north"}:
+        expected = "axes to the east and to the north"
+        raise ConfigError("crs", where=where, got=got, expected=expected, hint="use another projection")
+
+
+def takes_degrees(crs: str) -> bool:
+    """Whether places are latitudes and longitudes in a coordinate reference system that is sound."""
+    return _is_geographic(crs)
+
+
+def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: str) -> None:
+    """Refuse projected coordinates that are far from where their projection is used.
+
+    Args:
+        crs: A sound coordinate reference system.
+        coordinates: Easting and northing, metres.
+        label: Which key has them.
+        where: The file's name in messages.
+
+    Raises:
+        ConfigError: They are elsewhere on the earth, or nowhere.
+    """
+    if crs == LOCAL or _is_geographic(crs) or _is_used_at(crs, coordinates):
+        return
+    x, y = coordinates
+    horizontal = _horizontal(crs)
+    area = horizontal.area_of_use
+    expected = f"a place where {crs} ({horizontal.name}) is used"
+    if area is not None:
+        expected += f", latitudes {area.south:g} to {area.north:g} and longitudes {area.west:g} to {area.east:g}"
+    hint = "check crs, and that no digits are missing"
+    if _is_used_at(crs, (y, x)):
+        hint = "swap them: easting comes first"
+    got = f"easting {x:.10g} and northing {y:.10g}"
+    raise ConfigError(label, where=where, got=got, expected=expected, hint=hint)
+
+
+_MARGIN_DEG = 3.0  # people stay in their zone a little beyond its edge
+
+
+def _is_used_at(crs: str, coordinates: tuple[float, float]) -> bool:
+    lon, lat = _to_wgs84(crs).transform(*coordinates)
+    if not (math.isfinite(lon) and math.isfinite(lat)):
+        return False
+    area = _horizontal(crs).area_of_use
+    if area is None:
+        return True
+    width = (area.east - area.west) % 360 or 360.0
+    from_west = (lon - area.west + _MARGIN_DEG) % 360
+    is_between = area.south - _MARGIN_DEG <= lat <= area.north + _MARGIN_DEG
+    return bool(is_between and from_west <= width + 2 * _MARGIN_DEG)

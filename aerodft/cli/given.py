@@ -54,8 +54,8 @@ class GivenPose:
         _in_range("--lon", self.lon_deg, -180.0, 360.0, "deg")
         return GeoOrigin(lat_rad=math.radians(self.lat_deg), lon_rad=math.radians(self.lon_deg))
 
-    def refuse_all(self) -> None:
-        """Refuse what a recording knows itself.
+    def refuse_all(self, beside: str) -> None:
+        """Refuse what the option ``beside`` says itself.
 
         Raises:
             UsageError: Any of it was given.
@@ -70,7 +70,7 @@ class GivenPose:
             "lon": self.lon_deg,
             "covariance": self.covariance,
         }
-        refuse_beside_recording(given)
+        refuse_beside(given, beside)
 
     def sample(self, stds: Stds, origin: GeoOrigin | None) -> PoseSample:
         """The pose as the engine takes it, in ENU of the camera's foot.
@@ -142,13 +142,13 @@ class GivenGround:
     uphill_deg: float | None
     terrain: Path | None
 
-    def refuse_all(self) -> None:
-        """Refuse what a recording knows itself.
+    def refuse_all(self, beside: str) -> None:
+        """Refuse what the option ``beside`` says itself.
 
         Raises:
             UsageError: Any of it was given.
         """
-        refuse_beside_recording({"slope": self.slope_deg, "uphill": self.uphill_deg, "terrain": self.terrain})
+        refuse_beside({"slope": self.slope_deg, "uphill": self.uphill_deg, "terrain": self.terrain}, beside)
 
     def ground(self, origin: GeoOrigin | None) -> tuple[Ground | None, GeoOrigin | None]:
         """The ground, None for level ground, and the place below the camera with what is now known of its altitude.
@@ -183,16 +183,15 @@ def _terrain(path: Path, origin: GeoOrigin | None) -> tuple[Ground, GeoOrigin]:
     return Terrain(replace(grid, heights_m=grid.heights_m - foot_m)), replace(origin, alt_msl_m=foot_m)
 
 
-def refuse_beside_recording(options: Mapping[str, object]) -> None:
-    """Refuse options beside ``--recording``.
+def refuse_beside(options: Mapping[str, object], beside: str) -> None:
+    """Refuse options beside ``--recording`` or ``--calibration``.
 
     Raises:
         UsageError: One of them was given.
     """
     for name, value in options.items():
         if value is not None:
-            expected = "one of them: the recording has camera, pose and ground"
-            raise UsageError(f"--{name} beside --recording", expected=expected)
+            raise UsageError(f"--{name} beside --{beside}", expected=f"one of them: the {beside} has it")
 
 
 def _in_range(option: str, value: float | None, low: float, high: float, expected: str) -> float:

@@ -7,8 +7,10 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
+from aerodft.adapters.config.calibration import load_calibrated_camera, load_calibrated_pose
 from aerodft.adapters.config.camera import load_camera
-from aerodft.cli.given import GivenGround, GivenPose, refuse_beside_recording
+from aerodft.adapters.config.settings import pose_sample
+from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
 from aerodft.cli.model_table import cautions, show_models
 from aerodft.cli.output import print_budget, print_json, print_measurements, say
 from aerodft.cli.probes import parse_probes
@@ -58,6 +60,7 @@ def measure(
     compare: Annotated[
         bool, typer.Option("--compare", help="Both projection models side by side, and what lies between.")
     ] = False,
+    calibration: Annotated[Path | None, typer.Option(help="Take the pose (and lens) of a calibration file.")] = None,
     recording: Annotated[Path | None, typer.Option(help="Take camera and pose from this recording.")] = None,
     at: Annotated[
         str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
@@ -95,10 +98,13 @@ def measure(
     )
     terms = GivenGround(slope_deg=slope, uphill_deg=uphill, terrain=terrain)
     if recording is not None and at is not None:
-        refuse_beside_recording({"camera": camera})
-        pose.refuse_all()
-        terms.refuse_all()
+        refuse_beside({"camera": camera, "calibration": calibration}, "recording")
+        pose.refuse_all("recording")
+        terms.refuse_all("recording")
         setup, sample, stds = _recorded(recording, at, model, std)
+    elif calibration is not None:
+        pose.refuse_all("calibration")
+        setup, sample, stds = _calibrated(calibration, camera, model, std, terms)
     else:
         stds = _stds(std, pose)
         surface, origin = terms.ground(pose.origin)
@@ -168,6 +174,25 @@ def _recorded(
         raise UsageError("--std of the pose beside --recording", expected="px, elevation: the pose's are recorded")
     setup, sample = recorded_setup(recording, at)
     return (setup if model is None else replace(setup, model=model)), sample, stds
+
+
+def _calibrated(
+    path: Path, camera: Path | None, model: ProjectionModel | None, std: str | None, terms: GivenGround
+) -> tuple[Setup, PoseSample, Stds]:
+    stds = parse_stds(std) if std else Stds()
+    if stds.pose != PoseStd():
+        raise UsageError("--std of the pose beside --calibration", expected="px, elevation: the pose's are in the file")
+    fixed, lens = load_calibrated_pose(path), load_calibrated_camera(path)
+    if fixed is None:
+        raise InputError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
+    if lens is None and camera is None:
+        raise UsageError("--calibration without --camera", expected="both: the calibration took the lens as it was")
+    lens = stds.on_camera(load_camera(camera)) if lens is None and camera is not None else lens
+    flat = pose_sample(fixed, None)
+    surface, origin = terms.ground(flat.origin)
+    sample = flat if surface is None else pose_sample(fixed, origin, surface, str(path))
+    assert lens is not None  # noqa: S101 - one of the two was there, for the type checker
+    return Setup(camera=lens, model=model or ProjectionModel.PINHOLE, ground=surface), sample, stds
 
 
 def _compare(setup: Setup, sample: PoseSample, requests: tuple[Request, ...], *, as_json: bool) -> None:

@@ -82,7 +82,6 @@ def _write(asked: _Asked, camera: Path, output: Path | None, report: Path | None
             "observations": found.path.name,
             "observations_sha256": found.sha256,
             "camera_file": camera.name,
-            "model": str(result.solution.state.model),
             "unknowns": list(asked.names),
             "rms_px": result.rms_px,
             "chi2": result.solution.chi2,
@@ -90,7 +89,8 @@ def _write(asked: _Asked, camera: Path, output: Path | None, report: Path | None
             "outliers": [left.name for left in result.left if left.is_outlier],
         }
         lens_found = any(np.any(row) for row in result.camera.covariance)
-        write_calibration(output, fixed_pose(result, found), result.camera if lens_found else None, provenance)
+        lens = result.camera if lens_found else None
+        write_calibration(output, fixed_pose(result, found), lens, result.solution.state.model, provenance)
         say(f"wrote {output}")
     if report is not None:
         from aerodft.cli.calibrate_report import write_report  # noqa: PLC0415 - matplotlib is slow to load

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
-from aerodft.adapters.config.calibration import load_calibrated_camera, load_calibrated_pose
+from aerodft.adapters.config.calibration import load_calibrated_lens, load_calibrated_pose
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.settings import pose_sample
 from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
@@ -182,9 +182,11 @@ def _calibrated(
     stds = parse_stds(std) if std else Stds()
     if stds.pose != PoseStd():
         raise UsageError("--std of the pose beside --calibration", expected="px, elevation: the pose's are in the file")
-    fixed, lens = load_calibrated_pose(path), load_calibrated_camera(path)
+    fixed, (lens, own_model) = load_calibrated_pose(path), load_calibrated_lens(path)
     if fixed is None:
         raise InputError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
+    if model not in (None, own_model):
+        raise UsageError(f"--model {model} beside --calibration", expected=f"{own_model}, which it was made with")
     if lens is None and camera is None:
         raise UsageError("--calibration without --camera", expected="both: the calibration took the lens as it was")
     lens = stds.on_camera(load_camera(camera)) if lens is None and camera is not None else lens
@@ -192,7 +194,7 @@ def _calibrated(
     surface, origin = terms.ground(flat.origin)
     sample = flat if surface is None else pose_sample(fixed, origin, surface, str(path))
     assert lens is not None  # noqa: S101 - one of the two was there, for the type checker
-    return Setup(camera=lens, model=model or ProjectionModel.PINHOLE, ground=surface), sample, stds
+    return Setup(camera=lens, model=own_model, ground=surface), sample, stds
 
 
 def _compare(setup: Setup, sample: PoseSample, requests: tuple[Request, ...], *, as_json: bool) -> None:

@@ -3,10 +3,10 @@
 import hashlib
 import math
 from pathlib import Path
-from typing import Any, Self, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from aerodft.adapters.config.camera import CameraTable, camera_from
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
@@ -30,6 +30,7 @@ from aerodft.adapters.config.units import to_deg
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseStd
 
 Rows: TypeAlias = tuple[tuple[float, ...], ...] | None
@@ -73,6 +74,7 @@ class CalibrationTable(Table):
     ``provenance`` is for people.
     """
 
+    model: Annotated[ProjectionModel, Field(strict=False)] = ProjectionModel.PINHOLE
     bias: BiasTable | None = None
     pose: CalibratedPoseTable | None = None
     camera: dict[str, Any] | None = None
@@ -134,16 +136,16 @@ def load_calibrated_pose(path: Path) -> FixedPose | None:
     return _read(path)[1]
 
 
-def load_calibrated_camera(path: Path) -> Camera | None:
-    """The camera of a calibration that found the lens too; None where it did not.
+def load_calibrated_lens(path: Path) -> tuple[Camera | None, ProjectionModel]:
+    """The camera of a calibration that found the lens too, None where it did not; and the model that it is of.
 
     Raises:
         ConfigError: As :func:`load_calibration`.
     """
     table = validated(CalibrationTable, parse_toml(read_bytes(path), str(path)), str(path))
     if table.camera is None:
-        return None
-    return camera_from(validated(CameraTable, table.camera, str(path), "camera."), str(path), "camera.")
+        return None, table.model
+    return camera_from(validated(CameraTable, table.camera, str(path), "camera."), str(path), "camera."), table.model
 
 
 def _read(path: Path) -> tuple[Calibration, FixedPose | None]:

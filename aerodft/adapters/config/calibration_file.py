@@ -10,21 +10,28 @@ from aerodft.adapters.config.station import FixedPose
 from aerodft.adapters.config.units import to_deg
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
 
 
-def write_calibration(path: Path, pose: FixedPose, camera: Camera | None, provenance: dict[str, Any]) -> None:
+def write_calibration(
+    path: Path, pose: FixedPose, camera: Camera | None, model: ProjectionModel, provenance: dict[str, Any]
+) -> None:
     """Write a fixed camera's calibration.
 
     Args:
         path: The TOML file; one that is there is replaced.
         pose: What was found.
         camera: The camera where its lens was found too; None where it was taken as it is.
+        model: The projection model that it is of, and for.
         provenance: Where all this comes from, for people; what is None is left out.
 
     Raises:
         InputError: The file cannot be written.
     """
-    document: dict[str, Any] = {"provenance": {key: value for key, value in provenance.items() if value is not None}}
+    document: dict[str, Any] = {
+        "model": str(model),
+        "provenance": {key: value for key, value in provenance.items() if value is not None},
+    }
     document["pose"] = _pose(pose)
     if camera is not None:
         document["camera"] = camera_document(camera)

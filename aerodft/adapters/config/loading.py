@@ -7,7 +7,7 @@ from typing import Any
 
 from aerodft.adapters.config.calibration import (
     calibration_from,
-    load_calibrated_camera,
+    load_calibrated_lens,
     load_calibrated_pose,
     load_calibration,
 )
@@ -128,7 +128,7 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
     """What the table says of the pipeline; the fixed pose and the id come with ``refreshed``."""
     camera, model = _camera(table.camera, where, folder)
     if table.pose is not None and table.pose.calibration:
-        camera = load_calibrated_camera(folder / table.pose.calibration) or camera
+        camera = _calibrated_camera(folder / table.pose.calibration, camera, model)
     return PipelineSettings(
         station=table.station.name,
         camera=camera,
@@ -154,7 +154,7 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
         ConfigError: As :func:`aerodft.adapters.config.calibration.load_calibration`, or the file lacks what it takes.
     """
     if station.fixed_pose is not None:
-        camera = load_calibrated_camera(path) or station.pipeline.camera
+        camera = _calibrated_camera(path, station.pipeline.camera, station.pipeline.model)
         pipeline = replace(station.pipeline, camera=camera)
         return _refreshed(replace(station, pipeline=pipeline, fixed_pose=_calibrated_pose(path)), str(path))
     return replace(station, calibration=_biases(path))
@@ -175,6 +175,15 @@ def _camera(document: dict[str, Any], where: str, folder: Path) -> tuple[Camera,
 
 def _fixed_pose(table: PoseTable, where: str, folder: Path) -> FixedPose:
     return _calibrated_pose(folder / table.calibration) if table.calibration else fixed_pose_from(table, where)
+
+
+def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
+    """The calibration's camera where it has one, else the station's."""
+    found, own_model = load_calibrated_lens(path)
+    if own_model is not model:
+        hint = f'set camera.model = "{own_model}", or calibrate with --model {model}'
+        raise ConfigError("a calibration of another model", where=path, got=own_model, expected=model, hint=hint)
+    return found or camera
 
 
 def _calibrated_pose(path: Path) -> FixedPose:

@@ -32,12 +32,14 @@ COMMANDS: Final = {
     "recompute": "Compute a recording's measurements anew, with the same or another configuration.",
     "compare": "Compare two recordings measurement by measurement.",
     "export": "Write a recording's measurements as CSV or GeoJSON.",
+    "calibrate-lens": "Find a lens's focal length, centre and distortion from images of a board.",
     "doctor": "Say what a log or a live link holds, and what is wrong with it.",
     "calibrate": "Find a camera's height and angles from landmarks and what else is known of a scene.",
     "paper": "Compute the paper's tables and figures, beside what it prints.",
     "demo": "Fly a simulated flight through everything and show the result.",
 }
-"""Every command with its line of help; ``x`` is the function ``x`` of ``aerodft.cli.x``, ``import`` is ``import_``."""
+"""Every command with its line of help; ``x`` is the function ``x`` of ``aerodft.cli.x``, ``import`` is ``import_``,
+``x-y`` is ``x_y``."""
 
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
 
@@ -57,7 +59,7 @@ def _options(
 def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
-        python_name = f"{name}_" if keyword.iskeyword(name) else name
+        python_name = f"{name}_" if keyword.iskeyword(name) else name.replace("-", "_")
         function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{python_name}"), python_name)
         return function
     return lambda: None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.intrinsics import PINHOLE_PARAMETERS, pixels_by_intrinsics
+from aerodft.geometry.intrinsics import pixels_by_intrinsics
 from aerodft.geometry.lens import distorted_with_jacobian
 from aerodft.geometry.rotation import skew
 from aerodft.model.arrays import FloatArray
@@ -64,6 +64,13 @@ def with_intrinsics(camera: Camera, values: FloatArray) -> Camera:
     std = CameraStd(distortion=(1.0,) * len(distortion))  # asks the geometry for derivatives by all of them
     bare = replace(camera, covariance=(), std=CameraStd())
     return replace(bare, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=tuple(distortion), std=std)
+
+
+def with_coefficients(camera: Camera, count: int) -> Camera:
+    """The camera with so many distortion coefficients: its own, cut short or followed by zeros."""
+    distortion = (*camera.distortion[:count], *[0.0] * (count - len(camera.distortion)))
+    bare = replace(camera, covariance=(), std=CameraStd(), distortion=distortion)
+    return with_intrinsics(bare, intrinsics_of(bare))
 
 
 def residuals_px(bundle: Bundle, corners: Corners) -> FloatArray:
@@ -149,11 +156,11 @@ def _normal_equations(bundle: Bundle, corners: Corners) -> _Normal:
 
 
 def _reduced(normal: _Normal, damping: float) -> tuple[FloatArray, FloatArray]:
-    """The intrinsics' equations without the poses ``(p, p)``, and what to subtract of a pose for each, ``(v, 6, p)``."""
+    """The intrinsics' equations without the poses ``(p, p)``, and what each takes from a pose, ``(v, 6, p)``."""
     poses = normal.poses + damping * normal.poses * np.eye(6)
     taken = np.linalg.solve(poses, np.swapaxes(normal.mixed, -1, -2))
     own = normal.own + damping * np.diag(np.diag(normal.own))
-    return own - np.einsum("vpi,viq->pq", normal.mixed, taken), taken
+    return np.asarray(own - np.einsum("vpi,viq->pq", normal.mixed, taken)), np.asarray(taken)
 
 
 def _stepped(bundle: Bundle, normal: _Normal, damping: float) -> Bundle | None:
@@ -170,12 +177,3 @@ def _stepped(bundle: Bundle, normal: _Normal, damping: float) -> Bundle | None:
         return None
     turn = Rotation.from_rotvec(moved[:, :3]).as_matrix()
     return Bundle(camera, turn @ bundle.rotations, bundle.translations_m + moved[:, 3:])
-
-
-def plain_camera(template: Camera, coefficients: int) -> Camera:
-    """The camera with so many distortion coefficients: those that it has, cut short or with zeros after them."""
-    values = intrinsics_of(template)[: PINHOLE_PARAMETERS + coefficients]
-    missing = PINHOLE_PARAMETERS + coefficients - len(values)
-    bare = replace(template, distortion=(), std=CameraStd(), covariance=())
-    padded = np.concatenate([values, np.zeros(missing)])
-    return with_intrinsics(replace(bare, distortion=(0.0,) * coefficients), padded)

@@ -1,0 +1,100 @@
+"""What the views of a board leave open, in sentences."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from aerodft.geometry.intrinsics import rays_by_intrinsics
+from aerodft.geometry.lens import rays_from_pixels, rays_with_jacobian
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera
+from calibration.lens.choice import cells
+from calibration.lens.determined import largest_turn_rad
+from calibration.lens.views import View
+
+_GRID: Final = (9, 6)
+_REGION: Final = (3, 2)  # cells of each of nine regions
+_REGIONS: Final = (
+    ("upper left", "top", "upper right"),
+    ("left", "middle", "right"),
+    ("lower left", "bottom", "lower right"),
+)
+_COVERED = 0.34  # of a region's cells
+_GOOD_TURN_DEG = 30.0
+_GOOD_SIZE = 0.33  # of the image's width or height
+_GOOD_VIEWS = 10
+
+
+def covered_cells(views: Sequence[View], size_px: tuple[int, int]) -> np.ndarray:
+    """``(down, across)`` how many views have corners in each cell of the image."""
+    counts = np.zeros(_GRID[::-1], dtype=int)
+    for view in views:
+        across, down = cells(view, size_px, _GRID).T
+        counts[down, across] += 1
+    return counts
+
+
+def missing(views: Sequence[View], size_px: tuple[int, int]) -> tuple[str, ...]:
+    """Sentences on what would make the calibration better; none where nothing is missing."""
+    sentences = []
+    open_regions = _open_regions(covered_cells(views, size_px) > 0)
+    if open_regions:
+        where = " or ".join([", ".join(open_regions[:-1]), open_regions[-1]] if len(open_regions) > 1 else open_regions)
+        sentences.append(f"hardly any corners in the {where} of the image: hold the board there")
+    turn_deg = math.degrees(largest_turn_rad(views, size_px))
+    if turn_deg < _GOOD_TURN_DEG:
+        sentences.append(
+            f"the boards are turned by at most {turn_deg:.0f} deg from each other:"
+            " tilt them by 30 to 45 deg to the left, right, top and bottom"
+        )
+    largest = max(float(np.max(np.ptp(view.pixels_px, axis=0) / size_px)) for view in views)
+    if largest < _GOOD_SIZE:
+        sentences.append(f"the board never fills more than {100 * largest:.0f} % of the image: come closer")
+    if len(views) < _GOOD_VIEWS:
+        sentences.append(f"{len(views)} views are few: 15 to 40 make the lens better known")
+    return tuple(sentences)
+
+
+def _open_regions(covered: np.ndarray) -> list[str]:
+    across, down = _REGION
+    found = []
+    for row, names in enumerate(_REGIONS):
+        for column, name in enumerate(names):
+            region = covered[row * down : (row + 1) * down, column * across : (column + 1) * across]
+            if np.mean(region) < _COVERED:
+                found.append(name)
+    return found
+
+
+def distortion_px(camera: Camera, pixels_px: FloatArray) -> FloatArray:
+    """How far the lens moves pixels ``(..., 2)`` from where a pinhole would have them; NaN where it has no inverse."""
+    rays = rays_from_pixels(camera, pixels_px)
+    ahead = np.where(rays[..., 2:] > 0, rays[..., 2:], np.nan)
+    pinhole = rays[..., :2] / ahead * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
+    return np.asarray(pixels_px - pinhole)
+
+
+def ray_std_px(camera: Camera, cov: FloatArray, pixels_px: FloatArray) -> FloatArray:
+    """How well the rays of pixels ``(n, 2)`` are known, in pixels: the longer half axis of one sigma, ``(n,)``.
+
+    A part of that is as if the whole camera were turned, which a pose that is found with this camera makes up for; it
+    is left out.
+
+    Args:
+        camera: The camera, with its covariance.
+        cov: Of its intrinsics.
+        pixels_px: Pixels; those that the lens has no inverse for are NaN.
+    """
+    rays = rays_with_jacobian(camera, pixels_px)
+    by = np.linalg.pinv(np.nan_to_num(rays.jac_px)) @ rays_by_intrinsics(camera, pixels_px)
+    turned = np.linalg.pinv(np.nan_to_num(rays.jac_px)) @ np.cross(np.eye(3)[None], rays.rays_cam[:, None]).swapaxes(
+        -1, -2
+    )
+    sound = np.all(np.isfinite(by), axis=(1, 2))
+    flat, rotation = by[sound].reshape(-1, by.shape[-1]), turned[sound].reshape(-1, 3)
+    left = (flat - rotation @ np.linalg.lstsq(rotation, flat, rcond=None)[0]).reshape(-1, 2, by.shape[-1])
+    found = np.full(len(pixels_px), np.nan)
+    found[sound] = np.sqrt(np.linalg.eigvalsh(left @ cov @ left.swapaxes(-1, -2))[:, -1].clip(0))
+    return found

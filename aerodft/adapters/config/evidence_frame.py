@@ -225,17 +225,18 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
     Raises:
         ConfigError: They are elsewhere on the earth, or nowhere.
     """
-    if crs == LOCAL or _is_geographic(crs) or _is_used_at(crs, coordinates):
+    if crs == LOCAL or _is_geographic(crs) or _is_used_at(crs, coordinates, 0.0):
         return
     x, y = coordinates
+    is_swapped = _is_used_at(crs, (y, x), 0.0)
+    if _is_used_at(crs, coordinates, _MARGIN_DEG) and not is_swapped:
+        return
     horizontal = _horizontal(crs)
     area = horizontal.area_of_use
     expected = f"a place where {crs} ({horizontal.name}) is used"
     if area is not None:
         expected += f", latitudes {area.south:g} to {area.north:g} and longitudes {area.west:g} to {area.east:g}"
-    hint = "check crs, and that no digits are missing"
-    if _is_used_at(crs, (y, x)):
-        hint = "swap them: easting comes first"
+    hint = "swap them: easting comes first" if is_swapped else "check crs, and that no digits are missing"
     got = f"easting {x:.10g} and northing {y:.10g}"
     raise ConfigError(label, where=where, got=got, expected=expected, hint=hint)
 
@@ -243,7 +244,7 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
 _MARGIN_DEG = 3.0  # people stay in their zone a little beyond its edge
 
 
-def _is_used_at(crs: str, coordinates: tuple[float, float]) -> bool:
+def _is_used_at(crs: str, coordinates: tuple[float, float], margin_deg: float) -> bool:
     lon, lat = _to_wgs84(crs).transform(*coordinates)
     if not (math.isfinite(lon) and math.isfinite(lat)):
         return False
@@ -251,6 +252,6 @@ def _is_used_at(crs: str, coordinates: tuple[float, float]) -> bool:
     if area is None:
         return True
     width = (area.east - area.west) % 360 or 360.0
-    from_west = (lon - area.west + _MARGIN_DEG) % 360
-    is_between = area.south - _MARGIN_DEG <= lat <= area.north + _MARGIN_DEG
-    return bool(is_between and from_west <= width + 2 * _MARGIN_DEG)
+    from_west = (lon - area.west + margin_deg) % 360
+    is_between = area.south - margin_deg <= lat <= area.north + margin_deg
+    return bool(is_between and from_west <= width + 2 * margin_deg)

@@ -257,7 +257,7 @@ def test_a_calibration_of_the_wrong_kind_is_refused() -> None:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("[other]\n", "c.toml: other: unknown key; known keys here are bias, camera, model, pose"),
+        ("[other]\n", "c.toml: other: unknown key; known keys here are model, bias, pose, camera"),
         (
             "[bias]\nheight_cm = 3\n",
             "c.toml: bias.height_cm: unknown key: expected height_m (in metres); write height_m",

@@ -40,7 +40,7 @@ class EvidenceFile:
     Attributes:
         known: Observations and priors, in metres of ``frame`` and radians.
         frame: Where these metres are. Its zero is the stated elevation of the ground; where none is stated, the file's
-            own zero for local coordinates, and otherwise the middle one of the landmarks' heights.
+            own zero for local coordinates (up to 100 km), and otherwise the middle one of the landmarks' heights.
         fixed: Names of the priors that are stated without a std: taken as exact (their std is 0).
         stated: The observations as they stand in the file, for messages; in the order of ``known.evidence``.
         image: File name of the image, as stated.

@@ -37,8 +37,9 @@ def check_datums(stated: Sequence[Stated], camera: CameraPriorTable, crs: str, w
 def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where: str) -> LocalFrame:
     """The frame to compute in.
 
-    Local coordinates stay as they are, unless they are beyond 100 km, which is a projection's; the zero of others is
-    the mean of the landmarks, to a whole metre or 0.00001 degrees, or the camera where there are none.
+    Local coordinates stay as they are, unless they are beyond 100 km, which is somebody's projection. The zero of
+    others is the mean of the landmarks, to a whole metre or 0.00001 degrees, or the camera where there are none; and
+    its height is the ground's, as stated, or else the middle one of the landmarks' heights.
 
     Args:
         stated: The observations.
@@ -51,22 +52,19 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where
     """
     camera = table.camera.place
     placed = [(each.label, each.place) for each in stated if each.place is not None]
-    for label, place in [*placed, *([] if camera is None else [("camera", camera)])]:
-        x, y = place[:2]
-        if x is not None and y is not None:
-            check_on_map(crs, (x, y), f"{label}: place", where)
+    for label, (first, second, *_) in [*placed, *([] if camera is None else [("camera", camera)])]:
+        if first is not None and second is not None:
+            check_on_map(crs, (first, second), f"{label}: place", where)
     places = [place for _, place in placed]
     middle = [_middle(_known(places, axis) or _known([camera or ()], axis), crs, axis) for axis in (0, 1)]
     zero_m = None if table.elevation_m is None else table.elevation_m.value
-    if crs == LOCAL:
-        x, y = (each or 0.0 for each in middle)
-        is_large = max(abs(x), abs(y)) > _LARGE_M
-        return LocalFrame(crs, (x if is_large else 0.0, y if is_large else 0.0, zero_m or 0.0))
-    x_or_none, y_or_none = middle
-    if x_or_none is None or y_or_none is None:
+    if crs == LOCAL and max(abs(each or 0.0) for each in middle) <= _LARGE_M:
+        return LocalFrame(crs, (0.0, 0.0, zero_m or 0.0))
+    x, y = middle if crs != LOCAL else (each or 0.0 for each in middle)
+    if x is None or y is None:
         got, hint = f'"{crs}" and no place in it', 'without any place on the map, write crs = "local"'
         raise ConfigError("crs", where=where, got=got, expected="a landmark, or the camera's position", hint=hint)
-    return LocalFrame(crs, (x_or_none, y_or_none, _zero(places, camera, where) if zero_m is None else zero_m))
+    return LocalFrame(crs, (x, y, _zero(places, camera, where) if zero_m is None else zero_m))
 
 
 def _known(places: Sequence[Place], axis: int) -> list[float]:

@@ -222,7 +222,7 @@ def test_large_local_coordinates_are_brought_near(tmp_path):
         as_toml("local", np.array([[1, 2], [3, 4]]), places) + "[camera]\nposition_m = [4355890, 6520300]\n"
     )
     found = load_evidence(path)
-    assert found.frame.origin == (4355892.0, 6520304.0, 0.0)
+    assert found.frame.origin == (4355892.0, 6520304.0, 7.705)
     assert_allclose(found.frame.file_coordinates(positions(found)), places, rtol=0, atol=1e-9)
     assert (found.known.priors["east"].value, found.known.priors["north"].value) == (-2.0, -4.0)
 

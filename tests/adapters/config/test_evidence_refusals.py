@@ -152,6 +152,12 @@ def test_a_wrong_value_is_named_with_its_table(tmp_path, text, sentence):
             'x.toml: crs: got "EPSG:2264" (NAD83 / North Carolina (ftUS)), which counts in US survey foot, exp',
         ),
         ('crs = "EPSG:4978"\n' + P, 'crs: got "EPSG:4978" (WGS 84), Geocentric CRS, expected a projected or geographi'),
+        ('crs = "EPSG:2053"\n' + P, "expected axes to the east and to the north; use another projection"),
+        ('crs = "EPSG:3031"\n' + P, "expected axes to the east and to the north; use another projection"),
+        (
+            GEO + '[camera]\nlat_deg = 50\nlon_deg = "?"\n' + point(place=degrees(50, 5)),
+            'x.toml: camera.lon_deg: got "?", expected a number; leave out what nobody knows',
+        ),
         (
             point(place=degrees(50, 5)),
             'x.toml: landmark[0]: place: got latitude and longitude with crs = "local", expected position_m; degrees n',

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
-from aerodft.dft.projection import INTRINSICS, ROTATION, project
+from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION, project
 from aerodft.dft.seen import Seen, dependence
 from aerodft.dft.values import scalar_with_gradient
 from aerodft.geometry.intrinsics import rays_by_intrinsics
@@ -28,6 +28,7 @@ from aerodft.model.evidence import (
     SlantRange,
     Vertical,
 )
+from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from aerodft.model.probe import ProbeKind
 from calibration.state import State
@@ -128,19 +129,33 @@ def _heading_by_rotation(state: State) -> FloatArray:
 
 
 def _landmark(evidence: Landmark, state: State) -> Found:
-    """Of a landmark with an unknown component, or in the paper's model: where its pixel meets its level plane."""
+    """With an unknown component a landmark is a line, which its ray meets; in the paper's model it is a level plane."""
+    if None not in evidence.position_m or (state.model is ProjectionModel.DFT and evidence.position_m[2] is not None):
+        return _on_level(evidence, state)
+    axis = evidence.position_m.index(None)
+    along = np.eye(3)[axis]
+    to_line = np.array([0.0 if known is None else known for known in evidence.position_m]) - state.position_m
+    rays = _foot_rays(state, evidence.pixel) if state.model is ProjectionModel.DFT else _rays(state, (evidence.pixel,))
+    across = np.cross(rays.enu[0], along)
+    size = float(np.linalg.norm(across))
+    if not np.cross(to_line, along) @ across > 0:  # behind the camera
+        across = np.full(3, np.nan)
+    found = _from_rays(float(across @ to_line) / size, np.cross(along, to_line)[None] / size, rays, evidence.std_px)
+    found.by_shared[0, POSITION] -= across / size
+    variance = float(np.square(across / size) @ np.square(evidence.std_m))
+    return replace(found, cov=found.cov + variance)
+
+
+def _on_level(evidence: Landmark, state: State) -> Found:
     east, north, up = evidence.position_m
-    level = state.elevation_m if up is None else up
-    ground = _seen(state, ProbeKind.POSITION, (evidence.pixel,), level - state.elevation_m).ground
+    ground = _seen(state, ProbeKind.POSITION, (evidence.pixel,), (up or 0.0) - state.elevation_m).ground
     rows = [axis for axis, known in enumerate((east, north)) if known is not None]
     known = np.array([value for value in (east, north) if value is not None])
     by_shared = ground.jac_shared[0, rows].copy()
-    own = ground.jac_px[0, rows]
+    own, raised = ground.jac_px[0, rows], ground.jac_shared[0, rows, ELEVATION]
     cov = evidence.std_px**2 * own @ own.T + np.diag(np.square(np.array(evidence.std_m)[rows]))
-    if up is not None:
-        raised = ground.jac_shared[0, rows, 6]
-        cov += evidence.std_m[2] ** 2 * np.outer(raised, raised)
-        by_shared[:, 6] = 0.0  # its own elevation, not the ground's
+    cov += evidence.std_m[2] ** 2 * np.outer(raised, raised)
+    by_shared[:, ELEVATION] = 0.0  # its own elevation, not the ground's
     return Found(ground.points_enu_m[0, rows] - known, by_shared, cov, evidence.std_px)
 
 
@@ -161,6 +176,14 @@ def _rays(state: State, pixels: tuple[Px, ...]) -> _Rays:
     shared[..., ROTATION] = -turned @ skew(rays.rays_cam)
     shared[..., INTRINSICS] = turned @ by_intrinsics
     return _Rays(rays.rays_cam @ turned.T, shared, turned @ rays.jac_px)
+
+
+def _foot_rays(state: State, pixel: Px) -> _Rays:
+    """The paper's model has no rays: from the camera to the ground point, of which the azimuth counts."""
+    ground = _seen(state, ProbeKind.POSITION, (pixel,), 0.0).ground
+    shared = ground.jac_shared.copy()
+    shared[:, :, POSITION] -= np.eye(3)
+    return _Rays(ground.points_enu_m - state.position_m, shared, ground.jac_px)
 
 
 def _from_rays(off: float, by_rays: FloatArray, rays: _Rays, std_px: float) -> Found:

@@ -87,7 +87,9 @@ def ground_error_m(state: State, evidence: Evidence) -> float | None:
     if not isinstance(evidence, Landmark | GroundPoint | SlantRange):
         return None
     elevation_m = state.elevation_m
-    if isinstance(evidence, Landmark) and evidence.position_m[2] is not None:
+    if isinstance(evidence, Landmark):
+        if evidence.position_m[2] is None:
+            return None
         elevation_m = evidence.position_m[2]
     pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
     ground = project(state.camera, pose, np.array([evidence.pixel]), elevation_m, state.model)

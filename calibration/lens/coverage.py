@@ -12,6 +12,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from calibration.lens.choice import cells
 from calibration.lens.determined import largest_turn_rad
+from calibration.lens.solution import LensSolution
 from calibration.lens.views import View
 
 _GRID: Final = (9, 6)
@@ -36,14 +37,15 @@ def covered_cells(views: Sequence[View], size_px: tuple[int, int]) -> np.ndarray
     return counts
 
 
-def missing(views: Sequence[View], size_px: tuple[int, int]) -> tuple[str, ...]:
+def missing(solution: LensSolution) -> tuple[str, ...]:
     """Sentences on what would make the calibration better; none where nothing is missing."""
+    views, size_px = solution.views, (solution.camera.width_px, solution.camera.height_px)
     sentences = []
     open_regions = _open_regions(covered_cells(views, size_px) > 0)
     if open_regions:
         where = " or ".join([", ".join(open_regions[:-1]), open_regions[-1]] if len(open_regions) > 1 else open_regions)
         sentences.append(f"hardly any corners in the {where} of the image: hold the board there")
-    turn_deg = math.degrees(largest_turn_rad(views, size_px))
+    turn_deg = math.degrees(largest_turn_rad(solution.bundle.rotations[:, :, 2]))
     if turn_deg < _GOOD_TURN_DEG:
         sentences.append(
             f"the boards are turned by at most {turn_deg:.0f} deg from each other:"

@@ -11,13 +11,12 @@ from aerodft.errors import NoAnswerError
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, CameraStd, LensModel
 from calibration.lens.adjustment import Bundle, adjust, covariance, residuals_px, with_coefficients
-from calibration.lens.determined import FEWEST_VIEWS, check_tilts, check_well_known
+from calibration.lens.determined import check_after, check_before
+from calibration.lens.outliers import view_rms_px, without_outliers
 from calibration.lens.start import first_guesses, reseated
 from calibration.lens.views import Corners, View
 
 _STARTS = 3  # best guesses that are followed to their end
-_OUTLYING = 2.5  # times the median view's residual: more than blur or a bent board makes
-_MOST_LEFT_OUT = 0.25  # of all views
 
 
 class LensChoice(StrEnum):
@@ -37,12 +36,13 @@ class LensSolution:
 
     Attributes:
         camera: With its covariance.
-        views: Those that it was solved from, at least ``FEWEST_VIEWS``.
+        views: Those that it was solved from, without single corners that stray.
         corners: Of these views.
         bundle: The boards' poses in them.
         off_px: ``(n, 2)``: projected less seen.
         std_px: Of one coordinate of a corner, from the residuals.
         left_out: Views that disagree with all others, with the rms (px) that each had when it was left out.
+        strays: How many single corners were left out of the views, by name.
         bic_gain: How much the Bayesian information criterion falls with k3 (brown, where it was kept if that is above
             0), or with k4, k5, k6 (rational); None for others.
     """
@@ -54,6 +54,7 @@ class LensSolution:
     off_px: FloatArray
     std_px: float
     left_out: tuple[tuple[View, float], ...]
+    strays: dict[str, int]
     bic_gain: float | None
 
     @property
@@ -64,7 +65,7 @@ class LensSolution:
     @property
     def view_rms_px(self) -> FloatArray:
         """``(v,)``, likewise."""
-        return _view_rms(self.off_px, self.corners)
+        return view_rms_px(self.off_px, self.corners)
 
 
 def solve_lens(
@@ -82,14 +83,14 @@ def solve_lens(
         NoAnswerError: Views are too few or too similar to determine the lens; says what to add.
     """
     views = tuple(views)
-    check_tilts(views, size_px)
+    check_before(views, size_px)
     bundle = _begin(Corners.of(views), lens, size_px)
-    views, bundle, left_out = _without_outlying(views, bundle)
+    seen = {view.name: len(view.ids) for view in views}
+    views, bundle, left_out = without_outliers(views, bundle)
     corners = Corners.of(views)
     bundle, gain = _with_coefficients_of(lens, bundle, corners)
-    check_tilts(views, size_px)
     cov, std_px = covariance(bundle, corners)
-    check_well_known(bundle, cov)
+    check_after(bundle, cov)
     rows = tuple(tuple(row) for row in cov.tolist())
     return LensSolution(
         camera=replace(bundle.camera, name=name, std=CameraStd(), covariance=rows),
@@ -99,6 +100,7 @@ def solve_lens(
         off_px=residuals_px(bundle, corners),
         std_px=std_px,
         left_out=left_out,
+        strays={view.name: lost for view in views if (lost := seen[view.name] - len(view.ids))},
         bic_gain=gain,
     )
 
@@ -133,32 +135,6 @@ def _with_coefficients_of(lens: LensChoice, four: Bundle, corners: Corners) -> t
 
 def _widened(bundle: Bundle, coefficients: int) -> Bundle:
     return replace(bundle, camera=with_coefficients(bundle.camera, coefficients))
-
-
-def _without_outlying(
-    views: tuple[View, ...], bundle: Bundle
-) -> tuple[tuple[View, ...], Bundle, tuple[tuple[View, float], ...]]:
-    """The worst view is left out, and all solved again, as long as it is far worse than the median one."""
-    left_out: list[tuple[View, float]] = []
-    most = int(_MOST_LEFT_OUT * len(views))
-    while len(left_out) < most and len(views) > FEWEST_VIEWS:
-        corners = Corners.of(views)
-        rms = _view_rms(residuals_px(bundle, corners), corners)
-        worst = int(np.argmax(rms))
-        if not rms[worst] > _OUTLYING * float(np.median(rms)):
-            break
-        left_out.append((views[worst], float(rms[worst])))
-        views = (*views[:worst], *views[worst + 1 :])
-        rest = np.arange(len(rms)) != worst
-        bundle = Bundle(bundle.camera, bundle.rotations[rest], bundle.translations_m[rest])
-        corners = Corners.of(views)
-        bundle = adjust(reseated(adjust(bundle, corners), corners), corners)
-    return views, bundle, tuple(left_out)
-
-
-def _view_rms(off_px: FloatArray, corners: Corners) -> FloatArray:
-    counts = np.bincount(corners.view)
-    return np.asarray(np.sqrt(corners.per_view(np.sum(off_px**2, axis=-1)) / counts))
 
 
 def _bic(bundle: Bundle, corners: Corners) -> float:

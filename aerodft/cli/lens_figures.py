@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 _WIDTH_IN, _DPI = 9.0, 110
 _COLUMNS, _ARROWS = 96, 16  # of the maps of distortion
-_ARROW_SHARE = 0.03  # of the image's width: what a typical residual is drawn as
+_ARROW_SHARE = 0.02  # of the image's width: what a typical residual is drawn as
 _BAR_IN, _MOST_NAMED = 0.22, 60
 _NAME_LETTERS = 32
 
@@ -49,7 +49,10 @@ def _coverage(run: LensRun) -> Figure:
     views, (width, height) = run.solution.views, run.size_px
     figure, axes = _image_axes(run, f"Corners of {len(views)} views, and how many views have some in each cell")
     counts = covered_cells(views, run.size_px)
-    shown = axes.imshow(counts, cmap="Greens", vmin=0, alpha=0.6, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
+    some = np.ma.masked_equal(counts, 0)
+    shown = axes.imshow(
+        some, cmap="Greens", vmin=-0.3 * counts.max(), alpha=0.6, extent=(-0.5, width - 0.5, height - 0.5, -0.5)
+    )
     colours = mpl.colormaps["turbo"](np.linspace(0.05, 0.95, len(views)))
     for view, colour in zip(views, colours, strict=True):
         axes.plot(*view.pixels_px.T, ".", markersize=3.5, color=colour)
@@ -71,7 +74,7 @@ def _residuals(run: LensRun) -> Figure:
         *seen.T, *(scale * off).T, angles="xy", scale_units="xy", scale=1, width=0.0016, color="tab:blue"
     )
     key_px = float(f"{typical:.1g}")
-    axes.quiverkey(arrows, 0.9, 1.03, scale * key_px, f"{key_px:g} px", labelpos="E", coordinates="axes")
+    axes.quiverkey(arrows, 0.93, 0.04, scale * key_px, f"{key_px:g} px", labelpos="E", coordinates="axes")
     return figure
 
 

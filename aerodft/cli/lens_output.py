@@ -76,13 +76,14 @@ def describe_lens(run: LensRun, files: list[str]) -> dict[str, Any]:
             "blurred": [view.name for view in choice.blurred],
             "near_duplicate": [view.name for view in choice.duplicates],
             "surplus": [view.name for view in choice.surplus],
+            "corners": solution.strays,
             "outlying": [{"name": view.name, "rms_px": rms} for view, rms in solution.left_out],
         },
         "corners": len(solution.off_px),
         "rms_px": solution.rms_px,
         "corner_std_px": solution.std_px,
         "bic_gain": solution.bic_gain,
-        "missing": list(missing(solution.views, run.size_px)),
+        "missing": list(missing(solution)),
         "notes": notes(run),
         "files": files,
         "software": f"aerodft {__version__}",
@@ -100,6 +101,9 @@ def notes(run: LensRun) -> list[str]:
         if views:
             said.append(f"{len(views)} dropped, {why}: {_names([view.name for view in views])}")
     said += [f"{view.name} disagrees with all others by {rms:.2f} px rms, left out" for view, rms in solution.left_out]
+    if solution.strays:
+        count, where = sum(solution.strays.values()), _names(list(solution.strays))
+        said.append(f"{count} corner{'' if count == 1 else 's'} far off all others left out, in {where}")
     gain = solution.bic_gain
     if run.lens is LensChoice.BROWN and gain is not None:
         verb = "kept" if gain > 0 else "left out"
@@ -141,11 +145,14 @@ def camera_text(run: LensRun, now: datetime) -> str:
         f"{len(solution.views)} views of {run.images} images, {solution.rms_px:.3f} px rms.",
         f"It belongs to one mode of the camera: images of {width} x {height} px, as stored, with the crop, zoom, focus",
         "and stabilisation that the calibration's images had. Another mode is another camera file.",
-        *missing(solution.views, run.size_px),
+        *missing(solution),
         f"covariance: of {order}, in rows.",
     ]
     head = "".join(f"# {_one_line(line)}\n" for line in said)
-    return head + tomli_w.dumps(camera_document(solution.camera))
+    keys = camera_document(solution.camera)
+    rows = "".join(f"    [{', '.join(map(repr, row))}],\n" for row in keys.pop("covariance"))
+    distortion = ", ".join(map(repr, keys.pop("distortion")))
+    return f"{head}{tomli_w.dumps(keys)}distortion = [{distortion}]\ncovariance = [\n{rows}]\n"
 
 
 def _one_line(text: str) -> str:
@@ -155,15 +162,16 @@ def _one_line(text: str) -> str:
 def say_lens(run: LensRun, files: list[str]) -> None:
     """The result for a person: a table on stdout, what to know about it on stderr."""
     camera, solution = run.solution.camera, run.solution
-    table = Table("parameter", "value", "std", title_justify="left")
-    table.title = (
+    title = (
         f"{camera.name}: {camera.width_px} x {camera.height_px} px, {camera.lens},"
         f" {len(solution.views)} views of {run.images} images, {solution.rms_px:.3f} px rms"
     )
+    tables().print(title, soft_wrap=True)
+    table = Table("parameter", "value", "std")
     for row in parameter_rows(camera):
         table.add_row(*row)
     tables().print(table)
-    for sentence in [*notes(run), *missing(solution.views, run.size_px)]:
+    for sentence in [*notes(run), *missing(solution)]:
         say(f"aerodft: {sentence}")
     for file in files:
         say(f"aerodft: wrote {file}")

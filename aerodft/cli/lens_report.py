@@ -57,7 +57,7 @@ def _page(run: LensRun, figures: dict[str, Path]) -> str:
         f" {len(solution.off_px)} corners, {solution.rms_px:.3f} px rms."
         f" aerodft {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC."
     )
-    lacking = missing(solution.views, run.size_px)
+    lacking = missing(solution)
     said = [f'<p class="missing">Missing: {escape(sentence)}.</p>' for sentence in lacking]
     if not lacking:
         said = ["<p>Nothing is missing: corners all over the image, tilted and near boards.</p>"]

@@ -56,8 +56,9 @@ def run_lens(sources: Sequence[Path], board: Board, lens: LensChoice, name: str)
     try:
         solution = solve_lens(choice.used, size_px, lens, name=name)
     except NoAnswerError as error:
-        dropped = len(views) - len(choice.used)
-        seen = f"{images} images, {len(views)} with the board, {dropped} of these dropped as blurred or near-duplicates"
+        seen = f"{images} images, {len(views)} with the board"
+        if dropped := len(views) - len(choice.used):
+            seen += f", {dropped} of these blurred or nearly the same as others"
         raise NoAnswerError(error.what, where=seen, got=error.got, expected=error.expected, hint=error.hint) from None
     return LensRun(board=board, lens=lens, size_px=size_px, images=images, choice=choice, solution=solution)
 

@@ -80,22 +80,22 @@ def residuals_px(bundle: Bundle, corners: Corners) -> FloatArray:
     return _pixels(camera, distorted) - corners.pixels_px
 
 
-def adjust(bundle: Bundle, corners: Corners) -> Bundle:
+def adjust(bundle: Bundle, corners: Corners, weights: FloatArray | None = None) -> Bundle:
     """The least sum of squared residuals near a guess that sees all corners.
 
     Args:
         bundle: The guess; its camera says how many distortion coefficients there are.
         corners: What was seen.
+        weights: ``(p,)`` of each intrinsic's own square, in px^2, to keep down what corners hardly tell; None for none.
     """
-    found, off = bundle, residuals_px(bundle, corners)
-    squares, damping = float(np.sum(off * off)), _DAMPING
+    weights = np.zeros(len(intrinsics_of(bundle.camera))) if weights is None else weights
+    found, squares, damping = bundle, _squares(bundle, corners, weights), _DAMPING
     for _ in range(_MOST_STEPS):
-        normal = _normal_equations(found, corners)
+        normal = _normal_equations(found, corners, weights)
         settled = False
         while damping < _MOST_DAMPING:
             trial = _stepped(found, normal, damping)
-            off = residuals_px(trial, corners) if trial else np.full((1, 2), np.nan)
-            trial_squares = float(np.sum(off * off))
+            trial_squares = np.inf if trial is None else _squares(trial, corners, weights)
             if trial is not None and trial_squares <= squares:
                 settled = squares - trial_squares <= _SETTLED * squares
                 found, squares = trial, trial_squares
@@ -109,14 +109,26 @@ def adjust(bundle: Bundle, corners: Corners) -> Bundle:
     return found
 
 
-def covariance(bundle: Bundle, corners: Corners) -> tuple[FloatArray, float]:
+def _squares(bundle: Bundle, corners: Corners, weights: FloatArray) -> float:
+    """What is made least; NaN where the camera cannot see a corner."""
+    off = residuals_px(bundle, corners)
+    return float(np.sum(off * off) + weights @ intrinsics_of(bundle.camera) ** 2)
+
+
+def covariance(bundle: Bundle, corners: Corners, weights: FloatArray | None = None) -> tuple[FloatArray, float]:
     """How well the intrinsics are known, the poses being unknown.
+
+    Args:
+        bundle: As adjusted.
+        corners: What it was adjusted to.
+        weights: With what.
 
     Returns:
         ``(p, p)`` in the order of ``intrinsics_of``, scaled by the residuals' variance, and their std in px (of one
         coordinate). Infinite on the diagonal where the corners do not determine them.
     """
-    normal = _normal_equations(bundle, corners)
+    weights = np.zeros(len(intrinsics_of(bundle.camera))) if weights is None else weights
+    normal = _normal_equations(bundle, corners, weights)
     off = residuals_px(bundle, corners)
     spare = off.size - len(normal.own) - 6 * len(normal.poses)
     variance = float(np.sum(off * off)) / spare if spare > 0 else np.inf
@@ -138,7 +150,7 @@ def _pixels(camera: Camera, distorted: FloatArray) -> FloatArray:
     return np.asarray(distorted * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px])
 
 
-def _normal_equations(bundle: Bundle, corners: Corners) -> _Normal:
+def _normal_equations(bundle: Bundle, corners: Corners, weights: FloatArray) -> _Normal:
     camera = bundle.camera
     turned, rays = _rays(bundle, corners)
     distorted, by_ray = distorted_with_jacobian(camera, rays)
@@ -147,10 +159,10 @@ def _normal_equations(bundle: Bundle, corners: Corners) -> _Normal:
     by_own = pixels_by_intrinsics(camera, rays, distorted)
     off = _pixels(camera, distorted) - corners.pixels_px
     return _Normal(
-        own=np.einsum("nip,niq->pq", by_own, by_own),
+        own=np.einsum("nip,niq->pq", by_own, by_own) + np.diag(weights),
         mixed=corners.per_view(np.swapaxes(by_own, -1, -2) @ by_pose),
         poses=corners.per_view(np.swapaxes(by_pose, -1, -2) @ by_pose),
-        own_right=-np.einsum("nip,ni->p", by_own, off),
+        own_right=-np.einsum("nip,ni->p", by_own, off) - weights * intrinsics_of(camera),
         poses_right=-corners.per_view(np.einsum("nip,ni->np", by_pose, off)),
     )
 

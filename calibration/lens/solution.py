@@ -28,6 +28,7 @@ class LensChoice(StrEnum):
 
 
 _FEWEST_COEFFICIENTS, _WITH_K3, _RATIONAL = 4, 5, 8
+_RATIONAL_STD = 3.0  # of k4, k5, k6 before anything is seen: those of real lenses are about 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,8 +89,8 @@ def solve_lens(
     seen = {view.name: len(view.ids) for view in views}
     views, bundle, left_out = without_outliers(views, bundle)
     corners = Corners.of(views)
-    bundle, gain = _with_coefficients_of(lens, bundle, corners)
-    cov, std_px = covariance(bundle, corners)
+    bundle, gain, weights = _with_coefficients_of(lens, bundle, corners)
+    cov, std_px = covariance(bundle, corners, weights)
     check_after(bundle, cov)
     rows = tuple(tuple(row) for row in cov.tolist())
     return LensSolution(
@@ -121,16 +122,31 @@ def _begin(corners: Corners, lens: LensChoice, size_px: tuple[int, int]) -> Bund
     return min(ends, key=lambda end: float(np.sum(residuals_px(end, corners) ** 2)))
 
 
-def _with_coefficients_of(lens: LensChoice, four: Bundle, corners: Corners) -> tuple[Bundle, float | None]:
-    """The bundle with as many coefficients as the lens is to have, and what the last of them are worth (BIC)."""
+def _with_coefficients_of(
+    lens: LensChoice, four: Bundle, corners: Corners
+) -> tuple[Bundle, float | None, FloatArray | None]:
+    """The bundle with as many coefficients as the lens is to have, what the last ones are worth (BIC), and weights."""
     if lens is LensChoice.FISHEYE:
-        return four, None
+        return four, None, None
     five = adjust(_widened(four, _WITH_K3), corners)
     if lens is LensChoice.RATIONAL:
-        eight = adjust(_widened(five, _RATIONAL), corners)
-        return eight, _bic(five, corners) - _bic(eight, corners)
+        weights = _weights_of_rational(five, corners)
+        eight = adjust(_widened(five, _RATIONAL), corners, weights)
+        return eight, _bic(five, corners) - _bic(eight, corners), weights
     gain = _bic(four, corners) - _bic(five, corners)
-    return (five if gain > 0 else four), gain
+    return (five if gain > 0 else four), gain, None
+
+
+def _weights_of_rational(five: Bundle, corners: Corners) -> FloatArray:
+    """Weights that keep k4, k5, k6 near 0 where corners do not tell them from k1, k2, k3.
+
+    Numerator and denominator of the radial factor may have a factor in common, which changes nothing, and without a
+    weight the coefficients go to thousands and take the focal length with them.
+    """
+    off = residuals_px(five, corners)
+    weights = np.zeros(4 + _RATIONAL)
+    weights[-3:] = float(np.mean(off * off)) / _RATIONAL_STD**2
+    return weights
 
 
 def _widened(bundle: Bundle, coefficients: int) -> Bundle:

@@ -1,4 +1,4 @@
-"""Pictures of boards through a known lens: OpenCV undistorts every quarter pixel, and the board's plane is met there."""
+"""Pictures of boards through a known lens: OpenCV undistorts quarters of pixels, whose rays meet the board."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -84,7 +84,7 @@ def picture(camera, board, rotvec, move, *, blur_px=0.6, noise=2.0, seed=0):
     return cv2.cvtColor(np.clip(np.rint(grey), 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
 
 
-def poses(camera, board, count, *, seed=0, turn_rad=0.6, near=0.3, far=0.75, whole=True):
+def poses(camera, board, count, *, seed=0, turn_rad=0.6, whole=True):
     """Rotation vectors and places of boards that are seen as a whole, or by half, all over the image."""
     rng = np.random.default_rng(seed)
     points = board.points_m(np.arange(board.corners))
@@ -92,7 +92,7 @@ def poses(camera, board, count, *, seed=0, turn_rad=0.6, near=0.3, far=0.75, who
     found = []
     while len(found) < count:
         rotvec = rng.uniform(-turn_rad, turn_rad, 3)
-        depth = camera.focal[0] * length / (camera.width * rng.uniform(near, far))
+        depth = camera.focal[0] * length / (camera.width * rng.uniform(0.3, 0.75))
         aim = rng.uniform([0.1, 0.1], [0.9, 0.9]) * [camera.width, camera.height]
         place = (aim - camera.centre) / camera.focal * depth
         move = np.array([*place, depth]) - cv2.Rodrigues(rotvec)[0] @ middle

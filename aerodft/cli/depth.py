@@ -12,7 +12,7 @@ from aerodft.adapters.georaster import write_top_view
 from aerodft.adapters.images.pixels import StillPixels
 from aerodft.cli.depth_figure import draw_depth
 from aerodft.cli.depth_scene import Scene, describe, ground_in_words, say_document, scene_of
-from aerodft.cli.output import print_json
+from aerodft.cli.output import print_json, say
 from aerodft.dft.orthophoto import Sampling, top_view
 from aerodft.dft.points import to_ground_frame
 from aerodft.dft.request import Setup
@@ -151,6 +151,8 @@ def _write_top_view(
     view = top_view(pixels, scene.camera, scene.pose, sampling, elevation_m=level_m, ground=ground, seen=scene.seen)
     if view is None:
         raise NoAnswerError("the image shows no ground", where=folder)
+    if step_m is not None and view.step_m > step_m:
+        say(f"aerodft: --step {step_m:g} would make too large an image: it is {view.step_m:.4g} m instead")
     about = write_top_view(view, scene.sample.origin, folder)
     names: list[str] = about.pop("files")
     return about, names

@@ -50,8 +50,8 @@ class GivenPose:
             raise UsageError("--lat and --lon go together")
         if self.lat_deg is None or self.lon_deg is None:
             return None
-        _in_range("--lat", self.lat_deg, -90.0, 90.0, "deg")
-        _in_range("--lon", self.lon_deg, -180.0, 360.0, "deg")
+        _in_range("--lat", self.lat_deg, -90.0, 90.0, "-90 to 90 deg")
+        _in_range("--lon", self.lon_deg, -180.0, 360.0, "-180 to 360 deg")
         return GeoOrigin(lat_rad=math.radians(self.lat_deg), lon_rad=math.radians(self.lon_deg))
 
     def refuse_all(self, beside: str) -> None:
@@ -83,10 +83,14 @@ class GivenPose:
             UsageError: Something is missing.
             InputError: Something is impossible.
         """
-        height_m = _in_range("--height", self._height(origin), _LOWEST_M, 100_000.0, "m above the ground, above 0")
-        tilt_deg = _in_range("--tilt", self.tilt_deg, 0.0, 180.0, "deg from straight down: 0 nadir, 90 horizon")
-        _in_range("--roll", self.roll_deg, -180.0, 180.0, "deg")
-        _in_range("--heading", self.heading_deg, -360.0, 360.0, "deg")
+        height_m = _in_range(
+            "--height", self._height(origin), _LOWEST_M, 100_000.0, "0.001 to 100000 m above the ground"
+        )
+        tilt_deg = _in_range(
+            "--tilt", self.tilt_deg, 0.0, 180.0, "0 to 180 deg from straight down: 0 nadir, 90 horizon"
+        )
+        _in_range("--roll", self.roll_deg, -180.0, 180.0, "-180 to 180 deg")
+        _in_range("--heading", self.heading_deg, -360.0, 360.0, "-360 to 360 deg")
         pose = camera_pose(
             height_agl_m=height_m,
             tilt_rad=math.radians(tilt_deg),
@@ -166,7 +170,7 @@ class GivenGround:
         if self.slope_deg is None or self.uphill_deg is None:
             return None, origin
         slope_deg = _in_range("--slope", self.slope_deg, 0.0, _STEEPEST_DEG, f"deg, 0 to {_STEEPEST_DEG:g}")
-        uphill_deg = _in_range("--uphill", self.uphill_deg, -360.0, 360.0, "deg clockwise from north")
+        uphill_deg = _in_range("--uphill", self.uphill_deg, -360.0, 360.0, "-360 to 360 deg clockwise from north")
         return Plane.sloping(np.zeros(3), math.radians(slope_deg), math.radians(uphill_deg)), origin
 
 

@@ -66,7 +66,8 @@ def measure(
         str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
     ] = None,
     depth_map: Annotated[
-        Path | None, typer.Option(help="Write range, ground point and sampling of every pixel to this folder.")
+        Path | None,
+        typer.Option(help="Write range, ground point and sampling of every pixel (to 100 heights away) here."),
     ] = None,
     image: Annotated[Path | None, typer.Option(help="With --depth-map: the image, to be seen from above.")] = None,
     step: Annotated[float | None, typer.Option(help="With --image: step of the view from above, m.")] = None,

@@ -10,7 +10,7 @@ from aerodft.errors import UsageError
 from aerodft.model.probe import Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _OPTIONS = ("elevation", "name")
-_NO_NAMES = ("nan", "inf", "infinity", "NaN", "Inf")  # numbers of a kind, and none that can be an elevation
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> tuple[Request, ...]:
@@ -44,12 +44,12 @@ def _probe(text: str, index: int, stds: Stds, elevation_m: float) -> Probe:
     except ValueError:
         kinds = ", ".join(ProbeKind)
         raise UsageError(f'--probe "{text}"', got=f"kind {kind_text!r}", expected=f"one of {kinds}") from None
-    options = dict(_option(word, text) for word in words if "=" in word)
+    options = _options(words, text)
     pixels = tuple(_pixel(word, text) for word in words if "=" not in word)
     if not takes_pixels(kind, len(pixels)):
         raise UsageError(f'--probe "{text}"', got=f"{len(pixels)} pixels", expected=f"{pixels_wanted(kind)} for {kind}")
     elevation = options.get("elevation", "")
-    named = re.fullmatch(r"[A-Za-z_][\w-]*", elevation) is not None and elevation not in _NO_NAMES
+    named = bool(_NAME.fullmatch(elevation)) and not _is_number(elevation)
     number_m = _finite(elevation, text) if elevation and not named else elevation_m
     return Probe(
         name=options.get("name", f"{kind}-{index + 1}"),
@@ -60,6 +60,17 @@ def _probe(text: str, index: int, stds: Stds, elevation_m: float) -> Probe:
         elevation_std_m=stds.elevation_m,
         on_top_of=elevation if named else None,
     )
+
+
+def _options(words: list[str], text: str) -> dict[str, str]:
+    options: dict[str, str] = {}
+    for key, value in (_option(word, text) for word in words if "=" in word):
+        if key in options:
+            raise UsageError(f'--probe "{text}"', got=f"{key} again", expected="each option once")
+        if key == "name" and not _NAME.fullmatch(value):
+            raise UsageError(f'--probe "{text}"', got=f"name {value!r}", expected="letters, digits, '.', '_' and '-'")
+        options[key] = value
+    return options
 
 
 def _option(word: str, text: str) -> tuple[str, str]:
@@ -78,11 +89,17 @@ def _pixel(word: str, text: str) -> tuple[float, float]:
     return _finite(parts[0], text), _finite(parts[1], text)
 
 
-def _finite(number: str, text: str) -> float:
+def _is_number(word: str) -> bool:
+    """Whether it is one of a kind: ``nan`` is no name either."""
     try:
-        value = float(number)
+        float(word)
     except ValueError:
-        value = math.nan
+        return False
+    return True
+
+
+def _finite(number: str, text: str) -> float:
+    value = float(number) if _is_number(number) and number.isascii() and "_" not in number else math.nan
     if not abs(value) <= LARGEST:
         raise UsageError(f'--probe "{text}"', got=repr(number), expected="a finite number")
     return value

@@ -45,7 +45,13 @@ class Stds:
         return replace(self, elevation_m=value) if name == "elevation" else replace(self, px=value)
 
     def on_camera(self, camera: Camera) -> Camera:
-        """The camera, with the focal length's std where one was given."""
+        """The camera, with the focal length's std where one was given.
+
+        Raises:
+            UsageError: The camera has a whole covariance.
+        """
+        if self.focal_px and camera.covariance:
+            raise UsageError("--std focal beside a camera file with a covariance", expected="one of the two")
         return replace(camera, std=replace(camera.std, focal_px=self.focal_px)) if self.focal_px else camera
 
 
@@ -62,10 +68,13 @@ def parse_stds(text: str) -> Stds:
     Raises:
         UsageError: An unknown name, or a value that is no number of at least 0 (or absurdly large).
     """
-    stds = Stds()
+    stds, names = Stds(), set[str]()
     for part in filter(None, (piece.strip() for piece in text.split(","))):
         name, _, number = part.partition("=")
         value = _number(part, number)
+        if name in names:
+            raise UsageError(f"--std {part}", got=f"{name} again", expected="each once")
+        names.add(name)
         if name in _KEYS:
             scaled = {key: math.radians(value) if key.endswith("_rad") else value for key in _KEYS[name]}
             stds = replace(stds, pose=replace(stds.pose, **scaled))

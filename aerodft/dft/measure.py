@@ -8,13 +8,14 @@ import numpy as np
 from aerodft.dft.budget import Share, variance_budget
 from aerodft.dft.object_top import ObjectTop, object_top
 from aerodft.dft.points import ImagePoints, image_points
+from aerodft.dft.polygons import crosses_itself
 from aerodft.dft.projection import project
-from aerodft.dft.quantities import crosses_itself
+from aerodft.dft.quantities import beside
 from aerodft.dft.record import UNITS, Record
 from aerodft.dft.request import Request, Setup
 from aerodft.dft.seen import Seen
 from aerodft.dft.uncertainty import Z95, shared_covariance
-from aerodft.dft.values import FIRST_ORDER_LIMIT, Value, drawn, first_order, has_edge
+from aerodft.dft.values import FIRST_ORDER_LIMIT, Value, drawn, first_order, has_edge, std_of
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
@@ -31,6 +32,9 @@ MAX_BEARING_STD_RAD = 0.3
 
 NEAR_FOOT = 0.1
 """An object's height is drawn where its base is less certain than this share of its distance from the camera's foot."""
+
+LEANING_STDS = 6.0
+"""What leans by more than 45 degrees, and by more than so many standard deviations, is no upright object."""
 
 _NO_RAY = [CODES.index(status) for status in (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL)]
 
@@ -175,14 +179,31 @@ def _checked(
     record: Record, pose: Pose, points: ImagePoints, value: Value | None, cov_enu_m2: FloatArray
 ) -> Measurement:
     kind = record.request.probe.kind
-    if kind is ProbeKind.HEIGHT and value is not None and not all(map(math.isfinite, (value.value, *value.ci95))):
-        return record.miss(Status.ILL_CONDITIONED, "the object is seen from above: its height may be anything")
-    if kind is ProbeKind.HEIGHT and value is not None and not value.ci95[1] >= 0:
-        sentence = f"the top is seen {-value.value:.2f} m below the base; the base comes first, then the top"
-        return record.miss(Status.NOT_UPRIGHT, sentence)
+    if kind is ProbeKind.HEIGHT and value is not None:
+        refusal = _no_object(record, pose, points, value)
+        if refusal is not None:
+            return refusal
     if kind is ProbeKind.BEARING and value is not None and not value.std <= MAX_BEARING_STD_RAD:
         return record.refuse_bearing(value)
     return record.answer(pose, points, value, cov_enu_m2)
+
+
+def _no_object(record: Record, pose: Pose, points: ImagePoints, value: Value) -> Measurement | None:
+    """Why base and top are not those of an upright object whose height can be told."""
+    above_base = float(pose.position_enu_m[2] - points.ground.points_enu_m[0, 2])
+    if not value.std <= MAX_RELATIVE_RANGE_STD * above_base or not math.isfinite(value.value):
+        return record.miss(Status.ILL_CONDITIONED, "the object is seen from above: its height may be anything")
+    if not value.ci95[1] >= 0:
+        sentence = f"the top is seen {-value.value:.2f} m below the base; the base comes first, then the top"
+        return record.miss(Status.NOT_UPRIGHT, sentence)
+    if record.setup.model is ProjectionModel.DFT:
+        return None  # Eq. 8 does not look at columns
+    seen = _seen(record, pose, points)
+    off, by = beside(seen.sight)
+    if abs(off) > max(abs(value.value), LEANING_STDS * std_of(seen, by)):
+        sentence = f"the top is seen {abs(off):.2f} m beside the vertical through the base: base and top of one object?"
+        return record.miss(Status.NOT_UPRIGHT, sentence)
+    return None
 
 
 def _blocked(record: Record, pose: Pose, points: ImagePoints, on_ground: ImagePoints) -> Measurement | None:
@@ -199,5 +220,7 @@ def _blocked(record: Record, pose: Pose, points: ImagePoints, on_ground: ImagePo
         sentence = f"point {farthest} is {on_ground.range_m[farthest]:.1f} m away, the limit is {limit:g} m"
         return record.miss(Status.BEYOND_RANGE, sentence)
     if record.request.probe.kind is ProbeKind.AREA and crosses_itself(points.ground.points_enu_m):
-        return record.miss(Status.SELF_CROSSING, "two sides of the polygon cross; name its corners in order")
+        return record.miss(
+            Status.SELF_CROSSING, "the polygon crosses or touches itself; name its corners in order, each once"
+        )
     return None

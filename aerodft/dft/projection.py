@@ -28,6 +28,8 @@ POSITION, ROTATION, ELEVATION = slice(0, 3), slice(3, 6), 6
 INTRINSICS = slice(7, None)
 FOCAL, PRINCIPAL_POINT, DISTORTION = slice(7, 9), slice(9, 11), slice(11, None)
 
+_LEVEL = 1e-9  # rad: what comes down by less, comes down nowhere
+
 Codes = npt.NDArray[np.uint8]
 
 
@@ -181,7 +183,7 @@ def _dft(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) 
 def _level_status(pose: Pose, elevation: FloatArray, down: FloatArray) -> Codes:
     """By anything that is positive for rays that go down, and NaN where there is no ray."""
     return np.select(
-        [np.isnan(down), elevation >= pose.position_enu_m[2], down <= 0],
+        [np.isnan(down), elevation >= pose.position_enu_m[2], down <= _LEVEL],
         [CODE_OF[status] for status in (Status.BEYOND_LENS_MODEL, Status.BELOW_SURFACE, Status.ABOVE_HORIZON)],
         default=CODE_OF[Status.OK],
     ).astype(np.uint8)

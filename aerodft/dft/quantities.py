@@ -58,20 +58,6 @@ def polygon_area(sight: Sight) -> FloatArray:
     return np.abs(_signed_area(sight.points_enu_m))
 
 
-def crosses_itself(points_enu_m: FloatArray) -> bool:
-    """Whether the closed polygon ``(k, 3)`` has two sides that cross."""
-    corners = points_enu_m[:, :2]
-    ends = np.roll(corners, -1, axis=0)
-    count = len(corners)
-    for i in range(count):
-        for j in range(i + 2, count - (i == 0)):
-            ours = _turn(corners[i], ends[i], corners[j]) * _turn(corners[i], ends[i], ends[j])
-            theirs = _turn(corners[j], ends[j], corners[i]) * _turn(corners[j], ends[j], ends[i])
-            if ours < 0 and theirs < 0:
-                return True
-    return False
-
-
 def upright_height(sight: Sight) -> FloatArray:
     """Height ``(...)`` of an upright object whose base is the first pixel and whose top the second, m.
 
@@ -92,6 +78,23 @@ def bearing(sight: Sight) -> FloatArray:
     points, directions = sight.points_enu_m, sight.directions_enu
     away = directions[..., 0, :] if points.shape[-2] == 1 else points[..., 1, :] - points[..., 0, :]
     return np.asarray(np.arctan2(away[..., 0], away[..., 1]) % (2 * np.pi))
+
+
+def beside(sight: Sight) -> tuple[float, Gradient]:
+    """How far to the side of the vertical through the base the top's ray passes, m on the map, and its derivatives.
+
+    One sight (no leading axes); 0 for an object that is upright.
+    """
+    base, ray = sight.points_enu_m[0], sight.directions_enu[1]
+    to_base, along = (base - sight.camera_enu_m) * [1, 1, 0], ray * [1, 1, 0]
+    length = float(np.linalg.norm(along))
+    by_points, by_directions = np.zeros_like(sight.points_enu_m), np.zeros_like(sight.directions_enu)
+    if length == 0:
+        return 0.0, Gradient(np.zeros(3), by_directions, by_points)
+    off = float(to_base[0] * along[1] - to_base[1] * along[0]) / length
+    by_points[0] = np.array([along[1], -along[0], 0.0]) / length
+    by_directions[1] = np.array([-to_base[1], to_base[0], 0.0]) / length - off * along / length**2
+    return off, Gradient(-by_points[0], by_directions, by_points)
 
 
 SCALARS: dict[ProbeKind, Callable[[Sight], FloatArray]] = {
@@ -174,10 +177,6 @@ def _bearing_gradient(sight: Sight) -> Gradient:
 def _signed_area(points: FloatArray) -> FloatArray:
     x, y = points[..., 0], points[..., 1]
     return np.asarray(np.sum(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1), axis=-1) / 2)
-
-
-def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:

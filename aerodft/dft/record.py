@@ -79,9 +79,9 @@ class Record:
         camera, up_m = self.setup.camera, float(pose.position_enu_m[2])
         if status is Status.ABOVE_HORIZON:
             below = math.degrees(float(ground.depression_rad[index]))
-            if below > 0:
+            if below > 0 and self.setup.ground is not None:
                 return f"looks {below:.1f} deg below the horizon, along ground that falls away as steeply"
-            return f"looks {-below:.1f} deg above the horizon"
+            return f"looks {abs(below):.1f} deg above the horizon"
         if status is Status.BELOW_SURFACE:
             elevation_m = self.request.probe.elevation_m
             if self.setup.ground is not None:
@@ -98,7 +98,7 @@ class Record:
         """Say how badly the worst point is known; ``half_m (k,)`` is half of its range's 95 % interval."""
         index = int(np.argmax(half_m / on_ground.range_m))
         below, range_m = math.degrees(float(on_ground.ground.depression_rad[index])), float(on_ground.range_m[index])
-        spread = f"+- {half_m[index]:.0f} m (95 %)" if math.isfinite(half_m[index]) else "and may be anywhere beyond"
+        spread = f"+- {half_m[index]:.0f} m (95 %)" if math.isfinite(half_m[index]) else "and may be anything"
         sentence = f"point {index} is {below:.1f} deg below the horizon, range {range_m:.0f} m {spread}"
         return self.miss(Status.ILL_CONDITIONED, sentence)
 

@@ -56,8 +56,13 @@ def first_order(seen: Seen) -> Value | None:
     if not seen.has_scalar:
         return None
     value, by = scalar_with_gradient(seen)
-    std = _std(seen, by)
-    return Value(value, std, (value - Z95 * std, value + Z95 * std))
+    std = std_of(seen, by)
+    return Value(value, std, (_at_least(seen.kind, value - Z95 * std), value + Z95 * std))
+
+
+def _at_least(kind: ProbeKind, low: float) -> float:
+    """The lower end of an interval: no length is negative, and no area."""
+    return low if kind in (ProbeKind.HEIGHT, ProbeKind.BEARING) else max(low, 0.0)
 
 
 def scalar_with_gradient(seen: Seen) -> tuple[float, Gradient]:
@@ -105,7 +110,7 @@ def _near(kind: ProbeKind, values: FloatArray, centre: float) -> FloatArray:
     return centre + np.remainder(values - centre + np.pi, 2 * np.pi) - np.pi if kind is ProbeKind.BEARING else values
 
 
-def _std(seen: Seen, by: Gradient) -> float:
+def std_of(seen: Seen, by: Gradient) -> float:
     """Joint standard deviation: shared errors add up over points and rays before they are squared."""
     shared, own = dependence(seen, by)
     variance = float(shared @ seen.shared_cov @ shared) + seen.std_px**2 * float(np.sum(own * own))
@@ -116,12 +121,14 @@ def _paper_height(seen: Seen) -> tuple[float, Gradient]:
     """Eq. 8 and its derivatives; NaN unless base and top are both seen against the ground."""
     _, _, heading = camera_angles(seen.pose.wxyz)
     ahead = np.array([math.sin(heading), math.cos(heading), 0.0])
-    base, top = ((seen.ground.points_enu_m - seen.pose.position_enu_m) @ ahead).tolist()
+    base, top = (seen.ground.points_enu_m - seen.pose.position_enu_m) @ ahead
     height = float(seen.pose.position_enu_m[2]) - seen.elevation_m
-    by_points = np.stack([-height / top * ahead, height * base / top**2 * ahead])
-    by_height = np.array([0.0, 0.0, 1 - base / top])
+    with np.errstate(divide="ignore", invalid="ignore"):  # a top straight below has no height
+        by_points = np.stack([-height / top * ahead, height * base / top**2 * ahead])
+        by_height = np.array([0.0, 0.0, 1 - base / top])
     by = Gradient(by_height - by_points.sum(axis=0), np.zeros((2, 3)), by_points - [[0, 0, 1 - base / top], [0, 0, 0]])
-    return float(object_height(height, base, top)), by
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(object_height(height, base, top)), by
 
 
 def _paper_bearing(seen: Seen) -> tuple[float, Gradient]:

@@ -208,9 +208,13 @@ POSE = ("--height", 50, "--tilt", 60)
     ("arguments", "code", "said"),
     [
         (("--height", 50, "--tilt", 60), 2, "no --probe: expected e.g."),
-        (("--tilt", 60, "--probe", "range 1,1"), 2, "no --height: expected m above the ground"),
+        (("--tilt", 60, "--probe", "range 1,1"), 2, "no --height: expected 0.001 to 100000 m above the ground"),
         (("--height", 50, "--probe", "range 1,1"), 2, "no --tilt"),
-        (("--height", -3, "--tilt", 60, "--probe", "range 1,1"), 3, "--height: got -3, expected m above"),
+        (
+            ("--height", -3, "--tilt", 60, "--probe", "range 1,1"),
+            3,
+            "--height: got -3, expected 0.001 to 100000 m above",
+        ),
         (("--height", "nan", "--tilt", 60, "--probe", "range 1,1"), 3, "--height: got nan"),
         (("--height", 50, "--tilt", 200, "--probe", "range 1,1"), 3, "--tilt: got 200"),
         ((*POSE, "--roll", 300, "--probe", "range 1,1"), 3, "--roll: got 300"),

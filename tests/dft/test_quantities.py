@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from aerodft.dft.measure import Request, Setup, measure
-from aerodft.dft.quantities import SCALARS, Sight, crosses_itself, gradient
+from aerodft.dft.polygons import crosses_itself
+from aerodft.dft.quantities import SCALARS, Sight, beside, gradient
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix
@@ -64,6 +65,24 @@ def test_gradients_are_finite_differences(kind, data):
     value = SCALARS[kind]
     assume(np.linalg.norm(np.diff(points, axis=0), axis=1).min(initial=1.0) > 1e-2)
     assume(kind is not ProbeKind.AREA or value(sight) > 1e-2)
+    assert_is_derivative(found, value, sight)
+
+
+@given(st.lists(st.floats(-20, 20), min_size=8, max_size=8))
+@settings(max_examples=40, deadline=None)
+def test_how_far_a_top_is_beside_its_base_has_its_derivatives(numbers):
+    camera = np.array([numbers[0], numbers[1] - 60.0, 30.0])
+    points = np.array([[numbers[2], numbers[3], 0.0], [numbers[4], numbers[5], 0.0]])
+    directions = (points - camera) * 0.1 + [numbers[6] / 10, numbers[7] / 10, 0.4]
+    sight = Sight(camera, directions, points)
+    off, found = beside(sight)
+    ray = directions[1, :2] / np.hypot(*directions[1, :2])
+    foot = camera[:2] + ray * (ray @ (points[0] - camera)[:2])
+    assert_allclose(abs(off), np.hypot(*(points[0, :2] - foot)), atol=1e-9)
+    assert_is_derivative(found, lambda moved: beside(moved)[0], sight)
+
+
+def assert_is_derivative(found, value, sight):
     step = 1e-6
     for part, by in (
         ("camera_enu_m", found.by_camera),
@@ -97,6 +116,61 @@ def test_the_top_may_be_above_the_horizon():
     answer = answer_of(ProbeKind.HEIGHT, pixels_of(pose, np.array([base, base + [0, 0, 5.0]])), pose)
     assert answer.status is Status.OK
     assert_allclose(answer.value, 5.0, atol=1e-6)
+
+
+def test_what_is_seen_beside_the_base_is_no_top_of_it():
+    pose = camera_pose(height_agl_m=12.0, tilt_rad=1.0)
+    base = np.array([0.0, 18.0, 0.0])
+    leaning, elsewhere = (
+        answer_of(ProbeKind.HEIGHT, pixels_of(pose, np.array([base, base + [aside, 0, 2.0]])), pose)
+        for aside in (1.2, 6.0)
+    )
+    assert leaning.status is Status.OK
+    assert elsewhere.status is Status.NOT_UPRIGHT
+    assert "m beside the vertical through the base" in elsewhere.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("corners", "crosses"),
+    [
+        ([(0, 0), (4, 0), (4, 3), (0, 3)], False),
+        ([(0, 0), (4, 0), (2, 1), (4, 3), (0, 3)], False),
+        ([(0, 0), (4, 0), (4, 0), (4, 3), (0, 3), (0, 3)], False),
+        ([(0, 0), (4, 3), (4, 0), (0, 3)], True),
+        ([(0, 0), (4, 0), (2, 2), (0, 4), (4, 4), (2, 2)], True),
+        ([(0, 0), (4, 0), (4, 3), (0, 3)] * 2, True),
+        ([(0, 0), (4, 0), (4, 3), (0, 3), (4, 3), (4, 0)], True),
+        ([(0, 0), (4, 0), (2, 0), (2, 3)], True),
+        ([(0, 0), (4, 0), (4, 3), (2, 0), (0, 3)], True),
+        ([(0, 0), (4, 0), (9, 0)], True),
+        ([(0, 0), (4, 0), (0, 0)], True),
+        ([(1, 1), (1, 1), (1, 1)], True),
+    ],
+    ids=[
+        "square",
+        "dent",
+        "twice-clicked",
+        "bow",
+        "eight",
+        "two-rounds",
+        "back",
+        "spur",
+        "touch",
+        "line",
+        "two",
+        "one",
+    ],
+)
+def test_a_polygon_goes_round_one_piece_of_ground(corners, crosses):
+    turned = np.array(corners, dtype=float) @ [[0.8, 0.6], [-0.6, 0.8]] + [1234.5, -987.6]
+    assert crosses_itself(np.column_stack([turned, np.zeros(len(turned))])) is crosses
+
+
+def test_no_length_is_negative():
+    pose = camera_pose(height_agl_m=12.0, tilt_rad=1.0)
+    nothing = answer_of(ProbeKind.DISTANCE, ((900.0, 500.0), (900.0, 500.0)), pose)
+    assert (nothing.value, nothing.ci95[0]) == (0.0, 0.0)
+    assert nothing.ci95[1] > 0
 
 
 def test_swapped_base_and_top_are_named():

@@ -208,6 +208,9 @@ def paper_world(fov_rad, tilt_rad, heading_rad, position, elevation_m, pixels):
     points["top"] = a + [0, 0, height * (ahead["top"] - ahead["a"]) / ahead["top"]]
     if min(math.dist(a, b), math.dist(b, c), math.dist(c, a), math.dist(c[:2], foot)) < 1e-2:
         return None
+    (ux, uy, _), (vx, vy, _) = b - a, c - a
+    if abs(ux * vy - uy * vx) < 1e-6 * max(math.dist(a, b), math.dist(c, a)) ** 2:  # three corners in a line
+        return None
     camera = Camera.from_fov(name="c", width_px=WIDTH_PX, height_px=HEIGHT_PX, hfov_rad=hfov, vfov_rad=vfov)
     return World(camera, tilt_rad, 0.0, heading_rad, np.array(position), elevation_m, points, pixels)
 

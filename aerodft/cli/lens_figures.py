@@ -9,6 +9,7 @@ import numpy as np
 
 from aerodft.cli.lens_run import LensRun
 from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import LensModel
 from calibration.lens.coverage import covered_cells, distortion_px, ray_std_px
 
 mpl.use("Agg")
@@ -21,6 +22,8 @@ _COLUMNS, _ARROWS = 96, 16  # of the maps of distortion
 _ARROW_SHARE = 0.02  # of the image's width: what a typical residual is drawn as
 _BAR_IN, _MOST_NAMED = 0.22, 60
 _NAME_LETTERS = 32
+
+_IDEAL: Final = {LensModel.BROWN: "a pinhole", LensModel.FISHEYE: "a fisheye of equal angles"}
 
 FIGURES: Final = ("coverage", "residuals", "views", "distortion", "known")
 
@@ -110,7 +113,7 @@ def _grid(run: LensRun, columns: int) -> FloatArray:
 
 def _distortion(run: LensRun) -> Figure:
     camera = run.solution.camera
-    figure, axes = _image_axes(run, "How far the lens moves a pixel from where a pinhole would have it")
+    figure, axes = _image_axes(run, f"How far the lens moves a pixel from where {_IDEAL[camera.lens]} would have it")
     fine, coarse = _grid(run, _COLUMNS), _grid(run, _ARROWS)
     _draw_map(figure, axes, fine, np.linalg.norm(distortion_px(camera, fine), axis=-1), "displacement (px)")
     moved = distortion_px(camera, coarse).reshape(-1, 2)

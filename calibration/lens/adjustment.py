@@ -17,7 +17,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, CameraStd
 from calibration.lens.views import Corners
 
-_MOST_STEPS = 200
+_MOST_STEPS = 100
 _SETTLED = 1e-12  # share by which the sum of squares may still fall
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e12
 _EASIER, _HARDER = 0.1, 10.0

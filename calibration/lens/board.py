@@ -14,7 +14,7 @@ from aerodft.model.arrays import FloatArray, ImageArray, IntArray
 DEFAULT_CHARUCO: Final = "charuco:10x7:25mm:18mm:4X4_50"
 """What ``charuco`` alone means: 250 x 175 mm, on one sheet of A4."""
 
-_UNITS_M: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_PER_M: Final = {"mm": 1000.0, "cm": 100.0, "m": 1.0}
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?|\.\d+)(mm|cm|m)")
 _GRID = re.compile(r"(\d{1,3})x(\d{1,3})")
 _FEWEST_CORNERS, _MOST_ALONG = 3, 100
@@ -140,7 +140,7 @@ def _length_m(text: str, board: str) -> float:
     match = _LENGTH.fullmatch(text)
     if match is None or not float(match[1]) > 0:
         raise UsageError(f"--board {board}", got=text, expected="a length with its unit, e.g. 25mm")
-    return float(match[1]) * _UNITS_M[match[2]]
+    return float(match[1]) / _PER_M[match[2]]
 
 
 def _dictionary(text: str, board: str) -> str:

@@ -7,9 +7,11 @@ from typing import Final
 import numpy as np
 
 from aerodft.geometry.intrinsics import rays_by_intrinsics
-from aerodft.geometry.lens import rays_from_pixels, rays_with_jacobian
+from aerodft.geometry.lens import distorted_with_jacobian, pixels_from_rays, rays_from_pixels
+from aerodft.geometry.rotation import skew
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
+from calibration.lens.adjustment import with_coefficients
 from calibration.lens.choice import cells
 from calibration.lens.determined import largest_turn_rad
 from calibration.lens.solution import LensSolution
@@ -71,11 +73,13 @@ def _open_regions(covered: np.ndarray) -> list[str]:
 
 
 def distortion_px(camera: Camera, pixels_px: FloatArray) -> FloatArray:
-    """How far the lens moves pixels ``(..., 2)`` from where a pinhole would have them; NaN where it has no inverse."""
-    rays = rays_from_pixels(camera, pixels_px)
-    ahead = np.where(rays[..., 2:] > 0, rays[..., 2:], np.nan)
-    pinhole = rays[..., :2] / ahead * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
-    return np.asarray(pixels_px - pinhole)
+    """How far the lens moves pixels ``(..., 2)`` from where it would have them with coefficients of 0.
+
+    That is a pinhole for a Brown lens, and for a fisheye one whose pixels are apart as angles are. NaN where the lens
+    has no inverse.
+    """
+    ideal = with_coefficients(camera, 0)
+    return np.asarray(pixels_px - pixels_from_rays(ideal, rays_from_pixels(camera, pixels_px)))
 
 
 def ray_std_px(camera: Camera, cov: FloatArray, pixels_px: FloatArray) -> FloatArray:
@@ -89,14 +93,13 @@ def ray_std_px(camera: Camera, cov: FloatArray, pixels_px: FloatArray) -> FloatA
         cov: Of its intrinsics.
         pixels_px: Pixels; those that the lens has no inverse for are NaN.
     """
-    rays = rays_with_jacobian(camera, pixels_px)
-    by = np.linalg.pinv(np.nan_to_num(rays.jac_px)) @ rays_by_intrinsics(camera, pixels_px)
-    turned = np.linalg.pinv(np.nan_to_num(rays.jac_px)) @ np.cross(np.eye(3)[None], rays.rays_cam[:, None]).swapaxes(
-        -1, -2
-    )
-    sound = np.all(np.isfinite(by), axis=(1, 2))
-    flat, rotation = by[sound].reshape(-1, by.shape[-1]), turned[sound].reshape(-1, 3)
-    left = (flat - rotation @ np.linalg.lstsq(rotation, flat, rcond=None)[0]).reshape(-1, 2, by.shape[-1])
+    rays = rays_from_pixels(camera, pixels_px)
+    sound = np.all(np.isfinite(rays), axis=-1)
+    rays = rays[sound]
+    by_ray = distorted_with_jacobian(camera, rays)[1] * np.array([[camera.fx_px], [camera.fy_px]])
+    by_intrinsics = by_ray @ rays_by_intrinsics(camera, pixels_px[sound])
+    flat, turned = by_intrinsics.reshape(-1, len(cov)), (by_ray @ skew(rays)).reshape(-1, 3)
+    left = (flat - turned @ np.linalg.lstsq(turned, flat, rcond=None)[0]).reshape(-1, 2, len(cov))
     found = np.full(len(pixels_px), np.nan)
     found[sound] = np.sqrt(np.linalg.eigvalsh(left @ cov @ left.swapaxes(-1, -2))[:, -1].clip(0))
     return found

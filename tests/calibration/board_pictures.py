@@ -70,10 +70,11 @@ def picture(camera, board, rotvec, move, *, blur_px=0.6, noise=2.0, seed=0):
     rotation = cv2.Rodrigues(np.asarray(rotvec, dtype=np.float64))[0]
     rays = _rays(camera) @ rotation.astype(np.float32)
     start = -rotation.T @ np.asarray(move)
-    along = (-start[2] / rays[:, 2])[:, None]
-    squares = (start[:2] + along * rays[:, :2]) / board.square_m
+    with np.errstate(divide="ignore", invalid="ignore"):  # rays along the board never meet it
+        along = (-start[2] / rays[:, 2])[:, None]
+        squares = (start[:2] + along * rays[:, :2]) / board.square_m
     texels = ((squares + 1.0) * SQUARE_TEXELS + round(WHITE_SQUARES * SQUARE_TEXELS) - 0.5).astype(np.float32)
-    texels[along[:, 0] <= 0] = -100.0
+    texels[~(along[:, 0] > 0)] = -100.0
     at = texels.reshape(camera.height * FINE, camera.width * FINE, 2)
     # OpenCV's coordinates end at 32767, and a picture of a board is smaller by far.
     at = np.clip(at, -100, 30_000)

@@ -1,0 +1,211 @@
+"""The words and tables of a calibration's report: Markdown for people, CSV for spreadsheets."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from aerodft import __version__
+from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.adapters.config.evidence_frame import takes_degrees
+from aerodft.cli.calibrate_report_rows import Row
+from aerodft.cli.calibrate_words import document
+from aerodft.model.measurement import ProjectionModel
+from calibration.observability import LIMIT
+from calibration.result import Result, said
+from calibration.state import coefficient_names
+
+COLUMNS: Final = (
+    "name",
+    "kind",
+    "u_px",
+    "v_px",
+    "off_u_px",
+    "off_v_px",
+    "residual_px",
+    "residual_sigma",
+    "range_m",
+    "ground_m",
+    "left_out_ground_m",
+    "left_out",
+)
+"""Of the CSV; ``u_px``, ``v_px`` is the pixel of the observation that is off most, ``off_`` from it to where it should
+be; empty where there is none."""
+
+_LAST_COLUMN = (
+    "The last column is the error on the ground of a calibration that has not seen the observation: so well would the"
+    " next one be measured."
+)
+_POSE = ("east", "north", "height", "tilt", "roll", "heading", "elevation")
+_UNLIKELY, _TOO_GOOD, _TINY = 0.01, 0.99, 1e-6
+_DEGREE_DIGITS, _MOST_DIGITS = 8, 6
+_ESCAPED = re.compile(r"([\\`*_{}\[\]<>#|~$&!()])")
+
+
+def residual_table(rows: Sequence[Row]) -> str:
+    """The CSV."""
+    file = io.StringIO(newline="")
+    writer = csv.writer(file)
+    writer.writerow(COLUMNS)
+    for row in rows:
+        seen, off = row.mark.seen_px[row.mark.worst], row.mark.off_px
+        numbers = (*seen.tolist(), *off.tolist(), row.left.px, row.left.sigma, row.range_m)
+        ground = (row.left.ground_m, row.left.left_out_ground_m)
+        outlier = "yes" if row.left.is_outlier else "no"
+        writer.writerow([row.mark.name, row.mark.kind, *map(_number, (*numbers, *ground)), outlier])
+    return file.getvalue()
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or not math.isfinite(value) else f"{value:.6g}"
+
+
+def markdown(
+    result: Result, found: EvidenceFile, rows: Sequence[Row], pictures: tuple[str, str], notes: Sequence[str]
+) -> str:
+    """The report.
+
+    Args:
+        result: The calibration.
+        found: What it is from.
+        rows: Its observations.
+        pictures: File names of the image and of the residuals, beside the report.
+        notes: Sentences on the image.
+    """
+    about = document(result, found, "")
+    image, residuals = pictures
+    parts = [
+        f"# Calibration of {_plain(result.solution.state.camera.name)}",
+        _provenance(result, found),
+        f"![The image with observations and the ground grid]({image})",
+        *(_plain(note) for note in notes),
+        "## What was found",
+        _parameters(about),
+        _place(about),
+        *([_correlations(about)] if len(about["order"]) > 1 else []),
+        f"Taken as exact: {'; '.join(_exact(result, found))}.",
+        "## How well it fits",
+        _list([*_fit(result), _observability(result), *(f"{_plain(note)}." for note in about["notes"])]),
+        f"![Residuals]({residuals})",
+        "## What is left of each observation",
+        _LAST_COLUMN,
+        _rows(rows),
+        f"Left out: {', '.join(_plain(name) for name in about['outliers']) or 'nothing'}.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _plain(text: str) -> str:
+    """A text that Markdown shows as it is, on one line."""
+    line = "".join(each if each.isprintable() else " " for each in text)
+    return _ESCAPED.sub(r"\\\1", line)
+
+
+def _list(sentences: Sequence[str]) -> str:
+    return "\n".join(f"- {sentence}" for sentence in sentences)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1) -> str:
+    """A table whose first columns are words, the others numbers."""
+    rule = ["---"] * words + ["---:"] * (len(head) - words)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
+
+
+def _provenance(result: Result, found: EvidenceFile) -> str:
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    model = "the paper's equations (dft)" if result.solution.state.model is ProjectionModel.DFT else "pinhole"
+    return (
+        f"From {_plain(found.path.name)} (sha256 {found.sha256}), {now}, aerodft {__version__}, model: {model},"
+        f" coordinates: {_plain(found.frame.crs)}."
+    )
+
+
+def _parameters(about: dict[str, Any]) -> str:
+    rows = []
+    for key, each in about["parameters"].items():
+        value, std = each["value"], each["std"]
+        digits = _MOST_DIGITS if not std else max(0, 1 - math.floor(math.log10(std)))
+        shown = (f"{value:.{digits}f}", "unknown" if std is None else f"{std:.{digits}f}")
+        low, high = ("", "") if std is None else (f"{value + sign * 1.96 * std:.{digits}f}" for sign in (-1, 1))
+        rows.append((_plain(key), *shown, f"{low} to {high}" if std is not None else ""))
+    return _table(("unknown", "value", "std", "95 % interval"), rows)
+
+
+def _place(about: dict[str, Any]) -> str:
+    digits = _DEGREE_DIGITS if takes_degrees(about["crs"]) else 3
+    first, second, height = about["position"]
+    on_map = "" if about["lat_deg"] is None else f" (WGS84: {about['lat_deg']:.7f}, {about['lon_deg']:.7f})"
+    place = f"{first:.{digits}f}, {second:.{digits}f}, {height:.3f}"
+    return f"The camera is at {place} in the coordinates of the file{on_map}."
+
+
+def _correlations(about: dict[str, Any]) -> str:
+    names = about["order"]
+    rows = [
+        [_plain(name), *("" if value is None else f"{value:.2f}" for value in row)]
+        for name, row in zip(names, about["correlations"], strict=True)
+    ]
+    return _table(["correlation", *map(_plain, names)], rows)
+
+
+def _exact(result: Result, found: EvidenceFile) -> list[str]:
+    """Everything that was not solved for, with its value."""
+    state, unknowns = result.solution.state, result.problem.unknowns.names
+    lens = ["fx", "fy", "cx", "cy", *coefficient_names(state.camera)]
+    asked = {*unknowns, *(("fx", "fy") if "focal" in unknowns else ())}
+    words = []
+    for name in [*_POSE, *lens]:
+        if name not in asked:
+            key, scale = said(name)
+            value = scale * state.value(name) - (state.elevation_m if name == "height" else 0.0)
+            why = ", as stated" if name in found.fixed else ""
+            words.append(f"{_plain(key)} {value:.8g}{why}")
+    return words
+
+
+def _fit(result: Result) -> list[str]:
+    solution, sentences = result.solution, []
+    if result.rms_px is not None:
+        sentences.append(f"The landmarks are {result.rms_px:.2f} px off (root mean square), outliers apart.")
+    if solution.p_value is None:
+        sentences.append(
+            "There are no more observations than unknowns: nothing says whether the stated stds are true, or whether"
+            " an observation is wrong."
+        )
+        return sentences
+    head = f"Chi-square is {solution.chi2:.1f} with {solution.dof} degrees of freedom:"
+    if solution.p_value < _UNLIKELY:
+        chance = f"{100 * solution.p_value:.2g} %" if solution.p_value > _TINY else "less than a millionth"
+        verdict = f"residuals so large would come up in {chance} of all calibrations if the stated stds were true."
+    elif solution.p_value > _TOO_GOOD:
+        verdict = "the residuals are much smaller than the stated stds."
+    else:
+        verdict = f"the residuals are as large as the stated stds say (chance {100 * solution.p_value:.0f} %)."
+    return [*sentences, f"{head} {verdict}"]
+
+
+def _observability(result: Result) -> str:
+    weakest = result.weakest
+    if not weakest.is_determined:
+        return _plain(weakest.sentence[:1].upper() + weakest.sentence[1:] + ".")
+    names = " and ".join(_plain(name) for name in weakest.combination)
+    what = f"the combination of {names}" if len(weakest.combination) > 1 else names
+    return (
+        f"Everything that was asked for is determined. Known worst is {what}: to {100 * weakest.std_share:.2g} % of its"
+        f" size (an angle: of a radian), where more than {100 * LIMIT:.0f} % would count as not determined."
+    )
+
+
+def _rows(rows: Sequence[Row]) -> str:
+    head = ("observation", "kind", "px", "sigma", "on the ground (m)", "not having seen it (m)")
+    cells = []
+    for row in rows:
+        ground = (row.left.ground_m, row.left.left_out_ground_m)
+        name = _plain(row.mark.name) + (" (left out)" if row.left.is_outlier else "")
+        px = f"{row.left.px:.2f}" if math.isfinite(row.left.px) else "out of sight"
+        numbers = (px, f"{row.left.sigma:.2f}", *("" if each is None else f"{each:.3f}" for each in ground))
+        cells.append((name, _plain(row.mark.kind), *numbers))
+    return _table(head, cells, words=2)

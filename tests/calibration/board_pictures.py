@@ -42,7 +42,7 @@ class TrueCamera:
 
 @cache
 def _rays(camera):
-    """``(n, 3)`` of all samples of all pixels."""
+    """``(n, 1, 2)`` of all samples of all pixels, one ahead; the board is never behind."""
     u = (np.arange(camera.width * FINE) + 0.5) / FINE - 0.5
     v = (np.arange(camera.height * FINE) + 0.5) / FINE - 0.5
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
@@ -51,7 +51,7 @@ def _rays(camera):
         flat = cv2.fisheye.undistortPoints(pixels, camera.matrix, distortion, criteria=STOP)
     else:
         flat = cv2.undistortPoints(pixels, camera.matrix, distortion, criteria=STOP)
-    return np.concatenate([flat[:, 0], np.ones((len(flat), 1))], axis=1).astype(np.float32)
+    return flat.astype(np.float32)
 
 
 def picture(camera, board, rotvec, move, *, blur_px=0.6, noise=2.0, seed=0):
@@ -68,16 +68,13 @@ def picture(camera, board, rotvec, move, *, blur_px=0.6, noise=2.0, seed=0):
     """
     texture = draw_board(board, SQUARE_TEXELS / board.square_m, WHITE_SQUARES * board.square_m)
     rotation = cv2.Rodrigues(np.asarray(rotvec, dtype=np.float64))[0]
-    rays = _rays(camera) @ rotation.astype(np.float32)
-    start = -rotation.T @ np.asarray(move)
-    with np.errstate(divide="ignore", invalid="ignore"):  # rays along the board never meet it
-        along = (-start[2] / rays[:, 2])[:, None]
-        squares = (start[:2] + along * rays[:, :2]) / board.square_m
-    texels = ((squares + 1.0) * SQUARE_TEXELS + round(WHITE_SQUARES * SQUARE_TEXELS) - 0.5).astype(np.float32)
-    texels[~(along[:, 0] > 0)] = -100.0
-    at = texels.reshape(camera.height * FINE, camera.width * FINE, 2)
+    from_board = np.column_stack([rotation[:, :2], move])  # (x, y, 1) on the board to a ray
+    scale = SQUARE_TEXELS / board.square_m
+    offset = SQUARE_TEXELS + round(WHITE_SQUARES * SQUARE_TEXELS) - 0.5
+    to_texels = np.array([[scale, 0.0, offset], [0.0, scale, offset], [0.0, 0.0, 1.0]]) @ np.linalg.inv(from_board)
+    at = cv2.perspectiveTransform(_rays(camera), to_texels).reshape(camera.height * FINE, camera.width * FINE, 2)
     # OpenCV's coordinates end at 32767, and a picture of a board is smaller by far.
-    at = np.clip(at, -100, 30_000)
+    at = cv2.max(cv2.min(at, (30_000.0,) * 4), (-100.0,) * 4)
     fine = cv2.remap(texture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=120).astype(np.float32)
     coarse = cv2.resize(fine, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     grey = 25.0 + 0.8 * cv2.GaussianBlur(coarse, (0, 0), blur_px)

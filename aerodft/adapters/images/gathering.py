@@ -1,6 +1,6 @@
 """Images of one camera from wherever they are: stills, folders of stills, and videos, one after the other."""
 
-import logging
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,6 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
 
-_LOG = logging.getLogger(__name__)
 STILLS: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 MOST_OF_A_VIDEO: Final = 300
 """Images that are taken of one video."""
@@ -31,7 +30,8 @@ class Gathered:
     """One image.
 
     Attributes:
-        name: Its file's, for images of a video followed by ``#`` and its number.
+        name: Its file's, with its folder where several are called the same, for images of a video followed by ``#`` and
+            its number; no two are called the same.
         pixels: ``(h, w, 3)`` uint8 BGR, as stored.
         done: Share of all sources that has been read.
     """
@@ -50,7 +50,7 @@ def gather(paths: Sequence[Path]) -> Iterator[Gathered]:
     Raises:
         InputError: A path is missing or unreadable, or a folder holds no stills; checked before the first image.
     """
-    return _gathered([item for path in paths for item in _files(path)])
+    return _gathered(list(dict.fromkeys(item for path in paths for item in _files(path))))
 
 
 def _files(path: Path) -> list[Path]:
@@ -65,12 +65,14 @@ def _files(path: Path) -> list[Path]:
 
 
 def _gathered(files: list[Path]) -> Iterator[Gathered]:
+    called = Counter(path.name for path in files)
     for index, path in enumerate(files):
+        name = path.name if called[path.name] == 1 else str(path)
         if path.suffix.lower() in STILLS:
-            yield Gathered(name=path.name, pixels=_still(path), done=(index + 1) / len(files))
+            yield Gathered(name=name, pixels=_still(path), done=(index + 1) / len(files))
         else:
-            for name, pixels, share in _of_video(path):
-                yield Gathered(name=name, pixels=pixels, done=(index + share) / len(files))
+            for number, pixels, share in _of_video(path):
+                yield Gathered(name=f"{name}#{number}", pixels=pixels, done=(index + share) / len(files))
 
 
 def _still(path: Path) -> ImageArray:
@@ -83,8 +85,8 @@ def _still(path: Path) -> ImageArray:
     return StillPixels(data, str(path))()
 
 
-def _of_video(path: Path) -> Iterator[tuple[str, ImageArray, float]]:
-    """Name, pixels and share of the video; of each stretch the sharpest image."""
+def _of_video(path: Path) -> Iterator[tuple[int, ImageArray, float]]:
+    """Number, pixels and share of the video; of each stretch the sharpest image."""
     source = VideoFileSource(path, start_ns=0)
     length_ns = source.info.duration_ns or 0
     stretch_ns = max(_LEAST_STEP_NS, length_ns // MOST_OF_A_VIDEO)
@@ -97,7 +99,7 @@ def _of_video(path: Path) -> Iterator[tuple[str, ImageArray, float]]:
             continue
         stretch = image.stamp_ns // stretch_ns
         if best is not None and stretch != current:
-            yield f"{path.name}#{best[1]}", best[2], min(image.stamp_ns / max(length_ns, 1), 1.0)
+            yield best[1], best[2], min(image.stamp_ns / max(length_ns, 1), 1.0)
             best = None
         current = stretch
         pixels = image.pixels()
@@ -105,7 +107,7 @@ def _of_video(path: Path) -> Iterator[tuple[str, ImageArray, float]]:
         if best is None or sharpness > best[0]:
             best = (sharpness, image.index, pixels)
     if best is not None:
-        yield f"{path.name}#{best[1]}", best[2], 1.0
+        yield best[1], best[2], 1.0
 
 
 def _sharpness(pixels: ImageArray) -> float:

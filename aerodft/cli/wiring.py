@@ -15,6 +15,7 @@ from aerodft.cli.output import say
 from aerodft.errors import InputError
 from aerodft.model.batch import Batch, Event
 from aerodft.model.camera import Camera
+from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
@@ -22,12 +23,16 @@ from aerodft.model.telemetry import RawBlock
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Feed, Output, Sink, Source
 from calibration.biases import BiasCalibrator
+from calibration.live import LiveCalibrator
 
 
 def build_pipeline(station: StationConfig) -> Pipeline:
-    """The pipeline of a station, with its telemetry decoder and calibration."""
+    """The pipeline of a station, with its telemetry decoder and calibration, refined live where it has landmarks."""
     telemetry = station.pipeline.telemetry
     decoder = CompositeDecoder(None if telemetry is None else telemetry.system)
+    if station.live is not None:
+        live = LiveCalibrator(station.live, station.pipeline, station.calibration)
+        return Pipeline(station.pipeline, decoder, live, live)
     calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
     return Pipeline(station.pipeline, decoder, calibrator)
 
@@ -81,6 +86,7 @@ class Tally:
         images: Images (or stamps) that were evaluated.
         measurements: Number of measurements by status.
         poses: Number of poses by status.
+        estimate: The last one of a live calibration; None without landmarks.
         reasons: Why poses had no answer: the first sentence of each status, in the order in which they came.
     """
 
@@ -88,6 +94,7 @@ class Tally:
     measurements: Counter[str] = field(default_factory=Counter)
     poses: Counter[str] = field(default_factory=Counter)
     reasons: dict[str, str] = field(default_factory=dict)
+    estimate: CalibrationEstimate | None = None
 
     def inputs(self, batch: Batch) -> None:
         """Nothing is counted before it is answered."""
@@ -99,6 +106,8 @@ class Tally:
                 self.images += 1
             elif isinstance(item, Measurement):
                 self.measurements[str(item.status)] += 1
+            elif isinstance(item, CalibrationEstimate):
+                self.estimate = item
             elif isinstance(item, PoseSample):
                 self.poses[str(item.status)] += 1
                 if item.reasons:

@@ -1,13 +1,15 @@
 """Batches in, poses and measurements out: the one path that live, imported and recomputed flights take.
 
 What comes out is a function of the batches alone. An image (or an observation) becomes a job at its stamp; a job is
-done on the first tick at which its telemetry is complete on both sides, or when it has waited long enough.
+done on the first tick at which its telemetry is complete on both sides, or when it has waited long enough. What
+landmarks teach is used from the next stamp on: of what is done on one tick, in the order of the stamps.
 """
 
 import threading
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.projection import shared_count
@@ -21,7 +23,7 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import PixelSource, takes_pixels
 from aerodft.model.status import Status
 from aerodft.service.feed import tick_after
-from aerodft.service.ports import Calibrator, Output, TelemetryDecoder
+from aerodft.service.ports import Calibrator, LandmarkObserver, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 
@@ -33,6 +35,13 @@ class _Job:
     stamp_ns: int
     deadline_ns: int
     subject: Image | Observation
+    is_landmark: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Ready:
+    job: _Job
+    sample: PoseSample  # as the telemetry has it
 
 
 @dataclass(slots=True)
@@ -52,15 +61,21 @@ class Pipeline:
         settings: What the numbers depend on.
         decoder: Turns raw telemetry into tracks.
         calibrator: Refines every pose; None uses poses as they come.
+        observer: Learns from observed landmarks; None where there are none.
     """
 
     def __init__(
-        self, settings: PipelineSettings, decoder: TelemetryDecoder, calibrator: Calibrator | None = None
+        self,
+        settings: PipelineSettings,
+        decoder: TelemetryDecoder,
+        calibrator: Calibrator | None = None,
+        observer: LandmarkObserver | None = None,
     ) -> None:
         self.counts = Counts()
         self._settings = settings
         self._decoder = decoder
         self._calibrator = calibrator
+        self._observer = observer
         self._setup = Setup(
             camera=settings.camera,
             model=settings.model,
@@ -92,7 +107,7 @@ class Pipeline:
 
         Returns:
             Finished work: for an image the image (stamp in UTC), its pose and its measurements; for an observation
-            the observation with its image, and its measurement.
+            the observation with its image, and its measurement; for the landmarks of an image the new estimate.
         """
         with self._lock:
             return tuple(self._step(batch))
@@ -151,16 +166,22 @@ class Pipeline:
     def _accept_observation(self, observation: Observation) -> None:
         self.counts.observations += 1
         probe = self._observed.get(observation.name)
-        if probe is None:
+        is_known = self._observer is not None and self._observer.observes(observation.name)
+        if probe is None and not is_known:
             self.counts.unknown_probe += 1
             return
-        if not takes_pixels(probe.kind, len(observation.pixels)):
+        is_measured = probe is not None and takes_pixels(probe.kind, len(observation.pixels))
+        is_landmark = is_known and len(observation.pixels) == 1
+        if not is_measured and not is_landmark:
             self.counts.wrong_pixel_count += 1
             return
         stamp_ns = self._utc(observation.stamp_ns, observation.clock)
         known = replace(observation, stamp_ns=stamp_ns, clock=StampClock.UTC)
         deadline = tick_after(observation.arrival_ns + self._wait_ns, self._settings.tick_ns)
-        self._jobs.append(_Job(stamp_ns, deadline, known))
+        if is_measured:
+            self._jobs.append(_Job(stamp_ns, deadline, known))
+        if is_landmark:
+            self._jobs.append(_Job(stamp_ns, deadline, known, is_landmark=True))
 
     def _utc(self, stamp_ns: int, clock: StampClock) -> int:
         return stamp_ns if clock is StampClock.UTC else stamp_ns + self._poses.clock.utc_minus_host_ns
@@ -171,7 +192,7 @@ class Pipeline:
         return [output for deadline_ns in sorted(deadlines_ns) for output in self._finish(deadline_ns)]
 
     def _finish(self, now_ns: int) -> list[Output]:
-        outputs: list[Output] = []
+        ready: list[_Ready] = []
         waiting: deque[_Job] = deque()
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
@@ -180,19 +201,48 @@ class Pipeline:
                 waiting.append(job)
                 continue
             look = final or blocked_ns is None or job.stamp_ns < blocked_ns
-            sample = self._pose(job.stamp_ns, final=final) if look else None
+            sample = self._telemetry_pose(job.stamp_ns, final=final) if look else None
             if sample is None:
                 waiting.append(job)
                 blocked_ns = min(job.stamp_ns, blocked_ns or job.stamp_ns)
             else:
-                outputs += self._answer(job, sample)
+                ready.append(_Ready(job, sample))
         self._jobs = waiting
-        return outputs
+        return self._done(ready)
+
+    def _done(self, ready: list[_Ready]) -> list[Output]:
+        """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
+        outputs: list[Output] = []
+        landmarks = sorted((each for each in ready if each.job.is_landmark), key=lambda each: each.job.stamp_ns)
+        for each in ready:
+            if each.job.is_landmark:
+                continue
+            earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
+            landmarks = landmarks[len(earlier) :]
+            outputs += [*self._learn(earlier), *self._answer(each.job, self._refined(each.sample))]
+        return outputs + self._learn(landmarks)
+
+    def _learn(self, seen: list[_Ready]) -> list[Output]:
+        """Learn from landmarks in order of their stamps, those of one image at once."""
+        if self._observer is None:
+            return []
+        estimates: list[Output] = []
+        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
+            image = tuple(group)
+            observations = tuple(each.job.subject for each in image if isinstance(each.job.subject, Observation))
+            estimates.append(self._observer.observe(image[0].sample, observations))
+        return estimates
 
     def _pose(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
+        sample = self._telemetry_pose(stamp_ns, final=final)
+        return None if sample is None else self._refined(sample)
+
+    def _telemetry_pose(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
         fixed = self._settings.fixed_pose
-        sample = replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final)
-        return self._calibrator.refine(sample) if sample and self._calibrator else sample
+        return replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final)
+
+    def _refined(self, sample: PoseSample) -> PoseSample:
+        return self._calibrator.refine(sample) if self._calibrator else sample
 
     def _answer(self, job: _Job, sample: PoseSample) -> list[Output]:
         if isinstance(job.subject, Image):

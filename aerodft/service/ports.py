@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from aerodft.model.batch import Batch, Event
+from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
@@ -55,6 +56,18 @@ class Calibrator(Protocol):
         ...
 
 
+class LandmarkObserver(Protocol):
+    """Learns from landmarks in the images, most likely for a ``Calibrator``."""
+
+    def observes(self, name: str) -> bool:
+        """Whether observations of this name are of a landmark."""
+        ...
+
+    def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CalibrationEstimate:
+        """Learn from landmarks of one pixel each, seen at the stamp of the unrefined ``sample``."""
+        ...
+
+
 class Sink(Protocol):
     """Takes what was read and what was measured; must not block (queues, sheds and counts instead)."""
 
@@ -71,4 +84,4 @@ class Sink(Protocol):
         ...
 
 
-Output = Measurement | PoseSample | Observation | Image
+Output = Measurement | PoseSample | Observation | Image | CalibrationEstimate

@@ -1,10 +1,12 @@
 """What a station is configured to do, in SI units; ``adapters.config`` makes it from TOML."""
 
+import math
 from dataclasses import dataclass, field
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground
 from aerodft.model.camera import Camera
+from aerodft.model.landmark import SurveyedLandmark
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.probe import Probe
@@ -84,6 +86,55 @@ class TelemetrySettings:
     height: HeightSettings = field(default_factory=HeightSettings)
     attitude: AttitudeSettings = field(default_factory=AttitudeSettings)
     wait_ns: int = 2 * SECOND_NS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorStd:
+    """Standard deviations of the telemetry's errors, each None where a default applies; axes as in ``PoseStd``."""
+
+    height_m: float | None = None
+    horizontal_m: float | None = None
+    tilt_rad: float | None = None
+    pan_rad: float | None = None
+    roll_rad: float | None = None
+    heading_rad: float | None = None
+
+
+DRIFT = ErrorStd(
+    height_m=0.02,
+    horizontal_m=0.1,
+    tilt_rad=math.radians(0.01),
+    pan_rad=math.radians(0.01),
+    roll_rad=math.radians(0.01),
+    heading_rad=math.radians(0.03),
+)
+"""Random walks per square root of a second: a barometer strays by half a metre in ten minutes, GPS by metres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveCalibration:
+    """How biases of the telemetry are estimated from landmarks, while the station measures.
+
+    What telemetry states as its standard deviations is for the most part the same error for a whole flight: that part
+    is estimated. The rest is new in every image, and stays in every interval.
+
+    Attributes:
+        landmarks: What is looked for.
+        noise_share: That rest, as a share of each stated standard deviation.
+        noise: The same for single errors, in their own units.
+        initial: Standard deviations of the biases before a landmark was seen; None for what is left of the stated ones.
+        drift: Random walk of the biases per square root of a second; what was learned fades until ``initial`` is back.
+        gate_probability: A landmark farther off than this share of all good ones would be is refused.
+        outlier_share: Share of observations that are something else than the landmark.
+    """
+
+    landmarks: tuple[SurveyedLandmark, ...]
+    noise_share: float = 0.1
+    noise: ErrorStd = field(default_factory=ErrorStd)
+    initial: ErrorStd = field(default_factory=ErrorStd)
+    drift: ErrorStd = DRIFT
+    gate_probability: float = 0.999
+    outlier_share: float = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,6 +18,7 @@ class Keys:
         self.jpeg = f"{self.root}/image/jpeg"
         self.camera = f"{self.root}/camera"
         self.location = f"{self.root}/location"
+        self.calibration = f"{self.root}/calibration"
         self.status = f"{self.root}/status"
         self.alive = f"{self.root}/alive"
         self.measure = f"{self.root}/measure"

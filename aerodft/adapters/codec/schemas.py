@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.codec import events, measurement, pose, status
+from aerodft.adapters.codec import estimate, events, measurement, pose, status
 from aerodft.model.image import StampClock
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GimbalSource, HeightSource
@@ -163,6 +163,46 @@ OBSERVATION: Final = _document(
     },
 )
 
+_BIAS = _object({"value": _NUMBER, "std": _NUMBER})
+_PAIR = _or_null(_list(_NUMBER, length=2))
+
+CALIBRATION_ESTIMATE: Final = _document(
+    estimate.SCHEMA,
+    "What is to be added to the telemetry, after the landmarks of one image",
+    {
+        "stamp_ns": _said(_STAMP, "Of the image that they were seen in"),
+        "calibration": _said(_TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+        "height_source": _or_null(_one_of(HeightSource)),
+        "bias": _object(
+            {
+                "height_m": _said(_BIAS, "Of the height source in use"),
+                "east_m": _BIAS,
+                "north_m": _BIAS,
+                "tilt_deg": _said(_BIAS, "About the camera's x axis; raises the tilt"),
+                "pan_deg": _said(_BIAS, "About its y axis"),
+                "roll_deg": _said(_BIAS, "About its z axis"),
+                "heading_deg": _said(_BIAS, "About the vertical, clockwise"),
+                "time_s": _said(_BIAS, "Of the images' stamps"),
+            }
+        ),
+        "innovations": _list(
+            _object(
+                {
+                    "name": _said(_TEXT, "The landmark"),
+                    "px": _said(_PAIR, "Observed minus expected pixel"),
+                    "sigma_px": _said(_PAIR, "Standard deviations of the two"),
+                    "chi2": _said(_NUMBER, "Squared distance in standard deviations, of two degrees of freedom"),
+                    "accepted": {"type": "boolean"},
+                    "reason": _said(_TEXT_OR_NULL, "Why it was refused"),
+                }
+            )
+        ),
+        "updates": _said({"type": "integer"}, "Landmarks used since the start"),
+        "refused": _said({"type": "integer"}, "Landmarks refused since the start"),
+        "restarts": _said({"type": "integer"}, "How often nearly all were refused, and the estimate began anew"),
+    },
+)
+
 STATUS: Final = _document(
     status.SCHEMA,
     "What a station is doing",
@@ -180,6 +220,7 @@ SCHEMAS: Final[dict[str, Schema]] = {
     pose.SCHEMA: POSE,
     events.IMAGE_SCHEMA: IMAGE,
     events.OBSERVATION_SCHEMA: OBSERVATION,
+    estimate.SCHEMA: CALIBRATION_ESTIMATE,
     status.SCHEMA: STATUS,
 }
 

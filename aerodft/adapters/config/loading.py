@@ -13,6 +13,7 @@ from aerodft.adapters.config.calibration import (
 )
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
 from aerodft.adapters.config.ground import ground_from, needs_place
+from aerodft.adapters.config.live_tables import live_from
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
@@ -41,7 +42,7 @@ from aerodft.errors import ConfigError
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
-from aerodft.service.settings import PipelineSettings
+from aerodft.service.settings import LiveCalibration, PipelineSettings
 
 
 class _CameraFile(Table):
@@ -94,6 +95,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
             ground=ground,
             calibration=None if telemetry is None else _telemetry_calibration(telemetry, folder),
+            live=_live(table, pipeline, where),
         ),
         where,
     )
@@ -107,6 +109,13 @@ def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: Pose
     if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
         expected = "degrees from north, because the ground is laid out on the map"
         raise ConfigError("pose.heading_deg", where=where, got="nothing", expected=expected)
+
+
+def _live(table: ConfigTable, pipeline: PipelineSettings, where: str) -> LiveCalibration | None:
+    if table.landmark and pipeline.model is ProjectionModel.DFT:
+        got, hint = 'it beside camera.model = "dft"', "the equations of the paper know no roll"
+        raise ConfigError("landmark", where=where, got=got, expected='"pinhole", or no [[landmark]]', hint=hint)
+    return live_from(table.calibration, table.landmark, pipeline.origin, where)
 
 
 def _refreshed(station: StationConfig, where: str) -> StationConfig:

@@ -10,6 +10,7 @@ import tomli_w
 from aerodft.adapters.config.calibration import bias_document
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.config.ground import ground_document, made_ground
+from aerodft.adapters.config.live_tables import live_document
 from aerodft.adapters.config.settings import placed, pose_sample
 from aerodft.adapters.config.station import (
     Device,
@@ -122,6 +123,8 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
         "jpeg_quality": station.record.jpeg_quality,
     }
     document["probe"] = [_probe(probe) for probe in pipeline.probes]
+    if station.live is not None:
+        document |= live_document(station.live)
     return document
 
 

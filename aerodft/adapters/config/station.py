@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 from aerodft.model.calibration import Calibration
 from aerodft.model.pose import PoseStd
-from aerodft.service.settings import PipelineSettings
+from aerodft.service.settings import LiveCalibration, PipelineSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,6 +192,7 @@ class StationConfig:
         fixed_pose: What ``pipeline.fixed_pose`` was made of; None where telemetry gives the pose.
         ground: What ``pipeline.ground`` was made of; None for level ground.
         calibration: Biases to correct the telemetry with.
+        live: Landmarks that refine them while the station measures; None where there are none.
     """
 
     pipeline: PipelineSettings
@@ -203,3 +204,4 @@ class StationConfig:
     fixed_pose: FixedPose | None = None
     ground: GroundShape | None = None
     calibration: Calibration | None = None
+    live: LiveCalibration | None = None

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from aerodft.adapters.config.live_tables import LandmarkTable, LiveTable
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
 from aerodft.adapters.config.tables import (
     Duration,
@@ -206,10 +207,15 @@ class ConfigTable(Table):
     zenoh: ZenohTable = ZenohTable()
     record: RecordTable = RecordTable()
     probe: Many[ProbeTable] = ()
+    landmark: Many[LandmarkTable] = ()
+    calibration: LiveTable = LiveTable()
 
     @model_validator(mode="after")
     def _telemetry_or_pose(self) -> Self:
         if (self.telemetry is None) == (self.pose is None):
             got = "neither of them" if self.pose is None else "both of them"
             raise impossible("", got=got, expected="either [telemetry] or [pose]", hint="[pose] is for a fixed camera")
+        if self.landmark and self.telemetry is None:
+            hint = "find a fixed camera's pose with aerodft calibrate"
+            raise impossible("landmark", got="it beside [pose]", expected="[telemetry]", hint=hint)
         return self

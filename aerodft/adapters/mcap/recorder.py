@@ -1,6 +1,7 @@
 """The recorder: a ``Sink`` that writes a folder of MCAP segments from threads of its own.
 
-``data_*.mcap`` holds raw telemetry, image stamps, observations, poses, measurements and status; ``images_*.mcap`` the
+``data_*.mcap`` holds raw telemetry, image stamps, observations, poses, measurements,
+calibration estimates and status; ``images_*.mcap`` the
 JPEGs and the camera. Inputs are logged at their arrival, in order of arrival; outputs at the tick that made them.
 """
 
@@ -27,6 +28,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
 from aerodft.model.camera import Camera
+from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
@@ -157,8 +159,8 @@ class McapRecorder:
                 self._shed_images += not self._image_lane.put(image)
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
-        """Record poses and measurements; images and observations are inputs and recorded as such."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement))
+        """Record poses, measurements and estimates; images and observations are inputs and recorded as such."""
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | CalibrationEstimate))
         if kept:
             self._put(_Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * len(kept))
 
@@ -239,6 +241,8 @@ class McapRecorder:
                 elif isinstance(item, PoseSample):
                     for record in self._records.of_pose(item, work.now_ns):
                         self._write(record)
+                elif isinstance(item, CalibrationEstimate):
+                    self._write(self._records.of_estimate(item, work.now_ns))
 
     def _write(self, record: Record) -> None:
         self._data.write(record.channel, record.log_ns, record.data, record.sequence)

@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
-from aerodft.adapters.codec import events, measurement, pose, status
+from aerodft.adapters.codec import estimate, events, measurement, pose, status
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
 from aerodft.conventions import SECOND_NS
 from aerodft.model.batch import Batch
+from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.model.telemetry import RawBlock, WireProtocol
@@ -44,6 +45,7 @@ class Records:
         self._observed: dict[str, Channel] = {}
         self._image = json_channel(keys.image, events.IMAGE_SCHEMA)
         self._pose = json_channel(keys.pose, pose.SCHEMA)
+        self._calibration = json_channel(keys.calibration, estimate.SCHEMA)
         self._status = json_channel(keys.status, status.SCHEMA)
         self._location = protobuf_channel(keys.location, LocationFix)
         self._measurements = measurement.MeasurementEncoder()
@@ -84,6 +86,10 @@ class Records:
             self._fixed_ns = now_ns
             records.append(Record(now_ns, self._location, fix))
         return records
+
+    def of_estimate(self, value: CalibrationEstimate, now_ns: int) -> Record:
+        """What a live calibration found, at the tick that it learned on."""
+        return Record(now_ns, self._calibration, estimate.encode_estimate(value))
 
     def of_status(self, value: status.StationStatus) -> Record:
         """A station's state."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import zenoh
 
 from aerodft.adapters.codec import events
+from aerodft.adapters.codec.estimate import encode_estimate
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.codec.measurement import MeasurementEncoder, encode_measurements
 from aerodft.adapters.codec.observations import parse_observation
@@ -30,6 +31,7 @@ from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, close_session, open_s
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
+from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
@@ -137,8 +139,8 @@ class ZenohBus:
                 self._shed_images += not self._image_lane.put(self._in_utc(image))
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
-        """Publish one tick's poses and measurements."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement))
+        """Publish one tick's poses, measurements and estimates."""
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | CalibrationEstimate))
         if kept:
             self._shed_outputs += not self._lane.put(kept)
 
@@ -168,6 +170,8 @@ class ZenohBus:
                 self._publishers.json(self._keys.measurement(item.name), payload)
             elif isinstance(item, PoseSample):
                 self._publishers.json(self._keys.pose, encode_pose(item))
+            elif isinstance(item, CalibrationEstimate):
+                self._publishers.json(self._keys.calibration, encode_estimate(item))
 
     def _publish_image(self, image: Image) -> None:
         try:

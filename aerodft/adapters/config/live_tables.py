@@ -1,0 +1,165 @@
+"""The tables of a live calibration: surveyed landmarks, and how the telemetry's errors behave."""
+
+import math
+from typing import Annotated, Any, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from aerodft.adapters.config.tables import (
+    Latitude,
+    Longitude,
+    NonNegative,
+    Positive,
+    Real,
+    Slug,
+    Table,
+    impossible,
+)
+from aerodft.adapters.config.units import to_deg
+from aerodft.errors import ConfigError
+from aerodft.geometry.geodesy import east_north
+from aerodft.model.landmark import SurveyedLandmark
+from aerodft.model.pose import GeoOrigin
+from aerodft.service.settings import DRIFT, ErrorStd, LiveCalibration
+
+_ANGLES = ("tilt", "pan", "roll", "heading")
+_LENGTHS = ("height", "horizontal")
+
+
+def _three(value: object) -> object:
+    """One standard deviation for all three components."""
+    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+Place = Annotated[tuple[Real, Real, Real], Field(strict=False)]
+PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], BeforeValidator(_three), Field(strict=False)]
+
+
+class LandmarkTable(Table):
+    """A surveyed point: on the map, or in metres east, north and up of the station's origin."""
+
+    name: Slug
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    alt_msl_m: Real | None = None
+    position_m: Place | None = None
+    std_m: PlaceStd = (0.0, 0.0, 0.0)
+    std_px: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        on_map = {key: getattr(self, key) for key in ("lat_deg", "lon_deg", "alt_msl_m")}
+        stated = [key for key, value in on_map.items() if value is not None]
+        if self.position_m is not None and stated:
+            raise impossible(stated[0], got="it beside position_m", expected="one of the two")
+        if self.position_m is None and len(stated) < len(on_map):
+            missing = next(key for key, value in on_map.items() if value is None)
+            raise impossible(missing, got="nothing", expected="lat_deg, lon_deg and alt_msl_m, or position_m")
+        return self
+
+
+class ErrorStdTable(Table):
+    """Standard deviations of the telemetry's errors; a default applies to what is left out."""
+
+    height_m: NonNegative | None = None
+    horizontal_m: NonNegative | None = None
+    tilt_deg: NonNegative | None = None
+    pan_deg: NonNegative | None = None
+    roll_deg: NonNegative | None = None
+    heading_deg: NonNegative | None = None
+
+
+class LiveTable(Table):
+    """How biases are estimated from landmarks."""
+
+    noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    noise: ErrorStdTable = ErrorStdTable()
+    initial: ErrorStdTable = ErrorStdTable()
+    drift: ErrorStdTable = ErrorStdTable()
+    gate_probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.999
+    outlier_share: Annotated[float, Field(ge=0, le=0.5)] = 0.05
+
+
+def live_from(
+    table: LiveTable, landmarks: tuple[LandmarkTable, ...], origin: GeoOrigin | None, where: str
+) -> LiveCalibration | None:
+    """The live calibration; None without landmarks.
+
+    Raises:
+        ConfigError: A name twice, or nobody knows where the landmarks are against the station.
+    """
+    if not landmarks:
+        return None
+    names = [each.name for each in landmarks]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise ConfigError(
+                f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
+            )
+    if origin is None:
+        expected = "{ lat_deg, lon_deg, alt_msl_m } of a point of the measured plane, from which landmarks are counted"
+        raise ConfigError("station.origin", where=where, got="nothing beside [[landmark]]", expected=expected)
+    return LiveCalibration(
+        landmarks=tuple(_landmark(each, origin, where) for each in landmarks),
+        noise_share=table.noise_share,
+        noise=_errors(table.noise, ErrorStd()),
+        initial=_errors(table.initial, ErrorStd()),
+        drift=_errors(table.drift, DRIFT),
+        gate_probability=table.gate_probability,
+        outlier_share=table.outlier_share,
+    )
+
+
+def live_document(live: LiveCalibration) -> dict[str, Any]:
+    """The tables ``landmark`` and ``calibration`` as TOML keys; reading them gives the same settings."""
+    landmarks = [
+        {
+            "name": each.name,
+            "position_m": list(each.position_enu_m),
+            "std_m": list(each.std_m),
+            "std_px": each.std_px,
+        }
+        for each in live.landmarks
+    ]
+    calibration = {
+        "noise_share": live.noise_share,
+        "noise": _document(live.noise),
+        "initial": _document(live.initial),
+        "drift": _document(live.drift),
+        "gate_probability": live.gate_probability,
+        "outlier_share": live.outlier_share,
+    }
+    return {"landmark": landmarks, "calibration": calibration}
+
+
+def _landmark(table: LandmarkTable, origin: GeoOrigin, where: str) -> SurveyedLandmark:
+    place = table.position_m
+    if place is None:
+        place = _on_map(table, origin, where)
+    return SurveyedLandmark(name=table.name, position_enu_m=place, std_m=table.std_m, std_px=table.std_px)
+
+
+def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float, float, float]:
+    if origin.alt_msl_m is None:
+        expected = f'metres, because landmark "{table.name}" has alt_msl_m'
+        raise ConfigError("station.origin.alt_msl_m", where=where, got="nothing", expected=expected)
+    lat_rad, lon_rad = math.radians(table.lat_deg or 0.0), math.radians(table.lon_deg or 0.0)
+    east_m, north_m = east_north(origin, lat_rad, lon_rad).tolist()
+    return east_m, north_m, (table.alt_msl_m or 0.0) - origin.alt_msl_m
+
+
+def _errors(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
+    lengths = {f"{name}_m": getattr(table, f"{name}_m") for name in _LENGTHS}
+    angles = {f"{name}_rad": getattr(table, f"{name}_deg") for name in _ANGLES}
+    given = {
+        **lengths,
+        **{name: None if angle_deg is None else math.radians(angle_deg) for name, angle_deg in angles.items()},
+    }
+    return ErrorStd(**{name: getattr(default, name) if value is None else value for name, value in given.items()})
+
+
+def _document(errors: ErrorStd) -> dict[str, float]:
+    lengths = {f"{name}_m": getattr(errors, f"{name}_m") for name in _LENGTHS}
+    angles = {name: getattr(errors, f"{name}_rad") for name in _ANGLES}
+    angles_deg = {f"{name}_deg": None if angle is None else to_deg(angle) for name, angle in angles.items()}
+    return {key: value for key, value in {**lengths, **angles_deg}.items() if value is not None}

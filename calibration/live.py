@@ -1,0 +1,186 @@
+"""Biases of the telemetry, estimated from landmarks while the station measures."""
+
+import hashlib
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from aerodft.model.arrays import FloatArray
+from aerodft.model.calibration import Calibration
+from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
+from aerodft.model.observation import Observation
+from aerodft.model.pose import Pose, PoseSample, PoseStd
+from aerodft.model.status import Status
+from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
+from calibration.live_filter import BiasFilter, Expectation, Sight
+from calibration.live_model import BiasModel, relocated
+
+_RECENT, _MOST_REFUSED = 12, 8
+"""When so many of the last sights were refused, it is the estimate that is wrong, and it begins anew."""
+
+_EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
+
+
+class LiveCalibrator:
+    """Implements ``service.ports.Calibrator`` and ``LandmarkObserver``.
+
+    Until the first landmark is believed, poses are what they would be without it: as the telemetry has them, or as the
+    calibration that it starts from has them.
+
+    Args:
+        live: The landmarks, and how certain what is.
+        pipeline: The station; telemetry must be configured.
+        start: A calibration whose biases are where it begins.
+    """
+
+    def __init__(self, live: LiveCalibration, pipeline: PipelineSettings, start: Calibration | None = None) -> None:
+        self._camera = pipeline.camera
+        self._landmarks = {each.name: each for each in live.landmarks}
+        telemetry = pipeline.telemetry or TelemetrySettings()
+        self._model = BiasModel.of(live, telemetry, pipeline.time_std_s, start)
+        self._filter = BiasFilter(self._model, pipeline.camera, live.landmarks, live.outlier_share)
+        self._gate = float(chi2.ppf(live.gate_probability, df=2))
+        self._id = _identity(pipeline.config_id, start)
+        self._has_start = start is not None
+        self._updates = self._refused = self._restarts = 0
+        self._recent: deque[bool] = deque(maxlen=_RECENT)
+        self._seen: set[str] = set()
+        self._seen_ns: int | None = None
+
+    def refine(self, sample: PoseSample) -> PoseSample:
+        """The corrected pose with what is known by now; a sample that is not ok passes unchanged."""
+        if sample.pose is None or sample.status is not Status.OK or self._calibration is None:
+            return sample
+        biases, cov, with_lens = self._filter.biases(sample.stamp_ns)
+        pose = self._model.corrected(sample, biases)
+        by = self._model.by_biases(sample, biases, pose.wxyz)
+        known = replace(
+            pose,
+            cov=by @ cov @ by.T + self._model.noise_covariance(sample, pose.wxyz),
+            lens_cov=by @ with_lens,
+            time_std_s=0.0,  # it is one of the biases
+        )
+        refined = relocated(sample, known)
+        return replace(refined, std=self._stds(sample, known, cov), calibration=self._calibration)
+
+    def observes(self, name: str) -> bool:
+        """Whether a landmark has that name."""
+        return name in self._landmarks
+
+    def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CalibrationEstimate:
+        """Learn from the landmarks of one image.
+
+        Args:
+            sample: The image's pose, by telemetry alone.
+            observations: One pixel each, of landmarks.
+        """
+        if (why := _unusable(sample)) is not None:
+            self._refused += len(observations)
+            refused = tuple(Innovation(name=each.name, reason=why) for each in observations)
+            return self._estimate(sample, refused)
+        self._filter.look(sample)
+        if sample.stamp_ns != self._seen_ns:
+            self._seen_ns, self._seen = sample.stamp_ns, set()
+        sights = [self._sight(sample, each) for each in sorted(observations, key=lambda each: each.name)]
+        ranked = sorted(sights, key=lambda sight: _rank(self._filter.expect(sight)))
+        estimate = self._estimate(sample, tuple(self._judged(sight) for sight in ranked))
+        self._restart_if_lost()
+        return estimate
+
+    @property
+    def _calibration(self) -> str | None:
+        return f"{self._id}:{self._updates}" if self._updates or self._has_start else None
+
+    def _sight(self, sample: PoseSample, seen: Observation) -> Sight:
+        landmark = self._landmarks[seen.name]
+        return Sight(sample, landmark, np.array(seen.pixels[0]), seen.std_px or landmark.std_px)
+
+    def _judged(self, sight: Sight) -> Innovation:
+        """Follow a sight, or say why not."""
+        name, expected = sight.landmark.name, self._filter.expect(sight)
+        distance = expected.chi2
+        reason = self._objection(sight, distance)
+        self._refused += reason is not None
+        if reason is None:
+            self._seen.add(name)
+            self._filter.learn(sight, expected)
+            self._updates += 1
+        if math.isnan(distance):
+            return Innovation(name=name, reason=reason)
+        u, v = expected.px.tolist()
+        sigma_u, sigma_v = np.sqrt(np.diag(expected.cov_px2)).tolist()
+        return Innovation(name=name, px=(u, v), sigma_px=(sigma_u, sigma_v), chi2=distance, reason=reason)
+
+    def _objection(self, sight: Sight, distance: float) -> str | None:
+        size = np.array([self._camera.width_px, self._camera.height_px])
+        if not np.all((sight.pixel >= _EDGE_PX) & (sight.pixel <= size + _EDGE_PX)):
+            return "the pixel is outside the image"
+        if sight.landmark.name in self._seen:
+            return "it was seen in this image already"
+        if math.isnan(distance):
+            return "the landmark is out of view: behind the camera, or beyond the lens model"
+        self._recent.append(distance <= self._gate)
+        if distance <= self._gate:
+            return None
+        return f"{math.sqrt(distance):.1f} sigma from where it is expected, at most {math.sqrt(self._gate):.1f}"
+
+    def _restart_if_lost(self) -> None:
+        if self._recent.count(False) >= _MOST_REFUSED:
+            self._filter.restart()
+            self._recent.clear()
+            self._restarts += 1
+
+    def _stds(self, sample: PoseSample, pose: Pose, cov: FloatArray) -> PoseStd:
+        noise = self._model.noise_of(sample)
+        std = BiasValues(**self._model.said(sample, np.sqrt(np.diag(cov))))
+        east_m2, north_m2, up_m2 = np.diag(pose.cov)[:3].tolist()
+        return PoseStd(
+            height_agl_m=math.sqrt(up_m2),
+            horizontal_m=math.sqrt((east_m2 + north_m2) / 2),
+            tilt_rad=math.hypot(std.tilt_rad, noise.tilt_rad),
+            pan_rad=math.hypot(std.pan_rad, noise.pan_rad),
+            roll_rad=math.hypot(std.roll_rad, noise.roll_rad),
+            heading_rad=math.hypot(std.heading_rad, noise.heading_rad),
+            time_s=std.time_s,
+        )
+
+    def _estimate(self, sample: PoseSample, innovations: tuple[Innovation, ...]) -> CalibrationEstimate:
+        estimate = CalibrationEstimate(
+            stamp_ns=sample.stamp_ns,
+            calibration=self._calibration,
+            innovations=innovations,
+            updates=self._updates,
+            refused=self._refused,
+            restarts=self._restarts,
+        )
+        if sample.pose is None or sample.height_source is None:
+            return estimate
+        biases, cov, _ = self._filter.biases(sample.stamp_ns)
+        return replace(
+            estimate,
+            height_source=sample.height_source,
+            bias=BiasValues(**self._model.said(sample, biases)),
+            std=BiasValues(**self._model.said(sample, np.sqrt(np.diag(cov)))),
+        )
+
+
+def _identity(config_id: str | None, start: Calibration | None) -> str:
+    """Names what the estimates depend on beside the observations."""
+    text = f"{config_id or ''} {start.id if start else ''}"
+    return f"live:{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def _unusable(sample: PoseSample) -> str | None:
+    """Why a pose teaches nothing."""
+    if sample.pose is None or sample.status is not Status.OK:
+        return "; ".join((f"no pose: {sample.status}", *sample.reasons))
+    return "no position, so nobody knows where it should be seen" if sample.origin is None else None
+
+
+def _rank(expected: Expectation) -> float:
+    """The most credible first, what is out of view last."""
+    distance = expected.chi2
+    return math.inf if math.isnan(distance) else distance

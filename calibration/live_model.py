@@ -1,0 +1,212 @@
+"""How a pose depends on the biases of its telemetry, and how these come and go.
+
+The biases are the height's (one for each source, in the configured order), then tilt, pan, roll, heading, east, north
+and the time offset of the images. Each is a Gauss-Markov process: within minutes a random walk of the stated rate, in
+the long run what the telemetry's standard deviation says; so what a landmark taught fades when none is seen any more,
+and never into less certainty than there was without one.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from aerodft.geometry.geodesy import lat_lon
+from aerodft.geometry.poses import pose_covariance
+from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, skew
+from aerodft.model.arrays import FloatArray
+from aerodft.model.calibration import Calibration
+from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
+from aerodft.service.settings import LiveCalibration, TelemetrySettings
+
+ANGLES: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
+_TILT, _PAN, _ROLL, _HEADING, _EAST, _NORTH, _TIME = range(-7, 0)
+_OTHERS = 7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasModel:
+    """What is known of the biases before a landmark was seen.
+
+    Attributes:
+        heights: The height sources, in the order of their biases.
+        mean: ``(k,)``.
+        cov: ``(k, k)``.
+        rate_per_s: ``(k,)`` at which what was learned is forgotten.
+        noise_height_m: Std of what is new in every image, by height source.
+        noise: The same of all other errors.
+        stated_height_m: Std that the configuration states, by height source.
+        stated: The same of all other errors.
+    """
+
+    heights: tuple[HeightSource, ...]
+    mean: FloatArray
+    cov: FloatArray
+    rate_per_s: FloatArray
+    noise_height_m: tuple[float, ...]
+    noise: PoseStd
+    stated_height_m: tuple[float, ...]
+    stated: PoseStd
+
+    @classmethod
+    def of(
+        cls, live: LiveCalibration, telemetry: TelemetrySettings, time_std_s: float, start: Calibration | None
+    ) -> "BiasModel":
+        """The model of a station; ``start`` is a calibration whose biases and covariance are where it begins."""
+        heights, stated = telemetry.height.order, telemetry.attitude.std
+        stated_heights = tuple(telemetry.height.std_m[source] for source in heights)
+        share, noise, initial = live.noise_share, live.noise, live.initial
+        shared = math.sqrt(1 - share**2)
+        others = (*(getattr(stated, each) for each in ANGLES), stated.horizontal_m, stated.horizontal_m)
+        stds = [shared * each for each in (*stated_heights, *others)]
+        given = (
+            *([initial.height_m] * len(heights)),
+            *(getattr(initial, each) for each in ANGLES),
+            initial.horizontal_m,
+            initial.horizontal_m,
+        )
+        stds = [std if each is None else each for std, each in zip(stds, given, strict=True)]
+        cov = np.diag(np.square([*stds, time_std_s]))
+        mean = np.zeros(len(cov))
+        if start is not None:
+            mean, cov = _started(mean, cov, start)
+        return cls(
+            heights=heights,
+            mean=mean,
+            cov=cov,
+            rate_per_s=_rates(np.diag(cov), live, len(heights)),
+            noise_height_m=tuple(share * std if noise.height_m is None else noise.height_m for std in stated_heights),
+            noise=PoseStd(
+                horizontal_m=_or(noise.horizontal_m, share * stated.horizontal_m),
+                tilt_rad=_or(noise.tilt_rad, share * stated.tilt_rad),
+                pan_rad=_or(noise.pan_rad, share * stated.pan_rad),
+                roll_rad=_or(noise.roll_rad, share * stated.roll_rad),
+                heading_rad=_or(noise.heading_rad, share * stated.heading_rad),
+            ),
+            stated_height_m=stated_heights,
+            stated=stated,
+        )
+
+    def height_column(self, sample: PoseSample) -> int:
+        """Which bias is that of a sample's height.
+
+        Raises:
+            ValueError: Its source is not one of the configured ones.
+        """
+        return self.heights.index(HeightSource(sample.height_source or ""))
+
+    def noise_of(self, sample: PoseSample) -> PoseStd:
+        """What is new in one image: the model's noise, and by how much the sample is worse than stated."""
+        column = self.height_column(sample)
+        grown = {
+            each: math.hypot(getattr(self.noise, each), _excess(getattr(sample.std, each), getattr(self.stated, each)))
+            for each in (*ANGLES, "horizontal_m")
+        }
+        excess_m = _excess(sample.std.height_agl_m, self.stated_height_m[column])
+        return PoseStd(height_agl_m=math.hypot(self.noise_height_m[column], excess_m), **grown)
+
+    def noise_covariance(self, sample: PoseSample, wxyz: FloatArray) -> FloatArray:
+        """``(6, 6)`` of the pose's errors that are new in one image; ``wxyz`` is the refined attitude."""
+        follows = np.eye(6)
+        if sample.pose is not None:
+            follows[2, :2] = _slope(sample.pose)
+        return np.asarray(follows @ pose_covariance(wxyz, self.noise_of(sample)) @ follows.T)
+
+    def drifted(self, elapsed_s: float) -> tuple[FloatArray, FloatArray]:
+        """What is left of what was learned after a time, ``(k,)``, and the variances ``(k,)`` that have come back."""
+        left = np.exp(-self.rate_per_s * elapsed_s)
+        return left, np.diag(self.cov) * (1 - left**2)
+
+    def corrected(self, sample: PoseSample, biases: FloatArray, noise: FloatArray | None = None) -> Pose:
+        """The sample's pose without ``biases (k,)``, and where given without ``noise (6,)``, an error of the pose."""
+        pose = sample.pose
+        if pose is None:
+            raise ValueError("the sample has no pose")
+        by_time = biases[_TIME]
+        in_camera = biases[[_TILT, _PAN, _ROLL]] + by_time * pose.rate_cam_radps
+        about_vertical = np.array([0.0, 0.0, -biases[_HEADING]])
+        wxyz = multiply(from_rotation_vector(about_vertical), multiply(pose.wxyz, from_rotation_vector(in_camera)))
+        east_north = biases[[_EAST, _NORTH]]
+        up = biases[self.height_column(sample)] + _slope(pose) @ east_north
+        position = pose.position_enu_m + np.append(east_north, up) + by_time * pose.velocity_enu_mps
+        if noise is not None:
+            position, wxyz = position + noise[:3], multiply(wxyz, from_rotation_vector(noise[3:]))
+        return replace(pose, position_enu_m=position, wxyz=wxyz)
+
+    def by_biases(self, sample: PoseSample, biases: FloatArray, wxyz: FloatArray) -> FloatArray:
+        """The corrected pose (position in ENU, rotation in camera axes) by the biases, ``(6, k)``.
+
+        Args:
+            sample: The pose by telemetry alone.
+            biases: ``(k,)`` that it is corrected by.
+            wxyz: The corrected attitude.
+        """
+        pose = sample.pose
+        if pose is None:
+            raise ValueError("the sample has no pose")
+        by = np.zeros((6, len(self.mean)))
+        by[2, self.height_column(sample)] = 1.0
+        by[0, _EAST] = by[1, _NORTH] = 1.0
+        by[2, [_EAST, _NORTH]] = _slope(pose)
+        turn = _right_jacobian(biases[[_TILT, _PAN, _ROLL]] + biases[_TIME] * pose.rate_cam_radps)
+        by[3:, [_TILT, _PAN, _ROLL]] = turn
+        by[3:, _HEADING] = -matrix(wxyz)[2, :]  # clockwise is about straight down
+        by[:3, _TIME], by[3:, _TIME] = pose.velocity_enu_mps, turn @ pose.rate_cam_radps
+        return by
+
+    def said(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
+        """Numbers ``(k,)``, one a bias, by the names of ``model.estimate.BiasValues``."""
+        names = (*ANGLES, "east_m", "north_m", "time_s")
+        rest = dict(zip(names, values[-_OTHERS:].tolist(), strict=True))
+        return {"height_m": float(values[self.height_column(sample)]), **rest}
+
+
+def relocated(sample: PoseSample, pose: Pose) -> PoseSample:
+    """The sample with a corrected pose, and with the latitude and longitude of that."""
+    if sample.origin is None:
+        return replace(sample, pose=pose)
+    lat_rad, lon_rad = lat_lon(sample.origin, pose.position_enu_m[:2]).tolist()
+    return replace(sample, pose=pose, lat_rad=lat_rad, lon_rad=lon_rad)
+
+
+def _or(given: float | None, default: float) -> float:
+    return default if given is None else given
+
+
+def _excess(now: float, stated: float) -> float:
+    return math.sqrt(max(now**2 - stated**2, 0.0))
+
+
+def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
+    """Biases as a calibration has them: of whatever height is in use, and with the heading it takes the pan's place."""
+    by_found = np.zeros((len(mean), 4))
+    by_found[:-_OTHERS, 0] = 1.0
+    by_found[_TILT, 1] = by_found[_ROLL, 2] = by_found[_HEADING, 3] = 1.0
+    found = np.array([start.height_bias_m, start.tilt_bias_rad, start.roll_bias_rad, start.heading_bias_rad])
+    if start.bias_cov is None:
+        return by_found @ found, cov
+    kept = np.zeros(len(mean))
+    kept[[_EAST, _NORTH, _TIME]] = 1.0
+    return by_found @ found, kept[:, None] * cov * kept + by_found @ start.bias_cov @ by_found.T
+
+
+def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatArray:
+    """At which biases that walk at random by the stated drift are pulled back, to keep their variance."""
+    drift = live.drift
+    others = (*(getattr(drift, each) for each in ANGLES), drift.horizontal_m, drift.horizontal_m, 0.0)
+    walked = np.square([each or 0.0 for each in (*([drift.height_m] * heights), *others)])
+    return np.divide(walked, 2 * variances, out=np.zeros_like(walked), where=variances > 0)
+
+
+def _slope(pose: Pose) -> FloatArray:
+    """By how much the height follows east and north ``(2,)``: where it is counted from ground that is not level."""
+    if not np.any(pose.cov[2, :2]):
+        return np.zeros(2)
+    return np.asarray(pose.cov[2, :2] @ np.linalg.pinv(pose.cov[:2, :2]))
+
+
+def _right_jacobian(rotvec_rad: FloatArray) -> FloatArray:
+    """``exp(v + d) = exp(v) exp(J d)``, of small ``v``: to the third order."""
+    cross = skew(rotvec_rad)
+    return np.asarray(np.eye(3) - cross / 2 + cross @ cross / 6)

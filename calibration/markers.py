@@ -1,0 +1,155 @@
+"""Surveyed markers (ArUco, AprilTag) in images: their ids, corners and centres, and how well these are known."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import cv2
+import numpy as np
+
+from aerodft.model.arrays import FloatArray, ImageArray, IntArray
+from aerodft.model.camera import Camera
+from aerodft.model.evidence import Px
+from aerodft.model.marker import MarkerSighting, MarkerSurvey
+from calibration.lens.board import dictionary, dictionary_names
+from calibration.marker_edges import Squares, no_squares, refined
+from calibration.marker_pattern import likeness, modules
+
+LEAST_STD_PX: Final = 0.2
+"""What no sharpness takes away: paper is not flat, prints have no exact edges, lenses differ from their model."""
+
+LEAST_SIDE_PX: Final = 10
+"""Markers are looked for down to this size."""
+
+_LARGEST_PX: Final = 40_000_000  # of a picture that is looked into
+_SAME: Final = 0.25  # of a marker's side: detections whose centres are closer are of one marker
+_ALIKE: Final = 0.8  # correlation: what textures were taken for reached 0.72, true markers in one photo 0.96
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """One way to look into an image: how large, and what differs from OpenCV's own settings."""
+
+    scale: float
+    change: Callable[[cv2.aruco.DetectorParameters], None] | None = None
+
+
+def _patient(parameters: cv2.aruco.DetectorParameters) -> None:
+    """Many thresholds, weak contrasts, blunt corners: for uneven light, shallow views, bent edges."""
+    parameters.adaptiveThreshWinSizeMax = 53
+    parameters.adaptiveThreshWinSizeStep = 5
+    parameters.adaptiveThreshConstant = 4
+    parameters.polygonalApproxAccuracyRate = 0.05
+
+
+def _by_gradients(parameters: cv2.aruco.DetectorParameters) -> None:
+    """The AprilTag library's own search for squares, which needs no threshold but much time."""
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+
+
+_LOOKS: Final = (_Look(1.0), _Look(1.0, _patient), _Look(2.0), _Look(0.5, _patient), _Look(1.0, _by_gradients))
+
+
+def find_markers(
+    image: ImageArray,
+    survey: MarkerSurvey,
+    camera: Camera | None = None,
+    *,
+    thorough: bool = False,
+) -> list[MarkerSighting]:
+    """All markers of the survey's dictionary in an image, also those that are not surveyed, by id.
+
+    An id that is there twice is reported twice. Whether a sighting can be true is for ``marker_geometry`` to say.
+
+    Args:
+        image: ``(h, w)`` grey or ``(h, w, 3)`` BGR, uint8.
+        survey: What to look for.
+        camera: Whose lens bends the edges; None to take them as straight.
+        thorough: Look on, in other ways and at other scales, until every surveyed marker is found; otherwise look
+            once, as video needs it.
+    """
+    grey = _grey(image)
+    wanted = set(survey.by_id)
+    ids, squares = _look(grey, survey.dictionary, camera, 0)
+    for index in range(1, len(_LOOKS) if thorough else 1):
+        if wanted <= set(ids.tolist()):
+            break
+        ids, squares = _with_new(ids, squares, *_look(grey, survey.dictionary, camera, index))
+    return [
+        MarkerSighting(
+            id=int(ids[index]),
+            pixel=_px(squares.centres_px[index]),
+            std_px=float(np.hypot(squares.centre_std_px[index], LEAST_STD_PX)),
+            corners=_corners(squares.corners_px[index]),
+            corner_std_px=float(np.hypot(squares.corner_std_px[index], LEAST_STD_PX)),
+        )
+        for index in np.argsort(ids, kind="stable")
+    ]
+
+
+def _grey(image: ImageArray) -> ImageArray:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) if image.ndim > 2 else image  # noqa: PLR2004 - rows and columns
+
+
+def _px(pixel: FloatArray) -> Px:
+    return float(pixel[0]), float(pixel[1])
+
+
+def _corners(pixels: FloatArray) -> tuple[Px, Px, Px, Px]:
+    first, second, third, fourth = pixels
+    return _px(first), _px(second), _px(third), _px(fourth)
+
+
+def _look(grey: ImageArray, name: str, camera: Camera | None, index: int) -> tuple[IntArray, Squares]:
+    """Ids ``(m,)`` and places of what one look finds and is like the marker that it is taken for."""
+    ids, rough_px = _detected(grey, name, index)
+    if not len(ids):
+        return ids, no_squares()
+    squares = refined(grey, rough_px, modules(name), camera)
+    alike = likeness(grey, squares.corners_px, ids, name) > _ALIKE
+    return ids[alike], squares.of(alike)
+
+
+def _detected(grey: ImageArray, name: str, index: int) -> tuple[IntArray, FloatArray]:
+    """Ids ``(m,)`` and rough corners ``(m, 4, 2)``."""
+    scale, picture = _LOOKS[index].scale, grey
+    if scale > 1 and grey.size * scale**2 > _LARGEST_PX:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
+    if scale != 1:
+        how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+        picture = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8)
+    corners, ids, _ = _detector(name, index, max(picture.shape)).detectMarkers(picture)
+    if not len(corners):
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
+    pixels = (np.reshape(corners, (-1, 4, 2)).astype(np.float64) + 0.5) / scale - 0.5
+    return np.asarray(ids, dtype=np.int64).ravel(), pixels
+
+
+@lru_cache(maxsize=32)
+def _detector(name: str, index: int, longest_px: int) -> cv2.aruco.ArucoDetector:
+    parameters = cv2.aruco.DetectorParameters()
+    # OpenCV counts in shares of the image, by which a large one would have no small markers.
+    parameters.minMarkerPerimeterRate = min(4 * LEAST_SIDE_PX / longest_px, 1.0)
+    if (change := _LOOKS[index].change) is not None:
+        change(parameters)
+    return cv2.aruco.ArucoDetector(dictionary(name), parameters)
+
+
+def _with_new(ids: IntArray, squares: Squares, more_ids: IntArray, more: Squares) -> tuple[IntArray, Squares]:
+    """What an earlier look found, and what a later one found elsewhere."""
+    sides_px = np.linalg.norm(more.corners_px[:, 0] - more.corners_px[:, 1], axis=-1)
+    away_px = np.linalg.norm(more.centres_px[:, None] - squares.centres_px, axis=-1)
+    new = np.all(away_px > _SAME * sides_px[:, None], axis=1)
+    return np.concatenate([ids, more_ids[new]]), squares.beside(more.of(new))
+
+
+def other_dictionary(image: ImageArray, name: str) -> str:
+    """The dictionary of which an image shows more markers than of ``name``; empty where there is none.
+
+    Of dictionaries that contain each other, the smallest.
+    """
+    grey = _grey(image)
+    counts = {other: len(_look(grey, other, None, 0)[0]) for other in dictionary_names()}
+    best = min(counts, key=lambda other: (-counts[other], len(dictionary(other).bytesList)))
+    return best if counts[best] > counts[name] else ""

@@ -15,6 +15,7 @@ from calibration.lens.coverage import covered_cells, distortion_px, ray_std_px
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 _WIDTH_IN, _DPI = 9.0, 110
@@ -53,9 +54,9 @@ def _coverage(run: LensRun) -> Figure:
     figure, axes = _image_axes(run, f"Corners of {len(views)} views, and how many views have some in each cell")
     counts = covered_cells(views, run.size_px)
     some = np.ma.masked_equal(counts, 0)
-    shown = axes.imshow(
-        some, cmap="Greens", vmin=-0.3 * counts.max(), alpha=0.6, extent=(-0.5, width - 0.5, height - 0.5, -0.5)
-    )
+    greens = ListedColormap(mpl.colormaps["Greens"](np.linspace(0.2, 0.9, 256)))
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+    shown = axes.imshow(some, cmap=greens, vmin=0, alpha=0.6, extent=extent)
     colours = mpl.colormaps["turbo"](np.linspace(0.05, 0.95, len(views)))
     for view, colour in zip(views, colours, strict=True):
         axes.plot(*view.pixels_px.T, ".", markersize=3.5, color=colour)
@@ -77,7 +78,7 @@ def _residuals(run: LensRun) -> Figure:
         *seen.T, *(scale * off).T, angles="xy", scale_units="xy", scale=1, width=0.0016, color="tab:blue"
     )
     key_px = float(f"{typical:.1g}")
-    axes.quiverkey(arrows, 0.93, 0.04, scale * key_px, f"{key_px:g} px", labelpos="E", coordinates="axes")
+    axes.quiverkey(arrows, 0.93, 0.04, scale * key_px, f"{key_px:g} px", labelpos="W", coordinates="axes")
     return figure
 
 

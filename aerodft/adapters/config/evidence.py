@@ -7,6 +7,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,7 @@ class EvidenceFile:
         image_size_px: Its width and height, as stated.
         sha256: Of the file's bytes, hexadecimal.
         path: The file.
+        notes: What a person should know of how the observations were made, sentence by sentence.
     """
 
     known: EvidenceSet
@@ -57,6 +59,7 @@ class EvidenceFile:
     image_size_px: tuple[int, int] | None
     sha256: str
     path: Path
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +89,31 @@ def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
     where, data = str(path), read_bytes(path)
     if path.suffix.lower() in _CSV_SUFFIXES:
         table, rows = _from_csv(data, crs, where)
+    elif crs is None:
+        table, rows = _from_document(parse_toml(data, where), where)
     else:
-        table, rows = _from_toml(data, crs, where)
-    size_px = _size(table)
+        got = f'"{crs}" for a TOML file'
+        raise ConfigError("crs", where=where, got=got, expected="it in the file", hint=f'write crs = "{crs}" in it')
+    return _checked(table, rows, path, hashlib.sha256(data).hexdigest())
+
+
+def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> EvidenceFile:
+    """Evidence from what a TOML file has, perhaps with more that was found otherwise.
+
+    Args:
+        document: As :func:`load_evidence` finds it in a file.
+        path: The file, for messages.
+        sha256: Of its bytes, hexadecimal.
+
+    Raises:
+        ConfigError: As :func:`load_evidence`.
+    """
+    table, rows = _from_document(document, str(path))
+    return _checked(table, rows, path, sha256)
+
+
+def _checked(table: EvidenceTable, rows: list[_Row], path: Path, sha256: str) -> EvidenceFile:
+    where, size_px = str(path), _size(table)
     stated = tuple(row.stated for row in rows)
     crs = checked_crs(table.crs, where)
     check_datums(stated, table.camera, crs, where)
@@ -109,7 +134,7 @@ def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
         stated=stated,
         image=table.image.file,
         image_size_px=size_px,
-        sha256=hashlib.sha256(data).hexdigest(),
+        sha256=sha256,
         path=path,
     )
 
@@ -135,11 +160,7 @@ def check_against(found: EvidenceFile, camera: Camera) -> None:
     check_tilt(found.known, camera, found.path)
 
 
-def _from_toml(data: bytes, crs: str | None, where: str) -> tuple[EvidenceTable, list[_Row]]:
-    if crs is not None:
-        got = f'"{crs}" for a TOML file'
-        raise ConfigError("crs", where=where, got=got, expected="it in the file", hint=f'write crs = "{crs}" in it')
-    document = parse_toml(data, where)
+def _from_document(document: dict[str, Any], where: str) -> tuple[EvidenceTable, list[_Row]]:
     table = validated(EvidenceTable, document, where)
     kinds = [key for key, value in document.items() if isinstance(value, list)]
     rows = [

@@ -9,8 +9,9 @@ import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import LOCAL, LocalFrame, takes_degrees
-from aerodft.cli.calibrate_report_marks import from_foot, ground_of, pixels_of
+from aerodft.cli.calibrate_report_marks import from_foot, pixels_of
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
+from aerodft.dft.projection import project
 from aerodft.geometry.outline import horizon_line
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import BoolArray, FloatArray
@@ -160,7 +161,7 @@ def ground_grid(state: State, axes: GridAxes) -> Grid:
         The lines, clipped at the image's border, where the lens model ends, and before the horizon; none where the
         image shows no ground.
     """
-    seen, metres_per_px = _lattice(state, axes.elevation_m)
+    seen, metres_per_px, finest_per_px = _lattice(state, axes.elevation_m)
     if not len(seen):
         return Grid(axes, (), (0.0, 0.0))
     gap_px = GAP * max(state.camera.width_px, state.camera.height_px)
@@ -170,7 +171,7 @@ def ground_grid(state: State, axes: GridAxes) -> Grid:
     lines: list[GridLine] = []
     base_m = _base_m(coordinates[metres_per_px * gap_px <= 2 * spacings[0]])
     for spacing, coarser in zip(spacings, (*spacings[1:], math.inf), strict=True):
-        near = coordinates[metres_per_px * gap_px <= 2 * spacing]
+        near = coordinates[finest_per_px * gap_px <= 2 * spacing]
         if len(near):
             low, high = near.min(axis=0) - spacing, near.max(axis=0) + spacing
             for axis in (0, 1):
@@ -188,19 +189,17 @@ def _base_m(coordinates: FloatArray) -> tuple[float, float]:
     return first, second
 
 
-def _lattice(state: State, elevation_m: float) -> tuple[FloatArray, FloatArray]:
-    """Ground points ``(k, 3)`` that pixels all over the image see, and metres per pixel there."""
+def _lattice(state: State, elevation_m: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Ground points ``(k, 3)`` seen all over the image, metres per pixel there, and in the finest direction."""
     size = np.array([state.camera.width_px, state.camera.height_px], dtype=np.float64)
     across, down = (np.linspace(0.0, side - 1, max(2, round(_LATTICE * side / max(size)))) for side in size.tolist())
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-    seen = ground_of(state, pixels, elevation_m)
-    beside = [ground_of(state, pixels + np.where(pixels > 1, -1.0, 1.0) * axis, elevation_m) for axis in np.eye(2)]
-    steps = [np.linalg.norm(each - seen, axis=-1) for each in beside]
-    metres_per_px = np.sqrt(steps[0] * steps[1])
+    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
+    ground = project(state.camera, pose, pixels, elevation_m, state.model)
     reach = _FARTHEST_HEIGHTS * (float(state.position_m[2]) - elevation_m)
-    shown = np.linalg.norm(seen - state.position_m, axis=-1) <= reach  # false for NaN
-    shown &= np.isfinite(metres_per_px)
-    return seen[shown], metres_per_px[shown]
+    shown = np.linalg.norm(ground.points_enu_m - state.position_m, axis=-1) <= reach  # false for NaN
+    along, across = np.linalg.svd(ground.jac_px[shown, :2], compute_uv=False).T
+    return ground.points_enu_m[shown], np.sqrt(along * across), across
 
 
 def _spacings(finest_m: float, coarsest_m: float) -> tuple[float, ...]:

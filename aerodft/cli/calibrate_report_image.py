@@ -80,8 +80,9 @@ def draw_picture(picture: Picture, path: Path) -> tuple[str, ...]:
     _draw_lines(picture, pen)
     _draw_foot(picture, pen)
     _draw_north(picture, pen)
+    enlarged = picture.enlarged
     for mark, is_outlier in picture.marks:
-        _draw_mark(mark, pen, picture.enlarged, is_outlier=is_outlier)
+        _draw_mark(mark, pen, enlarged, is_outlier=is_outlier)
     notes = _name_marks(picture, pen)
     _name_lines(picture, pen)
     _draw_strip(picture, strip, pen)

@@ -20,6 +20,12 @@ _MOST_LETTERS = 48
 _Box = tuple[float, float, float, float]
 
 
+def shortened(text: str, most_letters: int) -> str:
+    """One line with no more than so many letters."""
+    line = "".join(each if each.isprintable() else " " for each in text)
+    return line if len(line) <= most_letters else f"{line[: most_letters - 3]}..."
+
+
 class Pen:
     """Draws in an image's pixels and keeps texts off each other.
 
@@ -129,7 +135,7 @@ class Pen:
         self._axes.text(
             box[0],
             box[3],
-            text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS - 3]}...",
+            shortened(text, _MOST_LETTERS),
             color=colour,
             fontsize=self.points(size),
             va="bottom",

@@ -9,6 +9,7 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
+from aerodft.cli.calibrate_report_pen import shortened
 from aerodft.cli.calibrate_report_rows import Row
 from aerodft.model.arrays import FloatArray
 from calibration.observability import correlations
@@ -24,7 +25,7 @@ PLANE_95: Final = math.sqrt(-2.0 * math.log(0.05))
 _SIZE_IN, _DPI = (15.0, 9.4), 110
 _KEPT, _LINE_LIKE, _OUTLIER, _EXPECTED = "tab:blue", "tab:orange", "tab:red", "0.15"
 _MARGIN, _NAMED, _LOG_FROM, _MOST_BINS, _MOST_CELLS = 1.15, 4, 8.0, 40, 9
-_DARK, _RIGHT = 0.6, 0.65
+_DARK, _RIGHT, _LETTERS = 0.6, 0.65, 24
 
 
 def draw_residuals(rows: Sequence[Row], result: Result, path: Path) -> None:
@@ -96,13 +97,14 @@ def _scatter(axes: Axes, rows: Sequence[Row], at: FloatArray, circles: Sequence[
             axes.plot(*edge, "x", color=_OUTLIER, markersize=7)
             side = "right" if edge[0] > 0 else "left"
             axes.annotate(
-                f"{row.mark.name} ",
+                shortened(row.mark.name, _LETTERS),
                 tuple(edge.tolist()),
                 color=_OUTLIER,
                 fontsize="small",
                 ha=side,
                 va="top" if edge[1] < 0 else "bottom",
                 parse_math=False,
+                in_layout=False,
             )
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize="x-small")
@@ -150,7 +152,7 @@ def _over_range(axes: Axes, rows: Sequence[Row], values: Sequence[float], label:
     for range_m, value, row in sorted(found, key=lambda each: -each[1])[:_NAMED]:
         is_right = axes.transLimits.transform(axes.transScale.transform((range_m, value)))[0] > _RIGHT
         axes.annotate(
-            row.mark.name,
+            shortened(row.mark.name, _LETTERS),
             (range_m, value),
             (-5 if is_right else 5, 3),
             textcoords="offset points",
@@ -158,6 +160,7 @@ def _over_range(axes: Axes, rows: Sequence[Row], values: Sequence[float], label:
             ha="right" if is_right else "left",
             color=_colour(row),
             parse_math=False,
+            in_layout=False,
         )
 
 

@@ -4,6 +4,7 @@ The draws are a fixed Sobol sequence, so that the same input gives the same byte
 95 % of what the draws give: near the horizon it is long on the far side, as the truth's distribution is.
 """
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -50,10 +51,12 @@ def draw_sights(seen: Seen, every: int = 1) -> Sight:
     shared = draws[:, :errors] @ _root(seen.shared_cov).T
     own = seen.std_px * draws[:, errors:].reshape(len(draws), count, 2)
     rays = rays_with_jacobian(seen.camera, seen.pixels_px)
-    rays_cam = rays.rays_cam + np.einsum("kij,nkj->nki", rays.jac_px, own)
-    rays_cam += np.einsum("kij,nj->nki", rays_by_intrinsics(seen.camera, seen.pixels_px), shared[:, INTRINSICS])
+    moved = own.transpose(1, 0, 2) @ rays.jac_px.swapaxes(-1, -2)  # (k, n, 3): a product for each pixel
+    if np.any(seen.shared_cov[INTRINSICS, INTRINSICS]):
+        moved += shared[:, INTRINSICS] @ rays_by_intrinsics(seen.camera, seen.pixels_px).swapaxes(-1, -2)
+    rays_cam = rays.rays_cam + moved.transpose(1, 0, 2)
     rotations = matrix(seen.pose.wxyz) @ matrix(from_rotation_vector(shared[:, ROTATION]))
-    directions = np.einsum("nij,nkj->nki", rotations, rays_cam)
+    directions = rays_cam @ rotations.swapaxes(-1, -2)
     cameras = seen.pose.position_enu_m + shared[:, POSITION]
     elevations = seen.elevation_m + shared[:, ELEVATION]
     if seen.surface is None:
@@ -74,23 +77,21 @@ def _meet_level(cameras: FloatArray, directions: FloatArray, elevations: FloatAr
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """A scalar over all draws: the central 95 %, and the share of draws without an answer."""
+    """A scalar over all draws: the central 95 %."""
 
     low: float
     high: float
-    missing: float
 
 
 def spread(values: FloatArray) -> Spread:
     """The central 95 % of ``values (n,)``; draws without an answer count as beyond everything."""
     ordered = np.sort(np.where(np.isnan(values), np.inf, values))
     tail = 0.025 * (len(ordered) - 1)
-    low, high = np.quantile(ordered, [0.025, 0.975]) if np.isfinite(ordered[-1]) else _ends(ordered, tail)
-    return Spread(float(low), float(high), float(np.mean(np.isnan(values))))
-
-
-def _ends(ordered: FloatArray, tail: float) -> tuple[float, float]:
-    return float(ordered[int(tail)]), float(ordered[-1 - int(tail)])
+    first, part = int(tail), tail % 1
+    low, high = ordered[first : first + 2].tolist(), ordered[-2 - first : len(ordered) - first].tolist()
+    if not math.isfinite(high[1]):
+        return Spread(low[0], high[1])
+    return Spread(low[0] + part * (low[1] - low[0]), high[1] - part * (high[1] - high[0]))
 
 
 def _root(cov: FloatArray) -> FloatArray:

@@ -181,7 +181,8 @@ def _fit(result: Result) -> list[str]:
         chance = f"{100 * solution.p_value:.2g} %" if solution.p_value > _TINY else "less than a millionth"
         verdict = f"residuals so large would come up in {chance} of all calibrations if the stated stds were true."
     elif solution.p_value > _TOO_GOOD:
-        verdict = "the residuals are much smaller than the stated stds."
+        small = 100 * (1 - solution.p_value)
+        verdict = f"residuals so small would come up in {small:.2g} % of all calibrations if the stated stds were true."
     else:
         verdict = f"the residuals are as large as the stated stds say (chance {100 * solution.p_value:.0f} %)."
     return [*sentences, f"{head} {verdict}"]
@@ -191,8 +192,8 @@ def _observability(result: Result) -> str:
     weakest = result.weakest
     if not weakest.is_determined:
         return _plain(weakest.sentence[:1].upper() + weakest.sentence[1:] + ".")
-    names = " and ".join(_plain(name) for name in weakest.combination)
-    what = f"the combination of {names}" if len(weakest.combination) > 1 else names
+    *others, last = (_plain(name) for name in weakest.combination)
+    what = f"the combination of {', '.join(others)} and {last}" if others else last
     return (
         f"Everything that was asked for is determined. Known worst is {what}: to {100 * weakest.std_share:.2g} % of its"
         f" size (an angle: of a radian), where more than {100 * LIMIT:.0f} % would count as not determined."

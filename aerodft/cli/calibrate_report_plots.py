@@ -24,7 +24,7 @@ PLANE_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
 _SIZE_IN, _DPI = (15.0, 9.4), 110
 _KEPT, _LINE_LIKE, _OUTLIER, _EXPECTED = "tab:blue", "tab:orange", "tab:red", "0.15"
-_MARGIN, _NAMED, _LOG_FROM, _MOST_BINS, _MOST_CELLS = 1.15, 4, 8.0, 40, 9
+_MARGIN, _ROOM, _NAMED, _LOG_FROM, _MOST_BINS, _MOST_CELLS = 1.15, 1.4, 4, 8.0, 40, 9
 _DARK, _RIGHT, _LETTERS = 0.6, 0.65, 24
 
 
@@ -86,7 +86,7 @@ def _scatter(axes: Axes, rows: Sequence[Row], at: FloatArray, circles: Sequence[
     for radius, style, label in circles:
         axes.plot(radius * np.cos(turn), radius * np.sin(turn), style, color=_EXPECTED, linewidth=1.2, label=label)
     kept = at[[not row.left.is_outlier for row in rows]]
-    reach = max([*np.abs(kept[np.isfinite(kept)]).tolist(), *(radius for radius, _, _ in circles), 1e-9]) * _MARGIN
+    reach = max([*np.abs(kept[np.isfinite(kept)]).tolist(), *(radius for radius, _, _ in circles), 1e-9]) * _ROOM
     axes.set(xlim=(-reach, reach), ylim=(reach, -reach))
     axes.set_aspect("equal")
     axes.axhline(0, color="0.8", linewidth=0.8, zorder=0)
@@ -107,7 +107,7 @@ def _scatter(axes: Axes, rows: Sequence[Row], at: FloatArray, circles: Sequence[
                 in_layout=False,
             )
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize="x-small")
+        axes.legend(fontsize="x-small", loc="upper right")
 
 
 def _histogram(axes: Axes, rows: Sequence[Row], scaled: float) -> None:

@@ -64,3 +64,8 @@ class MarkerSighting:
     std_px: float
     corners: tuple[Px, Px, Px, Px]
     corner_std_px: float
+
+
+def marker_name(marker: int) -> str:
+    """What messages and observations call a marker."""
+    return f"marker-{marker}"

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 TEXELS = 24  # of a module
-FINE = 4  # samples along each side of a pixel
-STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-12)
+FINE = 3  # samples along each side of a pixel
+STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-9)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,245 @@
+"""``aerodft calibrate --detect``: evidence from surveyed markers that images show."""
+
+import math
+import os
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.adapters.config.markers import MarkersFile, load_markers
+from aerodft.adapters.images.gathering import STILLS, Gathered, gather
+from aerodft.cli.output import progress_bar
+from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.camera import Camera
+from aerodft.model.evidence import Px
+from aerodft.model.marker import MarkerSighting, marker_name
+from aerodft.model.measurement import ProjectionModel
+from calibration.marker_geometry import Judgement, Miss, Question, judge
+from calibration.markers import LEAST_SIDE_PX, find_markers, other_dictionary
+from calibration.result import unknowns_of
+
+_THOROUGH: Final = 3  # images that are looked into in every way; of a video, the others show the same
+_PROGRESS: Final = 1000
+_MOVED_PX, _MOVED_STDS = 2.0, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What one image shows."""
+
+    name: str
+    sightings: dict[int, MarkerSighting]
+
+
+def detected_evidence(
+    markers: Path,
+    images: Sequence[Path],
+    camera: Camera,
+    names: tuple[str, ...],
+    model: ProjectionModel = ProjectionModel.PINHOLE,
+) -> EvidenceFile:
+    """Evidence from markers: all that their file says, with a landmark for each that is seen and can be true.
+
+    Args:
+        markers: File of surveyed markers.
+        images: Stills, folders or videos of one view: the camera stands still.
+        camera: Whose images they are.
+        names: What the evidence is for: the unknowns that markers must agree on, as ``calibration.result`` names them.
+        model: Projection model.
+
+    Returns:
+        The evidence, and in ``notes`` what was not seen, what was left out and why, and how far poses miss a marker
+        that they have not seen.
+
+    Raises:
+        UsageError: No images, or unknowns that there are not.
+        ConfigError: The file of markers is wrong.
+        InputError: An image is unreadable or of another size than the camera's, shows a marker twice or one that is
+            not surveyed, or the camera moved.
+        NoAnswerError: No surveyed marker is seen.
+    """
+    file = load_markers(markers)
+    if not images:
+        raise UsageError("--detect", got="no images", expected="images, a folder of images or a video")
+    seen, first = _look(file, images, camera)
+    together, moved = _combined(seen, camera)
+    if not together:
+        raise _nothing(file, first, len(seen))
+    picture = images[0] if images[0].suffix.lower() in STILLS and images[0].is_file() else None
+    beside = None if picture is None else os.path.relpath(picture, markers.parent)
+    size_px = (camera.width_px, camera.height_px)
+    found = file.evidence([together[marker] for marker in sorted(together)], size_px, beside)
+    try:
+        unknowns_of(names, found.known, camera, model)
+    except ValueError as error:
+        raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
+    sides_m = {marker: each.side_m for marker, each in file.survey.by_id.items() if each.side_m is not None}
+    judgement = judge(found.known, together, sides_m, Question(camera, names, model))
+    unseen = sorted(set(file.survey.by_id) - {marker for each in seen for marker in each.sightings})
+    notes = tuple(_notes(unseen, moved, together, judgement))
+    kept = {each.name for each in judgement.known.evidence}
+    stated = (each for each, evidence in zip(found.stated, found.known.evidence, strict=True) if evidence.name in kept)
+    return replace(found, known=judgement.known, stated=tuple(stated), notes=notes)
+
+
+def _look(file: MarkersFile, images: Sequence[Path], camera: Camera) -> tuple[list[_Seen], Gathered]:
+    """What every image shows, and the first image."""
+    seen: list[_Seen] = []
+    first: Gathered | None = None
+    with progress_bar("looking for markers", 0, _PROGRESS) as advance:
+        for image in gather(images):
+            first = first or image
+            _check_size(image, camera)
+            found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
+            seen.append(_Seen(image.name, _each_once(found, file, image.name)))
+            advance(round(_PROGRESS * image.done))
+    if first is None:
+        raise InputError("no image could be read", where=images[0], expected="images, folders of images or videos")
+    return seen, first
+
+
+def _check_size(image: Gathered, camera: Camera) -> None:
+    height_px, width_px = image.pixels.shape[:2]
+    if (width_px, height_px) != (camera.width_px, camera.height_px):
+        raise InputError(
+            "the image is not of this camera's mode",
+            where=image.name,
+            got=f"{width_px} x {height_px} px",
+            expected=f'{camera.width_px} x {camera.height_px} px, the size of camera "{camera.name}"',
+            hint="take the camera file of the mode that the image was taken in",
+        )
+
+
+def _each_once(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> dict[int, MarkerSighting]:
+    """The sightings of surveyed markers by id."""
+    surveyed, once = file.survey.by_id, dict[int, MarkerSighting]()
+    for each in found:
+        if each.id in file.ignore:
+            continue
+        if each.id not in surveyed:
+            raise InputError(
+                f"marker {each.id} is not surveyed",
+                where=image,
+                got=f"it at {_at(each.pixel)}",
+                expected=f"{_ids(surveyed)} of {file.path}",
+                hint=f"survey it, or write ignore = [{each.id}] there",
+            )
+        if each.id in once:
+            raise InputError(
+                f"marker {each.id} is there twice",
+                where=image,
+                got=f"it at {_at(once[each.id].pixel)} and at {_at(each.pixel)}",
+                expected="each id once",
+                hint="cover one of the two, or give it another id",
+            )
+        once[each.id] = each
+    return once
+
+
+def _combined(seen: Sequence[_Seen], camera: Camera) -> tuple[dict[int, MarkerSighting], dict[int, float]]:
+    """One sighting of each marker from all images, and by how many px others moved between them."""
+    by_id: dict[int, list[MarkerSighting]] = {}
+    for image in seen:
+        for marker, sighting in image.sightings.items():
+            by_id.setdefault(marker, []).append(sighting)
+    typical = {marker: _typical(sightings) for marker, sightings in by_id.items()}
+    for image in seen:
+        excess = [_excess(sighting, typical[marker]) for marker, sighting in image.sightings.items()]
+        if excess and np.median(excess) > 0:
+            px = np.median([math.dist(each.pixel, typical[marker].pixel) for marker, each in image.sightings.items()])
+            raise InputError(
+                "the camera moved between the images",
+                where=image.name,
+                got=f"markers {px:.0f} px from where they are in the others",
+                expected=f'one view of camera "{camera.name}"',
+                hint="calibrate each view by itself",
+            )
+    moved = {
+        marker: max(math.dist(each.pixel, typical[marker].pixel) for each in sightings)
+        for marker, sightings in by_id.items()
+        if any(_excess(each, typical[marker]) > 0 for each in sightings)
+    }
+    return {marker: each for marker, each in typical.items() if marker not in moved}, moved
+
+
+def _excess(sighting: MarkerSighting, typical: MarkerSighting) -> float:
+    """By how much it is farther away than chance allows, px."""
+    return math.dist(sighting.pixel, typical.pixel) - _MOVED_PX - _MOVED_STDS * sighting.std_px
+
+
+def _typical(sightings: Sequence[MarkerSighting]) -> MarkerSighting:
+    """The median of a marker's sightings; more of them take away noise, but not what they have in common."""
+    pixels = np.array([each.pixel for each in sightings])
+    corners = np.array([each.corners for each in sightings])
+    scatter_px = float(np.median(np.linalg.norm(pixels - np.median(pixels, axis=0), axis=1)))
+    first, second, third, fourth = (_px(each) for each in np.median(corners, axis=0))
+    return MarkerSighting(
+        id=sightings[0].id,
+        pixel=_px(np.median(pixels, axis=0)),
+        std_px=max(float(np.median([each.std_px for each in sightings])), scatter_px),
+        corners=(first, second, third, fourth),
+        corner_std_px=max(float(np.median([each.corner_std_px for each in sightings])), scatter_px),
+    )
+
+
+def _px(pixel: FloatArray) -> Px:
+    return float(pixel[0]), float(pixel[1])
+
+
+def _nothing(file: MarkersFile, first: Gathered, count: int) -> NoAnswerError:
+    """Why no marker can be used, and what to try."""
+    height_px, width_px = first.pixels.shape[:2]
+    more = f" and {count - 1} more" if count > 1 else ""
+    return NoAnswerError(
+        "no surveyed marker is seen",
+        where=first.name + more,
+        got=f"{width_px} x {height_px} px without one that stays in its place",
+        expected=f"{file.dictionary} markers, {_ids(file.survey.by_id)}",
+        hint=_suggestion(file, first.pixels),
+    )
+
+
+def _suggestion(file: MarkersFile, pixels: ImageArray) -> str:
+    other = other_dictionary(pixels, file.survey.dictionary).lower()
+    if other:
+        return f"markers of {other} are there: is that the dictionary?"
+    return f"are they at least {LEAST_SIDE_PX} px wide, sharp, whole, and with a white margin?"
+
+
+def _notes(
+    unseen: Sequence[int], moved: dict[int, float], together: dict[int, MarkerSighting], judgement: Judgement
+) -> Iterator[str]:
+    if unseen:
+        yield f"{_ids(unseen)} {'is' if len(unseen) == 1 else 'are'} surveyed, but not seen"
+    for marker, px in sorted(moved.items()):
+        yield f"marker {marker} moves by {px:.0f} px between the images, left out"
+    for marker, why in sorted(judgement.false.items()):
+        yield f"marker {marker} at {_at(together[marker].pixel)} cannot be true: {why}, left out"
+    if not judgement.is_checked:
+        yield "there is no evidence to spare: a false marker would not be noticed, add a marker or a prior"
+    if judgement.misses:
+        yield _missed(judgement.misses)
+
+
+def _missed(misses: Sequence[Miss]) -> str:
+    worst = max(misses, key=lambda each: each.away_m)
+    rms_m = math.sqrt(sum(each.away_m**2 for each in misses) / len(misses))
+    rms_px = math.sqrt(sum(each.px**2 for each in misses) / len(misses))
+    return (
+        f"a pose without it misses a marker's centre by {rms_m:.3f} m ({rms_px:.1f} px, root mean square of"
+        f" {len(misses)}), at most {worst.away_m:.3f} m, of {marker_name(worst.id)}"
+    )
+
+
+def _ids(markers: Collection[int]) -> str:
+    ids = [str(each) for each in sorted(markers)]
+    return f"id {ids[0]}" if len(ids) == 1 else f"ids {', '.join(ids[:-1])} and {ids[-1]}"
+
+
+def _at(pixel: Px) -> str:
+    return f"[{pixel[0]:.0f}, {pixel[1]:.0f}]"

@@ -1,7 +1,6 @@
 """``--probe "distance 812,604.5 1377,611 elevation=0.5"``: probes as people write them."""
 
 import math
-import re
 
 from aerodft.cli.stds import Stds
 from aerodft.conventions import LARGEST
@@ -10,7 +9,6 @@ from aerodft.errors import UsageError
 from aerodft.model.probe import Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _OPTIONS = ("elevation", "name")
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> tuple[Request, ...]:
@@ -49,7 +47,7 @@ def _probe(text: str, index: int, stds: Stds, elevation_m: float) -> Probe:
     if not takes_pixels(kind, len(pixels)):
         raise UsageError(f'--probe "{text}"', got=f"{len(pixels)} pixels", expected=f"{pixels_wanted(kind)} for {kind}")
     elevation = options.get("elevation", "")
-    named = bool(_NAME.fullmatch(elevation)) and not _is_number(elevation)
+    named = elevation != "" and not _is_number(elevation)
     number_m = _finite(elevation, text) if elevation and not named else elevation_m
     return Probe(
         name=options.get("name", f"{kind}-{index + 1}"),
@@ -67,8 +65,6 @@ def _options(words: list[str], text: str) -> dict[str, str]:
     for key, value in (_option(word, text) for word in words if "=" in word):
         if key in options:
             raise UsageError(f'--probe "{text}"', got=f"{key} again", expected="each option once")
-        if key == "name" and not _NAME.fullmatch(value):
-            raise UsageError(f'--probe "{text}"', got=f"name {value!r}", expected="letters, digits, '.', '_' and '-'")
         options[key] = value
     return options
 

@@ -191,7 +191,8 @@ def _checked(
 def _no_object(record: Record, pose: Pose, points: ImagePoints, value: Value) -> Measurement | None:
     """Why base and top are not those of an upright object whose height can be told."""
     above_base = float(pose.position_enu_m[2] - points.ground.points_enu_m[0, 2])
-    if not value.std <= MAX_RELATIVE_RANGE_STD * above_base or not math.isfinite(value.value):
+    size = max(above_base, abs(value.value))
+    if not value.std <= MAX_RELATIVE_RANGE_STD * size or not math.isfinite(value.value):
         return record.miss(Status.ILL_CONDITIONED, "the object is seen from above: its height may be anything")
     if not value.ci95[1] >= 0:
         sentence = f"the top is seen {-value.value:.2f} m below the base; the base comes first, then the top"

@@ -85,7 +85,7 @@ class LiveCalibrator:
         if sample.stamp_ns != self._seen_ns:
             self._seen_ns, self._seen = sample.stamp_ns, set()
         sights = [self._sight(sample, each) for each in sorted(observations, key=lambda each: each.name)]
-        ranked = sorted(sights, key=lambda sight: _rank(self._filter.expect(sight)))
+        ranked = sights if len(sights) == 1 else sorted(sights, key=lambda each: _rank(self._filter.expect(each)))
         estimate = self._estimate(sample, tuple(self._judged(sight) for sight in ranked))
         self._restart_if_lost()
         return estimate

@@ -74,14 +74,19 @@ def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:
     )
 
 
-class _TelemetryOnly:
-    """A source without its images and observations."""
+class _PoseOnly:
+    """A source without what poses at a stamp do not depend on: no images, and only landmarks seen before it."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source, station: StationConfig, stamp_ns: int) -> None:
         self._source = source
+        self._landmarks = frozenset(each.name for each in station.live.landmarks) if station.live else frozenset()
+        self._stamp_ns = stamp_ns
 
     def events(self) -> Iterator[Event]:
-        return (event for event in self._source.events() if isinstance(event, RawBlock))
+        return (event for event in self._source.events() if isinstance(event, RawBlock) or self._teaches(event))
+
+    def _teaches(self, event: Event) -> bool:
+        return isinstance(event, Observation) and event.name in self._landmarks and event.stamp_ns < self._stamp_ns
 
 
 def recorded_setup(folder: Path, at: str) -> tuple[Setup, PoseSample]:
@@ -122,7 +127,7 @@ def _pose_at(recording: Recording, station: StationConfig, stamp_ns: int) -> Pos
     """The pose at a stamp, from the telemetry around it and what is needed to know the clocks."""
     pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, probes=())))
     wait_ns = _LATEST_NS if station.pipeline.telemetry else 0
-    feed = MergedFeed([_TelemetryOnly(RecordingSource(recording))], station.pipeline.tick_ns)
+    feed = MergedFeed([_PoseOnly(RecordingSource(recording), station, stamp_ns)], station.pipeline.tick_ns)
     for batch in feed.batches():
         pipeline.step(batch)
         if batch.now_ns > stamp_ns + wait_ns:

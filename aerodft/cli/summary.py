@@ -45,12 +45,15 @@ def report(
                 "reasons": tally.reasons,
                 "warnings": warnings,
                 "lost": missing,
+                **_landmarks(tally),
             }
         )
     for sentence in warnings:
         say(f"aerodft: {sentence}")
     say(f"recording: {totals.folder}; {tally.images} images; poses: {_listed(tally.poses)}")
     say(f"measurements: {_listed(tally.measurements)}")
+    if tally.estimate is not None:
+        say(f"landmarks: {tally.estimate.updates} used, {tally.estimate.refused} refused")
     _say_unused(counts)
     if missing:
         why = "could not be written" if totals.lost else "came faster than they could be written"
@@ -61,6 +64,14 @@ def report(
         _refuse_emptiness(totals, tally)
     if missing:
         raise typer.Exit(_LOSS)
+
+
+def _landmarks(tally: Tally) -> dict[str, object]:
+    """What became of the landmarks, where the station has any."""
+    last = tally.estimate
+    if last is None:
+        return {}
+    return {"landmarks": {"used": last.updates, "refused": last.refused, "restarts": last.restarts}}
 
 
 def _say_unused(counts: Counts) -> None:

@@ -194,6 +194,7 @@ class Pipeline:
     def _finish(self, now_ns: int) -> list[Output]:
         ready: list[_Ready] = []
         waiting: deque[_Job] = deque()
+        found: dict[tuple[int, bool], PoseSample | None] = {}  # an image and all that was seen in it share their pose
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
             final = job.deadline_ns <= now_ns
@@ -201,7 +202,9 @@ class Pipeline:
                 waiting.append(job)
                 continue
             look = final or blocked_ns is None or job.stamp_ns < blocked_ns
-            sample = self._telemetry_pose(job.stamp_ns, final=final) if look else None
+            if look and (job.stamp_ns, final) not in found:
+                found[job.stamp_ns, final] = self._telemetry_pose(job.stamp_ns, final=final)
+            sample = found[job.stamp_ns, final] if look else None
             if sample is None:
                 waiting.append(job)
                 blocked_ns = min(job.stamp_ns, blocked_ns or job.stamp_ns)

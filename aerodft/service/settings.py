@@ -134,7 +134,7 @@ class LiveCalibration:
     initial: ErrorStd = field(default_factory=ErrorStd)
     drift: ErrorStd = DRIFT
     gate_probability: float = 0.999
-    outlier_share: float = 0.05
+    outlier_share: float = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

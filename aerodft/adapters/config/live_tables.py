@@ -77,7 +77,7 @@ class LiveTable(Table):
     initial: ErrorStdTable = ErrorStdTable()
     drift: ErrorStdTable = ErrorStdTable()
     gate_probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.999
-    outlier_share: Annotated[float, Field(ge=0, le=0.5)] = 0.05
+    outlier_share: Annotated[float, Field(ge=0, le=0.5)] = 0.1
 
 
 def live_from(

@@ -10,7 +10,7 @@ from aerodft.dft.projection import INTRINSICS
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet
+from aerodft.model.evidence import EvidenceSet, GroundLines, Horizon, Vertical
 from aerodft.model.measurement import ProjectionModel
 from calibration.errors_left import Leftover, leftovers, rms_px
 from calibration.observability import Observability, observability
@@ -73,6 +73,17 @@ class Result:
         )
 
     @property
+    def named_covariance(self) -> FloatArray:
+        """``(n, n)`` of the unknowns as people see them: a height is above the ground, which may be unknown too."""
+        names = self.problem.unknowns.names
+        above = np.eye(len(names))
+        if {"height", "elevation"} <= set(names):
+            above[names.index("height"), names.index("elevation")] = -1.0
+        with np.errstate(invalid="ignore"):
+            cov = above @ self.solution.covariance @ above.T
+        return np.asarray(np.where(np.isnan(cov), np.inf, cov))
+
+    @property
     def pose_covariance(self) -> FloatArray:
         """``(6, 6)`` as ``Pose.cov``."""
         return np.asarray(self.solution.joint[:6, :6])
@@ -101,6 +112,11 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
             raise ValueError(f"got {name}, expected some of {', '.join((*possible, 'position', 'principal_point'))}")
     if "focal" in asked and {"fx", "fy"} & set(asked):
         raise ValueError("got focal beside fx or fy, expected one of the two")
+    apart = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines | Horizon)]
+    if model is ProjectionModel.DFT and apart:
+        raise ValueError(
+            f"got {apart[0]} for the dft model, which has no rays: expected ranges, lengths, landmarks, ..."
+        )
     lens_only = [name for name in asked if name in ("cx", "cy", "roll", *coefficient_names(camera))]
     if model is ProjectionModel.DFT and lens_only:
         raise ValueError(f"got {lens_only[0]} for the dft model, expected height, tilt, heading, position or focal")

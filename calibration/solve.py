@@ -63,14 +63,23 @@ def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Sol
         The best of all descents. Whether it can be trusted is for ``observability`` to say.
     """
     best = _best_start(problem, given, guess_is_good=guess_is_good)
-    kept = _kept(best.residuals, len(problem.known.evidence))
+    kept = np.ones(len(problem.known.evidence), dtype=bool)
+    first = _kept(best.residuals, len(kept))
+    if _tells_more(problem, best.residuals, first):
+        kept = first
     for _ in range(_ROUNDS):
         best = descend(problem, best.state, None, kept)
         now = _kept(best.residuals, len(kept), kept)
-        if np.array_equal(now, kept):
+        if np.array_equal(now, kept) or not _tells_more(problem, best.residuals, now):
             break
         kept = now
     return _solution(problem, best, kept)
+
+
+def _tells_more(problem: Problem, residuals: Residuals, kept: np.ndarray) -> bool:
+    """Whether what is kept could contradict a fit: with as many rows as unknowns, anything fits."""
+    rows = np.count_nonzero((residuals.owner < 0) | kept[np.maximum(residuals.owner, 0)])
+    return int(rows) > len(problem.unknowns.names)
 
 
 def _best_start(problem: Problem, given: State, *, guess_is_good: bool) -> Descent:
@@ -136,7 +145,9 @@ def _solution(problem: Problem, end: Descent, kept: np.ndarray) -> Solution:
     to_angles = problem.unknowns.to_angles(end.state)
     own = _inverse(jac.T @ jac) * scaled**2
     by = problem.unknowns.by_unknowns(end.state)
-    with np.errstate(invalid="ignore"):  # infinite where something is not determined
+    if not np.all(np.isfinite(own)):
+        covariance, joint = own, np.full((len(by), len(by)), np.inf)
+    else:
         covariance, joint = to_angles @ own @ to_angles.T, by @ own @ by.T
     return Solution(end.state, residuals, kept, covariance, joint, chi2, dof, p_value, scaled)
 

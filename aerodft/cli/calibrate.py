@@ -111,7 +111,7 @@ def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:
         cov[:, :2] = cov[:, :2] @ from_grid.T
         heading_rad = true_rad
     stds = np.sqrt(np.maximum(np.diag(cov), 0.0))
-    names, named = result.problem.unknowns.names, np.sqrt(np.maximum(np.diag(result.solution.covariance), 0.0))
+    names, named = result.problem.unknowns.names, np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0))
     by_name = dict(zip(names, named.tolist(), strict=True))
     lens = result.lens_covariance
     return FixedPose(
@@ -123,7 +123,7 @@ def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:
         lon_rad=None if place is None else float(place[1]),
         alt_msl_m=None if place is None else float(place[2]),
         std=PoseStd(
-            height_agl_m=float(stds[2]),
+            height_agl_m=by_name.get("height", 0.0),
             horizontal_m=float(np.hypot(*stds[:2])) / math.sqrt(2),
             tilt_rad=by_name.get("tilt", 0.0),
             roll_rad=by_name.get("roll", 0.0),

@@ -11,7 +11,7 @@ from aerodft.cli.output import tables
 from calibration.observability import correlations
 from calibration.result import Result, said
 
-_SUSPICIOUS_P = 0.01
+_SUSPICIOUS_P = 1e-4
 
 
 def refusal(result: Result) -> str:
@@ -51,7 +51,7 @@ def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any
     """The whole result as JSON; nothing that is not finite."""
     solution, names = result.solution, result.problem.unknowns.names
     keys, scales = zip(*(said(name) for name in names), strict=True)
-    covariance = solution.covariance * np.outer(scales, scales)
+    covariance = result.named_covariance * np.outer(scales, scales)
     place = found.frame.wgs84(solution.state.position_m)
     return {
         "schema": "aerodft.calibration/1",
@@ -100,7 +100,7 @@ def print_result(result: Result, found: EvidenceFile) -> None:
     """Two tables: the unknowns, and what is left of each observation."""
     solution = result.solution
     table = Table("unknown", "value", "std")
-    stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+    stds = np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0))
     for (key, value), name, std in zip(_values(result).items(), result.problem.unknowns.names, stds, strict=True):
         table.add_row(key, f"{value:.6g}", f"{std * said(name)[1]:.3g}")
     tables().print(table)
@@ -114,6 +114,9 @@ def print_result(result: Result, found: EvidenceFile) -> None:
     place = ", ".join(f"{value:.3f}" for value in found.frame.file_coordinates(solution.state.position_m))
     fit = f"{rms}chi-square {solution.chi2:.1f} with {solution.dof} degrees of freedom"
     tables().print(f"{fit}; camera at {place} ({found.frame.crs})")
+    if {"east", "north"} & set(result.problem.unknowns.names) and any(found.frame.origin[:2]):
+        origin = ", ".join(f"{value:.10g}" for value in found.frame.origin[:2])
+        tables().print(f"east_m and north_m count from {origin}")
 
 
 def _values(result: Result) -> dict[str, float]:

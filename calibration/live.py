@@ -12,7 +12,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import Calibration
 from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
 from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseSample, PoseStd
+from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
 from calibration.live_filter import BiasFilter, Expectation, Sight
@@ -64,7 +64,7 @@ class LiveCalibrator:
             time_std_s=0.0,  # it is one of the biases
         )
         refined = relocated(sample, known)
-        return replace(refined, std=self._stds(sample, known, cov), calibration=self._calibration)
+        return replace(refined, std=self._stds(sample, cov), calibration=self._calibration)
 
     def observes(self, name: str) -> bool:
         """Whether a landmark has that name."""
@@ -133,13 +133,12 @@ class LiveCalibrator:
             self._recent.clear()
             self._restarts += 1
 
-    def _stds(self, sample: PoseSample, pose: Pose, cov: FloatArray) -> PoseStd:
+    def _stds(self, sample: PoseSample, cov: FloatArray) -> PoseStd:
         noise = self._model.noise_of(sample)
         std = BiasValues(**self._model.said(sample, np.sqrt(np.diag(cov))))
-        east_m2, north_m2, up_m2 = np.diag(pose.cov)[:3].tolist()
         return PoseStd(
-            height_agl_m=math.sqrt(up_m2),
-            horizontal_m=math.sqrt((east_m2 + north_m2) / 2),
+            height_agl_m=math.hypot(std.height_m, noise.height_agl_m),
+            horizontal_m=math.hypot(std.east_m / math.sqrt(2), std.north_m / math.sqrt(2), noise.horizontal_m),
             tilt_rad=math.hypot(std.tilt_rad, noise.tilt_rad),
             pan_rad=math.hypot(std.pan_rad, noise.pan_rad),
             roll_rad=math.hypot(std.roll_rad, noise.roll_rad),

@@ -73,6 +73,21 @@ class Seen:
     strays: float = 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """What the telemetry of a flight says minus what is true.
+
+    Attributes:
+        biases: Constant ones of height and attitude.
+        shift_m: Of east and north.
+        noise_share: What is new in every sample, as a share of the stated stds.
+    """
+
+    biases: Biases
+    shift_m: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    noise_share: float = 0.1
+
+
 @dataclass(frozen=True)
 class Flight:
     """A flight that is over: true ground points ``(2, 3)``, the true last position, and what came out.
@@ -100,7 +115,7 @@ class Flight:
 
 
 def drawn(draw, std, share=0.1):
-    """One flight's constant errors, as the stated stds have them beside the noise: biases, and east and north."""
+    """One flight's errors, as the stated stds have them."""
     kept = np.sqrt(1 - share**2)
     height, tilt, pan, roll, heading = (kept * draw.standard_normal(5)).tolist()
     biases = Biases(
@@ -110,10 +125,10 @@ def drawn(draw, std, share=0.1):
         roll_rad=roll * std.roll_rad,
         heading_rad=heading * std.heading_rad,
     )
-    return biases, kept * draw.standard_normal(2) * std.horizontal_m
+    return Errors(biases=biases, shift_m=kept * draw.standard_normal(2) * std.horizontal_m, noise_share=share)
 
 
-def noise_of(std, share=0.1):
+def noise_of(std, share):
     return PoseStd(
         height_agl_m=share * std.height_agl_m,
         horizontal_m=share * std.horizontal_m,
@@ -184,10 +199,11 @@ def markers_of(draw, truth, points_px=None):
     return on_ground(pose, pixels)
 
 
-def flown(draw, truth, std, seen, *, biases, shift_m, late_s=0.0, live=None, share=0.1, every_width=False):
+def flown(draw, truth, std, seen, errors, *, every_width=False):
     """Send a flight through the pipeline, and measure in its last image, or in every one."""
-    told = replace(truth, position_enu_m=truth.position_enu_m + np.append(shift_m, 0.0))
-    autopilot = Autopilot(rates_hz=RATES_HZ, biases=biases, noise=noise_of(std, share), seed=int(draw.integers(2**31)))
+    told = replace(truth, position_enu_m=truth.position_enu_m + np.append(errors.shift_m, 0.0))
+    noise = noise_of(std, errors.noise_share)
+    autopilot = Autopilot(rates_hz=RATES_HZ, biases=errors.biases, noise=noise, seed=int(draw.integers(2**31)))
     sent = datagrams(told, autopilot)
     raw = block_of(WireProtocol.MAVLINK, "sim", [each.due_ns for each in sent], [each.data for each in sent])
     places = markers_of(draw, truth)
@@ -196,14 +212,12 @@ def flown(draw, truth, std, seen, *, biases, shift_m, late_s=0.0, live=None, sha
         SurveyedLandmark(name=name, position_enu_m=tuple(place), std_m=(seen.survey_std_m,) * 3)
         for name, place in zip(MARKERS, surveyed.tolist(), strict=True)
     )
-    live = live or LiveCalibration(landmarks=())
-    calibrator = LiveCalibrator(replace(live, landmarks=landmarks), settings(std))
+    calibrator = LiveCalibrator(LiveCalibration(landmarks=landmarks), settings(std))
     pipeline = Pipeline(settings(std), CompositeDecoder(), calibrator, calibrator)
     step_ns = SECOND_NS // IMAGES_HZ
     stamps = range(truth.start_ns + step_ns + SAMPLED_NS, truth.end_ns - step_ns, step_ns)
     last = truth.pose(stamps[-1])
     points = on_ground(last, RIVER * SIZE if every_width else draw.uniform(MARGIN_PX, SIZE - MARGIN_PX, (2, 2)))
-    late_ns = round(late_s * SECOND_NS)
     observations = []
     for stamp in stamps:
         pose = truth.pose(stamp)
@@ -215,17 +229,17 @@ def flown(draw, truth, std, seen, *, biases, shift_m, late_s=0.0, live=None, sha
             if draw.random() < seen.strays:
                 away = draw.uniform(0, 2 * np.pi)
                 pixel = pixel + draw.uniform(20, 80) * np.array([np.cos(away), np.sin(away)])
-            observations.append(observation(name, stamp + late_ns, pixel, seen.std_px))
+            observations.append(observation(name, stamp, pixel, seen.std_px))
         if every_width or stamp == stamps[-1]:
             pixels = pixels_of(CAMERA, pose, points) + draw.normal(0, seen.std_px, (2, 2))
             for probe in PROBES:
                 count = 2 if probe.kind is ProbeKind.DISTANCE else 1
-                observations.append(observation(probe.name, stamp + late_ns, pixels[:count], seen.std_px))
+                observations.append(observation(probe.name, stamp, pixels[:count], seen.std_px))
     batch = Batch(now_ns=truth.end_ns, raw=(raw,), observations=tuple(observations))
     flight = Flight(truth, points)
     for output in (*pipeline.step(batch), *pipeline.finish()):
         if isinstance(output, Measurement):
-            flight.measured.setdefault(output.stamp_ns - late_ns, []).append(output)
+            flight.measured.setdefault(output.stamp_ns, []).append(output)
         elif isinstance(output, CalibrationEstimate):
             flight.estimates.append(output)
     return flight

@@ -8,9 +8,11 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.codec import estimate
+from aerodft.adapters.codec import estimate, pose
 from aerodft.adapters.codec.estimate import decode_estimate
+from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.main import main
+from aerodft.cli.recorded import recorded_setup
 from aerodft.conventions import SECOND_NS
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
@@ -18,7 +20,7 @@ from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Autopilot, Biases
 from replay.recording import Recording
 
-from .live_flights import CONSUMER, KINDS, Seen, drawn, flown, trajectory
+from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory
 
 TILTS_DEG = (0.0, 30.0, 45.0, 60.0)
 FLIGHTS = 504
@@ -51,7 +53,7 @@ def test_widths_are_within_one_percent_after_five_seconds_of_seeing_markers(tilt
         draw = np.random.default_rng([5, round(tilt_deg)])
         truth = trajectory(draw, tilt_deg, height_m=50.0, length_s=8.0)
         seen = Seen(markers=markers, std_px=0.5)
-        flight = flown(draw, truth, CONSUMER, seen, biases=BIASES, shift_m=np.zeros(2), share=0.0, every_width=True)
+        flight = flown(draw, truth, CONSUMER, seen, Errors(biases=BIASES, noise_share=0.0), every_width=True)
         found[markers] = flight.width_errors()[LEARNED:]
         assert np.count_nonzero(np.isfinite(found[markers])) >= 8
     before, after = (100 * np.nanmax(np.abs(found[markers])) for markers in (0, 3))
@@ -77,9 +79,9 @@ def test_95_percent_intervals_hold_the_truth_in_95_percent_of_the_flights(name):
     refused = used = 0
     for number in range(FLIGHTS):
         draw = np.random.default_rng([number, 21])
-        biases, shift_m = drawn(draw, CONSUMER)
+        errors = drawn(draw, CONSUMER)
         truth = trajectory(draw, TILTS_DEG[number % len(TILTS_DEG)], length_s=length_s)
-        flight = flown(draw, truth, CONSUMER, seen, biases=biases, shift_m=shift_m)
+        flight = flown(draw, truth, CONSUMER, seen, errors)
         for measured in flight.last:
             if measured.status is Status.OK:
                 held[measured.kind].append(is_inside(measured, flight))
@@ -192,3 +194,7 @@ def test_an_imported_flight_with_landmarks_is_computed_anew_to_the_byte(monkeypa
     named = [orjson.loads(each)["calibration"] for each in recording.measurements()]
     assert named[0] is None
     assert named[-1].startswith("live:")
+    middle = payloads(recording, pose.SCHEMA)[60]
+    _, asked = recorded_setup(recording.folder, unix_ns_to_iso(pose.decode_pose(middle).stamp_ns))
+    assert asked.calibration.startswith("live:")
+    assert pose.encode_pose(asked) == middle

@@ -25,6 +25,7 @@ from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.adapters.zenoh.session import free_endpoint, open_session, session_on
 from aerodft.errors import InputError, LinkError
 from aerodft.geometry.rotation import camera_attitude
+from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
@@ -130,6 +131,7 @@ def test_another_process_receives_everything_valid(endpoint: str) -> None:
         bus.inputs(batch_of(50, [shot]))
         for index in range(100):
             bus.outputs((a_sample(), a_measurement(index), a_measurement(index, "w/b")))
+        bus.outputs((CalibrationEstimate(stamp_ns=9, calibration="live:x:1"),))
         bus.outputs(())
         bus._image_lane.close()  # noqa: SLF001 - the image is on its way before the last message
         bus.status(StationStatus(station="s", stamp_ns=1, state="running"))
@@ -151,6 +153,7 @@ def test_another_process_receives_everything_valid(endpoint: str) -> None:
         "aerodft/s/measurement/w": 100,
         "aerodft/s/measurement/w%2Fb": 100,
         "aerodft/s/pose": 100,
+        "aerodft/s/calibration": 1,
         "aerodft/s/image": 1,
         "aerodft/s/status": 1,
     }

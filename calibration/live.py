@@ -21,6 +21,9 @@ from calibration.live_model import BiasModel, relocated
 _RECENT, _MOST_REFUSED = 12, 8
 """When so many of the last sights were refused, it is the estimate that is wrong, and it begins anew."""
 
+_FINEST_PX = 0.01
+"""Nobody sees anything more precisely, whatever is stated."""
+
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
 
 
@@ -96,7 +99,8 @@ class LiveCalibrator:
 
     def _sight(self, sample: PoseSample, seen: Observation) -> Sight:
         landmark = self._landmarks[seen.name]
-        return Sight(sample, landmark, np.array(seen.pixels[0]), seen.std_px or landmark.std_px)
+        std_px = max(seen.std_px or landmark.std_px, _FINEST_PX)
+        return Sight(sample, landmark, np.array(seen.pixels[0]), std_px)
 
     def _judged(self, sight: Sight) -> Innovation:
         """Follow a sight, or say why not."""

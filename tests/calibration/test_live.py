@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -164,11 +166,11 @@ def test_many_sights_give_what_least_squares_gives():
     )
     poses = [sample(second, heading_deg=25 * second - 20, tilt_deg=45 + 3 * second) for second in range(4)]
     sights = []
-    for given in poses:
+    for told_pose in poses:
         for name in PLACES:
-            pixel = truly_at(given, wrong, name) + draw.normal(0, 0.5, 2)
+            pixel = truly_at(told_pose, wrong, name) + draw.normal(0, 0.5, 2)
             if np.all((pixel > 0) & (pixel < [1919, 1079])):
-                sights.append((given, name, pixel))
+                sights.append((told_pose, name, pixel))
     assert len(sights) >= 8
     prior = np.sqrt(np.diag(model(initial=near).cov))
     free = prior > 0
@@ -176,15 +178,15 @@ def test_many_sights_give_what_least_squares_gives():
     def residuals(scaled):
         biases = np.zeros(len(WRONG))
         biases[free] = scaled * prior[free]
-        off = [(truly_at(given, biases, name) - pixel) / 0.5 for given, name, pixel in sights]
+        off = [(truly_at(at, biases, name) - pixel) / 0.5 for at, name, pixel in sights]
         return np.concatenate([*off, scaled])
 
     best = least_squares(residuals, np.zeros(np.count_nonzero(free)), x_scale=1.0, xtol=1e-14, ftol=1e-14)
     cov = np.linalg.inv(best.jac.T @ best.jac)
     live = calibrator(initial=near, **CERTAIN)
-    for given in poses:
-        of_image = tuple(seen(n, g.stamp_ns / SECOND_NS, p, 0.5) for g, n, p in sights if g is given)
-        told = live.observe(given, of_image)
+    for told_pose in poses:
+        of_image = tuple(seen(n, g.stamp_ns / SECOND_NS, p, 0.5) for g, n, p in sights if g is told_pose)
+        told = live.observe(told_pose, of_image)
     names = ("height_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad", "east_m", "north_m", "time_s")
     got = np.array([[getattr(told.bias, name), getattr(told.std, name)] for name in names])
     want = np.column_stack([best.x, np.sqrt(np.diag(cov))])[1:] * prior[1:, None]
@@ -372,3 +374,32 @@ def test_the_corrected_place_is_where_the_map_shows_it():
     metres_per_rad = 6.37e6
     north_m = (refined.lat_rad - ORIGIN.lat_rad) * metres_per_rad
     assert north_m == pytest.approx(refined.pose.position_enu_m[1], rel=0.01)
+
+
+sightings = st.lists(
+    st.tuples(
+        st.sampled_from(sorted(PLACES)),
+        st.floats(-5.0, 20.0),
+        st.tuples(st.floats(-3e3, 3e3), st.floats(-3e3, 3e3)),
+        st.sampled_from([0.0, 0.01, 1.0]),
+        st.floats(1e-12, 1e6),
+    ),
+    max_size=25,
+)
+
+
+@given(sightings, st.sampled_from([0.0, 0.3]), st.sampled_from([0.0, 0.1]))
+def test_whatever_is_seen_the_estimate_stays_one(observed, std_m, outlier_share):
+    """Any pixels, any stated precision, in any order of time: finite, and never less certain than telemetry alone."""
+    live = calibrator(std_m=std_m, outlier_share=outlier_share)
+    for name, at_s, off_px, share, std_px in observed:
+        image = sample(at_s, heading_deg=3 * at_s)
+        pixel = truly_at(image, WRONG, name) + share * np.array(off_px)
+        if np.all(np.isfinite(pixel)):
+            told = live.observe(image, (seen(name, at_s, pixel, std_px),))
+            assert told.updates + told.refused > 0
+    refined = live.refine(sample(20.0))
+    assert np.all(np.isfinite(refined.pose.cov))
+    assert np.linalg.eigvalsh(refined.pose.cov)[0] > -1e-12
+    for name in ("height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad"):
+        assert getattr(refined.std, name) <= 1.5 * getattr(STD, name), name

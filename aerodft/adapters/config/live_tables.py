@@ -31,6 +31,7 @@ def _three(value: object) -> object:
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+AngleStd = Annotated[float, Field(ge=0, le=180)]
 Place = Annotated[tuple[Real, Real, Real], Field(strict=False)]
 PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], BeforeValidator(_three), Field(strict=False)]
 
@@ -63,10 +64,10 @@ class ErrorStdTable(Table):
 
     height_m: NonNegative | None = None
     horizontal_m: NonNegative | None = None
-    tilt_deg: NonNegative | None = None
-    pan_deg: NonNegative | None = None
-    roll_deg: NonNegative | None = None
-    heading_deg: NonNegative | None = None
+    tilt_deg: AngleStd | None = None
+    pan_deg: AngleStd | None = None
+    roll_deg: AngleStd | None = None
+    heading_deg: AngleStd | None = None
 
 
 class LiveTable(Table):

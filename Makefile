@@ -43,10 +43,12 @@ bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_import.py
 	$(BIN)/python tests/bench/bench_dense.py
 	$(BIN)/python tests/bench/bench_terrain.py
+	$(BIN)/python tests/bench/bench_calibration.py
 
 # Needs the network once: the peer is installed in an environment of its own.
 bench-peer: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_cameratransform.py
+	$(BIN)/python tests/bench/bench_calibration.py --peer
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .

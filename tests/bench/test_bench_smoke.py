@@ -12,7 +12,7 @@ HERE = Path(__file__).parent
 @pytest.mark.parametrize(
     ("script", "options", "says"),
     [
-        ("bench_calibration.py", ["--landmarks", "20", "--runs", "1"], r"20 landmarks, .* 20\.\d+, 70\.\d+"),
+        ("bench_calibration.py", ["--landmarks", "20", "--runs", "1"], r"20 landmarks, .* ms; \d+\.\d+, \d+\.\d+"),
         ("bench_import.py", ["--seconds", "4", "--probes", "2", "--rate", "5"], r"recompute +.* times real time"),
         (
             "bench_dense.py",

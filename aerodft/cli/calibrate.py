@@ -16,7 +16,8 @@ from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_e
 from aerodft.adapters.config.station import FixedPose
 from aerodft.cli.calibrate_words import document, print_result, refusal, sentences
 from aerodft.cli.output import print_json, say
-from aerodft.errors import ConfigError, NoAnswerError, UsageError
+from aerodft.errors import NoAnswerError, UsageError
+from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseStd
 from calibration.result import Result, angles_deg, unknowns_of
@@ -31,13 +32,19 @@ class _Asked:
 
 
 def calibrate(
-    observations: Annotated[Path, typer.Argument(help="What is known: TOML, or CSV with a row for each landmark.")],
+    observations: Annotated[
+        list[Path],
+        typer.Argument(help="What is known: TOML, or CSV with a row for each landmark; with --detect, images."),
+    ],
     camera: Annotated[Path, typer.Option(help="Camera file (TOML).")],
     unknowns: Annotated[
         str,
         typer.Option(help="height,tilt,roll,heading,position,focal (or fx,fy),principal_point,elevation,k1,k2,..."),
     ] = "height,tilt",
     model: Annotated[ProjectionModel, typer.Option(help="Projection model.")] = ProjectionModel.PINHOLE,
+    detect: Annotated[
+        Path | None, typer.Option(help="Find the surveyed ArUco or AprilTag markers of this file in the images.")
+    ] = None,
     crs: Annotated[str | None, typer.Option(help="Of a CSV file: local, geo or an EPSG code.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the calibration to this file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write pictures and tables to this folder.")] = None,
@@ -49,17 +56,16 @@ def calibrate(
     Example:
       aerodft calibrate site.toml --camera cam.toml --unknowns height,tilt,roll -o calibration.toml
     """
-    lens, found = load_camera(camera), load_evidence(observations, crs)
-    check_against(found, lens)
+    lens = load_camera(camera)
     names = tuple(filter(None, (name.strip() for name in unknowns.split(","))))
     if not names:
         raise UsageError("--unknowns", got="none", expected="e.g. height,tilt")
+    found = _evidence(observations, detect, crs, lens, names, model)
+    check_against(found, lens)
     try:
         unknowns_of(names, found.known, lens, model)
     except ValueError as error:
         raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
-    if not found.known.evidence:
-        raise ConfigError("no observations", where=observations, got="none", expected="landmarks, ranges, lengths, ...")
     asked = _Asked(found, solve_for(found.known, lens, names, model), names)
     why_not = refusal(asked.result)
     if json:
@@ -69,8 +75,25 @@ def calibrate(
     for sentence in sentences(asked.result, found):
         say(f"aerodft: {sentence}")
     if why_not:
-        raise NoAnswerError("no calibration", where=observations, got=why_not)
+        raise NoAnswerError("no calibration", where=found.path, got=why_not)
     _write(asked, camera, output, report)
+
+
+def _evidence(
+    given: list[Path],
+    detect: Path | None,
+    crs: str | None,
+    lens: Camera,
+    names: tuple[str, ...],
+    model: ProjectionModel,
+) -> EvidenceFile:
+    if detect is not None:
+        from aerodft.cli.detect import detected_evidence  # noqa: PLC0415 - the video library is slow to load
+
+        return detected_evidence(detect, given, lens, names, model)
+    if len(given) != 1:
+        raise UsageError("observations", got=f"{len(given)} files", expected="one; images go with --detect MARKERS")
+    return load_evidence(given[0], crs)
 
 
 def _write(asked: _Asked, camera: Path, output: Path | None, report: Path | None) -> None:

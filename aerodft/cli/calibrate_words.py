@@ -12,6 +12,7 @@ from calibration.observability import correlations
 from calibration.result import Result, said
 
 _SUSPICIOUS_P = 1e-4
+_MOST_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
 
 
 def refusal(result: Result) -> str:
@@ -19,17 +20,17 @@ def refusal(result: Result) -> str:
     solution = result.solution
     if not result.weakest.is_determined:
         return result.weakest.sentence
-    if np.count_nonzero(~solution.kept) * 2 >= len(solution.kept):
+    if np.count_nonzero(~solution.kept) > _MOST_OUTLIERS * len(solution.kept):
         return (
-            f"{np.count_nonzero(~solution.kept)} of {len(solution.kept)} observations disagree with the rest: check the"
-            " camera file, the coordinates and their stds"
+            f"{np.count_nonzero(~solution.kept)} of {len(solution.kept)} observations disagree with the rest: check what"
+            " is unknown (heading, position), the camera file, the coordinates and their stds"
         )
     return ""
 
 
 def sentences(result: Result, found: EvidenceFile) -> list[str]:
     """What a person should know of the result."""
-    solution, said_so = result.solution, []
+    solution, said_so = result.solution, list(found.notes)
     for left in result.left:
         if left.is_outlier:
             off = f"by {left.px:.0f} px" if math.isfinite(left.px) else "altogether: it cannot be seen from there"

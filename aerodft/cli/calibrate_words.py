@@ -22,8 +22,8 @@ def refusal(result: Result) -> str:
         return result.weakest.sentence
     if np.count_nonzero(~solution.kept) > _MOST_OUTLIERS * len(solution.kept):
         return (
-            f"{np.count_nonzero(~solution.kept)} of {len(solution.kept)} observations disagree with the rest: check what"
-            " is unknown (heading, position), the camera file, the coordinates and their stds"
+            f"{np.count_nonzero(~solution.kept)} of {len(solution.kept)} observations disagree with the rest: check"
+            " what is unknown (heading, position), the camera file, the coordinates and their stds"
         )
     return ""
 

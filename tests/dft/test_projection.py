@@ -129,7 +129,7 @@ def test_pinhole_jacobian_is_the_finite_difference(lens, surface, tilt, roll, he
     pose = camera_pose(height_agl_m=50.0, tilt_rad=tilt, roll_rad=roll, heading_rad=heading)
     pixels, step = np.array([[u, v]]), 1e-6
     ground = project(lens, pose, pixels, 1.0, PINHOLE, surface)
-    assume(ground.status[0] == 0 and np.linalg.norm(ground.points_enu_m - pose.position_enu_m) < 400)
+    assume(ground.status[0] == 0 and np.linalg.norm(ground.points_enu_m - pose.position_enu_m) < 300)
     for column in range(shared_count(lens)):
         shift = step * np.eye(shared_count(lens))[column]
         ends = [
@@ -139,7 +139,7 @@ def test_pinhole_jacobian_is_the_finite_difference(lens, surface, tilt, roll, he
             for s in (shift, -shift)
         ]
         want = (ends[0] - ends[1])[0] / (2 * step)
-        assert_allclose(ground.jac_shared[0, :, column], want, rtol=2e-5, atol=1e-3, err_msg=f"column {column}")
+        assert_allclose(ground.jac_shared[0, :, column], want, rtol=1e-5, atol=1e-4, err_msg=f"column {column}")
     for axis in (0, 1):
         shift = step * np.eye(2)[axis]
         ends = [project(lens, pose, pixels + s, 1.0, PINHOLE, surface).points_enu_m for s in (shift, -shift)]

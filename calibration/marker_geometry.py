@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri, fdtri
 
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.arrays import FloatArray
@@ -13,12 +14,18 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark
 from aerodft.model.marker import MarkerSighting, marker_name
 from aerodft.model.measurement import ProjectionModel
+from calibration.observability import LIMIT
 from calibration.result import Result, calibrate
 from calibration.state import State
 
 _SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
 _STDS: Final = 5.0  # and what its corners' errors may add
 _MOST: Final = 0.5  # share of the markers that can be false
+_SCALED: Final = 4.0  # times the stated stds: what is larger is no bad luck, and no survey a little worse than stated
+_CONTRADICTION: Final = 10.0
+_SURE: Final = 0.99  # that one explanation is better than the next, by the ratio of their variances
+_CHANCE: Final = 1e-4  # of a true explanation to be as bad
+_LEAST_VARIANCE: Final = 0.1  # a fit that is better still is luck
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +52,15 @@ class Judgement:
         false: Why a sighting cannot be true, by id.
         misses: Of each of the others, where the rest determines the camera without it.
         is_checked: There is more evidence than unknowns, so that a false one would have been noticed.
+        contradiction: Why the evidence cannot be used, though nothing tells which part of it is false; empty where it
+            can.
     """
 
     known: EvidenceSet
     false: dict[int, str]
     misses: tuple[Miss, ...]
     is_checked: bool
+    contradiction: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +84,8 @@ def judge(
 ) -> Judgement:
     """Leave out sightings that no camera explains together with the rest.
 
-    A marker is false where most of its landmarks are outliers of the calibration, or where it looks much larger or
-    smaller than it is.
+    A marker is false if it is the only one without which everything agrees, if most of its landmarks are outliers of
+    the calibration, or if it looks much larger or smaller than it is.
 
     Args:
         known: All evidence; a marker's landmarks are named as :func:`aerodft.model.marker.marker_name` has it.
@@ -88,17 +98,92 @@ def judge(
     """
     false: dict[int, str] = {}
     result = question.answer(known)
-    while result.weakest.is_determined:
+    while _determined(result):
         left = [marker for marker in seen if marker not in false]
-        found = _far(result, known, left) or _of_wrong_size(result.solution.state, known, seen, left, sides_m)
+        found = _apart(result, known, left, question) or _of_wrong_size(result, seen, left, sides_m)
         if not found or len(false) + len(found) > _MOST * len(seen):
             break
         false |= found
         known = _without(known, *found)
         result = question.answer(known)
     trusted = [marker for marker in seen if marker not in false]
-    misses = tuple(_misses(known, trusted, seen, question)) if result.weakest.is_determined else ()
-    return Judgement(known, false, misses, is_checked=result.solution.dof > 0)
+    misses = tuple(_misses(known, trusted, seen, question)) if _determined(result) else ()
+    why_not = _contradiction(result, seen, trusted, sides_m)
+    return Judgement(known, false, misses, is_checked=result.solution.dof > 0, contradiction=why_not)
+
+
+def _determined(result: Result) -> bool:
+    """Whether the evidence would determine every unknown if its errors were as stated."""
+    return result.weakest.std_share <= LIMIT * result.solution.scaled
+
+
+def _contradiction(
+    result: Result, seen: Mapping[int, MarkerSighting], trusted: list[int], sides_m: Mapping[int, float]
+) -> str:
+    if not _determined(result):
+        return ""
+    if result.solution.scaled > _CONTRADICTION:
+        return "no camera explains them all, and they are too few to tell which one is wrong"
+    if _of_wrong_size(result, seen, trusted, sides_m):
+        ratio = np.median([seen_m / sides_m[marker] for marker, seen_m, _ in _looks(result, seen, trusted, sides_m)])
+        return f"where they should be, they look {ratio:.2g} times as large as side_m"
+    return ""
+
+
+def _agrees(result: Result) -> bool:
+    """Whether nothing stands off, and errors are not much larger than stated."""
+    return bool(np.all(result.solution.kept)) and result.solution.scaled < _SCALED
+
+
+def _apart(result: Result, known: EvidenceSet, markers: list[int], question: Question) -> dict[int, str]:
+    """What does not fit: the one marker without which all the rest agrees, or else those that the fit left out."""
+    if _agrees(result):
+        return {}
+    without = {marker: question.answer(rest) for marker in markers if (rest := _without(known, marker)).evidence}
+    if not without:
+        return {}
+    best, *others = sorted(without, key=lambda marker: _variance(without[marker]))
+    explained = without[best]
+    if _agrees(explained) and explained.solution.dof > 0 and _determined(explained):
+        if all(_variance(without[other]) > _worse_than(explained) for other in others):
+            return {best: _off(_distance_px(explained.solution.state, known, best))}
+        return {}
+    found = {}
+    for marker in markers:
+        left = [result.left[row] for row in _rows(known, marker)]
+        if 2 * sum(each.is_outlier for each in left) > len(left):
+            found[marker] = _off(_distance_px(result.solution.state, known, marker))
+    return found
+
+
+def _variance(result: Result) -> float:
+    """Of what is left, in units of what was stated; infinite where something had to be left out, or nothing is left."""
+    solution = result.solution
+    return solution.chi2 / solution.dof if solution.dof > 0 and np.all(solution.kept) else math.inf
+
+
+def _worse_than(best: Result) -> float:
+    """The variance beyond which another explanation is not as good as the best one.
+
+    By what both leave, however the stds were stated; or, where the best one shows that these hold, by them.
+    """
+    dof, p_value = best.solution.dof, best.solution.p_value or 0.0
+    limit = float(fdtri(dof, dof, _SURE)) * max(_variance(best), _LEAST_VARIANCE)
+    return min(limit, float(chdtri(dof, _CHANCE)) / dof) if p_value > 1 - _SURE else limit
+
+
+def _off(px: float) -> str:
+    return f"it is {f'{px:.0f} px from' if math.isfinite(px) else 'not'} where its surveyed place would be seen"
+
+
+def _distance_px(state: State, known: EvidenceSet, marker: int) -> float:
+    """Root mean square over its landmarks between where they are and where they should be; infinite out of sight."""
+    landmarks = [each for row in _rows(known, marker) if isinstance(each := known.evidence[row], Landmark)]
+    pixels = np.array([each.pixel for each in landmarks])
+    away_m = np.array([each.position_m for each in landmarks], dtype=np.float64) - state.position_m
+    off_px = np.linalg.norm(pixels_from_rays(state.camera, away_m @ state.rotation) - pixels, axis=-1)
+    px = float(np.sqrt(np.mean(off_px**2)))
+    return px if math.isfinite(px) else math.inf
 
 
 def _rows(known: EvidenceSet, marker: int) -> list[int]:
@@ -112,42 +197,32 @@ def _without(known: EvidenceSet, *markers: int) -> EvidenceSet:
     return replace(known, evidence=tuple(each for row, each in enumerate(known.evidence) if row not in gone))
 
 
-def _far(result: Result, known: EvidenceSet, markers: list[int]) -> dict[int, str]:
-    found = {}
-    for marker in markers:
-        left = [result.left[row] for row in _rows(known, marker)]
-        if 2 * sum(each.is_outlier for each in left) > len(left):
-            px = max(each.px for each in left)
-            off = f"{px:.0f} px from where" if math.isfinite(px) else "not where"
-            found[marker] = f"it is {off} its surveyed place would be seen"
-    return found
-
-
 def _of_wrong_size(
-    state: State,
-    known: EvidenceSet,
-    seen: Mapping[int, MarkerSighting],
-    markers: list[int],
-    sides_m: Mapping[int, float],
+    result: Result, seen: Mapping[int, MarkerSighting], markers: list[int], sides_m: Mapping[int, float]
 ) -> dict[int, str]:
-    found = {}
+    return {
+        marker: f"it looks {seen_m:.2g} m wide at its surveyed place, and is {sides_m[marker]:.2g} m"
+        for marker, seen_m, std in _looks(result, seen, markers, sides_m)
+        if abs(math.log(seen_m / sides_m[marker])) > math.log1p(_SIZE) + _STDS * std
+    }
+
+
+def _looks(
+    result: Result, seen: Mapping[int, MarkerSighting], markers: list[int], sides_m: Mapping[int, float]
+) -> Iterator[tuple[int, float, float]]:
+    """How long the sides of those markers look whose sides are known, m, and the std as a share of it."""
+    state = result.solution.state
     for marker in markers:
-        centre_m = _centre_m(known, marker)
-        if marker not in sides_m or centre_m is None:
-            continue
-        distance_m = float(np.linalg.norm(centre_m - state.position_m))
-        angle, angle_std = _apparent_side(state.camera, seen[marker])
-        ratio = angle * distance_m / sides_m[marker]
-        if abs(math.log(ratio)) > math.log1p(_SIZE) + _STDS * angle_std / angle:
-            side_m = angle * distance_m
-            found[marker] = f"it looks {side_m:.2g} m wide at its surveyed place, and is {sides_m[marker]:.2g} m"
-    return found
+        centre_m = _centre_m(result.problem.known, marker)
+        if marker in sides_m and centre_m is not None:
+            angle, angle_std = _apparent_side(state.camera, seen[marker])
+            yield marker, angle * float(np.linalg.norm(centre_m - state.position_m)), angle_std / angle
 
 
 def _apparent_side(camera: Camera, seen: MarkerSighting) -> tuple[float, float]:
     """A square's side over its distance, with its std: of all directions on it, one is square to the line of sight."""
     rays = rays_from_pixels(camera, np.array([seen.pixel, *seen.corners]))
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     centre, corners = rays[0], rays[1:]
     across = corners / (corners @ centre)[:, None] - centre
     edges = np.stack([across[1] - across[0] + across[2] - across[3], across[3] - across[0] + across[2] - across[1]]) / 2
@@ -165,9 +240,11 @@ def _misses(
     known: EvidenceSet, markers: list[int], seen: Mapping[int, MarkerSighting], question: Question
 ) -> Iterator[Miss]:
     for marker in markers:
-        without = question.answer(_without(known, marker))
-        centre_m = _centre_m(known, marker)
-        if centre_m is None or not without.weakest.is_determined:
+        rest, centre_m = _without(known, marker), _centre_m(known, marker)
+        if centre_m is None or not rest.evidence:
+            continue
+        without = question.answer(rest)
+        if not _determined(without):
             continue
         state, pixel = without.solution.state, np.array(seen[marker].pixel)
         towards = centre_m - state.position_m

@@ -61,7 +61,7 @@ def detected_evidence(
         ConfigError: The file of markers is wrong.
         InputError: An image is unreadable or of another size than the camera's, shows a marker twice or one that is
             not surveyed, or the camera moved.
-        NoAnswerError: No surveyed marker is seen.
+        NoAnswerError: No surveyed marker is seen, or they contradict each other.
     """
     file = load_markers(markers)
     if not images:
@@ -80,6 +80,10 @@ def detected_evidence(
         raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
     sides_m = {marker: each.side_m for marker, each in file.survey.by_id.items() if each.side_m is not None}
     judgement = judge(found.known, together, sides_m, Question(camera, names, model))
+    if judgement.contradiction:
+        hint = "check ids, places, side_m and std_m, or add markers"
+        got = f"{_ids(together)}: {judgement.contradiction}"
+        raise NoAnswerError("the markers contradict each other", where=markers, got=got, hint=hint)
     unseen = sorted(set(file.survey.by_id) - {marker for each in seen for marker in each.sightings})
     notes = tuple(_notes(unseen, moved, together, judgement))
     kept = {each.name for each in judgement.known.evidence}

@@ -28,6 +28,7 @@ from aerodft.errors import ConfigError
 from aerodft.model.marker import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 
 _PREFIX = "DICT_"
+_TAPE_M = 0.005  # what a survey leaves where nobody says; an exact one would put true markers beyond belief
 _SQUARE = 0.1  # by which sides of a surveyed square may differ
 _STDS = 6.0  # and what errors of the survey may add
 
@@ -41,7 +42,7 @@ class MarkerTable(InDegrees):
     position_m: Point | None = None
     corners_m: Annotated[tuple[Point, ...], Field(strict=False, min_length=4, max_length=4)] | None = None
     side_m: Positive | None = None
-    std_m: StdM = (0.0, 0.0, 0.0)
+    std_m: StdM = (_TAPE_M, _TAPE_M, _TAPE_M)
 
     @property
     def places(self) -> tuple[Place, ...]:

@@ -57,21 +57,18 @@ class Problem:
     def __init__(self, known: EvidenceSet, unknowns: Unknowns, model: ProjectionModel) -> None:
         self.known = known
         self.unknowns = unknowns
-        as_points = model is ProjectionModel.PINHOLE
-        self._landmarks = [
-            index
+        reprojected = {
+            index: each
             for index, each in enumerate(known.evidence)
-            if as_points and isinstance(each, Landmark) and None not in each.position_m
-        ]
-        points = [known.evidence[index] for index in self._landmarks]
-        self._points_m = np.array([each.position_m for each in points], dtype=np.float64).reshape(-1, 3)  # type: ignore[union-attr]
-        self._pixels = np.array([each.pixel for each in points]).reshape(-1, 2)  # type: ignore[union-attr]
+            if model is ProjectionModel.PINHOLE and isinstance(each, Landmark) and None not in each.position_m
+        }
+        self._landmarks, points = list(reprojected), reprojected.values()
+        self._points_m = np.array([each.position_m for each in points], dtype=np.float64).reshape(-1, 3)
+        self._pixels = np.array([each.pixel for each in points]).reshape(-1, 2)
         self._std_px = np.array([each.std_px for each in points])
-        self._point_cov = np.array([np.diag(np.square(each.std_m)) for each in points]).reshape(-1, 3, 3)  # type: ignore[union-attr]
+        self._point_cov = np.array([np.diag(np.square(each.std_m)) for each in points]).reshape(-1, 3, 3)
         self._conditions: list[tuple[int, Condition]] = [
-            (index, condition_of(each))
-            for index, each in enumerate(known.evidence)
-            if index not in set(self._landmarks)
+            (index, condition_of(each)) for index, each in enumerate(known.evidence) if index not in reprojected
         ]
         self._priors = [(name, known.priors[name]) for name in unknowns.names if name in known.priors]
 

@@ -102,7 +102,9 @@ class Problem:
         if np.any(self._point_cov):
             cov = found.by_point @ self._point_cov @ found.by_point.swapaxes(-1, -2)
             cov += np.square(self._std_px)[:, None, None] * np.eye(2)
-            cov = np.where(np.isfinite(cov), cov, np.eye(2))
+            # Next to a landmark its own error fills the view, and rounding alone would make the matrix singular.
+            cov += 1e-12 * np.trace(cov, axis1=-2, axis2=-1)[:, None, None] * np.eye(2)
+            cov = np.where(np.all(np.isfinite(cov), axis=(-1, -2), keepdims=True), cov, np.eye(2))
             root = np.linalg.inv(np.linalg.cholesky(cov))
             values, rows = (root @ off[..., None])[..., 0], root @ jac
         blind = np.isnan(off[:, 0])

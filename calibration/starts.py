@@ -16,7 +16,7 @@ from aerodft.model.measurement import ProjectionModel
 from calibration.residuals import Problem
 from calibration.state import State
 
-_FEWEST = 4  # landmarks that place a camera without a guess
+_FEWEST = 3  # landmarks that place a camera without a guess; three do so in up to four ways
 _TILTS_RAD = np.radians([8.0, 35.0, 55.0, 70.0, 82.0, 95.0])
 _HEADINGS_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 _HEIGHTS_M = (2.0, 6.0, 20.0, 60.0, 200.0)
@@ -47,9 +47,12 @@ def placed(problem: Problem, given: State, rows: npt.NDArray[np.int64] | None = 
             continue
         flat = np.ascontiguousarray(rays[ahead, :2] / rays[ahead, 2:])
         try:
-            _, rotations, shifts, *_ = cv2.solvePnPGeneric(
-                points[ahead] - middle, flat, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
-            )
+            if len(flat) == _FEWEST:
+                _, rotations, shifts = cv2.solveP3P(points[ahead] - middle, flat, np.eye(3), None, cv2.SOLVEPNP_P3P)
+            else:
+                _, rotations, shifts, *_ = cv2.solvePnPGeneric(
+                    points[ahead] - middle, flat, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
+                )
         except cv2.error:  # points in a line, or all in one
             continue
         for turn, shift in zip(rotations, shifts, strict=True):

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.output import tables
-from calibration.observability import correlations
+from calibration.observability import LIMIT, correlations
 from calibration.result import Result, said
 
 _SUSPICIOUS_P = 1e-4
@@ -18,8 +18,13 @@ _MOST_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is 
 def refusal(result: Result) -> str:
     """Why there is no calibration; empty where there is one."""
     solution = result.solution
-    if not result.weakest.is_determined:
+    if result.weakest.std_share > LIMIT * solution.scaled:
         return result.weakest.sentence
+    if not result.weakest.is_determined:  # it would be, if the evidence agreed
+        return (
+            f"the observations contradict each other: residuals are {solution.scaled:.0f} times as large as the stated"
+            " stds; check the coordinates, the pixels and the stds"
+        )
     if np.count_nonzero(~solution.kept) > _MOST_OUTLIERS * len(solution.kept):
         return (
             f"{np.count_nonzero(~solution.kept)} of {len(solution.kept)} observations disagree with the rest: check"

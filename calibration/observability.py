@@ -16,6 +16,7 @@ LIMIT: Final = 0.5
 
 _PART: Final = 0.25  # of a combination, below which an unknown has no part in it
 _LENS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_POSE = {"east", "north", "height", "tilt", "roll", "heading"}
 _ADD: Final = (
     ({"height", "focal"}, "add a landmark at another distance or a known length"),
     ({"tilt", "focal"}, "add a landmark nearer or farther, or the horizon"),
@@ -110,6 +111,11 @@ def _size(name: str, state: State, above_m: float) -> float:
 
 
 def _advice(names: set[str]) -> str:
+    for wanted, advice in _ADD:
+        if wanted == names:
+            return advice
+    if len(names & _POSE) > 2:  # noqa: PLR2004 - the camera may swing about a line of landmarks
+        return "add landmarks elsewhere, not in one line with the others"
     for wanted, advice in _ADD:
         if wanted <= names:
             return advice

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
@@ -50,6 +50,7 @@ def frames_in(content: bytes) -> list[tuple[int, bytes]]:
 
 
 @settings(max_examples=150, deadline=None)
+@example(flips=[(16199, 147), (22129, 155)], start=25534, missing=5000)  # a record that claims more than memory has
 @given(
     flips=st.lists(st.tuples(st.integers(0, 1 << 30), st.integers(1, 255)), max_size=4),
     start=st.integers(0, 1 << 30),

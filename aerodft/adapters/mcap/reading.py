@@ -65,7 +65,7 @@ class ChunkReader:
         for place in chunks:
             try:
                 content = _content(place)
-            except (McapError, zstandard.ZstdError, struct.error, ValueError, UnicodeDecodeError) as error:
+            except (McapError, zstandard.ZstdError, struct.error, ValueError, OverflowError) as error:
                 self.damaged += 1
                 _log.warning("%s: damaged chunk at byte %d left out: %s", place.path, place.offset, error)
                 continue

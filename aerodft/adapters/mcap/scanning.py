@@ -135,7 +135,7 @@ class _Scan:
             return False
         try:
             self._take_small(opcode, ReadDataStream(BytesIO(self._file.read(length))))
-        except (McapError, struct.error, UnicodeDecodeError):
+        except (McapError, struct.error, UnicodeDecodeError, OverflowError):
             return False
         return True
 

@@ -219,8 +219,12 @@ class Inbox:
 
     def put_observation(self, observation: Observation) -> None:
         """Leave an observation; its arrival is replaced, its stamp kept."""
+        self.put_observations((observation,))
+
+    def put_observations(self, observations: Sequence[Observation]) -> None:
+        """Leave what was seen in one image, in this order; arrivals are replaced, stamps kept."""
         with self._lock:
-            self._events.append(replace(observation, arrival_ns=self._stamp(1)))
+            self._events.extend(replace(each, arrival_ns=self._stamp(1)) for each in observations)
 
     def take(self, until_ns: int) -> Batch:
         """Take all that arrived by ``until_ns``; what comes later is stamped later."""

@@ -175,13 +175,21 @@ class Pipeline:
         if not is_measured and not is_landmark:
             self.counts.wrong_pixel_count += 1
             return
-        stamp_ns = self._utc(observation.stamp_ns, observation.clock)
+        stamp_ns = self._seen_ns(observation)
         known = replace(observation, stamp_ns=stamp_ns, clock=StampClock.UTC)
         deadline = tick_after(observation.arrival_ns + self._wait_ns, self._settings.tick_ns)
         if is_measured:
             self._jobs.append(_Job(stamp_ns, deadline, known))
         if is_landmark:
             self._jobs.append(_Job(stamp_ns, deadline, known, is_landmark=True))
+
+    def _seen_ns(self, observation: Observation) -> int:
+        """UTC of an observation: on the host's clock its image's own, though the clocks are known better by now."""
+        stamp_ns = self._utc(observation.stamp_ns, observation.clock)
+        if observation.clock is StampClock.UTC or observation.image is None:
+            return stamp_ns
+        own_ns = next((known_ns for index, known_ns in reversed(self._images) if index == observation.image), stamp_ns)
+        return own_ns if abs(own_ns - stamp_ns) <= self._settings.match_tolerance_ns else stamp_ns
 
     def _utc(self, stamp_ns: int, clock: StampClock) -> int:
         return stamp_ns if clock is StampClock.UTC else stamp_ns + self._poses.clock.utc_minus_host_ns

@@ -56,6 +56,18 @@ class Calibrator(Protocol):
         ...
 
 
+class ImageObserver(Protocol):
+    """Finds in images what probes, landmarks or a ``Calibrator`` want to know the pixels of."""
+
+    def observe(self, image: Image) -> tuple[Observation, ...]:
+        """What is seen in an image that has pixels, by its stamp, clock and index; called from one thread, in order.
+
+        Raises:
+            AerodftError: The pixels cannot be read.
+        """
+        ...
+
+
 class LandmarkObserver(Protocol):
     """Learns from landmarks in the images, most likely for a ``Calibrator``."""
 

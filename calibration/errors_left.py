@@ -21,7 +21,7 @@ class Leftover:
     Attributes:
         name: Its name.
         px: Distance in the image, px (2-D for landmarks); infinite where it is out of sight.
-        sigma: The same in standard deviations.
+        sigma: The same in standard deviations; infinite likewise.
         ground_m: Distance on the ground, m: of a landmark's pixel from its place, of a range from what was measured;
             None for what has no place.
         left_out_ground_m: The same with a fit that has not seen it, which says how well the next one would be measured.
@@ -44,11 +44,12 @@ def leftovers(problem: Problem, solution: Solution) -> tuple[Leftover, ...]:
         rows = residuals.owner == index
         kept = bool(solution.kept[index])
         without = _without(problem, solution, rows) if kept else solution.state
+        px = float(np.linalg.norm(residuals.px[rows]))
         found.append(
             Leftover(
                 name=evidence.name,
-                px=float(np.linalg.norm(residuals.px[rows])),
-                sigma=float(np.linalg.norm(residuals.values[rows])),
+                px=px,
+                sigma=float(np.linalg.norm(residuals.values[rows])) if math.isfinite(px) else math.inf,
                 ground_m=ground_error_m(solution.state, evidence),
                 left_out_ground_m=None if without is None else ground_error_m(without, evidence),
                 is_outlier=not kept,

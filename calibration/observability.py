@@ -1,6 +1,5 @@
 """Which unknown, or which combination of them, the evidence does not determine, and what to add."""
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,7 +13,7 @@ from calibration.state import State
 LIMIT: Final = 0.5
 """An unknown whose standard deviation is more than this share of its natural size is not determined."""
 
-_PART: Final = 0.25  # of a combination, below which an unknown has no part in it
+_PART, _ALONE = 0.25, 0.97  # of a combination: below which an unknown has no part in it, and beyond which it is all
 _LENS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _POSE = {"east", "north", "height", "tilt", "roll", "heading"}
 _ADD: Final = (
@@ -39,17 +38,20 @@ _ADD: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Observability:
-    """How well the weakest combination of unknowns is determined.
+    """How well the weakest combinations of unknowns are determined.
 
     Attributes:
-        combination: Its unknowns with their parts, the largest first.
-        std_share: Its standard deviation as a share of the unknowns' natural sizes; infinite where nothing tells.
-        advice: What to add; empty where it is determined.
+        combination: Their unknowns with the parts that they have in them, the largest first.
+        std_share: Standard deviation of the weakest as a share of the unknowns' natural sizes; infinite where nothing
+            tells.
+        advice: What to add; empty where all is determined.
+        apart: Each unknown is undetermined by itself, not only together with others.
     """
 
     combination: dict[str, float]
     std_share: float
     advice: str
+    apart: bool = False
 
     @property
     def is_determined(self) -> bool:
@@ -64,28 +66,34 @@ class Observability:
         names = list(self.combination)
         if len(names) == 1:
             return f"{names[0]} cannot be told: {self.advice}"
-        return f"{', '.join(names[:-1])} and {names[-1]} cannot be told apart: {self.advice}"
+        apart = "" if self.apart else " apart"
+        return f"{', '.join(names[:-1])} and {names[-1]} cannot be told{apart}: {self.advice}"
 
 
 def observability(problem: Problem, solution: Solution) -> Observability:
-    """The weakest combination of a solution's unknowns.
+    """The weakest combinations of a solution's unknowns: all that are undetermined, or else the worst.
 
     Columns of the Jacobian are scaled by natural sizes (a height by itself, an angle by a radian, a focal length by
     itself, a place by the camera's height), so that its singular values say how many standard deviations of the
-    evidence a whole size makes.
+    evidence a whole size makes. A camera that turns freely is judged by rotations about its own axes: straight down,
+    where roll and heading are anything, its attitude is known all the same.
     """
-    unknowns = problem.unknowns
-    names, above_m = unknowns.names, _above(problem, solution.state)
+    names = problem.unknowns.names
     jac = solution.residuals.by_unknowns[_used(solution)]
-    from_named = np.linalg.pinv(unknowns.to_angles(solution.state), rcond=1e-9)
+    above_m = _above(problem, solution.state)
     sizes = np.array([_size(name, solution.state, above_m) for name in names])
-    _, singular, directions = np.linalg.svd(jac @ from_named * sizes, full_matrices=True)
-    weakest = directions[-1]
-    strength = float(singular[-1]) if len(singular) == len(names) else 0.0
-    share = solution.scaled / strength if strength > 0 else math.inf
-    order = np.argsort(-np.abs(weakest))
-    parts = {names[index]: float(abs(weakest[index])) for index in order if abs(weakest[index]) > _PART}
-    return Observability(parts, share, "" if share <= LIMIT else _advice(set(parts)))
+    _, singular, directions = np.linalg.svd(jac * sizes, full_matrices=True)
+    strengths = np.append(singular, np.zeros(len(names) - len(singular)))
+    with np.errstate(divide="ignore"):
+        shares = solution.scaled / strengths
+    share = float(shares[-1])
+    weak = directions[shares > LIMIT] if share > LIMIT else directions[-1:]
+    weak = (weak * sizes) @ problem.unknowns.to_angles(solution.state).T / sizes
+    weak /= np.linalg.norm(weak, axis=-1, keepdims=True)
+    each = np.minimum(np.linalg.norm(weak, axis=0), 1.0)
+    parts = {names[index]: float(each[index]) for index in np.argsort(-each, kind="stable") if each[index] > _PART}
+    apart = len(parts) == len(weak) and min(parts.values()) > _ALONE
+    return Observability(parts, share, "" if share <= LIMIT else _advice(set(parts), jac.shape), apart)
 
 
 def _used(solution: Solution) -> np.ndarray:
@@ -110,7 +118,11 @@ def _size(name: str, state: State, above_m: float) -> float:
     return 1.0
 
 
-def _advice(names: set[str]) -> str:
+def _advice(names: set[str], shape: tuple[int, ...]) -> str:
+    numbers, unknowns = shape
+    if numbers < unknowns:
+        few = "1 number" if numbers == 1 else f"{numbers} numbers"
+        return f"the observations are {few} for {unknowns} unknowns, add some"
     for wanted, advice in _ADD:
         if wanted == names:
             return advice
@@ -123,7 +135,8 @@ def _advice(names: set[str]) -> str:
 
 
 def correlations(covariance: FloatArray) -> FloatArray:
-    """``(n, n)`` correlation coefficients of a covariance; 0 beside what is exact."""
+    """``(n, n)`` correlation coefficients of a covariance; 0 beside what is exact, NaN where it is infinite."""
     std = np.sqrt(np.diag(covariance))
     size = np.where(std > 0, std, 1.0)
-    return np.asarray(covariance / np.outer(size, size))
+    known = np.isfinite(covariance)
+    return np.where(known, np.where(known, covariance, 0.0) / np.outer(size, size), np.nan)

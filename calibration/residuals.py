@@ -15,10 +15,12 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import EvidenceSet, Landmark
 from aerodft.model.measurement import ProjectionModel
 from calibration.conditions import Condition, condition_of
-from calibration.state import State, Unknowns
+from calibration.state import BOUNDS, State, Unknowns
 
-OUT_OF_SIGHT = 1e3
-"""Residual, in standard deviations, of what a guess does not see at all: behind the camera, above the horizon."""
+OUT_OF_SIGHT = 1e6
+"""Residual, in standard deviations, of what a guess does not see at all: behind the camera, above the horizon.
+
+More than of anything that is seen: else the best guess would be the one that sees nothing."""
 
 _ANGLES = ("roll", "heading")  # on a turn
 
@@ -39,10 +41,29 @@ class Residuals:
     owner: np.ndarray
     px: FloatArray
 
-    def cost(self, weights: FloatArray | None = None) -> float:
-        """Half of the weighted sum of squares."""
-        squares = self.values * self.values
-        return 0.5 * float(np.sum(squares if weights is None else weights * squares))
+    def normal(self, weights: FloatArray) -> "Dense":
+        """The normal equations with weights ``(m,)`` of the rows."""
+        weighted = self.by_unknowns * weights[:, None]
+        return Dense(weighted.T @ self.by_unknowns, weighted.T @ self.values)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dense:
+    """Normal equations of few unknowns.
+
+    Attributes:
+        matrix: ``(n, n)``.
+        slope: ``(n,)``.
+    """
+
+    matrix: FloatArray
+    slope: FloatArray
+
+    def step(self, damping: float) -> FloatArray:
+        """As ``descent.Normal``; what nothing depends on stays."""
+        diagonal = np.diag(self.matrix)
+        diagonal = diagonal + 1e-12 * (np.max(diagonal, initial=0.0) + 1e-300)
+        return np.asarray(np.linalg.solve(self.matrix + damping * np.diag(diagonal), -self.slope))
 
 
 class Problem:
@@ -79,16 +100,24 @@ class Problem:
 
     def evaluate(self, state: State) -> Residuals:
         """All residuals of a guess."""
-        by = self.unknowns.by_unknowns(state)
+        found = self.observed(state, self.unknowns.by_unknowns(state))
+        parts = [] if found is None else [found]
+        parts += [self._of_priors(state)] if self._priors else []
+        return _joined(parts)
+
+    def moved(self, state: State, step: FloatArray) -> State | None:
+        """The guess after a step ``(n,)``; None where no camera can be."""
+        try:
+            moved = self.unknowns.moved(state, step)
+        except ValueError:
+            return None
+        return moved if all(holds(moved) for holds in BOUNDS.values()) else None
+
+    def observed(self, state: State, by: FloatArray) -> Residuals | None:
+        """The evidence's residuals alone, None without evidence; derivatives by what moves a camera ``(s, n)``."""
         parts = [self._of_landmarks(state, by)] if self._landmarks else []
         parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
-        parts += [self._of_priors(state)] if self._priors else []
-        return Residuals(
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.by_unknowns for part in parts]),
-            np.concatenate([part.owner for part in parts]),
-            np.concatenate([part.px for part in parts]),
-        )
+        return _joined(parts) if parts else None
 
     def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -125,6 +154,15 @@ class Problem:
             rows.append(to_angles[self.unknowns.names.index(name)] / prior.std)
         count = len(values)
         return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
+
+
+def _joined(parts: list[Residuals]) -> Residuals:
+    return Residuals(
+        np.concatenate([part.values for part in parts]),
+        np.concatenate([part.by_unknowns for part in parts]),
+        np.concatenate([part.owner for part in parts]),
+        np.concatenate([part.px for part in parts]),
+    )
 
 
 def _of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:

@@ -1,17 +1,20 @@
 """A camera's pose and lens from what is known of a scene: starts, descents and outliers."""
 
 import itertools
-from dataclasses import dataclass
-from typing import Final
+import math
+from dataclasses import dataclass, replace
+from typing import Final, TypeAlias
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from aerodft.model.arrays import FloatArray
-from calibration.descent import Descent, Loss, descend
+from calibration.descent import Descent, Loss, Rows, RowsT, StateT, Task, descend
 from calibration.residuals import Problem, Residuals
 from calibration.starts import placed, scattered
 from calibration.state import State
+
+End: TypeAlias = Descent[State, Residuals]
 
 ROBUST: Final = 3.0
 """Standard deviations beyond which an observation counts less and less while outliers are looked for."""
@@ -21,6 +24,9 @@ _CHANCE: Final = 1e-5
 
 _BEST, _ENOUGH, _SUBSETS, _ROUNDS = 4, 3.0, 60, 10
 _FEW = 4
+_SINGULAR = 1e-13  # least eigenvalue beside a largest of about 1
+_SAME = 1e-6  # share of the cost, and cost, that makes no difference
+_AS_LIKELY, _ELSEWHERE = 14.0, 6.0  # in chi-square: one to a thousand; and standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +44,7 @@ class Solution:
         dof: Degrees of freedom.
         p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
         scaled: What the stated stds had to be multiplied with; 1 where they hold.
+        rival: Another camera that the evidence fits as well; None where there is only one.
     """
 
     state: State
@@ -49,6 +56,7 @@ class Solution:
     dof: int
     p_value: float | None
     scaled: float
+    rival: State | None = None
 
 
 def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Solution:
@@ -62,32 +70,50 @@ def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Sol
     Returns:
         The best of all descents. Whether it can be trusted is for ``observability`` to say.
     """
-    best = _best_start(problem, given, guess_is_good=guess_is_good)
-    kept = np.ones(len(problem.known.evidence), dtype=bool)
-    first = _kept(best.residuals, len(kept))
-    if _tells_more(problem, best.residuals, first):
+    ends = _ends(problem, given, guess_is_good=guess_is_good)
+    best = _cheapest(ends)
+    best, kept = without_outliers(problem, best, len(problem.known.evidence), len(problem.unknowns.names))
+    solution = _solution(problem, best, kept)
+    return replace(solution, rival=_rival(problem, solution, ends))
+
+
+def without_outliers(
+    problem: Task[StateT, RowsT], robust: Descent[StateT, RowsT], observations: int, unknowns: int
+) -> tuple[Descent[StateT, RowsT], np.ndarray]:
+    """The fit to what agrees with it, and ``(k,)`` which of the observations that is.
+
+    Args:
+        problem: What is fitted.
+        robust: Where a descent ended in which observations that stand far off counted less.
+        observations: How many there are.
+        unknowns: How many numbers are fitted.
+    """
+    best, kept = robust, np.ones(observations, dtype=bool)
+    first = _kept(best.residuals, observations)
+    if _tells_more(unknowns, best.residuals, first):
         kept = first
     for _ in range(_ROUNDS):
         best = descend(problem, best.state, None, kept)
-        now = _kept(best.residuals, len(kept), kept)
-        if np.array_equal(now, kept) or not _tells_more(problem, best.residuals, now):
+        now = _kept(best.residuals, observations, kept)
+        if np.array_equal(now, kept) or not _tells_more(unknowns, best.residuals, now):
             break
         kept = now
-    return _solution(problem, best, kept)
+    return best, kept
 
 
-def _tells_more(problem: Problem, residuals: Residuals, kept: np.ndarray) -> bool:
+def _tells_more(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
     """Whether what is kept could contradict a fit: with as many rows as unknowns, anything fits."""
     rows = np.count_nonzero((residuals.owner < 0) | kept[np.maximum(residuals.owner, 0)])
-    return int(rows) > len(problem.unknowns.names)
+    return int(rows) > unknowns
 
 
-def _best_start(problem: Problem, given: State, *, guess_is_good: bool) -> Descent:
+def _ends(problem: Problem, given: State, *, guess_is_good: bool) -> list[End]:
+    """Where descents from all starts end, as many starts as it takes until one of them fits."""
     first = [given] if guess_is_good else []
     ends = [descend(problem, start, ROBUST) for start in itertools.chain(first, placed(problem, given))]
     good = min(ends, key=lambda end: end.cost, default=None)
     if good is not None and _fits(good.residuals):
-        return good
+        return ends
     candidates = [given, *scattered(problem, given), *_from_subsets(problem, given)]
     loss = None
     scored = []
@@ -96,8 +122,14 @@ def _best_start(problem: Problem, given: State, *, guess_is_good: bool) -> Desce
         loss = loss or Loss(residuals.owner, ROBUST)
         scored.append(loss.cost(residuals))
     chosen = [candidates[index] for index in np.argsort(scored)[: 2 * _BEST]]
-    ends += [descend(problem, start, ROBUST) for start in chosen]
-    return min(ends, key=lambda end: end.cost)
+    return ends + [descend(problem, start, ROBUST) for start in chosen]
+
+
+def _cheapest(ends: list[End]) -> End:
+    """The best end; of several that are as good, as in a valley, the middle one: its own ends are no place to judge."""
+    least = min(end.cost for end in ends)
+    as_good = [end for end in ends if end.cost <= least * (1 + _SAME) + _SAME]
+    return sorted(as_good, key=lambda end: end.state.value("height"))[len(as_good) // 2]
 
 
 def _from_subsets(problem: Problem, given: State) -> list[State]:
@@ -118,7 +150,7 @@ def _fits(residuals: Residuals) -> bool:
     return bool(np.all(squares <= _ENOUGH**2 * rows * 2)) if len(squares) else True
 
 
-def _by_owner(residuals: Residuals) -> tuple[FloatArray, FloatArray]:
+def _by_owner(residuals: Rows) -> tuple[FloatArray, FloatArray]:
     """Sum of squares and number of rows of each observation."""
     evidence = residuals.owner >= 0
     owner, values = residuals.owner[evidence], residuals.values[evidence]
@@ -126,7 +158,7 @@ def _by_owner(residuals: Residuals) -> tuple[FloatArray, FloatArray]:
     return squares.astype(np.float64), rows.astype(np.float64)
 
 
-def _kept(residuals: Residuals, count: int, before: np.ndarray | None = None) -> np.ndarray:
+def _kept(residuals: Rows, count: int, before: np.ndarray | None = None) -> np.ndarray:
     """Which observations are within chance of the fit, for the scatter that most of them show."""
     squares, rows = _by_owner(residuals)
     used = np.ones(count, dtype=bool) if before is None else before
@@ -135,15 +167,21 @@ def _kept(residuals: Residuals, count: int, before: np.ndarray | None = None) ->
     return np.asarray(squares <= max(scatter, 1.0) * chdtri(rows, _CHANCE))
 
 
-def _solution(problem: Problem, end: Descent, kept: np.ndarray) -> Solution:
+def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
+    """Chance of so large a chi-square, None without degrees of freedom; and what stated stds must be multiplied with."""
+    p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
+    is_unlikely = p_value is not None and p_value < 0.01  # noqa: PLR2004 - 1 %
+    return p_value, math.sqrt(chi2 / dof) if is_unlikely else 1.0
+
+
+def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     residuals = end.residuals
     used = Loss(residuals.owner, None, kept).weights(residuals) > 0
     jac, values = residuals.by_unknowns[used], residuals.values[used]
     chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
-    p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
-    scaled = float(np.sqrt(chi2 / dof)) if p_value is not None and p_value < 0.01 else 1.0  # noqa: PLR2004 - 1 %
+    p_value, scaled = goodness(chi2, dof)
     to_angles = problem.unknowns.to_angles(end.state)
-    own = _inverse(jac.T @ jac) * scaled**2
+    own = inverse(jac.T @ jac) * scaled**2
     by = problem.unknowns.by_unknowns(end.state)
     if not np.all(np.isfinite(own)):
         covariance, joint = own, np.full((len(by), len(by)), np.inf)
@@ -152,12 +190,33 @@ def _solution(problem: Problem, end: Descent, kept: np.ndarray) -> Solution:
     return Solution(end.state, residuals, kept, covariance, joint, chi2, dof, p_value, scaled)
 
 
-def _inverse(normal: FloatArray) -> FloatArray:
-    """The inverse of what may be singular: infinite where it is."""
+def _rival(problem: Problem, solution: Solution, ends: list[End]) -> State | None:
+    """Another end that chance does not tell from the solution: its mirror image, or one of three points' four."""
+    names = problem.unknowns.names
+    stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+    for end in ends:
+        if not _is_elsewhere(names, solution.state, end.state, stds):
+            continue
+        other = descend(problem, end.state, None, solution.kept)
+        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.scaled**2
+        if as_likely and _is_elsewhere(names, solution.state, other.state, stds):
+            return other.state
+    return None
+
+
+def _is_elsewhere(names: tuple[str, ...], one: State, other: State, stds: FloatArray) -> bool:
+    off = np.array([one.value(name) - other.value(name) for name in names])
+    turns = np.array([name in ("roll", "heading") for name in names])
+    off[turns] = (off[turns] + np.pi) % (2 * np.pi) - np.pi
+    return bool(np.any(np.abs(off) > _ELSEWHERE * stds + _SAME))
+
+
+def inverse(normal: FloatArray) -> FloatArray:
+    """The inverse of what may be singular: infinite where it is, as far as numbers can tell."""
     size = np.sqrt(np.diag(normal))
     if not np.all(size > 0):
         return np.full_like(normal, np.inf)
-    try:
-        return np.asarray(np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size))
-    except np.linalg.LinAlgError:
+    scaled = normal / np.outer(size, size)
+    if np.linalg.eigvalsh(scaled)[0] < _SINGULAR:
         return np.full_like(normal, np.inf)
+    return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))

@@ -17,6 +17,7 @@ from calibration.residuals import Problem
 from calibration.state import State
 
 _FEWEST = 3  # landmarks that place a camera without a guess; three do so in up to four ways
+_FLAT = 0.2  # thickness of a body of points, as a share of its width, below which it may be taken for its mirror image
 _TILTS_RAD = np.radians([8.0, 35.0, 55.0, 70.0, 82.0, 95.0])
 _HEADINGS_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 _HEIGHTS_M = (2.0, 6.0, 20.0, 60.0, 200.0)
@@ -25,7 +26,9 @@ _ANGLES = ("tilt", "roll", "heading")
 
 
 def placed(problem: Problem, given: State, rows: npt.NDArray[np.int64] | None = None) -> Iterator[State]:
-    """What landmarks say in closed form (Terzakis and Lourakis, SQPnP, 2020), for some focal lengths if it is unknown.
+    """What landmarks say in closed form, for some focal lengths if it is unknown.
+
+    Three by P3P, more by SQPnP (Terzakis and Lourakis, 2020); a plane's two poses by IPPE (Collins and Bartoli, 2014).
 
     Args:
         problem: The evidence.
@@ -46,20 +49,31 @@ def placed(problem: Problem, given: State, rows: npt.NDArray[np.int64] | None = 
         if np.count_nonzero(ahead) < _FEWEST:
             continue
         flat = np.ascontiguousarray(rays[ahead, :2] / rays[ahead, 2:])
-        try:
-            if len(flat) == _FEWEST:
-                _, rotations, shifts = cv2.solveP3P(points[ahead] - middle, flat, np.eye(3), None, cv2.SOLVEPNP_P3P)
-            else:
-                _, rotations, shifts, *_ = cv2.solvePnPGeneric(
-                    points[ahead] - middle, flat, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
-                )
-        except cv2.error:  # points in a line, or all in one
-            continue
-        for turn, shift in zip(rotations, shifts, strict=True):
+        for turn, shift in _closed_forms(points[ahead] - middle, flat):
             enu_r_cam = np.asarray(cv2.Rodrigues(turn)[0].T, dtype=np.float64)
             eye = middle - (enu_r_cam @ shift).ravel()
             if np.all(np.isfinite(eye)):
                 yield _only_unknown(problem, given, replace(given, camera=lens), eye, enu_r_cam)
+
+
+def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Rotations and shifts from the world to the camera: all that fit, points of a plane may fit two."""
+    ways = [cv2.SOLVEPNP_P3P] if len(flat) == _FEWEST else [cv2.SOLVEPNP_SQPNP]
+    _, thickness, axes = np.linalg.svd(points_m, full_matrices=False)
+    in_plane = points_m
+    if len(flat) > _FEWEST and thickness[2] < _FLAT * thickness[1]:
+        ways.append(cv2.SOLVEPNP_IPPE)
+        in_plane = points_m - np.outer(points_m @ axes[2], axes[2])
+    for way in ways:
+        try:
+            if way == cv2.SOLVEPNP_P3P:
+                _, turns, shifts = cv2.solveP3P(points_m, flat, np.eye(3), None, way)
+            else:
+                world = in_plane if way == cv2.SOLVEPNP_IPPE else points_m
+                _, turns, shifts, *_ = cv2.solvePnPGeneric(world, flat, np.eye(3), None, flags=way)
+        except cv2.error:  # points in a line, or all in one
+            continue
+        yield from zip(turns, shifts, strict=True)
 
 
 def _only_unknown(problem: Problem, given: State, guess: State, eye_m: FloatArray, rotation: FloatArray) -> State:

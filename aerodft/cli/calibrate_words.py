@@ -10,6 +10,7 @@ from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.output import tables
 from calibration.observability import LIMIT, correlations
 from calibration.result import Result, said
+from calibration.state import State
 
 _SUSPICIOUS_P = 1e-4
 _MOST_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
@@ -24,6 +25,12 @@ def refusal(result: Result) -> str:
         return (
             f"the observations contradict each other: residuals are {solution.scaled:.0f} times as large as the stated"
             " stds; check the coordinates, the pixels and the stds"
+        )
+    if solution.rival is not None:
+        other = ", ".join(f"{key} {value:.4g}" for key, value in _values(result, solution.rival).items())
+        return (
+            f"the observations fit another camera as well ({other}): add a landmark, or what you know of the camera"
+            " under [camera]"
         )
     if np.count_nonzero(~solution.kept) > _MOST_OUTLIERS * len(solution.kept):
         return (
@@ -65,7 +72,7 @@ def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any
         "reasons": [why_not] if why_not else [],
         "parameters": {
             key: {"value": value, "std": _finite(math.sqrt(max(covariance[index, index], 0.0)))}
-            for index, (key, value) in enumerate(_values(result).items())
+            for index, (key, value) in enumerate(_values(result, solution.state).items())
         },
         "order": list(keys),
         "covariance": _rows(covariance),
@@ -79,7 +86,7 @@ def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any
             {
                 "name": left.name,
                 "px": _finite(left.px),
-                "sigma": left.sigma,
+                "sigma": _finite(left.sigma),
                 "ground_m": left.ground_m,
                 "left_out_ground_m": left.left_out_ground_m,
                 "outlier": left.is_outlier,
@@ -92,6 +99,7 @@ def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any
             "weakest": result.weakest.combination,
             "std_share": _finite(result.weakest.std_share),
             "sentence": result.weakest.sentence,
+            "rival": None if solution.rival is None else _values(result, solution.rival),
         },
         "position": found.frame.file_coordinates(solution.state.position_m).tolist(),
         "lat_deg": None if place is None else math.degrees(place[0]),
@@ -107,7 +115,9 @@ def print_result(result: Result, found: EvidenceFile) -> None:
     solution = result.solution
     table = Table("unknown", "value", "std")
     stds = np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0))
-    for (key, value), name, std in zip(_values(result).items(), result.problem.unknowns.names, stds, strict=True):
+    for (key, value), name, std in zip(
+        _values(result, solution.state).items(), result.problem.unknowns.names, stds, strict=True
+    ):
         table.add_row(key, f"{value:.6g}", f"{std * said(name)[1]:.3g}")
     tables().print(table)
     rest = Table("observation", "px", "sigma", "on the ground (m)", "not having seen it (m)")
@@ -125,9 +135,8 @@ def print_result(result: Result, found: EvidenceFile) -> None:
         tables().print(f"east_m and north_m count from {origin}")
 
 
-def _values(result: Result) -> dict[str, float]:
-    """Values by the names that people see, in the order of the unknowns; a height is above the ground."""
-    state = result.solution.state
+def _values(result: Result, state: State) -> dict[str, float]:
+    """A camera's values by the names that people see, in the order of the unknowns; a height is above the ground."""
     values = {}
     for name in result.problem.unknowns.names:
         key, scale = said(name)

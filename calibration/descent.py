@@ -1,13 +1,11 @@
 """Levenberg and Marquardt's descent to the nearest minimum; observations that stand far off may count less."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from aerodft.model.arrays import FloatArray
-from calibration.residuals import Problem, Residuals
-from calibration.state import BOUNDS, State
 
 _MOST_STEPS: Final = 60
 _DAMPING, _LEAST, _MOST = 1e-4, 1e-12, 1e10
@@ -15,12 +13,59 @@ _SETTLED: Final = 1e-10
 """Share of the cost below which a step makes no difference."""
 
 
+class Normal(Protocol):
+    """Normal equations of a guess."""
+
+    @property
+    def slope(self) -> FloatArray:
+        """``(n,)`` of the cost."""
+        ...
+
+    def step(self, damping: float) -> FloatArray:
+        """``(n,)`` to their solution, with so much more on their diagonal, as a share of it."""
+        ...
+
+
+class Rows(Protocol):
+    """Residuals of a guess."""
+
+    @property
+    def values(self) -> FloatArray:
+        """``(m,)`` in standard deviations."""
+        ...
+
+    @property
+    def owner(self) -> np.ndarray:
+        """``(m,)`` index of the observation that a row belongs to; -1 for priors."""
+        ...
+
+    def normal(self, weights: FloatArray) -> Normal:
+        """The normal equations with weights ``(m,)`` of the rows."""
+        ...
+
+
+StateT = TypeVar("StateT")
+RowsT_co = TypeVar("RowsT_co", bound=Rows, covariant=True)
+
+
+class Task(Protocol[StateT, RowsT_co]):
+    """What can be fitted."""
+
+    def evaluate(self, state: StateT) -> RowsT_co:
+        """All residuals of a guess."""
+        ...
+
+    def moved(self, state: StateT, step: FloatArray) -> StateT | None:
+        """The guess after a step ``(n,)``; None where no camera can be."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Descent:
+class Descent(Generic[StateT, RowsT_co]):
     """Where a descent ended."""
 
-    state: State
-    residuals: Residuals
+    state: StateT
+    residuals: RowsT_co
     cost: float
 
 
@@ -37,7 +82,7 @@ class Loss:
     def __init__(self, owner: np.ndarray, scale: float | None = None, kept: np.ndarray | None = None) -> None:
         self._owner, self._scale, self._kept = owner, scale, kept
 
-    def cost(self, residuals: Residuals) -> float:
+    def cost(self, residuals: Rows) -> float:
         """Half of what all rows cost."""
         squares = residuals.values * residuals.values
         used = self._used()
@@ -49,7 +94,7 @@ class Loss:
         priors = float(np.sum(squares[self._owner < 0]))
         return 0.5 * (priors + limit * float(np.sum(np.log1p(by_owner / limit))))
 
-    def weights(self, residuals: Residuals) -> FloatArray:
+    def weights(self, residuals: Rows) -> FloatArray:
         """``(m,)`` weights of the rows, with which plain least squares has this loss's derivative."""
         used = self._used().astype(np.float64)
         if self._scale is None:
@@ -66,7 +111,9 @@ class Loss:
         return np.asarray((self._owner < 0) | self._kept[self._owner])
 
 
-def descend(problem: Problem, start: State, scale: float | None = None, kept: np.ndarray | None = None) -> Descent:
+def descend(
+    problem: Task[StateT, RowsT_co], start: StateT, scale: float | None = None, kept: np.ndarray | None = None
+) -> Descent[StateT, RowsT_co]:
     """The minimum next to ``start``.
 
     Args:
@@ -79,10 +126,7 @@ def descend(problem: Problem, start: State, scale: float | None = None, kept: np
     loss = Loss(residuals.owner, scale, kept)
     cost, damping = loss.cost(residuals), _DAMPING
     for _ in range(_MOST_STEPS):
-        weights = loss.weights(residuals)
-        weighted = residuals.by_unknowns * weights[:, None]
-        normal, slope = weighted.T @ residuals.by_unknowns, weighted.T @ residuals.values
-        found = _better(problem, loss, state, normal, slope, cost, damping)
+        found = _better(problem, loss, state, residuals.normal(loss.weights(residuals)), cost, damping)
         if found is None:
             break
         gained, (state, residuals, new_cost, damping) = cost - found[2], found
@@ -93,36 +137,18 @@ def descend(problem: Problem, start: State, scale: float | None = None, kept: np
 
 
 def _better(
-    problem: Problem,
-    loss: Loss,
-    state: State,
-    normal: FloatArray,
-    slope: FloatArray,
-    cost: float,
-    damping: float,
-) -> tuple[State, Residuals, float, float] | None:
+    problem: Task[StateT, RowsT_co], loss: Loss, state: StateT, normal: Normal, cost: float, damping: float
+) -> tuple[StateT, RowsT_co, float, float] | None:
     """The next state that costs less, its residuals and cost, and the damping from there; None where there is none."""
-    diagonal = np.diag(normal) + 1e-12 * (np.max(np.diag(normal), initial=0.0) + 1e-300)
     while damping < _MOST:
-        step: FloatArray = np.asarray(np.linalg.solve(normal + damping * np.diag(diagonal), -slope), dtype=np.float64)
-        moved = _moved(problem, state, step)
+        step = normal.step(damping)
+        moved = problem.moved(state, step) if np.all(np.isfinite(step)) else None
         if moved is not None:
             residuals = problem.evaluate(moved)
             new_cost = loss.cost(residuals)
             if new_cost < cost:
                 return moved, residuals, new_cost, max(damping / 10, _LEAST)
-            if float(np.abs(step @ slope)) <= _SETTLED * _SETTLED * (cost + _SETTLED):
+            if float(np.abs(step @ normal.slope)) <= _SETTLED * _SETTLED * (cost + _SETTLED):
                 return None
         damping *= 10
     return None
-
-
-def _moved(problem: Problem, state: State, step: FloatArray) -> State | None:
-    """The state after a step; None where no camera can be."""
-    if not np.all(np.isfinite(step)):
-        return None
-    try:
-        moved = problem.unknowns.moved(state, step)
-    except ValueError:
-        return None
-    return moved if all(holds(moved) for holds in BOUNDS.values()) else None

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from aerodft.model.arrays import FloatArray
-from calibration.descent import Descent, Loss, Rows, RowsT, StateT, Task, descend
+from calibration.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend
 from calibration.residuals import Problem, Residuals
 from calibration.starts import placed, scattered
 from calibration.state import State
@@ -78,8 +78,8 @@ def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Sol
 
 
 def without_outliers(
-    problem: Task[StateT, RowsT], robust: Descent[StateT, RowsT], observations: int, unknowns: int
-) -> tuple[Descent[StateT, RowsT], np.ndarray]:
+    problem: Task[StateT, RowsT_co], robust: Descent[StateT, RowsT_co], observations: int, unknowns: int
+) -> tuple[Descent[StateT, RowsT_co], np.ndarray]:
     """The fit to what agrees with it, and ``(k,)`` which of the observations that is.
 
     Args:
@@ -168,7 +168,7 @@ def _kept(residuals: Rows, count: int, before: np.ndarray | None = None) -> np.n
 
 
 def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
-    """Chance of so large a chi-square, None without degrees of freedom; and what stated stds must be multiplied with."""
+    """Chance of so large a chi-square, None without degrees of freedom; and by how much stated stds are too small."""
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
     is_unlikely = p_value is not None and p_value < 0.01  # noqa: PLR2004 - 1 %
     return p_value, math.sqrt(chi2 / dof) if is_unlikely else 1.0

@@ -223,14 +223,17 @@ def _lines(evidence: GroundLines, state: State) -> Found:
 def _horizon(evidence: Horizon, state: State) -> Found:
     """Each of its rays is level, or as far below as the sea's horizon."""
     rays = _rays(state, evidence.pixels)
-    dip = 0.0
+    dip = by_height = 0.0
     if evidence.is_sea:
-        above = max(float(state.position_m[2]) - state.elevation_m, 0.0)
+        above = max(float(state.position_m[2]) - state.elevation_m, 1e-3)
         dip = math.sqrt(2 * above * (1 - STANDARD_REFRACTION) / EARTH_RADIUS_M)
+        by_height = math.cos(dip) * dip / (2 * above)
     length = np.linalg.norm(rays.enu, axis=-1)
     off = rays.enu[:, 2] / length + math.sin(dip)
     by_rays = np.array([0.0, 0.0, 1.0]) / length[:, None] - (rays.enu[:, 2] / length**3)[:, None] * rays.enu
     shared = np.einsum("ki,kij->kj", by_rays, rays.by_shared)
+    shared[:, 2] += by_height
+    shared[:, ELEVATION] -= by_height
     own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
     return Found(off, shared, np.diag(evidence.std_px**2 * np.sum(own * own, axis=-1)), evidence.std_px)
 

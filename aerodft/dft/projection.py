@@ -168,6 +168,11 @@ def _dft(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) 
     shared[..., :2, 3], shared[..., :2, 4] = by_psi, by_phi
     across, up = phi / step_h, (psi - tilt) / step_v  # pixel offsets from the image's centre
     shared[..., :2, 5] = by_phi * (up * step_h)[..., None] - by_psi * (across * step_v)[..., None]
+    # Turned about the vertical, clockwise, points go round the foot: exactly, whatever the equations make of a pixel.
+    down = -matrix(pose.wxyz)[2]
+    by_heading = np.stack([east_north[..., 1] - foot[1], foot[0] - east_north[..., 0]], axis=-1)
+    by_heading -= shared[..., :2, ROTATION] @ down
+    shared[..., :2, ROTATION] += by_heading[..., None] * down
     # Angles are in proportion to the field of view, 2 atan(width / 2 f).
     shared[..., :2, 7] = -by_phi * (across / (camera.fx_px**2 + (camera.width_px / 2) ** 2))[..., None]
     shared[..., :2, 8] = -by_psi * (up / (camera.fy_px**2 + (camera.height_px / 2) ** 2))[..., None]

@@ -58,12 +58,10 @@ def leftovers(problem: Problem, solution: Solution) -> tuple[Leftover, ...]:
     return tuple(found)
 
 
-def rms_px(problem: Problem, left: tuple[Leftover, ...]) -> float | None:
+def rms_px(evidence: tuple[Evidence, ...], left: tuple[Leftover, ...]) -> float | None:
     """Root mean square of the landmarks' 2-D distances, px, outliers apart; None without landmarks."""
     squares = [
-        one.px**2
-        for one, evidence in zip(left, problem.known.evidence, strict=True)
-        if isinstance(evidence, Landmark) and not one.is_outlier
+        one.px**2 for one, each in zip(left, evidence, strict=True) if isinstance(each, Landmark) and not one.is_outlier
     ]
     return math.sqrt(sum(squares) / len(squares)) if squares else None
 

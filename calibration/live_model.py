@@ -14,7 +14,7 @@ import numpy as np
 
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.poses import pose_covariance
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, skew
+from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import Calibration
 from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
@@ -149,7 +149,7 @@ class BiasModel:
         by[2, self.height_column(sample)] = 1.0
         by[0, _EAST] = by[1, _NORTH] = 1.0
         by[2, [_EAST, _NORTH]] = _slope(pose)
-        turn = _right_jacobian(biases[[_TILT, _PAN, _ROLL]] + biases[_TIME] * pose.rate_cam_radps)
+        turn = right_jacobian(biases[[_TILT, _PAN, _ROLL]] + biases[_TIME] * pose.rate_cam_radps)
         by[3:, [_TILT, _PAN, _ROLL]] = turn
         by[3:, _HEADING] = -matrix(wxyz)[2, :]  # clockwise is about straight down
         by[:3, _TIME], by[3:, _TIME] = pose.velocity_enu_mps, turn @ pose.rate_cam_radps
@@ -204,9 +204,3 @@ def _slope(pose: Pose) -> FloatArray:
     if not np.any(pose.cov[2, :2]):
         return np.zeros(2)
     return np.asarray(pose.cov[2, :2] @ np.linalg.pinv(pose.cov[:2, :2]))
-
-
-def _right_jacobian(rotvec_rad: FloatArray) -> FloatArray:
-    """``exp(v + d) = exp(v) exp(J d)``, of small ``v``: to the third order."""
-    cross = skew(rotvec_rad)
-    return np.asarray(np.eye(3) - cross / 2 + cross @ cross / 6)

@@ -1,5 +1,6 @@
 """Which unknown, or which combination of them, the evidence does not determine, and what to add."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -81,19 +82,32 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     names = problem.unknowns.names
     jac = solution.residuals.by_unknowns[_used(solution)]
     above_m = _above(problem, solution.state)
-    sizes = np.array([_size(name, solution.state, above_m) for name in names])
+    sizes = np.array([natural_size(name, solution.state, above_m) for name in names])
     _, singular, directions = np.linalg.svd(jac * sizes, full_matrices=True)
     strengths = np.append(singular, np.zeros(len(names) - len(singular)))
     with np.errstate(divide="ignore"):
         shares = solution.scaled / strengths
-    share = float(shares[-1])
-    weak = directions[shares > LIMIT] if share > LIMIT else directions[-1:]
+    weak = directions[shares > LIMIT] if shares[-1] > LIMIT else directions[-1:]
     weak = (weak * sizes) @ problem.unknowns.to_angles(solution.state).T / sizes
-    weak /= np.linalg.norm(weak, axis=-1, keepdims=True)
+    return combined(names, weak, float(shares[-1]), lambda parts: _advice(parts, jac.shape))
+
+
+def combined(
+    names: tuple[str, ...], weak: FloatArray, share: float, advice: Callable[[set[str]], str]
+) -> Observability:
+    """Weak directions ``(k, n)`` in the space of the unknowns, in their natural sizes, in words.
+
+    Args:
+        names: The unknowns.
+        weak: All that are undetermined, or else the worst.
+        share: Standard deviation along the weakest.
+        advice: What to add where these cannot be told.
+    """
+    weak = weak / np.linalg.norm(weak, axis=-1, keepdims=True)
     each = np.minimum(np.linalg.norm(weak, axis=0), 1.0)
     parts = {names[index]: float(each[index]) for index in np.argsort(-each, kind="stable") if each[index] > _PART}
     apart = len(parts) == len(weak) and min(parts.values()) > _ALONE
-    return Observability(parts, share, "" if share <= LIMIT else _advice(set(parts), jac.shape), apart)
+    return Observability(parts, share, "" if share <= LIMIT else advice(set(parts)), apart)
 
 
 def _used(solution: Solution) -> np.ndarray:
@@ -108,7 +122,8 @@ def _above(problem: Problem, state: State) -> float:
     return max(abs(state.value("height") - below), 1e-3)
 
 
-def _size(name: str, state: State, above_m: float) -> float:
+def natural_size(name: str, state: State, above_m: float) -> float:
+    """What an uncertainty of an unknown is a share of; ``above_m`` is the camera's height above what it sees."""
     if name in ("height", "east", "north", "elevation"):
         return above_m
     if name in ("focal", "fx", "fy"):

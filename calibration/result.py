@@ -10,7 +10,7 @@ from aerodft.dft.projection import INTRINSICS
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, GroundLines, Horizon, Vertical
+from aerodft.model.evidence import EvidenceSet, GroundLines, Horizon, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from calibration.errors_left import Leftover, leftovers, rms_px
 from calibration.observability import Observability, observability
@@ -141,16 +141,18 @@ def calibrate(
     unknowns = unknowns_of(names, known, camera, model)
     priors = {name: prior for name, prior in known.priors.items() if prior.std > 0}
     problem = Problem(EvidenceSet(evidence=known.evidence, priors=priors), unknowns, model)
-    start = _start(known, camera, model)
+    start = start_state(known.priors, camera, model)
     guessed = set(unknowns.names) <= {*known.priors, "focal", "fx", "fy", "cx", "cy", *coefficient_names(camera)}
     solution = solve(problem, start, guess_is_good=guessed)
     left = leftovers(problem, solution)
-    return Result(problem, solution, left, rms_px(problem, left), observability(problem, solution))
+    return Result(problem, solution, left, rms_px(known.evidence, left), observability(problem, solution))
 
 
-def _start(known: EvidenceSet, camera: Camera, model: ProjectionModel) -> State:
+def start_state(priors: dict[str, Prior], camera: Camera, model: ProjectionModel) -> State:
+    """What is known, and where to start from for what is not."""
+
     def stated(name: str, otherwise: float) -> float:
-        return known.priors[name].value if name in known.priors else otherwise
+        return priors[name].value if name in priors else otherwise
 
     focal = stated("focal", camera.fx_px)
     zoomed = Camera(

@@ -119,9 +119,10 @@ def camera_angles(enu_wxyz_cam: FloatArray) -> tuple[FloatArray, FloatArray, Flo
     tilt = np.arctan2(horizontal, -axis[..., 2])
     ahead = np.where((horizontal > NADIR_TILT_RAD)[..., None], axis[..., :2], -m[..., :2, 1])
     heading = np.arctan2(ahead[..., 0], ahead[..., 1]) % (2 * np.pi)
-    level = matrix(camera_attitude(tilt, 0.0, heading))
-    right = m[..., :, 0]
-    roll = np.arctan2(np.sum(right * level[..., :, 1], axis=-1), np.sum(right * level[..., :, 0], axis=-1))
+    # The right axis, along that of the same camera without roll and along its image's down direction.
+    (east, north, up), sine, cosine = (m[..., row, 0] for row in range(3)), np.sin(heading), np.cos(heading)
+    down = -np.cos(tilt) * (sine * east + cosine * north) - np.sin(tilt) * up
+    roll = np.arctan2(down, cosine * east - sine * north)
     return tilt, roll, heading
 
 
@@ -138,3 +139,9 @@ def skew(vectors: FloatArray) -> FloatArray:
     m[..., 0, 1], m[..., 0, 2], m[..., 1, 2] = -z, y, -x
     m[..., 1, 0], m[..., 2, 0], m[..., 2, 1] = z, -y, x
     return m
+
+
+def right_jacobian(rotvec_rad: FloatArray) -> FloatArray:
+    """``J (3, 3)`` with ``exp(v + d) = exp(v) exp(J d)``, of small ``v (3,)``: to the third order."""
+    cross = skew(rotvec_rad)
+    return np.asarray(np.eye(3) - cross / 2 + cross @ cross / 6)

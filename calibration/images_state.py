@@ -1,0 +1,149 @@
+"""Many images of one camera, as a calibration moves them: what they share, and what is new in each of them."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from aerodft.dft.projection import INTRINSICS
+from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian
+from aerodft.model.arrays import FloatArray
+from aerodft.model.calibration import BIASES
+from aerodft.model.evidence import Evidence
+from calibration.pose_track import PoseTrack
+from calibration.state import State, Unknowns
+
+OWN: Final = 7
+"""Errors that are new in each image: east, north, up, tilt, pan, roll, heading."""
+
+_HEIGHT, _TILT, _ROLL, _HEADING, _PAN, _EAST, _NORTH, _TIME = range(len(BIASES))
+_TURNS = [_TILT, _PAN, _ROLL]
+_ROTATION = slice(3, 6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One image.
+
+    Attributes:
+        name: Of the image.
+        evidence: What is known in it.
+        track: Where telemetry says that the camera was.
+        noise: ``(7,)`` standard deviations of what is new in this image, m and rad; see ``OWN``.
+    """
+
+    name: str
+    evidence: tuple[Evidence, ...]
+    track: PoseTrack
+    noise: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImagesState:
+    """One guess at everything.
+
+    Attributes:
+        base: Lens and ground, which all images share; its pose means nothing.
+        biases: ``(8,)`` as ``BIASES``: metres, radians, seconds.
+        own: ``(n, 7)`` what is new in each image, in its standard deviations; see ``OWN``.
+    """
+
+    base: State
+    biases: FloatArray
+    own: FloatArray
+
+    def value(self, name: str) -> float:
+        """An unknown's value: metres, radians, seconds, pixels; distortion coefficients as they are."""
+        return float(self.biases[BIASES.index(name)]) if name in BIASES else self.base.value(name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """One image's camera.
+
+    Attributes:
+        state: Pose, lens and ground.
+        by: ``(s, n + 7)`` the errors of ``dft.projection`` by the ``n`` shared unknowns and by what is new.
+    """
+
+    state: State
+    by: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SharedUnknowns:
+    """What is solved for in all images at once.
+
+    Attributes:
+        names: Some of ``BIASES``, and of the lens and the ground, in the order of the solution.
+    """
+
+    names: tuple[str, ...]
+
+    @property
+    def lens(self) -> Unknowns:
+        """Those of the lens and the ground."""
+        return Unknowns(tuple(name for name in self.names if name not in BIASES))
+
+    def moved(self, state: ImagesState, step: FloatArray) -> ImagesState:
+        """The state after a step of the shared unknowns ``(n,)`` and then of what is new in each image.
+
+        Raises:
+            ValueError: The step leads to an impossible camera.
+        """
+        count = len(self.names)
+        shared = dict(zip(self.names, step[:count].tolist(), strict=True))
+        lens = self.lens
+        return replace(
+            state,
+            base=lens.moved(state.base, np.array([shared[name] for name in lens.names])) if lens.names else state.base,
+            biases=state.biases + [shared.get(name, 0.0) for name in BIASES],
+            own=state.own + step[count:].reshape(state.own.shape),
+        )
+
+    def to_shared(self, state: ImagesState) -> FloatArray:
+        """``(8 + m, n)``: biases and intrinsics by the shared unknowns."""
+        count = len(BIASES)
+        by = np.zeros((count + 4 + len(state.base.camera.distortion), len(self.names)))
+        for column, name in enumerate(self.names):
+            if name in BIASES:
+                by[BIASES.index(name), column] = 1.0
+        by[count:, self._columns(self.lens.names)] = self.lens.by_unknowns(state.base)[INTRINSICS]
+        return by
+
+    def placed(self, state: ImagesState, index: int, view: View) -> Placed:
+        """The camera of one image, with its derivatives.
+
+        Args:
+            state: The guess.
+            index: Of the image.
+            view: The image.
+
+        Raises:
+            ValueError: Telemetry says nothing of the time that its stamp was moved to.
+        """
+        moment, own = view.track.at(float(state.biases[_TIME])), state.own[index] * view.noise
+        in_camera = from_rotation_vector(state.biases[_TURNS])
+        about_vertical = from_rotation_vector(np.array([0.0, 0.0, -state.biases[_HEADING]]))
+        turned = multiply(about_vertical, multiply(moment.wxyz, in_camera))
+        down_cam = -matrix(turned)[2]
+        last = from_rotation_vector(own[3:6] + own[6] * down_cam)
+        position = moment.position_m + state.biases[[_EAST, _NORTH, _HEIGHT]] + own[:3]
+        camera = replace(state.base, position_m=position, wxyz=multiply(turned, last))
+        back, count = matrix(last).T, len(self.names)
+        by_bias = np.zeros((6, len(BIASES)))
+        by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
+        by_bias[_ROTATION, _TURNS] = back @ right_jacobian(state.biases[_TURNS])
+        by_bias[_ROTATION, _HEADING] = back @ down_cam
+        by_bias[:3, _TIME] = moment.velocity_mps
+        by_bias[_ROTATION, _TIME] = back @ matrix(in_camera).T @ moment.rate_cam_radps
+        by = np.zeros((INTRINSICS.start + 4 + len(camera.camera.distortion), count + OWN))
+        chosen = [name for name in self.names if name in BIASES]
+        by[:6, self._columns(chosen)] = by_bias[:, [BIASES.index(name) for name in chosen]]
+        by[:, self._columns(self.lens.names)] = self.lens.by_unknowns(camera)
+        by[:6, count : count + 6] = np.diag(view.noise[:6])
+        by[_ROTATION, -1] = view.noise[6] * down_cam
+        return Placed(camera, by)
+
+    def _columns(self, names: "tuple[str, ...] | list[str]") -> list[int]:
+        return [self.names.index(name) for name in names]

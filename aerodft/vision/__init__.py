@@ -1,0 +1,1 @@
+"""Images to pixels: what stands still in them."""

@@ -20,6 +20,13 @@ class WireProtocol(StrEnum):
     DATAFLASH = "dataflash"
 
 
+class ReportFrame(StrEnum):
+    """What roll and pitch in a gimbal's reports are against."""
+
+    EARTH = "earth"  # the horizon, as the standard says
+    BODY = "body"  # the vehicle, whatever the flags say
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RawBlock:
     """Whole frames as they came, from one sender, in order of arrival.
@@ -89,7 +96,8 @@ class GimbalTrack(Track):
     Attributes:
         source: The message.
         wxyz: ``(n, 4)`` unit quaternion ``ref_SO3_gimbal``; gimbal axes front (optical axis), right, down. Roll and
-            pitch are against the horizon; the reference's x axis is north, or the vehicle's nose.
+            pitch are against the horizon, if the sender keeps to the standard (see ``service.gimbal_frame``); the
+            reference's x axis is north, or the vehicle's nose.
         yaw_in_earth: ``(n,)`` true where the reference's x axis is north, false where it is the vehicle's heading.
     """
 

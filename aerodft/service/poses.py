@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -13,12 +14,15 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import PositionTrack, Track
-from aerodft.service.attitude import AttitudeSources, CameraAttitude
+from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
 from aerodft.service.footing import footing
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import ClockChange, ClockMap
+
+_DEMAND_TILT_STD_RAD: Final = math.radians(1)
+"""A gimbal that only says what it was told is known no better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +62,8 @@ class PoseSource:
     def append(self, tracks: tuple[Track, ...]) -> None:
         """Take in the tracks of one tick."""
         if self.clock.update(tracks) is ClockChange.JUMPED:
-            for stream in self._streams():
+            self._attitude.clear()
+            for stream in (self._position, *self._height.streams()):
                 stream.clear()
         for track in tracks:
             stamps = self.clock.to_utc(track)
@@ -84,7 +89,7 @@ class PoseSource:
         place = self._place(stamp_ns, watermark)
         if Missing.PENDING in (height, attitude, place):
             return None
-        if isinstance(height, Missing) or isinstance(attitude, Missing):
+        if isinstance(height, Missing) or isinstance(attitude, Missing | Refused):
             return self._miss(stamp_ns, height, attitude)
         sample = self._sample(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
         if self._ground is not None:
@@ -125,13 +130,14 @@ class PoseSource:
         )
 
     def _sample(self, stamp_ns: int, height: Height, attitude: CameraAttitude, place: _Place | None) -> PoseSample:
-        stated, jump = self._settings.attitude.std, attitude.jump_std_rad
+        stated, report = self._settings.attitude.std, attitude.report_std_rad
+        tilt_rad = max(stated.tilt_rad, _DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
         std = replace(
             stated,
             height_agl_m=height.std_m,
-            tilt_rad=math.hypot(stated.tilt_rad, jump[0]),
-            pan_rad=math.hypot(stated.pan_rad, jump[1]),
-            roll_rad=math.hypot(stated.roll_rad, jump[2]),
+            tilt_rad=math.hypot(tilt_rad, report[0]),
+            pan_rad=math.hypot(stated.pan_rad, report[1]),
+            roll_rad=math.hypot(stated.roll_rad, report[2]),
             time_s=self._time_std_s,
         )
         east, north = (0.0, 0.0) if place is None else place.east_north_m.tolist()
@@ -147,6 +153,7 @@ class PoseSource:
         return PoseSample(
             stamp_ns=stamp_ns,
             status=Status.OK,
+            reasons=attitude.reasons,
             pose=pose,
             std=std,
             origin=None if place is None else self.origin,
@@ -174,13 +181,17 @@ class PoseSource:
             return replace(sample, status=below.status, reasons=(reason,), pose=None)
         return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)
 
-    def _miss(self, stamp_ns: int, height: Height | Missing, attitude: CameraAttitude | Missing) -> PoseSample:
+    def _miss(
+        self, stamp_ns: int, height: Height | Missing, attitude: CameraAttitude | Missing | Refused
+    ) -> PoseSample:
         reasons = []
         if isinstance(height, Missing):
             reasons.append(_sentence("height", height, self._settings.height.order, self._settings.height.max_gap_ns))
         if isinstance(attitude, Missing):
             limits = self._settings.attitude
             reasons.append(_sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
+        if isinstance(attitude, Refused):
+            reasons.append(attitude.reason)
         if not any(stream.began_by(stamp_ns) for stream in self._streams()):
             status = Status.NO_TELEMETRY
         elif Missing.STALE in (height, attitude):

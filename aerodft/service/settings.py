@@ -10,6 +10,7 @@ from aerodft.model.landmark import SurveyedLandmark
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.probe import Probe
+from aerodft.model.telemetry import ReportFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +43,7 @@ class HeightSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedMount:
-    """A camera bolted to the vehicle: gimbal angles against the body (FRD), intrinsic yaw, pitch, roll."""
+    """A camera's angles against what it is bolted to (front, right, down): intrinsic yaw, pitch, roll."""
 
     yaw_rad: float
     pitch_rad: float
@@ -55,7 +56,12 @@ class AttitudeSettings:
 
     Attributes:
         order: The first source with a value at the stamp wins.
-        fixed_mount: Used where ``fixed`` is in the order.
+        fixed_mount: The camera against the vehicle; used where ``fixed`` is in the order.
+        camera_on_gimbal: The camera against the gimbal's axes; None where they are the same.
+        frame: What the gimbals' roll and pitch are against; None to tell it from the data.
+        is_demand: Whether gimbals report what they were told, not where they are; None to tell it from the data.
+        lag_ns: How far behind such a demand the camera may be.
+        slew_radps: How fast the camera turns to a new demand, at the least.
         std: Standard deviations of tilt, pan, roll, heading and of east and north (heights: ``HeightSettings``).
         max_gap_ns: Longest gap between two samples that is interpolated over.
     """
@@ -67,6 +73,11 @@ class AttitudeSettings:
         GimbalSource.DATAFLASH_MNT,
     )
     fixed_mount: FixedMount | None = None
+    camera_on_gimbal: FixedMount | None = None
+    frame: ReportFrame | None = None
+    is_demand: bool | None = None
+    lag_ns: int = 300_000_000
+    slew_radps: float = math.radians(60)
     std: PoseStd = field(default_factory=PoseStd)
     max_gap_ns: int = SECOND_NS
 

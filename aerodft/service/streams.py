@@ -40,6 +40,11 @@ class Stream:
         """Stamp of the newest sample."""
         return int(self._buffer.stamps_ns[-1]) if len(self._buffer) else None
 
+    @property
+    def stamps_ns(self) -> IntArray:
+        """``(n,)`` strictly ascending."""
+        return self._buffer.stamps_ns
+
     def append(self, stamps_ns: IntArray, **columns: npt.NDArray[np.generic]) -> None:
         """Add samples in order of arrival."""
         self._buffer.append(stamps_ns, **columns)

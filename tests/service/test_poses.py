@@ -75,7 +75,7 @@ def vehicle(start_ns, stop_ns, *, pitch_rad=0.0):
 
 def source(*tracks, origin=None, time_std_s=0.02, **settings):
     settings.setdefault("height", HOME_ONLY)
-    settings.setdefault("attitude", AttitudeSettings(std=STD))
+    settings.setdefault("attitude", AttitudeSettings(std=STD, is_demand=False))
     poses = PoseSource(TelemetrySettings(**settings), origin=origin, time_std_s=time_std_s)
     poses.append((clock(), *tracks))
     return poses

@@ -1,0 +1,139 @@
+"""Whether a gimbal's angles are against the horizon, as the standard says, or against the vehicle, told from the data.
+
+A stabilised camera keeps its attitude while the vehicle moves: reports against the horizon then stay as they are,
+reports against the vehicle undo its motion. Every motion of the vehicle is weighed under both readings by how far the
+camera would have turned against gravity, which needs no yaw and is regular at nadir.
+
+Two kinds of reports against the vehicle stay as well: those of a servo at its limit, so that what is held at the end
+of the range counts little, and the demand of a camera that is not stabilised, which only its owner knows.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import FloatArray
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.gravity import LAGS_NS, Moment
+
+PRIOR_BODY: Final = 0.25
+"""Before any evidence: servo mounts, and most senders of the older messages, report against the vehicle."""
+
+CERTAIN: Final = 1e4
+"""A verdict is this many times as likely as its opposite."""
+
+_WINDOW_NS = 2 * SECOND_NS  # a motion is over within it: slower ones may as well be commands
+_LEAST_MOTION_RAD = math.radians(2)  # ten times the error of an autopilot's own attitude
+_NOISE_RAD = math.radians(0.3)
+_LEFT_OVER = 0.25  # share of the vehicle's motion that lags and poor stabilisation leave
+_MOST_A_MOTION = math.log(10)  # a command may fall together with a motion
+_MOST_AT_LIMIT = math.log(200)
+_AT_LIMIT_RAD = math.radians(1)
+_MOST = 3 * math.log(CERTAIN)  # what was learned can be unlearned
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameEvidence:
+    """What is known of one gimbal's reports.
+
+    Attributes:
+        frame: The verdict; None as long as there is none.
+        contradictory: The verdict changed more than once: no reading holds.
+        body_probability: That roll and pitch are against the vehicle.
+        motions: How many motions of the vehicle were weighed.
+        undone: How many of them the reports undid, rather than not.
+        motion_s: How long they lasted, together.
+    """
+
+    frame: ReportFrame | None
+    contradictory: bool
+    body_probability: float
+    motions: int
+    undone: int
+    motion_s: float
+
+
+class FrameDetector:
+    """Weighs one gimbal's reports, in order; what it finds does not depend on when it is asked."""
+
+    def __init__(self) -> None:
+        self._recent: deque[Moment] = deque()
+        self._range_rad = (math.inf, -math.inf)  # pitches reported so far
+        self._log_ratios = np.zeros(len(LAGS_NS))  # body against earth, were reports this late
+        self._at_limit = np.zeros(len(LAGS_NS))  # the part of it that a servo at its limit could explain
+        self._undone = np.zeros(len(LAGS_NS), dtype=np.int64)
+        self._motions = self._motion_ns = self._changes = 0
+        self._frame: ReportFrame | None = None
+
+    @property
+    def evidence(self) -> FrameEvidence:
+        """What is known by now."""
+        against = (1 / PRIOR_BODY - 1) * math.exp(-self._log_ratio())
+        return FrameEvidence(
+            frame=self._frame,
+            contradictory=self._changes > 1,
+            body_probability=1 / (1 + against),
+            motions=self._motions,
+            undone=int(self._undone[int(np.argmax(self._log_ratios))]),
+            motion_s=self._motion_ns / SECOND_NS,
+        )
+
+    def break_off(self) -> None:
+        """No motion is followed over a gap, or from one clock to another; what was learned stays."""
+        self._recent.clear()
+
+    def weigh(self, moment: Moment) -> None:
+        """Take in the next report; where it ends a motion of the vehicle, learn from it."""
+        low, high = self._range_rad
+        self._range_rad = min(low, moment.reported_pitch_rad), max(high, moment.reported_pitch_rad)
+        while self._recent and moment.stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
+            self._recent.popleft()
+        if self._recent:
+            turns = [math.dist(moment.down_body, before.down_body) for before in self._recent]
+            farthest = turns.index(max(turns))
+            if turns[farthest] >= _LEAST_MOTION_RAD:
+                self._learn(self._recent[farthest], moment, turns[farthest])
+                self._recent.clear()
+        self._recent.append(moment)
+
+    def _learn(self, start: Moment, end: Moment, turn_rad: float) -> None:
+        reported = np.linalg.norm(end.down_if_earth - start.down_if_earth)
+        left = np.linalg.norm(end.down_if_body - start.down_if_body, axis=-1)
+        scale = math.hypot(_NOISE_RAD, _LEFT_OVER * turn_rad)
+        ratio = _log_density(left / scale) - _log_density(np.asarray(reported / scale))
+        step = np.clip(ratio, -_MOST_A_MOTION, _MOST_A_MOTION)
+        if self._may_be_at_limit(start) and self._may_be_at_limit(end):
+            before, self._at_limit = self._at_limit, np.maximum(self._at_limit + np.minimum(step, 0), -_MOST_AT_LIMIT)
+            step = np.where(step < 0, self._at_limit - before, step)
+        self._log_ratios = np.clip(self._log_ratios + step, -_MOST, _MOST)
+        self._undone += ratio > 0
+        self._motions += 1
+        self._motion_ns += end.stamp_ns - start.stamp_ns
+        self._decide()
+
+    def _may_be_at_limit(self, moment: Moment) -> bool:
+        low, high = self._range_rad
+        return min(moment.reported_pitch_rad - low, high - moment.reported_pitch_rad) < _AT_LIMIT_RAD
+
+    def _decide(self) -> None:
+        """A verdict needs certainty, and goes only with the same certainty of the opposite."""
+        ratio = self._log_ratio()
+        if abs(ratio) < math.log(CERTAIN):
+            return
+        frame = ReportFrame.BODY if ratio > 0 else ReportFrame.EARTH
+        self._changes += self._frame not in {None, frame}
+        self._frame = frame
+
+    def _log_ratio(self) -> float:
+        """Body against earth, when every lag is as likely as the others."""
+        most = float(np.max(self._log_ratios))
+        return most + math.log(float(np.mean(np.exp(self._log_ratios - most))))
+
+
+def _log_density(turns: FloatArray) -> FloatArray:
+    """Of a Cauchy distribution in the plane of two small angles, but for a constant: commands have long tails."""
+    return np.asarray(-1.5 * np.log1p(turns**2))

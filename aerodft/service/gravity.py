@@ -1,0 +1,81 @@
+"""Where down is at a gimbal's reports: for the vehicle, and for the camera by either reading of the report."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix, yaw_pitch_roll
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.service.streams import Stream
+
+LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
+"""How much older than its stamp a report may be: each is tried."""
+
+_STEP_NS = 100_000_000  # reports closer than this tell nothing new
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Unit vectors of gravity at one report.
+
+    Attributes:
+        stamp_ns: The report's.
+        reported_pitch_rad: As it stands in the report.
+        down_body: ``(3,)`` in the vehicle's axes.
+        down_if_earth: ``(3,)`` in the gimbal's axes, if the report's roll and pitch are against the horizon.
+        down_if_body: ``(lags, 3)`` in the gimbal's axes, if they are against the vehicle as it was that long before.
+    """
+
+    stamp_ns: int
+    reported_pitch_rad: float
+    down_body: FloatArray
+    down_if_earth: FloatArray
+    down_if_body: FloatArray
+
+
+def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> list[Moment | None]:
+    """The reports after a stamp and up to another, at most one in each tenth of a second.
+
+    Returns:
+        In order; None where the vehicle's attitude is not known on both sides and for the longest lag before.
+    """
+    rows = _rows(gimbal.stamps_ns, after_ns, until_ns)
+    if not len(rows) or vehicle.last_ns is None:
+        return []
+    stamps = gimbal.stamps_ns[rows]
+    reported = matrix(gimbal.column("wxyz")[rows])
+    attitudes = vehicle.column("wxyz")
+    before = np.stack([stamps - lag_ns for lag_ns in LAGS_NS], axis=-1)
+    downs, known = _between(vehicle, matrix(attitudes)[:, 2], before)
+    latest = np.clip(np.searchsorted(vehicle.stamps_ns, stamps), 0, len(attitudes) - 1)
+    yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(attitudes[latest])[0], 0.0)
+    against_body = matrix(from_yaw_pitch_roll(-yaws, 0.0, 0.0)) @ reported
+    if_body = downs @ against_body
+    pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1].tolist()
+    return [
+        Moment(stamp_ns, pitches[k], downs[k, 0], reported[k, 2], if_body[k]) if known[k] else None
+        for k, stamp_ns in enumerate(stamps.tolist())
+    ]
+
+
+def _rows(stamps_ns: IntArray, after_ns: int, until_ns: int) -> IntArray:
+    """The first report in each tenth of a second."""
+    first, stop = np.searchsorted(stamps_ns, [after_ns, until_ns], side="right").tolist()
+    tenths = stamps_ns[first:stop] // _STEP_NS
+    fresh = np.diff(tenths, prepend=after_ns // _STEP_NS - 1) > 0
+    return np.flatnonzero(fresh) + int(first)
+
+
+def _between(vehicle: Stream, values: FloatArray, stamps_ns: IntArray) -> tuple[FloatArray, BoolArray]:
+    """The vehicle's ``values (m, 3)`` at ``stamps_ns (n, lags)`` and which rows ``(n,)`` are known, for all lags.
+
+    Returns:
+        ``(n, lags, 3)`` linear between samples, and ``(n,)``.
+    """
+    samples = vehicle.stamps_ns
+    after = np.clip(np.searchsorted(samples, stamps_ns), 1, len(samples) - 1)
+    gap = samples[after] - samples[after - 1]
+    weight = (stamps_ns - samples[after - 1]) / np.maximum(gap, 1)
+    known = (weight >= 0) & (weight <= 1) & (gap <= vehicle.max_gap_ns) & (gap > 0)
+    return values[after - 1] + weight[..., None] * (values[after] - values[after - 1]), np.all(known, axis=-1)

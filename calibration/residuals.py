@@ -85,9 +85,10 @@ class Problem:
         }
         self._landmarks, points = list(reprojected), reprojected.values()
         self._points_m = np.array([each.position_m for each in points], dtype=np.float64).reshape(-1, 3)
-        self._pixels = np.array([each.pixel for each in points]).reshape(-1, 2)
-        self._std_px = np.array([each.std_px for each in points])
-        self._point_cov = np.array([np.diag(np.square(each.std_m)) for each in points]).reshape(-1, 3, 3)
+        self._pixels = np.array([each.pixel for each in points], dtype=np.float64).reshape(-1, 2)
+        self._std_px = np.array([each.std_px for each in points], dtype=np.float64)
+        std_m = np.array([each.std_m for each in points], dtype=np.float64).reshape(-1, 3)
+        self._point_cov = np.square(std_m)[:, None] * np.eye(3) if np.any(std_m) else None
         self._conditions: list[tuple[int, Condition]] = [
             (index, condition_of(each)) for index, each in enumerate(known.evidence) if index not in reprojected
         ]
@@ -128,13 +129,10 @@ class Problem:
             )
         std = self._std_px[:, None]
         values, rows = off / std, jac / std[..., None]
-        if np.any(self._point_cov):
+        if self._point_cov is not None:
             cov = found.by_point @ self._point_cov @ found.by_point.swapaxes(-1, -2)
             cov += np.square(self._std_px)[:, None, None] * np.eye(2)
-            # Next to a landmark its own error fills the view, and rounding alone would make the matrix singular.
-            cov += 1e-12 * np.trace(cov, axis1=-2, axis2=-1)[:, None, None] * np.eye(2)
-            cov = np.where(np.all(np.isfinite(cov), axis=(-1, -2), keepdims=True), cov, np.eye(2))
-            root = np.linalg.inv(np.linalg.cholesky(cov))
+            root = _whitening(np.where(np.all(np.isfinite(cov), axis=(-1, -2), keepdims=True), cov, np.eye(2)))
             values, rows = (root @ off[..., None])[..., 0], root @ jac
         blind = np.isnan(off[:, 0])
         values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
@@ -173,6 +171,16 @@ def _of_condition(index: int, condition: Condition, state: State, by: FloatArray
     if blind:
         nothing = np.zeros((count, by.shape[1]))
         return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
-    root = np.linalg.inv(np.linalg.cholesky(found.cov))
+    root = _whitening(found.cov)
     values = root @ found.off
     return Residuals(values, root @ found.by_shared @ by, owner, found.std_px * values)
+
+
+def _whitening(cov: FloatArray) -> FloatArray:
+    """``(..., k, k)`` that makes residuals of that covariance independent and of variance 1.
+
+    One direction may be billions of times as uncertain as another (a ray along the ground, a landmark right before the
+    lens): rounding alone would make such a matrix singular.
+    """
+    size = np.trace(cov, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov + 1e-12 * size * np.eye(cov.shape[-1]))))

@@ -147,15 +147,23 @@ def _brown(coefficients: tuple[float, ...], xy: FloatArray) -> tuple[FloatArray,
 def brown_limit(coefficients: tuple[float, ...]) -> float:
     """Undistorted radius (tangent of the angle) up to which the radial part is increasing."""
     k1, k2, _, _, k3, k4, k5, k6 = coefficients
-    over, under, s = Polynomial([1, k1, k2, k3]), Polynomial([1, k4, k5, k6]), Polynomial([0, 1])
-    turning = over * under + 2 * s * (over.deriv() * under - over * under.deriv())
+    over, under = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
+    by_square = np.convolve(_slope(over), under) - np.convolve(over, _slope(under))
+    turning = np.convolve(over, under)
+    turning[1:] += 2 * by_square
     return float(np.sqrt(min(_first_positive_root(turning), _first_positive_root(under))))
 
 
-def _first_positive_root(polynomial: Polynomial) -> float:
-    """Infinite where there is none. From the reversed polynomial: a tiny last coefficient is then a tiny first one."""
-    reversed_ = Polynomial(polynomial.coef[::-1])
-    roots = reversed_.roots() if reversed_.degree() > 0 else np.array([])
+def _slope(coefficients: FloatArray) -> FloatArray:
+    return coefficients[1:] * np.arange(1, len(coefficients))
+
+
+def _first_positive_root(coefficients: FloatArray) -> float:
+    """Of a polynomial from its constant term on; infinite where there is none.
+
+    From the reversed polynomial: a tiny last coefficient is then a tiny first one.
+    """
+    roots = np.roots(coefficients)
     real = roots[np.abs(np.imag(roots)) < 1e-9 * (1 + np.abs(roots))].real
     largest = max(real[real > _NOTHING], default=0.0)
     return float(1 / largest) if largest > 0 else np.inf
@@ -202,7 +210,7 @@ def _fisheye_polynomial(coefficients: tuple[float, ...]) -> Polynomial:
 @lru_cache(maxsize=64)
 def fisheye_limit(coefficients: tuple[float, ...]) -> float:
     """Angle from the axis up to which the distorted radius is increasing, at most a half turn."""
-    return min(_first_positive_root(_fisheye_polynomial(coefficients).deriv()), np.pi)
+    return min(_first_positive_root(_fisheye_polynomial(coefficients).deriv().coef), np.pi)
 
 
 def _fisheye_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple[FloatArray, FloatArray]:

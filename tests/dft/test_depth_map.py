@@ -138,12 +138,13 @@ def points_of(seen):
 def opencv_pixels(camera, pose, points_enu_m):
     rotation = matrix(pose.wxyz).T
     intrinsics = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1.0]])
-    shift, turn = -rotation @ pose.position_enu_m, cv2.Rodrigues(rotation)[0]
+    # Turned here: cv2.Rodrigues finds the vector of nearly half a turn, a camera that looks down, to 3e-5 only.
+    points, nothing = (points_enu_m - pose.position_enu_m) @ rotation.T, np.zeros(3)
     distortion = np.array(camera.distortion)
     if camera.lens is LensModel.FISHEYE:
-        found = cv2.fisheye.projectPoints(points_enu_m[:, None], turn, shift, intrinsics, distortion)
+        found = cv2.fisheye.projectPoints(points[:, None], nothing, nothing, intrinsics, distortion)
     else:
-        found = cv2.projectPoints(points_enu_m, turn, shift, intrinsics, distortion)
+        found = cv2.projectPoints(points, nothing, nothing, intrinsics, distortion)
     return found[0].reshape(-1, 2)
 
 

@@ -16,7 +16,7 @@ from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.poses import pose_covariance
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian
 from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import Calibration
+from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
 from aerodft.service.settings import LiveCalibration, TelemetrySettings
 
@@ -110,7 +110,7 @@ class BiasModel:
         """``(6, 6)`` of the pose's errors that are new in one image; ``wxyz`` is the refined attitude."""
         follows = np.eye(6)
         if sample.pose is not None:
-            follows[2, :2] = _slope(sample.pose)
+            follows[2, :2] = slope_of(sample.pose)
         return np.asarray(follows @ pose_covariance(wxyz, self.noise_of(sample)) @ follows.T)
 
     def drifted(self, elapsed_s: float) -> tuple[FloatArray, FloatArray]:
@@ -128,7 +128,7 @@ class BiasModel:
         about_vertical = np.array([0.0, 0.0, -biases[_HEADING]])
         wxyz = multiply(from_rotation_vector(about_vertical), multiply(pose.wxyz, from_rotation_vector(in_camera)))
         east_north = biases[[_EAST, _NORTH]]
-        up = biases[self.height_column(sample)] + _slope(pose) @ east_north
+        up = biases[self.height_column(sample)] + slope_of(pose) @ east_north
         position = pose.position_enu_m + np.append(east_north, up) + by_time * pose.velocity_enu_mps
         if noise is not None:
             position, wxyz = position + noise[:3], multiply(wxyz, from_rotation_vector(noise[3:]))
@@ -148,7 +148,7 @@ class BiasModel:
         by = np.zeros((6, len(self.mean)))
         by[2, self.height_column(sample)] = 1.0
         by[0, _EAST] = by[1, _NORTH] = 1.0
-        by[2, [_EAST, _NORTH]] = _slope(pose)
+        by[2, [_EAST, _NORTH]] = slope_of(pose)
         turn = right_jacobian(biases[[_TILT, _PAN, _ROLL]] + biases[_TIME] * pose.rate_cam_radps)
         by[3:, [_TILT, _PAN, _ROLL]] = turn
         by[3:, _HEADING] = -matrix(wxyz)[2, :]  # clockwise is about straight down
@@ -179,16 +179,32 @@ def _excess(now: float, stated: float) -> float:
 
 
 def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
-    """Biases as a calibration has them: of whatever height is in use, and with the heading it takes the pan's place."""
-    by_found = np.zeros((len(mean), 4))
+    """Biases as a calibration has them: of whatever height is in use, and with the heading it takes the pan's place.
+
+    Images' stamps are moved by its time offset before poses are looked up: what is left of it is around 0.
+    """
+    by_found = np.zeros((len(mean), len(BIASES)))
     by_found[:-_OTHERS, 0] = 1.0
-    by_found[_TILT, 1] = by_found[_ROLL, 2] = by_found[_HEADING, 3] = 1.0
-    found = np.array([start.height_bias_m, start.tilt_bias_rad, start.roll_bias_rad, start.heading_bias_rad])
+    columns = [BIASES.index(name) for name in ("tilt", "pan", "roll", "heading", "east", "north", "time")]
+    by_found[range(-_OTHERS, 0), columns] = 1.0
+    found = np.array(
+        [
+            start.height_bias_m,
+            start.tilt_bias_rad,
+            start.roll_bias_rad,
+            start.heading_bias_rad,
+            start.pan_bias_rad,
+            start.east_bias_m,
+            start.north_bias_m,
+            0.0,
+        ]
+    )
     if start.bias_cov is None:
         return by_found @ found, cov
+    told = by_found @ start.bias_cov @ by_found.T
     kept = np.zeros(len(mean))
-    kept[[_EAST, _NORTH, _TIME]] = 1.0
-    return by_found @ found, kept[:, None] * cov * kept + by_found @ start.bias_cov @ by_found.T
+    kept[[_EAST, _NORTH, _TIME]] = np.diag(told)[[_EAST, _NORTH, _TIME]] == 0
+    return by_found @ found, kept[:, None] * cov * kept + told
 
 
 def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatArray:
@@ -199,7 +215,7 @@ def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatA
     return np.divide(walked, 2 * variances, out=np.zeros_like(walked), where=variances > 0)
 
 
-def _slope(pose: Pose) -> FloatArray:
+def slope_of(pose: Pose) -> FloatArray:
     """By how much the height follows east and north ``(2,)``: where it is counted from ground that is not level."""
     if not np.any(pose.cov[2, :2]):
         return np.zeros(2)

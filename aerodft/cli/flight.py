@@ -80,7 +80,7 @@ def open_flight(station: StationConfig, log: Path | None, observation_files: tup
 
 def _images(station: StationConfig, span: LogSpan) -> tuple[Source, dict[int, int]]:
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
-    chosen, offset_s, camera = station.images.source, station.images.time_offset_s, station.pipeline.camera
+    chosen, offset_s, camera = station.images.source, station.image_offset_s, station.pipeline.camera
     decode = station.record.image_hz > 0
     if isinstance(chosen, VideoFile):
         video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, time_offset_s=offset_s, decode=decode)

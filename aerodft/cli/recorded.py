@@ -63,7 +63,7 @@ class Reoffset:
 
 def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:
     """The source as the new configuration's time offsets would have stamped it."""
-    images_s = new.images.time_offset_s - old.images.time_offset_s
+    images_s = new.image_offset_s - old.image_offset_s
     observations_s = new.observations.time_offset_s - old.observations.time_offset_s
     if images_s == 0 and observations_s == 0:
         return source

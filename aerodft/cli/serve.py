@@ -104,7 +104,7 @@ def _open_inputs(
     station: StationConfig, inbox: Inbox, images: "_ImageGate", clock: WallClock, stack: ExitStack
 ) -> None:
     """Open the MAVLink link and the image source; both leave what they receive in the inbox."""
-    source, offset_s = station.images.source, station.images.time_offset_s
+    source, offset_s = station.images.source, station.image_offset_s
     if isinstance(source, Stream | Device):
         url = source.url if isinstance(source, Stream) else source.path
         stack.enter_context(StreamReader(url, images, clock=clock, time_offset_s=offset_s))

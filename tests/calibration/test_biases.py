@@ -79,7 +79,7 @@ def test_the_calibrations_covariance_takes_the_telemetrys_place():
         [[1, 0, 0, 0], [0.6, 0.8, 0, 0], [0, 0, 1, 0], [0, -0.5, 0, math.sqrt(0.75)]]
     )
     given = sample()
-    found = refined(given, tilt_bias_rad=DEG, bias_cov=root @ root.T)
+    found = refined(given, tilt_bias_rad=DEG, bias_cov=np.pad(root @ root.T, (0, 4)))
     rng = np.random.default_rng(1)
     errors = []
     centre = Rotation.from_quat(found.pose.wxyz, scalar_first=True)
@@ -122,7 +122,7 @@ def test_above_a_slope_the_corrected_height_still_goes_with_the_place():
     carried = np.eye(6)
     carried[2, :2] = 0.2, 0.1
     over_slope = replace(level, pose=replace(level.pose, cov=carried @ level.pose.cov @ carried.T))
-    cov = refined(over_slope, bias_cov=np.diag([0.25, 0.0, 0.0, 0.0])).pose.cov[:3, :3]
+    cov = refined(over_slope, bias_cov=np.diag([0.25, *[0.0] * 7])).pose.cov[:3, :3]
     place = np.diag([STD.horizontal_m**2] * 2)
     rise = np.array([0.2, 0.1])
     assert_allclose(cov[2, :2], rise @ place)

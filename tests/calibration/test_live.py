@@ -124,7 +124,7 @@ def test_poses_depend_on_biases_as_finite_differences_say():
 def test_biases_turn_and_raise_as_a_calibration_files_do():
     start = Calibration(
         id="x", height_bias_m=1.5, tilt_bias_rad=1.2 * DEG, roll_bias_rad=-DEG, heading_bias_rad=3 * DEG,
-        bias_cov=np.diag([0.3, 0.01, 0.02, 0.03]) ** 2,
+        bias_cov=np.diag([0.3, 0.01, 0.02, 0.03, 0.0, 0.0, 0.0, 0.0]) ** 2,
     )  # fmt: skip
     alone = BiasCalibrator(start).refine(sample())
     station = replace(settings(), time_std_s=0.0)

@@ -2,18 +2,18 @@
 
 import hashlib
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeAlias
+from typing import Annotated, Any, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config.bias_tables import BiasTable, biases_from, check_lens_covariance
 from aerodft.adapters.config.camera import CameraTable, camera_from
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station import FixedPose
 from aerodft.adapters.config.tables import (
-    BiasDeg,
     HeadingDeg,
     Latitude,
     Longitude,
@@ -26,23 +26,11 @@ from aerodft.adapters.config.tables import (
     Uncertain,
     impossible,
 )
-from aerodft.adapters.config.units import to_deg
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseStd
-
-Rows: TypeAlias = tuple[tuple[float, ...], ...] | None
-
-
-class BiasTable(Table):
-    """Corrections that are added to the telemetry's values."""
-
-    height_m: Uncertain[Real] = Uncertain(value=0.0)
-    tilt_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
-    roll_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
-    heading_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
 
 
 class CalibratedPoseTable(Table):
@@ -100,23 +88,13 @@ def check_local(lat_deg: float | None, east_m: float, north_m: float) -> None:
         raise impossible("east_m" if east_m else "north_m", got="it beside lat_deg", expected="one of the two")
 
 
-def check_lens_covariance(covariance: Rows, lens: Rows) -> None:
-    """Refuse a covariance with the lens without that of the pose, or of another size (for validators)."""
-    if lens is None:
-        return
-    if covariance is None:
-        raise impossible("lens_covariance", got="it without covariance", expected="both")
-    if len(lens) != 6 or len({len(row) for row in lens}) != 1:  # noqa: PLR2004 - position and rotation
-        raise impossible("lens_covariance", got=f"{len(lens)} rows", expected="6 rows of as many as the lens has")
-
-
 def load_calibration(path: Path) -> Calibration:
     """Read a calibration file.
 
     Args:
-        path: A TOML file with ``[bias]`` (``height_m``, ``tilt_deg``, ``roll_deg``, ``heading_deg``) and/or ``[pose]``
-            (``height_agl_m``, ``tilt_deg``, ``roll_deg``, ``heading_deg``, ``lat_deg``, ``lon_deg``, ``alt_msl_m``);
-            biases and angles are numbers (taken as exact) or ``{value, std}``.
+        path: A TOML file with ``[bias]`` (see ``bias_tables``) and/or ``[pose]`` (``height_agl_m``, ``tilt_deg``,
+            ``roll_deg``, ``heading_deg``, ``lat_deg``, ``lon_deg``, ``alt_msl_m``); biases and angles are numbers
+            (taken as exact) or ``{value, std}``.
 
     Returns:
         The calibration; its id is the hash of the file's bytes, its pose stands above the ENU origin.
@@ -153,42 +131,25 @@ def _read(path: Path) -> tuple[Calibration, FixedPose | None]:
     table = validated(CalibrationTable, parse_toml(data, str(path)), str(path))
     identity = f"sha256:{hashlib.sha256(data).hexdigest()}"
     pose = fixed_from(table.pose, identity, str(path)) if table.pose else None
-    return calibration_from(table.bias or BiasTable(), identity, pose), pose
+    return calibration_from(table.bias or BiasTable(), identity, pose, str(path)), pose
 
 
-def calibration_from(bias: BiasTable, identity: str, pose: FixedPose | None = None) -> Calibration:
-    """The calibration that a validated table describes."""
-    angles = (bias.tilt_deg, bias.roll_deg, bias.heading_deg)
-    stds = [bias.height_m.std, *(math.radians(angle.std) for angle in angles)]
-    return Calibration(
-        id=identity,
-        pose=None
-        if pose is None
-        else camera_pose(
+def calibration_from(bias: BiasTable, identity: str, pose: FixedPose | None = None, where: str = "") -> Calibration:
+    """The calibration that a validated table describes.
+
+    Raises:
+        ConfigError: Its covariance is none.
+    """
+    stands = None
+    if pose is not None:
+        stands = camera_pose(
             height_agl_m=pose.height_agl_m,
             tilt_rad=pose.tilt_rad,
             roll_rad=pose.roll_rad,
             heading_rad=pose.heading_rad,
             std=pose.std,
-        ),
-        height_bias_m=bias.height_m.value,
-        tilt_bias_rad=math.radians(bias.tilt_deg.value),
-        roll_bias_rad=math.radians(bias.roll_deg.value),
-        heading_bias_rad=math.radians(bias.heading_deg.value),
-        bias_cov=np.diag(np.square(stds)),
-    )
-
-
-def bias_document(calibration: Calibration) -> dict[str, Any]:
-    """A calibration's biases as TOML keys; reading them gives the same biases (independent ones) again."""
-    variances = np.zeros(4) if calibration.bias_cov is None else np.diag(calibration.bias_cov)
-    height, tilt, roll, heading = (math.sqrt(variance) for variance in variances)
-    return {
-        "height_m": {"value": calibration.height_bias_m, "std": height},
-        "tilt_deg": {"value": to_deg(calibration.tilt_bias_rad), "std": to_deg(tilt)},
-        "roll_deg": {"value": to_deg(calibration.roll_bias_rad), "std": to_deg(roll)},
-        "heading_deg": {"value": to_deg(calibration.heading_bias_rad), "std": to_deg(heading)},
-    }
+        )
+    return replace(biases_from(bias, identity, where), pose=stands)
 
 
 def fixed_from(table: CalibratedPoseTable, identity: str, where: str) -> FixedPose:

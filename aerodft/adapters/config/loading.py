@@ -94,7 +94,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             ),
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
             ground=ground,
-            calibration=None if telemetry is None else _telemetry_calibration(telemetry, folder),
+            calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
             live=_live(table, pipeline, where),
         ),
         where,
@@ -145,6 +145,8 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
         model=model,
         telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
         origin=origin_from(table.station.origin),
+    if table.telemetry is not None and table.telemetry.calibration:
+        camera = _refined_camera(folder / table.telemetry.calibration, camera, model)
         max_range_m=table.limits.max_range_m,
         time_std_s=table.images.time_std_s,
         match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
@@ -166,7 +168,9 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
         camera = _calibrated_camera(path, station.pipeline.camera, station.pipeline.model)
         pipeline = replace(station.pipeline, camera=camera)
         return _refreshed(replace(station, pipeline=pipeline, fixed_pose=_calibrated_pose(path)), str(path))
-    return replace(station, calibration=_biases(path))
+    camera = _refined_camera(path, station.pipeline.camera, station.pipeline.model)
+    pipeline = replace(station.pipeline, camera=camera)
+    return _refreshed(replace(station, pipeline=pipeline, calibration=_biases(path)), str(path))
 
 
 def _camera(document: dict[str, Any], where: str, folder: Path) -> tuple[Camera, ProjectionModel]:
@@ -202,13 +206,18 @@ def _calibrated_pose(path: Path) -> FixedPose:
     return pose
 
 
-def _telemetry_calibration(table: TelemetryTable, folder: Path) -> Calibration | None:
+def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
+    """The same for biases, which hold in both models where the lens was not found with them."""
+    return camera if load_calibrated_lens(path)[0] is None else _calibrated_camera(path, camera, model)
+
+
+def _telemetry_calibration(table: TelemetryTable, where: str, folder: Path) -> Calibration | None:
     if table.calibration:
         return _biases(folder / table.calibration)
     if table.bias is None:
         return None
     own = hashlib.sha256(table.bias.model_dump_json(exclude={"calibration_id"}).encode()).hexdigest()
-    return calibration_from(table.bias, table.bias.calibration_id or f"sha256:{own}")
+    return calibration_from(table.bias, table.bias.calibration_id or f"sha256:{own}", where=where)
 
 
 def _biases(path: Path) -> Calibration:

@@ -7,7 +7,7 @@ from typing import Any
 
 import tomli_w
 
-from aerodft.adapters.config.calibration import bias_document
+from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.config.ground import ground_document, made_ground
 from aerodft.adapters.config.live_tables import live_document

@@ -205,3 +205,8 @@ class StationConfig:
     ground: GroundShape | None = None
     calibration: Calibration | None = None
     live: LiveCalibration | None = None
+
+    @property
+    def image_offset_s(self) -> float:
+        """What is added to the stamps of the image source: as configured, and as the calibration found it."""
+        return self.images.time_offset_s + (0.0 if self.calibration is None else self.calibration.time_offset_s)

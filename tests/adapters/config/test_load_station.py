@@ -58,7 +58,7 @@ def test_the_replay_example_carries_its_calibration() -> None:
     assert station.calibration.height_bias_m == -0.42
     assert station.calibration.tilt_bias_rad == math.radians(0.6)
     assert station.calibration.bias_cov is not None
-    wanted = np.square([0.08, *np.radians([0.05, 0.05, 0.4])])
+    wanted = np.square([0.08, *np.radians([0.05, 0.05, 0.4]), 0.0, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(station.calibration.bias_cov, np.diag(wanted), rtol=1e-15)
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config.attitude import AttitudeTable
 from aerodft.adapters.config.calibration import BiasTable, check_lens_covariance, check_local, check_position
 from aerodft.adapters.config.tables import (
     Count,
@@ -25,7 +26,6 @@ from aerodft.adapters.config.tables import (
 )
 
 HeightName = Literal["rangefinder", "terrain", "home", "manual"]
-AttitudeName = Literal["GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "fixed"]
 
 
 class HeightStdTable(Table):
@@ -51,32 +51,6 @@ class HeightTable(Table):
     def _manual_height_is_there(self) -> Self:
         if "manual" in self.order and self.manual_m is None:
             raise impossible("manual_m", got="nothing", expected='metres, because "manual" is in order')
-        return self
-
-
-class FixedMountTable(Table):
-    """A camera bolted to the vehicle: yaw, pitch (0 forward, -90 straight down), roll against its body."""
-
-    yaw_deg: HeadingDeg = 0.0
-    pitch_deg: Annotated[float, Field(ge=-180, le=180)]
-    roll_deg: RollDeg = 0.0
-
-
-class AttitudeTable(Table):
-    """Which attitude is believed."""
-
-    order: Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
-    fixed_mount: FixedMountTable | None = None
-    max_gap_s: Gap = 1.0
-    tilt_std_deg: NonNegative = 1.0
-    pan_std_deg: NonNegative = 1.0
-    roll_std_deg: NonNegative = 1.0
-    heading_std_deg: NonNegative = 2.0
-
-    @model_validator(mode="after")
-    def _fixed_mount_is_there(self) -> Self:
-        if "fixed" in self.order and self.fixed_mount is None:
-            raise impossible("fixed_mount", got="nothing", expected='a table, because "fixed" is in order')
         return self
 
 

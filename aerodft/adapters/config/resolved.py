@@ -26,7 +26,7 @@ from aerodft.adapters.config.units import to_deg, to_s
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model.pose import GeoOrigin, PoseStd
 from aerodft.model.probe import PixelSource, Probe
-from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.service.settings import HeightSettings, TelemetrySettings
 
 
 def refreshed(station: StationConfig, where: str = "") -> StationConfig:
@@ -149,7 +149,7 @@ def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str,
         wait_s=to_s(settings.wait_ns),
         horizontal_std_m=settings.attitude.std.horizontal_m,
         height=_height(settings.height),
-        attitude=_attitude(settings.attitude),
+        attitude=attitude_document(settings.attitude),
         bias=None if calibration is None else {"calibration_id": calibration.id, **bias_document(calibration)},
     )
 
@@ -162,25 +162,6 @@ def _height(settings: HeightSettings) -> dict[str, Any]:
         manual_m=settings.manual_m,
         min_m=settings.min_m,
         max_gap_s=to_s(settings.max_gap_ns),
-    )
-
-
-def _attitude(settings: AttitudeSettings) -> dict[str, Any]:
-    mount, std = settings.fixed_mount, settings.std
-    return _stated(
-        order=[str(source) for source in settings.order],
-        fixed_mount=None
-        if mount is None
-        else {
-            "yaw_deg": to_deg(mount.yaw_rad),
-            "pitch_deg": to_deg(mount.pitch_rad),
-            "roll_deg": to_deg(mount.roll_rad),
-        },
-        max_gap_s=to_s(settings.max_gap_ns),
-        tilt_std_deg=to_deg(std.tilt_rad),
-        pan_std_deg=to_deg(std.pan_rad),
-        roll_std_deg=to_deg(std.roll_rad),
-        heading_std_deg=to_deg(std.heading_rad),
     )
 
 

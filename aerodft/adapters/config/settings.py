@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from aerodft.adapters.config.attitude import attitude_from
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
-from aerodft.adapters.config.pose_tables import AttitudeTable, HeightTable, PoseStdTable, PoseTable, TelemetryTable
+from aerodft.adapters.config.pose_tables import HeightTable, PoseStdTable, PoseTable, TelemetryTable
 from aerodft.adapters.config.station import (
     Device,
     FixedPose,
@@ -30,7 +31,7 @@ from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, Pose
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.footing import footing
-from aerodft.service.settings import AttitudeSettings, FixedMount, HeightSettings, TelemetrySettings
+from aerodft.service.settings import HeightSettings, TelemetrySettings
 
 _POSITION_STD_M = 2.0
 _HEADING_STD_DEG = 2.0
@@ -42,7 +43,7 @@ def telemetry_from(table: TelemetryTable) -> TelemetrySettings:
     return TelemetrySettings(
         system=table.system,
         height=_height(table.height),
-        attitude=_attitude(table.attitude, table.horizontal_std_m),
+        attitude=attitude_from(table.attitude, table.horizontal_std_m),
         wait_ns=to_ns(table.wait_s),
     )
 
@@ -54,28 +55,6 @@ def _height(table: HeightTable) -> HeightSettings:
         home_above_plane_m=table.home_above_plane_m,
         manual_m=table.manual_m,
         min_m=table.min_m,
-        max_gap_ns=to_ns(table.max_gap_s),
-    )
-
-
-def _attitude(table: AttitudeTable, horizontal_std_m: float) -> AttitudeSettings:
-    mount = table.fixed_mount
-    return AttitudeSettings(
-        order=tuple(GimbalSource(name) for name in table.order),
-        fixed_mount=None
-        if mount is None
-        else FixedMount(
-            yaw_rad=math.radians(mount.yaw_deg),
-            pitch_rad=math.radians(mount.pitch_deg),
-            roll_rad=math.radians(mount.roll_deg),
-        ),
-        std=PoseStd(
-            horizontal_m=horizontal_std_m,
-            tilt_rad=math.radians(table.tilt_std_deg),
-            pan_rad=math.radians(table.pan_std_deg),
-            roll_rad=math.radians(table.roll_std_deg),
-            heading_rad=math.radians(table.heading_std_deg),
-        ),
         max_gap_ns=to_ns(table.max_gap_s),
     )
 

@@ -55,11 +55,12 @@ def carrier(ned_wxyz_body: FloatArray, found: Bracket, frame: ReportFrame, *, ya
     """
     now = between(ned_wxyz_body, found)
     ends = ned_wxyz_body[[found.before, found.after]]
-    before, at, after = _reference(np.stack([ends[0], now.wxyz, ends[1]]), frame, yaw_in_earth=yaw_in_earth)
+    before, at, after = reference_of(np.stack([ends[0], now.wxyz, ends[1]]), frame, yaw_in_earth=yaw_in_earth)
     return Turning(at, _rate(before, after, found.gap_ns))
 
 
-def _reference(ned_wxyz_body: FloatArray, frame: ReportFrame, *, yaw_in_earth: bool) -> FloatArray:
+def reference_of(ned_wxyz_body: FloatArray, frame: ReportFrame, *, yaw_in_earth: bool) -> FloatArray:
+    """What a report is against ``(..., 4)`` as in ``carrier``, of attitudes ``(..., 4)``."""
     heading = heading_of(ned_wxyz_body)
     if frame is ReportFrame.EARTH:
         return multiply(heading, inverse(heading)) if yaw_in_earth else heading

@@ -1,0 +1,82 @@
+"""From images to matches: points are spread over an image and followed to the next one."""
+
+from collections.abc import Callable
+from itertools import pairwise, product
+
+import cv2
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.camera import Camera
+from aerodft.vision.matches import ImagePair, matches_of
+from aerodft.vision.tracking import followed
+
+_WIDTH_PX = 640  # images are tracked at about this width
+_CELLS = (6, 8)  # rows and columns of the grid over which points are spread
+_PER_CELL = 8
+_QUALITY, _APART_PX = 0.005, 7
+_PAUSE_NS = SECOND_NS // 5  # between images, long enough for what moves by itself to show
+_MOVED = 0.06  # of the width: a view that moves by more in this time is looked at more often
+
+
+class PlaneTracker:
+    """Matches between successive images.
+
+    Args:
+        camera: The camera whose images come.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.pairs: list[ImagePair] = []
+        self._camera = camera
+        self._shrink = max(round(camera.width_px / _WIDTH_PX), 1)
+        self._last: tuple[int, ImageArray] | None = None
+        self._pause_ns = _PAUSE_NS
+
+    def add(self, stamp_ns: int, pixels: Callable[[], ImageArray]) -> None:
+        """Follow points into this image, if it is time for one.
+
+        Args:
+            stamp_ns: Its stamp, after that of the one before.
+            pixels: Gives ``(h, w, 3)`` uint8 BGR.
+        """
+        if self._last is not None and stamp_ns - self._last[0] < self._pause_ns:
+            return
+        grey = self._shrunken(pixels())
+        if self._last is not None:
+            self._follow(*self._last, stamp_ns, grey)
+        self._last = (stamp_ns, grey)
+
+    def _shrunken(self, pixels: ImageArray) -> ImageArray:
+        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        if self._shrink == 1:
+            return grey
+        height, width = (side // self._shrink for side in grey.shape)
+        whole = grey[: height * self._shrink, : width * self._shrink]
+        return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+    def _follow(self, start_ns: int, before: ImageArray, end_ns: int, after: ImageArray) -> None:
+        corners = _corners(before)
+        there, found = followed(before, after, corners, corners)
+        earlier, later = corners[found], there[found]
+        moved_px = float(np.median(np.linalg.norm(later - earlier, axis=-1))) if len(later) else np.inf
+        share = moved_px / (_MOVED * before.shape[1]) * (_PAUSE_NS / (end_ns - start_ns))
+        self._pause_ns = round(_PAUSE_NS / max(share, 1.0))
+        # The centre of a shrunken pixel is that of the pixels it was made of.
+        shift = (self._shrink - 1) / 2
+        matches = matches_of(self._camera, earlier * self._shrink + shift, later * self._shrink + shift, self._shrink)
+        self.pairs.append(ImagePair(start_ns=start_ns, end_ns=end_ns, matches=matches))
+
+
+def _corners(grey: ImageArray) -> FloatArray:
+    """Corners ``(n, 2)``, the best of each cell of a grid."""
+    rows, columns = (
+        np.linspace(0, side, n + 1).astype(int).tolist() for side, n in zip(grey.shape, _CELLS, strict=True)
+    )
+    found = [np.empty((0, 2))]
+    for (top, bottom), (left, right) in product(pairwise(rows), pairwise(columns)):
+        corners = cv2.goodFeaturesToTrack(grey[top:bottom, left:right], _PER_CELL, _QUALITY, _APART_PX)
+        if corners is not None:
+            found.append(np.asarray(corners[:, 0], dtype=np.float64) + [left, top])
+    return np.concatenate(found)

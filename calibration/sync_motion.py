@@ -1,0 +1,163 @@
+"""A log's camera attitude as a smooth function of time and of the gimbal's lag."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.rotation import (
+    camera_from_gimbal,
+    from_yaw_pitch_roll,
+    inverse,
+    matrix,
+    multiply,
+    to_rotation_vector,
+)
+from aerodft.model.arrays import BoolArray, FloatArray
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
+from aerodft.service.carried import reference_of
+from aerodft.service.settings import AttitudeSettings, FixedMount
+
+_FEWEST = 4  # samples that a curve goes through
+
+
+class _Curve:
+    """Values between samples ``(n, k)``, by Akima's modified spline: smooth, and calm where a report jumps."""
+
+    def __init__(self, times_s: FloatArray, values: FloatArray, max_gap_s: float) -> None:
+        self._times_s = times_s
+        self._max_gap_s = max_gap_s
+        self._spline = Akima1DInterpolator(times_s, values, method="makima")
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last sample."""
+        return float(self._times_s[0]), float(self._times_s[-1])
+
+    def at(self, times_s: FloatArray) -> FloatArray:
+        """``(..., k)``; the ends' values outside."""
+        return np.asarray(self._spline(np.clip(times_s, *self.span_s)))
+
+    def knows(self, times_s: FloatArray) -> BoolArray:
+        """Where there are samples on both sides that are not too far apart."""
+        after = np.clip(np.searchsorted(self._times_s, times_s), 1, len(self._times_s) - 1)
+        near = self._times_s[after] - self._times_s[after - 1] <= self._max_gap_s
+        first_s, last_s = self.span_s
+        return np.asarray(near & (times_s >= first_s) & (times_s <= last_s))
+
+
+class CameraMotion:
+    """The camera's attitude by a log, with the gimbal's report taken some time before the vehicle's.
+
+    Attributes:
+        source: The report that is believed.
+        has_lag: Whether the camera could lag behind it: not where it is bolted to the vehicle.
+    """
+
+    def __init__(self, history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int) -> None:
+        """Take the first source of the configured order that the log has.
+
+        Args:
+            history: The log's attitudes.
+            settings: Their order, how cameras are mounted, and the longest gap that is interpolated over.
+            zero_ns: UTC from which times in seconds count.
+
+        Raises:
+            LookupError: The log holds no attitude of the camera that could be used.
+        """
+        self.source = _believed(history, settings)
+        self.has_lag = self.source is not GimbalSource.FIXED_MOUNT
+        self._zero_ns, self._max_gap_s = zero_ns, settings.max_gap_ns / SECOND_NS
+        mount = settings.camera_on_gimbal if self.has_lag else settings.fixed_mount
+        self._mount = _mounted(mount)
+        vehicle = _usable(history.vehicle)
+        self._carrier: _Curve | None = None
+        if not self.has_lag and vehicle is not None:
+            self._report = self._curve(vehicle, vehicle.wxyz)
+            return
+        gimbal = _of_one_kind(history.gimbals[self.source])
+        self._report = self._curve(gimbal, gimbal.wxyz)
+        frame, in_earth = history.frames.get(self.source, ReportFrame.EARTH), bool(gimbal.yaw_in_earth[0])
+        if frame is ReportFrame.BODY or not in_earth:
+            if vehicle is None:
+                raise LookupError(self.source)
+            self._carrier = self._curve(vehicle, reference_of(vehicle.wxyz, frame, yaw_in_earth=in_earth))
+
+    def _curve(self, series: AttitudeSeries, wxyz: FloatArray) -> _Curve:
+        return _Curve((series.stamp_ns - self._zero_ns) / SECOND_NS, _steady(wxyz), self._max_gap_s)
+
+    def enu_wxyz_cam(self, times_s: FloatArray, lag_s: float = 0.0) -> FloatArray:
+        """``(..., 4)``: what the gimbal reported ``lag_s`` before, on what the vehicle then was."""
+        attitude = multiply(self._report.at(times_s - lag_s), self._mount)
+        if self._carrier is not None:
+            attitude = multiply(self._carrier.at(times_s), attitude)
+        return camera_from_gimbal(attitude / np.linalg.norm(attitude, axis=-1, keepdims=True))
+
+    def knows(self, times_s: FloatArray, lag_s: float = 0.0) -> BoolArray:
+        """Where ``enu_wxyz_cam`` lies between samples."""
+        known = self._report.knows(times_s - lag_s)
+        return known if self._carrier is None else known & self._carrier.knows(times_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predicted:
+    """What a log says of image pairs.
+
+    Attributes:
+        rotvec_rad: ``(n, 3)`` ``earlier_SO3_later`` of the camera.
+        normal_cam: ``(n, 3)`` up, in the earlier camera's axes.
+        known: ``(n,)`` whether the log has it.
+    """
+
+    rotvec_rad: FloatArray
+    normal_cam: FloatArray
+    known: BoolArray
+
+
+def predicted(motion: CameraMotion, start_s: FloatArray, end_s: FloatArray, lag_s: float) -> Predicted:
+    """The turn between times ``(n,)`` of the log, and where up is."""
+    earlier, later = motion.enu_wxyz_cam(start_s, lag_s), motion.enu_wxyz_cam(end_s, lag_s)
+    return Predicted(
+        rotvec_rad=to_rotation_vector(multiply(inverse(earlier), later)),
+        normal_cam=matrix(earlier)[..., 2, :],
+        known=motion.knows(start_s, lag_s) & motion.knows(end_s, lag_s),
+    )
+
+
+def _believed(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSource:
+    for source in settings.order:
+        if source is GimbalSource.FIXED_MOUNT:
+            if settings.fixed_mount is not None and _usable(history.vehicle) is not None:
+                return source
+        elif _usable(history.gimbals.get(source)) is not None:
+            return source
+    raise LookupError(", ".join(settings.order))
+
+
+def _usable(series: AttitudeSeries | None) -> AttitudeSeries | None:
+    return series if series is not None and len(series.stamp_ns) >= _FEWEST else None
+
+
+def _of_one_kind(gimbal: AttitudeSeries) -> AttitudeSeries:
+    """The samples whose yaw counts from what most of them count from: no curve leads from one to the other."""
+    keep = (gimbal.yaw_in_earth > 0) == (np.mean(gimbal.yaw_in_earth) > 0.5)  # noqa: PLR2004 (the majority)
+    return AttitudeSeries(
+        stamp_ns=gimbal.stamp_ns[keep], wxyz=gimbal.wxyz[keep], yaw_in_earth=gimbal.yaw_in_earth[keep]
+    )
+
+
+def _mounted(mount: FixedMount | None) -> FloatArray:
+    """``gimbal_SO3_mounted (4,)``."""
+    if mount is None:
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    return from_yaw_pitch_roll(mount.yaw_rad, mount.pitch_rad, mount.roll_rad)
+
+
+def _steady(wxyz: FloatArray) -> FloatArray:
+    """The same rotations ``(n, 4)`` without changes of the quaternions' sign."""
+    flips = np.sum(wxyz[1:] * wxyz[:-1], axis=-1) < 0
+    signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
+    return np.asarray(wxyz * signs[:, None])

@@ -22,8 +22,9 @@ from aerodft.adapters.config.evidence_checks import (
 )
 from aerodft.adapters.config.evidence_csv import landmark_rows
 from aerodft.adapters.config.evidence_frame import GEO, LOCAL, LocalFrame, checked_crs, takes_degrees
+from aerodft.adapters.config.evidence_images import Flight, FlightTables, flight_from, flight_tables
 from aerodft.adapters.config.evidence_places import check_datums, frame_around, landmark_from
-from aerodft.adapters.config.evidence_priors import EvidenceTable, priors_from
+from aerodft.adapters.config.evidence_priors import CameraPriorTable, EvidenceTable, priors_from
 from aerodft.adapters.config.evidence_tables import HorizonTable, LandmarkTable, ObservationTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.errors import ConfigError
@@ -32,6 +33,7 @@ from aerodft.model.evidence import Evidence, EvidenceSet
 
 _CSV_SUFFIXES = {".csv", ".tsv", ".txt"}
 _FIELDS = {"range": "ranges"}
+_MOST_NAMES = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +50,7 @@ class EvidenceFile:
         image_size_px: Its width and height, as stated.
         sha256: Of the file's bytes, hexadecimal.
         path: The file.
+        flight: Many images, with what is known in each; None for a file of one image.
         notes: What a person should know of how the observations were made, sentence by sentence.
     """
 
@@ -59,6 +62,7 @@ class EvidenceFile:
     image_size_px: tuple[int, int] | None
     sha256: str
     path: Path
+    flight: Flight | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -70,9 +74,18 @@ class _Row:
 
     @property
     def stated(self) -> Stated:
-        if isinstance(self.table, LandmarkTable):
-            return Stated(self.label, (self.table.pixel,), self.table.place, is_geo=self.table.is_geo)
-        return Stated(self.label, _pixels_of(self.table), may_be_outside=isinstance(self.table, HorizonTable))
+        table = self.table
+        if isinstance(table, LandmarkTable):
+            return Stated(self.label, (table.pixel,), table.place, is_geo=table.is_geo, image=table.image)
+        may_be_outside = isinstance(table, HorizonTable)
+        return Stated(self.label, _pixels_of(table), may_be_outside=may_be_outside, image=table.image)
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    table: EvidenceTable
+    rows: list[_Row]
+    flight: FlightTables | None = None
 
 
 def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
@@ -88,13 +101,13 @@ def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
     """
     where, data = str(path), read_bytes(path)
     if path.suffix.lower() in _CSV_SUFFIXES:
-        table, rows = _from_csv(data, crs, where)
+        file = _from_csv(data, crs, where)
     elif crs is None:
-        table, rows = _from_document(parse_toml(data, where), where)
+        file = _from_document(parse_toml(data, where), where)
     else:
         got = f'"{crs}" for a TOML file'
         raise ConfigError("crs", where=where, got=got, expected="it in the file", hint=f'write crs = "{crs}" in it')
-    return _checked(table, rows, path, hashlib.sha256(data).hexdigest())
+    return _checked(file, path, hashlib.sha256(data).hexdigest())
 
 
 def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> EvidenceFile:
@@ -108,22 +121,22 @@ def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> Evidence
     Raises:
         ConfigError: As :func:`load_evidence`.
     """
-    table, rows = _from_document(document, str(path))
-    return _checked(table, rows, path, sha256)
+    return _checked(_from_document(document, str(path)), path, sha256)
 
 
-def _checked(table: EvidenceTable, rows: list[_Row], path: Path, sha256: str) -> EvidenceFile:
-    where, size_px = str(path), _size(table)
+def _checked(file: _File, path: Path, sha256: str) -> EvidenceFile:
+    table, rows, where, size_px = file.table, file.rows, str(path), _size(file)
     stated = tuple(row.stated for row in rows)
     crs = checked_crs(table.crs, where)
-    check_datums(stated, table.camera, crs, where)
+    for camera in _cameras(file):
+        check_datums(stated, camera, crs, where)
     names = _names(rows)
     check_names(names, stated, where)
     check_pixels(stated, size_px, where)
     check_duplicates(stated, where)
     if takes_degrees(crs):
         check_degrees(stated, where)
-    frame = frame_around(stated, table, crs, where)
+    frame = frame_around(stated, table.model_copy(update={"camera": _cameras(file)[0]}), crs, where)
     check_together(stated, frame, where)
     priors, fixed = priors_from(table, frame)
     evidence = tuple(_made(row.table, name, frame) for row, name in zip(rows, names, strict=True))
@@ -136,7 +149,22 @@ def _checked(table: EvidenceTable, rows: list[_Row], path: Path, sha256: str) ->
         image_size_px=size_px,
         sha256=sha256,
         path=path,
+        flight=None if file.flight is None else _flight(file.flight, stated, evidence, frame, path),
     )
+
+
+def _cameras(file: _File) -> tuple[CameraPriorTable, ...]:
+    """What the file says of where a camera is."""
+    return (file.table.camera,) if file.flight is None else file.flight.entries
+
+
+def _flight(
+    tables: FlightTables, stated: tuple[Stated, ...], evidence: tuple[Evidence, ...], frame: LocalFrame, path: Path
+) -> Flight:
+    by_image: dict[str, list[Evidence]] = {}
+    for each, known in zip(stated, evidence, strict=True):
+        by_image.setdefault(each.image or "", []).append(known)
+    return flight_from(tables, by_image, frame, path)
 
 
 def check_against(found: EvidenceFile, camera: Camera) -> None:
@@ -160,7 +188,8 @@ def check_against(found: EvidenceFile, camera: Camera) -> None:
     check_tilt(found.known, camera, found.path)
 
 
-def _from_document(document: dict[str, Any], where: str) -> tuple[EvidenceTable, list[_Row]]:
+def _from_document(document: dict[str, Any], where: str) -> _File:
+    flight, document = flight_tables(document, where)
     table = validated(EvidenceTable, document, where)
     kinds = [key for key, value in document.items() if isinstance(value, list)]
     rows = [
@@ -171,13 +200,26 @@ def _from_document(document: dict[str, Any], where: str) -> tuple[EvidenceTable,
     if not rows:
         expected = "[[landmark]], [[range]], [[length]] or another observation"
         raise ConfigError("no observations", where=where, expected=expected)
-    return table, rows
+    for row in rows:
+        _check_image(row, flight, where)
+    return _File(table, rows, flight)
 
 
-def _from_csv(data: bytes, crs: str | None, where: str) -> tuple[EvidenceTable, list[_Row]]:
+def _check_image(row: _Row, flight: FlightTables | None, where: str) -> None:
+    """Refuse an observation of which nobody knows what image it is in."""
+    image, names = row.table.image, () if flight is None else flight.names
+    if image is not None and flight is None:
+        raise ConfigError(f"{row.label}.image", where=where, got="it without [[image]]", expected="one image alone")
+    if flight is not None and image not in names:
+        got = "nothing" if image is None else f'"{image}"'
+        expected = f"one of {', '.join(names[:_MOST_NAMES])}{', ...' if len(names) > _MOST_NAMES else ''}"
+        raise ConfigError(f"{row.label}.image", where=where, got=got, expected=expected)
+
+
+def _from_csv(data: bytes, crs: str | None, where: str) -> _File:
     is_geo, lines = landmark_rows(data, where)
     rows = [_Row("landmark", label, validated(LandmarkTable, row, where, f"{label}, ")) for label, row in lines]
-    return EvidenceTable(crs=crs or (GEO if is_geo else LOCAL)), list(rows)
+    return _File(EvidenceTable(crs=crs or (GEO if is_geo else LOCAL)), list(rows))
 
 
 def _pixels_of(table: ObservationTable) -> tuple[tuple[float, float], ...]:
@@ -190,18 +232,22 @@ def _flat(table: ObservationTable, key: str) -> list[list[float]]:
     return [] if value is None else np.reshape(value, (-1, 2)).tolist()
 
 
-def _size(table: EvidenceTable) -> tuple[int, int] | None:
-    width_px, height_px = table.image.width_px, table.image.height_px
+def _size(file: _File) -> tuple[int, int] | None:
+    """Of the image; where there are several, of the first: one camera's mode has one size."""
+    if file.flight is not None:
+        return next(iter(file.flight.sizes_px), None)
+    width_px, height_px = file.table.image.width_px, file.table.image.height_px
     return None if width_px is None or height_px is None else (width_px, height_px)
 
 
 def _names(rows: Sequence[_Row]) -> list[str]:
-    """Each one's own name, or its kind and number in the file."""
+    """Each one's own name, or its kind and number in the file; after its image's, where there are several."""
     count: dict[str, int] = {}
     names = []
     for row in rows:
         count[row.kind] = count.get(row.kind, 0) + 1
-        names.append(row.table.name or f"{row.kind}-{count[row.kind]}")
+        image = "" if row.table.image is None else f"{row.table.image}/"
+        names.append(f"{image}{row.table.name or f'{row.kind}-{count[row.kind]}'}")
     return names
 
 

@@ -31,6 +31,7 @@ class Stated:
         place: In the file's coordinates, None where it has none; None in it for an unknown component.
         is_geo: The place is a latitude, a longitude and an altitude.
         may_be_outside: Its pixels need not be in the image.
+        image: Name of the image that it was seen in, where there are several.
     """
 
     label: str
@@ -38,6 +39,7 @@ class Stated:
     place: Place | None = None
     is_geo: bool = False
     may_be_outside: bool = False
+    image: str | None = None
 
 
 def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None, where: str) -> None:
@@ -80,24 +82,24 @@ def _list(values: Sequence[float | None]) -> str:
 
 
 def check_duplicates(stated: Sequence[Stated], where: str) -> None:
-    """Refuse one pixel at two places, one place at two pixels, and a landmark that is there twice.
+    """Refuse one pixel at two places, one place at two pixels, and a landmark that is there twice, in one image.
 
     Raises:
         ConfigError: Which two.
     """
-    by_pixel: dict[tuple[Px, ...], Stated] = {}
-    by_place: dict[Place, Stated] = {}
+    by_pixel: dict[tuple[str | None, tuple[Px, ...]], Stated] = {}
+    by_place: dict[tuple[str | None, Place], Stated] = {}
     for each in stated:
         if each.place is None:
             continue
-        other = by_pixel.setdefault(each.pixels, each)
+        other = by_pixel.setdefault((each.image, each.pixels), each)
         if other is not each:
             is_same = other.place == each.place
             what = "the same place" if is_same else f"another place, {_list(other.place or ())}"
             got = f"{_list(each.pixels[0])}, which {other.label} has with {what}"
             hint = "remove one of the two" if is_same else ""
             raise ConfigError(f"{each.label}: pixel", where=where, got=got, expected="a pixel of its own", hint=hint)
-        other = each if None in each.place else by_place.setdefault(each.place, each)
+        other = each if None in each.place else by_place.setdefault((each.image, each.place), each)
         if other is not each:
             got = f"{_list(each.place)}, which {other.label} has with another pixel, {_list(other.pixels[0])}"
             raise ConfigError(f"{each.label}: place", where=where, got=got, expected="a place of its own")

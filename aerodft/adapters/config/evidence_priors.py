@@ -173,9 +173,8 @@ class EvidenceTable(Table):
     horizon: Rows[HorizonTable] = ()
 
 
-def priors_from(table: EvidenceTable, frame: LocalFrame) -> tuple[dict[str, Prior], frozenset[str]]:
-    """What is known beforehand by the unknowns' names, and which of it is exact (and has a std of 0)."""
-    camera = table.camera
+def camera_priors(camera: CameraPriorTable, frame: LocalFrame) -> dict[str, tuple[float, float | None]]:
+    """What a table says of a camera, by the unknowns' names: values and stds (metres, radians); None for no std."""
     stated: dict[str, tuple[float, float | None]] = {}
     if camera.height_agl_m is not None:
         stated["height"] = (camera.height_agl_m.value, camera.height_agl_m.std)
@@ -189,6 +188,12 @@ def priors_from(table: EvidenceTable, frame: LocalFrame) -> tuple[dict[str, Prio
         local_m = frame.local_m((*camera.place, frame.origin[2])[:SPACE]).tolist()
         stds = camera.place_std_m or (None,) * len(camera.place)
         stated |= {name: (local_m[axis], std) for axis, (name, std) in enumerate(zip(_PLACE_NAMES, stds, strict=False))}
+    return stated
+
+
+def priors_from(table: EvidenceTable, frame: LocalFrame) -> tuple[dict[str, Prior], frozenset[str]]:
+    """What is known beforehand by the unknowns' names, and which of it is exact (and has a std of 0)."""
+    stated = camera_priors(table.camera, frame)
     if table.elevation_m is not None:
         stated["elevation"] = (0.0, table.elevation_m.std)
     priors = {name: Prior(value=value, std=std or 0.0) for name, (value, std) in stated.items()}

@@ -94,6 +94,7 @@ class LandmarkTable(InDegrees):
     """A pixel and its place, by ``position_m`` or by latitude, longitude and altitude."""
 
     name: Text | None = None
+    image: Text | None = None
     pixel: Pixel
     position_m: Position | None = None
     std_px: StdPx = 1.0
@@ -129,6 +130,7 @@ class ObservationTable(Table, ABC):
     """What is known without a place in the world."""
 
     name: Text | None = None
+    image: Text | None = None
     std_px: StdPx = 1.0
 
     @abstractmethod

@@ -11,11 +11,12 @@ from aerodft.geometry.geodesy import east_north
 from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
 from aerodft.service.footing import footing
+from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
@@ -99,6 +100,10 @@ class PoseSource:
             reason = f"{height.source} says {height.height_agl_m:.2f} m, the minimum is {minimum:g} m"
             return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(reason,))
         return sample
+
+    def gimbal_frames(self) -> dict[GimbalSource, FrameEvidence]:
+        """What the gimbals that reported are against, as far as it is known."""
+        return self._attitude.evidence()
 
     def _streams(self) -> tuple[Stream, ...]:
         return (self._position, *self._attitude.streams(), *self._height.streams())

@@ -73,6 +73,10 @@ class LiveCalibrator:
         """Whether a landmark has that name."""
         return name in self._landmarks
 
+    def fits(self, observation: Observation) -> bool:
+        """Whether it is of one pixel."""
+        return len(observation.pixels) == 1
+
     def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CalibrationEstimate:
         """Learn from the landmarks of one image.
 

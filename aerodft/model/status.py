@@ -20,6 +20,7 @@ class Status(StrEnum):
     NO_ATTITUDE = "NO_ATTITUDE"  # no camera attitude source has a value
     BELOW_MIN_HEIGHT = "BELOW_MIN_HEIGHT"  # on the ground, or too low to measure from
     BELOW_SURFACE = "BELOW_SURFACE"  # the measured plane is above the camera
+    CAMERA_MOVED = "CAMERA_MOVED"  # a fixed camera was bumped, and where it looks is not known yet
     BEYOND_TERRAIN = "BEYOND_TERRAIN"  # the ray leaves the elevation model before it meets the ground
     NO_ELEVATION = "NO_ELEVATION"  # the elevation model has a hole where the ray passes
 

@@ -25,8 +25,8 @@ class SteadinessEstimate:
     Attributes:
         stamp_ns: The stamp of the image that was looked at, UTC.
         state: What this look and those before it come to.
-        turn_rad: Rotation vector about the camera's axes x, y, z now, from where it looked to where it looks; what
-            poses are corrected with.
+        turn_rad: Rotation vector of the camera about its axes x, y, z, from where it looked to where it looks:
+            ``reference_SO3_now``, what poses are corrected with.
         std_rad: Standard deviations of the three, with how far single images scatter.
         look_turn_rad: Of this look alone; None where it did not tell.
         since_ns: The first look in this state.

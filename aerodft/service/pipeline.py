@@ -171,7 +171,7 @@ class Pipeline:
             self.counts.unknown_probe += 1
             return
         is_measured = probe is not None and takes_pixels(probe.kind, len(observation.pixels))
-        is_landmark = is_known and len(observation.pixels) == 1
+        is_landmark = self._observer is not None and is_known and self._observer.fits(observation)
         if not is_measured and not is_landmark:
             self.counts.wrong_pixel_count += 1
             return

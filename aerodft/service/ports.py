@@ -9,7 +9,10 @@ from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
+from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, Track
+
+Estimate = CalibrationEstimate | SteadinessEstimate
 
 
 class Clock(Protocol):
@@ -75,8 +78,12 @@ class LandmarkObserver(Protocol):
         """Whether observations of this name are of a landmark."""
         ...
 
-    def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CalibrationEstimate:
-        """Learn from landmarks of one pixel each, seen at the stamp of the unrefined ``sample``."""
+    def fits(self, observation: Observation) -> bool:
+        """Whether an observation of such a name has as many pixels as it must."""
+        ...
+
+    def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> Estimate:
+        """Learn from what fits, seen at the stamp of the unrefined ``sample``."""
         ...
 
 
@@ -96,4 +103,4 @@ class Sink(Protocol):
         ...
 
 
-Output = Measurement | PoseSample | Observation | Image | CalibrationEstimate
+Output = Measurement | PoseSample | Observation | Image | Estimate

@@ -24,6 +24,9 @@ class Counting:
     def observes(self, name):
         return name.startswith("mark")
 
+    def fits(self, observation):
+        return len(observation.pixels) == 1
+
     def observe(self, sample, observations):
         assert sample.calibration is None
         assert {each.stamp_ns for each in observations} == {sample.stamp_ns}

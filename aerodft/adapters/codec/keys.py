@@ -19,6 +19,7 @@ class Keys:
         self.camera = f"{self.root}/camera"
         self.location = f"{self.root}/location"
         self.calibration = f"{self.root}/calibration"
+        self.steadiness = f"{self.root}/steadiness"
         self.status = f"{self.root}/status"
         self.alive = f"{self.root}/alive"
         self.measure = f"{self.root}/measure"

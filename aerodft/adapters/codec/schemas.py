@@ -4,12 +4,13 @@ from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.codec import estimate, events, measurement, pose, status
+from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness
 from aerodft.model.image import StampClock
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
+from aerodft.model.steadiness import Steadiness
 
 Schema = dict[str, Any]
 
@@ -29,7 +30,9 @@ def _said(schema: Schema, description: str) -> Schema:
     return {**schema, "description": description}
 
 
-def _one_of(values: type[ProbeKind | Status | ProjectionModel | HeightSource | GimbalSource | StampClock]) -> Schema:
+def _one_of(
+    values: type[ProbeKind | Status | ProjectionModel | HeightSource | GimbalSource | StampClock | Steadiness],
+) -> Schema:
     return {"enum": [member.value for member in values]}
 
 
@@ -203,6 +206,29 @@ CALIBRATION_ESTIMATE: Final = _document(
     },
 )
 
+_TURN = {
+    "tilt_deg": "About the camera's x axis now; raises the view",
+    "pan_deg": "About its y axis; to the right",
+    "roll_deg": "About its z axis; clockwise, seen from behind",
+}
+
+STEADINESS: Final = _document(
+    steadiness.SCHEMA,
+    "Whether a fixed camera still looks where it looked, after one look at its steady points",
+    {
+        "stamp_ns": _said(_STAMP, "Of the image that was looked at"),
+        "state": _one_of(Steadiness),
+        "since_ns": _said(_STAMP, "The first look in this state"),
+        "angle_deg": _said(_NUMBER, "By how much it has turned, about whichever axis"),
+        "turn": _object({name: _said(_BIAS, what) for name, what in _TURN.items()}),
+        "look": _said(_or_null(_object(dict.fromkeys(_TURN, _NUMBER))), "This look alone; null where it did not tell"),
+        "points": _said({"type": "integer"}, "Found again"),
+        "agreeing": _said({"type": "integer"}, "Those that the turn explains"),
+        "std_px": _said(_NUMBER, "Of one coordinate of these"),
+        "calibration": _said(_TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+    },
+)
+
 STATUS: Final = _document(
     status.SCHEMA,
     "What a station is doing",
@@ -221,6 +247,7 @@ SCHEMAS: Final[dict[str, Schema]] = {
     events.IMAGE_SCHEMA: IMAGE,
     events.OBSERVATION_SCHEMA: OBSERVATION,
     estimate.SCHEMA: CALIBRATION_ESTIMATE,
+    steadiness.SCHEMA: STEADINESS,
     status.SCHEMA: STATUS,
 }
 

@@ -28,11 +28,10 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
 from aerodft.model.camera import Camera
-from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
-from aerodft.service.ports import Output
+from aerodft.service.ports import Estimate, Output
 
 _OUTPUT_BYTES = 2000  # what an output takes in the queue, about
 _FRAME_OVERHEAD_BYTES = 64
@@ -160,7 +159,7 @@ class McapRecorder:
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
         """Record poses, measurements and estimates; images and observations are inputs and recorded as such."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | CalibrationEstimate))
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | Estimate))
         if kept:
             self._put(_Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * len(kept))
 
@@ -241,7 +240,7 @@ class McapRecorder:
                 elif isinstance(item, PoseSample):
                     for record in self._records.of_pose(item, work.now_ns):
                         self._write(record)
-                elif isinstance(item, CalibrationEstimate):
+                elif isinstance(item, Estimate):
                     self._write(self._records.of_estimate(item, work.now_ns))
 
     def _write(self, record: Record) -> None:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
-from aerodft.adapters.codec import estimate, events, measurement, pose, status
+from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
@@ -14,6 +14,7 @@ from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
+from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
 _FIX_PERIOD_NS = SECOND_NS // 5
@@ -46,6 +47,7 @@ class Records:
         self._image = json_channel(keys.image, events.IMAGE_SCHEMA)
         self._pose = json_channel(keys.pose, pose.SCHEMA)
         self._calibration = json_channel(keys.calibration, estimate.SCHEMA)
+        self._steadiness = json_channel(keys.steadiness, steadiness.SCHEMA)
         self._status = json_channel(keys.status, status.SCHEMA)
         self._location = protobuf_channel(keys.location, LocationFix)
         self._measurements = measurement.MeasurementEncoder()
@@ -87,8 +89,10 @@ class Records:
             records.append(Record(now_ns, self._location, fix))
         return records
 
-    def of_estimate(self, value: CalibrationEstimate, now_ns: int) -> Record:
-        """What a live calibration found, at the tick that it learned on."""
+    def of_estimate(self, value: CalibrationEstimate | SteadinessEstimate, now_ns: int) -> Record:
+        """What a live calibration found, or a watched camera's attitude, at the tick that it was learned on."""
+        if isinstance(value, SteadinessEstimate):
+            return Record(now_ns, self._steadiness, steadiness.encode_steadiness(value))
         return Record(now_ns, self._calibration, estimate.encode_estimate(value))
 
     def of_status(self, value: status.StationStatus) -> Record:

@@ -23,6 +23,7 @@ from aerodft.adapters.codec.requests import (
     parse_measure_request,
 )
 from aerodft.adapters.codec.status import StationStatus, encode_status
+from aerodft.adapters.codec.steadiness import encode_steadiness
 from aerodft.adapters.jpeg import encode_jpeg
 from aerodft.adapters.lane import Lane
 from aerodft.adapters.zenoh.answering import Answer, declare_answer
@@ -37,7 +38,8 @@ from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
-from aerodft.service.ports import Output
+from aerodft.model.steadiness import SteadinessEstimate
+from aerodft.service.ports import Estimate, Output
 
 _QUEUED_TICKS = 256
 _LOG_EVERY = 1000
@@ -140,7 +142,7 @@ class ZenohBus:
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
         """Publish one tick's poses, measurements and estimates."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | CalibrationEstimate))
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | Estimate))
         if kept:
             self._shed_outputs += not self._lane.put(kept)
 
@@ -172,6 +174,8 @@ class ZenohBus:
                 self._publishers.json(self._keys.pose, encode_pose(item))
             elif isinstance(item, CalibrationEstimate):
                 self._publishers.json(self._keys.calibration, encode_estimate(item))
+            elif isinstance(item, SteadinessEstimate):
+                self._publishers.json(self._keys.steadiness, encode_steadiness(item))
 
     def _publish_image(self, image: Image) -> None:
         try:

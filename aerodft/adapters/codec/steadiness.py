@@ -1,0 +1,65 @@
+"""``aerodft.steadiness/1``: whether a fixed camera still looks where it looked, after one look at its steady points."""
+
+import math
+from typing import Final
+
+from aerodft.adapters.codec import wire
+from aerodft.model.steadiness import Steadiness, SteadinessEstimate
+
+SCHEMA = "aerodft.steadiness/1"
+
+_AXES: Final = ("tilt_deg", "pan_deg", "roll_deg")
+
+
+def encode_steadiness(estimate: SteadinessEstimate) -> bytes:
+    """An estimate as ``aerodft.steadiness/1``."""
+    turn, look = estimate.turn_rad, estimate.look_turn_rad
+    return wire.dump(
+        {
+            "schema": SCHEMA,
+            "stamp_ns": str(estimate.stamp_ns),
+            "state": estimate.state,
+            "since_ns": str(estimate.since_ns),
+            "angle_deg": math.degrees(math.hypot(*turn)),
+            "turn": {
+                name: {"value": math.degrees(value), "std": math.degrees(std)}
+                for name, value, std in zip(_AXES, turn, estimate.std_rad, strict=True)
+            },
+            "look": None if look is None else {key: math.degrees(n) for key, n in zip(_AXES, look, strict=True)},
+            "points": estimate.points,
+            "agreeing": estimate.agreeing,
+            "std_px": estimate.std_px,
+            "calibration": estimate.calibration,
+            "software": wire.SOFTWARE,
+        }
+    )
+
+
+def decode_steadiness(data: bytes) -> SteadinessEstimate:
+    """``aerodft.steadiness/1`` to an estimate; angles to an ulp.
+
+    Raises:
+        InputError: The payload is not of that schema.
+    """
+    return wire.load(data, SCHEMA, _estimate)
+
+
+def _estimate(payload: wire.Json) -> SteadinessEstimate:
+    turn, look = payload["turn"], payload["look"]
+    return SteadinessEstimate(
+        stamp_ns=int(payload["stamp_ns"]),
+        state=Steadiness(payload["state"]),
+        since_ns=int(payload["since_ns"]),
+        turn_rad=_radians([turn[name]["value"] for name in _AXES]),
+        std_rad=_radians([turn[name]["std"] for name in _AXES]),
+        look_turn_rad=None if look is None else _radians([look[name] for name in _AXES]),
+        points=payload["points"],
+        agreeing=payload["agreeing"],
+        std_px=payload["std_px"],
+        calibration=payload["calibration"],
+    )
+
+
+def _radians(values_deg: list[float | None]) -> tuple[float, float, float]:
+    x, y, z = (math.radians(wire.number(value)) for value in values_deg)
+    return x, y, z

@@ -1,0 +1,150 @@
+"""A fixed camera that is bumped: its attitude, corrected by what its steady points show."""
+
+import hashlib
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Final
+
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.intrinsics import intrinsics_covariance
+from aerodft.geometry.rotation import inverse, to_rotation_vector
+from aerodft.model.arrays import FloatArray
+from aerodft.model.observation import Observation
+from aerodft.model.pose import PoseSample
+from aerodft.model.status import Status
+from aerodft.model.steadiness import STEADY, Steadiness, SteadinessEstimate
+from aerodft.service.settings import PipelineSettings
+from aerodft.service.watching import WatchSettings
+from calibration.steady_look import Look, Looker
+from calibration.steady_pose import KnownTurn, shift_of, turned_pose, turned_std
+from calibration.steady_state import SteadyState
+
+_HOUR_NS: Final = 3600 * SECOND_NS
+_NUMBERLESS: Final = {
+    Steadiness.MOVING: "the camera turned, or was displaced, and where it rests is not known yet",
+    Steadiness.UNKNOWN_VIEW: (
+        "the view is not the reference's, turned: the camera was displaced, looks elsewhere, or is covered;"
+        " set it up as it was, or calibrate it anew"
+    ),
+}
+
+
+class SteadyCalibrator:
+    """Implements ``service.ports.Calibrator`` and ``LandmarkObserver``.
+
+    The configured pose is that of the camera when it took the reference image. Until the first look, poses are what
+    they would be without it.
+
+    Args:
+        watch: What counts as moved.
+        pipeline: The station.
+    """
+
+    def __init__(self, watch: WatchSettings, pipeline: PipelineSettings) -> None:
+        self._watch = watch
+        self._camera = pipeline.camera
+        self._lens_cov = intrinsics_covariance(pipeline.camera)
+        self._looker = Looker(pipeline.camera, watch.limit_rad)
+        self._state = SteadyState(watch)
+        self._looks = 0
+        self._id = f"watch:{hashlib.sha256((pipeline.config_id or '').encode()).hexdigest()[:16]}"
+
+    def refine(self, sample: PoseSample) -> PoseSample:
+        """The corrected pose; without one, ``CAMERA_MOVED``, while nobody knows where the camera looks."""
+        if sample.pose is None or sample.status is not Status.OK:
+            return sample
+        state = self._state
+        if (why := _NUMBERLESS.get(state.state)) is not None:
+            reason = f"{why} (since {_utc(state.since_ns)})"
+            return replace(sample, pose=None, status=Status.CAMERA_MOVED, reasons=(reason,))
+        turn = self._turn(sample.stamp_ns)
+        said = (*sample.reasons, *self._said(sample.stamp_ns, turn))
+        if turn is None:
+            return replace(sample, reasons=said)
+        pose, std = turned_pose(sample.pose, turn), turned_std(sample.std, turn)
+        return replace(sample, pose=pose, std=std, reasons=said, calibration=self._calibration)
+
+    def observes(self, name: str) -> bool:
+        """Whether that is what observations of steady points are called."""
+        return name == STEADY
+
+    def fits(self, observation: Observation) -> bool:
+        """Whether its pixels come in pairs; none says that nothing was found."""
+        return len(observation.pixels) % 2 == 0
+
+    def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> SteadinessEstimate:
+        """Learn from an image's steady points; of several looks at one image the first counts."""
+        look = self._looker.judge(observations[0])
+        self._state.take(sample.stamp_ns, look)
+        self._looks += look.turn is not None
+        return self._estimate(sample.stamp_ns, look)
+
+    @property
+    def _calibration(self) -> str | None:
+        return f"{self._id}:{self._looks}" if self._looks else None
+
+    def _turn(self, stamp_ns: int) -> KnownTurn | None:
+        """Where the camera looks in an image, against where it looked; None before the first look that told."""
+        state, level = self._state, self._state.level
+        if level is None:
+            return None
+        cov = level.covariance(self._camera.fx_px, state.variance_rad2) + np.outer(state.off_rad, state.off_rad)
+        return KnownTurn(
+            wxyz=level.wxyz,
+            cov=cov + self._unwatched_rad2(stamp_ns) * np.eye(3),
+            by_intrinsics=level.last.by_intrinsics,
+            lens_cov=self._lens_cov,
+            shift_m=shift_of(self._watch.lever_arm_m, level.wxyz),
+        )
+
+    def _unwatched_rad2(self, stamp_ns: int) -> float:
+        """Variance about each axis since the camera was last recognised: the limit in an hour, as a random walk."""
+        told_ns = self._state.told_ns
+        if self._state.state is not Steadiness.UNCHECKED or told_ns is None:
+            return 0.0
+        return self._watch.limit_rad**2 * max(stamp_ns - told_ns, 0) / _HOUR_NS
+
+    def _said(self, stamp_ns: int, turn: KnownTurn | None) -> tuple[str, ...]:
+        """What people should know of a pose that has numbers."""
+        state, said = self._state, []
+        if turn is not None and state.moved_ns is not None:
+            angle_deg = math.degrees(turn.angle_rad)
+            said.append(f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)}; corrected")
+        if state.state is Steadiness.UNCHECKED and state.has_looked:
+            when = "yet"
+            if state.told_ns is not None:
+                when = f"for {max(stamp_ns - state.told_ns, 0) / SECOND_NS:.0f} s"
+            said.append(f"no steady points were recognised {when}: whether the camera was moved is not known")
+        return tuple(said)
+
+    def _estimate(self, stamp_ns: int, look: Look) -> SteadinessEstimate:
+        state, turn = self._state, self._turn(stamp_ns)
+        estimate = SteadinessEstimate(
+            stamp_ns=stamp_ns,
+            state=state.state,
+            since_ns=state.since_ns,
+            points=look.points,
+            calibration=self._calibration,
+        )
+        if look.turn is not None:
+            estimate = replace(
+                estimate,
+                look_turn_rad=_three(to_rotation_vector(inverse(look.turn.wxyz))),
+                agreeing=int(np.count_nonzero(look.turn.agreeing)),
+                std_px=look.turn.std_px,
+            )
+        if turn is None:
+            return estimate
+        return replace(estimate, turn_rad=_three(turn.rotvec_rad), std_rad=_three(turn.std_rad))
+
+
+def _three(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _utc(stamp_ns: int) -> str:
+    return f"{datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC):%Y-%m-%dT%H:%M:%SZ}"

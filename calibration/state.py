@@ -3,10 +3,11 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, INTRINSICS
+from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION
 from aerodft.geometry.rotation import camera_angles, camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, CameraStd, LensModel
@@ -23,7 +24,7 @@ GROUPS = {"position": ("east", "north"), "principal_point": ("cx", "cy")}
 """Names that stand for several unknowns."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # no slots: what is derived is kept
 class State:
     """One guess at everything.
 
@@ -55,17 +56,23 @@ class State:
         lens = replace(camera, std=uncertain, covariance=())
         return cls(lens, np.asarray(position_m, dtype=np.float64), camera_attitude(*angles_rad), elevation_m, model)
 
-    @property
+    @cached_property
     def rotation(self) -> FloatArray:
         """``(3, 3)`` from camera axes to east, north, up."""
         return matrix(self.wxyz)
+
+    @cached_property
+    def angles_rad(self) -> tuple[float, float, float]:
+        """Tilt, roll and heading."""
+        tilt, roll, heading = camera_angles(self.wxyz)
+        return float(tilt), float(roll), float(heading)
 
     def value(self, name: str) -> float:
         """An unknown's value: metres, radians, pixels; distortion coefficients as they are."""
         if name in _PLACE:
             return float(self.position_m[_PLACE[name]])
         if name in _ANGLES:
-            return float(camera_angles(self.wxyz)[_ANGLES.index(name)])
+            return self.angles_rad[_ANGLES.index(name)]
         if name == "elevation":
             return self.elevation_m
         if name in ("focal", "fx"):
@@ -74,9 +81,10 @@ class State:
             return (self.camera.fy_px, self.camera.cx_px, self.camera.cy_px)[_LENS[name] - 1]
         return self.camera.distortion[coefficient_names(self.camera).index(name)]
 
+    @cached_property
     def angle_axes(self) -> FloatArray:
         """``(3, 3)``: columns are the small rotations, in camera axes, that tilt, roll and heading make."""
-        _, _, heading = camera_angles(self.wxyz)
+        _, _, heading = self.angles_rad
         turned = self.rotation.T
         right = np.array([math.cos(heading), -math.sin(heading), 0.0])
         return np.stack([turned @ right, np.array([0.0, 0.0, 1.0]), -turned[:, 2]], axis=-1)
@@ -109,13 +117,13 @@ class Unknowns:
         """
         count = 7 + 4 + len(state.camera.distortion)
         by = np.zeros((count, len(self.names)))
-        axes = np.eye(3)[:, [0, 2, 1]] if self.turns_freely else state.angle_axes()
+        axes = np.eye(3)[:, [0, 2, 1]] if self.turns_freely else state.angle_axes
         ratio = state.camera.fy_px / state.camera.fx_px
         for column, name in enumerate(self.names):
             if name in _PLACE:
                 by[_PLACE[name], column] = 1.0
             elif name in _ANGLES:
-                by[3:6, column] = axes[:, _ANGLES.index(name)]
+                by[ROTATION, column] = axes[:, _ANGLES.index(name)]
             elif name == "elevation":
                 by[ELEVATION, column] = 1.0
             elif name == "focal":
@@ -133,14 +141,7 @@ class Unknowns:
             ValueError: The step leads to an impossible camera.
         """
         moved = self.by_unknowns(state) @ step
-        angles = [float(step[self.names.index(name)]) if name in self.names else 0.0 for name in _ANGLES]
-        if self.turns_freely:
-            wxyz = multiply(state.wxyz, from_rotation_vector(moved[3:6]))
-        else:
-            tilt, roll, heading = (float(angle) for angle in camera_angles(state.wxyz))
-            wxyz = (
-                camera_attitude(tilt + angles[0], roll + angles[1], heading + angles[2]) if any(angles) else state.wxyz
-            )
+        wxyz = self._turned(state, step, moved[ROTATION])
         lens = state.camera
         fx, fy, cx, cy, *bent = moved[INTRINSICS].tolist()
         if any(moved[INTRINSICS]):
@@ -161,6 +162,17 @@ class Unknowns:
             elevation_m=state.elevation_m + float(moved[ELEVATION]),
         )
 
+    def _turned(self, state: State, step: FloatArray, rotvec_rad: FloatArray) -> FloatArray:
+        if self.turns_freely:
+            return multiply(state.wxyz, from_rotation_vector(rotvec_rad))
+        by = dict(zip(self.names, step.tolist(), strict=True))
+        if not any(by.get(name) for name in _ANGLES):
+            return state.wxyz
+        tilt, roll, heading = (angle + by.get(name, 0.0) for angle, name in zip(state.angles_rad, _ANGLES, strict=True))
+        if not 0.0 <= tilt <= math.pi:
+            raise ValueError(f"got a tilt of {tilt} rad, expected 0 to pi: past nadir the camera would face about")
+        return camera_attitude(tilt, roll, heading)
+
     def to_angles(self, state: State) -> FloatArray:
         """``(n, n)``: from the solver's steps to steps of the unknowns as they are named.
 
@@ -169,7 +181,7 @@ class Unknowns:
         change = np.eye(len(self.names))
         if self.turns_freely:
             columns = [self.names.index(name) for name in _ANGLES]
-            steps = np.linalg.pinv(state.angle_axes(), rcond=1e-6) @ np.eye(3)[:, [0, 2, 1]]
+            steps = np.linalg.pinv(state.angle_axes, rcond=1e-6) @ np.eye(3)[:, [0, 2, 1]]
             change[np.ix_(columns, columns)] = steps
         return change
 
@@ -182,6 +194,5 @@ def expanded(names: tuple[str, ...]) -> tuple[str, ...]:
 BOUNDS: dict[str, Callable[[State], bool]] = {
     "height": lambda state: float(state.position_m[2]) > state.elevation_m,
     "focal": lambda state: 0.05 < state.camera.fx_px / state.camera.width_px < 50,  # noqa: PLR2004 - 169 to 1 degrees
-    "tilt": lambda state: 0.0 <= float(camera_angles(state.wxyz)[0]) <= math.pi,
 }
 """What no camera can be beyond."""

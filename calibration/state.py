@@ -20,6 +20,7 @@ _COEFFICIENTS = {
 _PLACE = {"east": 0, "north": 1, "height": 2}
 _ANGLES = ("tilt", "roll", "heading")
 _LENS = {"fx": 0, "fy": 1, "cx": 2, "cy": 3}
+_NADIR_SINE = 1e-6  # of a tilt at which roll and heading are one
 GROUPS = {"position": ("east", "north"), "principal_point": ("cx", "cy")}
 """Names that stand for several unknowns."""
 
@@ -181,7 +182,9 @@ class Unknowns:
         change = np.eye(len(self.names))
         if self.turns_freely:
             columns = [self.names.index(name) for name in _ANGLES]
-            steps = np.linalg.pinv(state.angle_axes, rcond=1e-6) @ np.eye(3)[:, [0, 2, 1]]
+            steps = np.linalg.pinv(state.angle_axes, rcond=_NADIR_SINE) @ np.eye(3)[:, [0, 2, 1]]
+            if math.sin(state.angles_rad[0]) < _NADIR_SINE:  # where the inverse gives half to each
+                steps[1:] = [[0.0], [2.0]] * steps[2]
             change[np.ix_(columns, columns)] = steps
         return change
 

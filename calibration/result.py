@@ -16,7 +16,7 @@ from calibration.errors_left import Leftover, leftovers, rms_px
 from calibration.observability import Observability, observability
 from calibration.residuals import Problem
 from calibration.solve import Solution, solve
-from calibration.state import State, Unknowns, coefficient_names, expanded
+from calibration.state import GROUPS, State, Unknowns, coefficient_names, expanded
 
 _DEG: Final = math.degrees(1.0)
 _SAID = {
@@ -99,17 +99,22 @@ def said(name: str) -> tuple[str, float]:
     return _SAID.get(name, (name, 1.0))
 
 
+def possible_unknowns(camera: Camera) -> tuple[str, ...]:
+    """What may be asked for of a camera: single unknowns and groups of them."""
+    return (*_SAID, *coefficient_names(camera), *GROUPS)
+
+
 def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> Unknowns:
     """What is solved for: what was asked, and everything that is known beforehand with a std.
 
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    possible = (*_SAID, *coefficient_names(camera))
+    possible = possible_unknowns(camera)
     asked = expanded(names)
     for name in asked:
         if name not in possible:
-            raise ValueError(f"got {name}, expected some of {', '.join((*possible, 'position', 'principal_point'))}")
+            raise ValueError(f"got {name}, expected some of {', '.join(possible)}")
     if "focal" in asked and {"fx", "fy"} & set(asked):
         raise ValueError("got focal beside fx or fy, expected one of the two")
     apart = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines | Horizon)]

@@ -1,7 +1,6 @@
 """``aerodft calibrate``: a camera's height and angles, and more, from what people know about a scene."""
 
 import math
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,21 +13,16 @@ from aerodft.adapters.config.calibration_file import write_calibration
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
 from aerodft.adapters.config.station import FixedPose
+from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
+from aerodft.cli.calibrate_unknowns import check_unknowns, names_from
 from aerodft.cli.calibrate_words import document, print_result, refusal, sentences
-from aerodft.cli.output import print_json, say
-from aerodft.errors import NoAnswerError, UsageError
+from aerodft.cli.output import check_output, print_json, say
+from aerodft.errors import UsageError
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseStd
-from calibration.result import Result, angles_deg, unknowns_of
+from calibration.result import Result, angles_deg
 from calibration.result import calibrate as solve_for
-
-
-@dataclass(frozen=True, slots=True)
-class _Asked:
-    found: EvidenceFile
-    result: Result
-    names: tuple[str, ...]
 
 
 def calibrate(
@@ -45,6 +39,10 @@ def calibrate(
     detect: Annotated[
         Path | None, typer.Option(help="Find the surveyed ArUco or AprilTag markers of this file in the images.")
     ] = None,
+    telemetry: Annotated[
+        Path | None,
+        typer.Option(help="With [[image]] in the file: log or recording that their poses are looked up in."),
+    ] = None,
     crs: Annotated[str | None, typer.Option(help="Of a CSV file: local, geo or an EPSG code.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the calibration to this file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write pictures and tables to this folder.")] = None,
@@ -52,30 +50,39 @@ def calibrate(
 ) -> None:
     r"""Find a camera's pose (and lens) from landmarks, ranges, lengths, heights, verticals, lines and the horizon.
 
+    With several images in the file, each with a pose by telemetry: what telemetry is off by, in all of them.
+
     \b
     Example:
       aerodft calibrate site.toml --camera cam.toml --unknowns height,tilt,roll -o calibration.toml
+      aerodft calibrate flight.toml --camera cam.toml --unknowns height,tilt,heading,time --telemetry flight.tlog
     """
     lens = load_camera(camera)
-    names = tuple(filter(None, (name.strip() for name in unknowns.split(","))))
-    if not names:
-        raise UsageError("--unknowns", got="none", expected="e.g. height,tilt")
+    names = names_from(unknowns)
+    inputs = [*observations, camera, *([] if detect is None else [detect])]
+    check_output(output, inputs)
     found = _evidence(observations, detect, crs, lens, names, model)
     check_against(found, lens)
-    try:
-        unknowns_of(names, found.known, lens, model)
-    except ValueError as error:
-        raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
-    asked = _Asked(found, solve_for(found.known, lens, names, model), names)
-    why_not = refusal(asked.result)
+    if found.flight is not None:
+        from aerodft.cli.calibrate_images import Outputs, calibrate_flight  # noqa: PLC0415 - recordings are slow to load
+
+        outputs = Outputs(calibration=output, report=report, as_json=json)
+        calibrate_flight(found, lens, names, model, telemetry, camera, outputs)
+        return
+    if telemetry is not None:
+        raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")
+    check_unknowns(names, found.known, lens, model)
+    result = solve_for(found.known, lens, names, model)
+    asked = Asked(found, lens, names, model, result)
+    why_not = cause_of_misfit(asked) or refusal(result, found.path)
     if json:
-        print_json(document(asked.result, found, why_not))
+        print_json(document(result, found, why_not))
     else:
-        print_result(asked.result, found)
-    for sentence in sentences(asked.result, found):
+        print_result(result, found)
+    for sentence in sentences(result, found):
         say(f"aerodft: {sentence}")
-    if why_not:
-        raise NoAnswerError("no calibration", where=found.path, got=why_not)
+    if why_not is not None:
+        raise why_not
     _write(asked, camera, output, report)
 
 
@@ -96,8 +103,12 @@ def _evidence(
     return load_evidence(given[0], crs)
 
 
-def _write(asked: _Asked, camera: Path, output: Path | None, report: Path | None) -> None:
+def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None) -> None:
     result, found = asked.result, asked.found
+    if report is not None:
+        from aerodft.cli.calibrate_report import write_report  # noqa: PLC0415 - matplotlib is slow to load
+
+        write_report(result, found, report)
     if output is not None:
         provenance: dict[str, Any] = {
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -115,10 +126,6 @@ def _write(asked: _Asked, camera: Path, output: Path | None, report: Path | None
         lens = result.camera if lens_found else None
         write_calibration(output, fixed_pose(result, found), lens, result.solution.state.model, provenance)
         say(f"wrote {output}")
-    if report is not None:
-        from aerodft.cli.calibrate_report import write_report  # noqa: PLC0415 - matplotlib is slow to load
-
-        write_report(result, found, report)
 
 
 def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:

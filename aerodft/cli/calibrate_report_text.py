@@ -75,7 +75,7 @@ def markdown(
         pictures: File names of the image and of the residuals, beside the report.
         notes: Sentences on the image.
     """
-    about = document(result, found, "")
+    about = document(result, found, None)
     image, residuals = pictures
     parts = [
         f"# Calibration of {_plain(result.solution.state.camera.name)}",

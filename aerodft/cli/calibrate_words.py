@@ -1,6 +1,7 @@
 """A calibration in words, tables and JSON."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,59 +9,111 @@ from rich.table import Table
 
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.output import tables
+from aerodft.errors import AerodftError, NoAnswerError
+from calibration.errors_left import Leftover
+from calibration.images_result import ImagesResult
 from calibration.observability import LIMIT, correlations
 from calibration.result import Result, said
 from calibration.state import State
 
 _SUSPICIOUS_P = 1e-4
+_LINE, _NARROW = 3, 0.01  # landmarks that make one, and how narrow it is for its length
+_MOST_SCALED = 30.0  # of residuals, in stated stds; beyond that no scaling makes them true
 _MOST_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
 
 
-def refusal(result: Result) -> str:
-    """Why there is no calibration; empty where there is one."""
+def refusal(result: Result, path: Path) -> NoAnswerError | None:
+    """Why there is no calibration; None where there is one.
+
+    Args:
+        result: The calibration.
+        path: The file of evidence, for the sentence.
+    """
+    why_not = _why_not(result)
+    return NoAnswerError("no calibration", where=path, got=why_not) if why_not else None
+
+
+def _why_not(result: Result) -> str:
     solution = result.solution
     if result.weakest.std_share > LIMIT * solution.scaled:
-        return result.weakest.sentence
-    if not result.weakest.is_determined:  # it would be, if the evidence agreed
-        return (
-            f"the observations contradict each other: residuals are {solution.scaled:.0f} times as large as the stated"
-            " stds; check the coordinates, the pixels and the stds"
-        )
+        return f"{result.weakest.sentence}{_in_line(result)}"
+    if contradiction := _contradiction(result):
+        return contradiction
     if solution.rival is not None:
         other = ", ".join(f"{key} {value:.4g}" for key, value in _values(result, solution.rival).items())
         return (
             f"the observations fit another camera as well ({other}): add a landmark, or what you know of the camera"
             " under [camera]"
         )
-    if np.count_nonzero(~solution.kept) > _MOST_OUTLIERS * len(solution.kept):
-        return (
-            f"{np.count_nonzero(~solution.kept)} of {len(solution.kept)} observations disagree with the rest: check"
-            " what is unknown (heading, position), the camera file, the coordinates and their stds"
-        )
-    return ""
+    return _disagreement(result)
+
+
+def images_refusal(result: ImagesResult, path: Path) -> NoAnswerError | None:
+    """As :func:`refusal`, for many images."""
+    why_not = _contradiction(result) or _disagreement(result)
+    if result.weakest.std_share > LIMIT * result.solution.scaled:
+        why_not = result.weakest.sentence
+    return NoAnswerError("no calibration", where=path, got=why_not) if why_not else None
+
+
+def _contradiction(result: Result | ImagesResult) -> str:
+    """Residuals that no scaling makes true, or that make too little of what would be determined; else empty."""
+    scaled = result.solution.scaled
+    if result.weakest.is_determined and scaled <= _MOST_SCALED:
+        return ""
+    return (
+        f"the observations contradict each other: residuals are {scaled:.0f} times as large as the stated"
+        " stds; check the coordinates, the pixels and the stds"
+    )
+
+
+def _disagreement(result: Result | ImagesResult) -> str:
+    """Too many observations that were left out; else empty."""
+    kept = result.solution.kept
+    if np.count_nonzero(~kept) <= _MOST_OUTLIERS * len(kept):
+        return ""
+    return (
+        f"{np.count_nonzero(~kept)} of {len(kept)} observations disagree with the rest: check"
+        " what is unknown (heading, position), the camera file, the coordinates and their stds"
+    )
+
+
+def _in_line(result: Result) -> str:
+    """What to say of landmarks that are all in one line; empty where they are not."""
+    places_m, _ = result.problem.landmarks
+    if len(places_m) < _LINE:
+        return ""
+    along, across, *_ = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)
+    return "; all landmarks lie in one line: add one beside it" if across <= _NARROW * along else ""
 
 
 def sentences(result: Result, found: EvidenceFile) -> list[str]:
     """What a person should know of the result."""
-    solution, said_so = result.solution, list(found.notes)
+    guesses = sorted(found.fixed & set(result.problem.unknowns.names))
+    keys = ", ".join(said(name)[0] for name in guesses)
+    first = [f"{keys} has no std in the file: taken as a first guess only"] if guesses else []
+    return [*found.notes, *fit_sentences(result), *first]
+
+
+def fit_sentences(result: Result | ImagesResult) -> list[str]:
+    """What was left out, and whether the stated stds are true."""
+    solution, said_so = result.solution, []
     for left in result.left:
         if left.is_outlier:
             off = f"by {left.px:.0f} px" if math.isfinite(left.px) else "altogether: it cannot be seen from there"
             said_so.append(f"{left.name} disagrees {off}, left out")
+    if solution.dof == 0:
+        said_so.append("there is no observation to spare: a wrong one would not be noticed, add one")
     if solution.scaled > 1.0:
         said_so.append(
             f"the residuals are {solution.scaled:.1f} times as large as the stated stds: all stds are scaled up by that"
         )
     elif solution.p_value is not None and solution.p_value > 1 - _SUSPICIOUS_P:
         said_so.append("the residuals are much smaller than the stated stds: these may be too large")
-    guesses = sorted(found.fixed & set(result.problem.unknowns.names))
-    if guesses:
-        keys = ", ".join(said(name)[0] for name in guesses)
-        said_so.append(f"{keys} has no std in the file: taken as a first guess only")
     return said_so
 
 
-def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any]:
+def document(result: Result, found: EvidenceFile, error: AerodftError | None) -> dict[str, Any]:
     """The whole result as JSON; nothing that is not finite."""
     solution, names = result.solution, result.problem.unknowns.names
     keys, scales = zip(*(said(name) for name in names), strict=True)
@@ -68,36 +121,20 @@ def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any
     place = found.frame.wgs84(solution.state.position_m)
     return {
         "schema": "aerodft.calibration/1",
-        "status": "ILL_CONDITIONED" if why_not else "ok",
-        "reasons": [why_not] if why_not else [],
+        "status": "ok" if error is None else "ILL_CONDITIONED",
+        "reasons": [] if error is None else [error.got if isinstance(error, NoAnswerError) else str(error)],
         "parameters": {
-            key: {"value": value, "std": _finite(math.sqrt(max(covariance[index, index], 0.0)))}
+            key: {"value": value, "std": finite(math.sqrt(max(covariance[index, index], 0.0)))}
             for index, (key, value) in enumerate(_values(result, solution.state).items())
         },
         "order": list(keys),
-        "covariance": _rows(covariance),
-        "correlations": _rows(correlations(covariance)),
-        "rms_px": result.rms_px,
-        "chi2": solution.chi2,
-        "degrees_of_freedom": solution.dof,
-        "p_value": solution.p_value,
-        "stds_scaled_by": solution.scaled,
-        "residuals": [
-            {
-                "name": left.name,
-                "px": _finite(left.px),
-                "sigma": _finite(left.sigma),
-                "ground_m": left.ground_m,
-                "left_out_ground_m": left.left_out_ground_m,
-                "outlier": left.is_outlier,
-            }
-            for left in result.left
-        ],
-        "outliers": [left.name for left in result.left if left.is_outlier],
+        "covariance": rows(covariance),
+        "correlations": rows(correlations(covariance)),
+        **fit_document(result),
         "observability": {
             "determined": result.weakest.is_determined,
             "weakest": result.weakest.combination,
-            "std_share": _finite(result.weakest.std_share),
+            "std_share": finite(result.weakest.std_share),
             "sentence": result.weakest.sentence,
             "rival": None if solution.rival is None else _values(result, solution.rival),
         },
@@ -107,6 +144,30 @@ def document(result: Result, found: EvidenceFile, why_not: str) -> dict[str, Any
         "crs": found.frame.crs,
         "model": str(solution.state.model),
         "notes": sentences(result, found),
+    }
+
+
+def fit_document(result: Result | ImagesResult) -> dict[str, Any]:
+    """How well it fits, and what is left of each observation."""
+    solution = result.solution
+    return {
+        "rms_px": result.rms_px,
+        "chi2": solution.chi2,
+        "degrees_of_freedom": solution.dof,
+        "p_value": solution.p_value,
+        "stds_scaled_by": solution.scaled,
+        "residuals": [
+            {
+                "name": left.name,
+                "px": finite(left.px),
+                "sigma": finite(left.sigma),
+                "ground_m": left.ground_m,
+                "left_out_ground_m": left.left_out_ground_m,
+                "outlier": left.is_outlier,
+            }
+            for left in result.left
+        ],
+        "outliers": [left.name for left in result.left if left.is_outlier],
     }
 
 
@@ -120,12 +181,7 @@ def print_result(result: Result, found: EvidenceFile) -> None:
     ):
         table.add_row(key, f"{value:.6g}", f"{std * said(name)[1]:.3g}")
     tables().print(table)
-    rest = Table("observation", "px", "sigma", "on the ground (m)", "not having seen it (m)")
-    for left in result.left:
-        ground, without = ("" if value is None else f"{value:.3f}" for value in (left.ground_m, left.left_out_ground_m))
-        name = f"{left.name} (left out)" if left.is_outlier else left.name
-        rest.add_row(name, f"{left.px:.2f}", f"{left.sigma:.2f}", ground, without)
-    tables().print(rest)
+    tables().print(residual_table(result.left))
     rms = "" if result.rms_px is None else f"rms {result.rms_px:.2f} px, "
     place = ", ".join(f"{value:.3f}" for value in found.frame.file_coordinates(solution.state.position_m))
     fit = f"{rms}chi-square {solution.chi2:.1f} with {solution.dof} degrees of freedom"
@@ -133,6 +189,16 @@ def print_result(result: Result, found: EvidenceFile) -> None:
     if {"east", "north"} & set(result.problem.unknowns.names) and any(found.frame.origin[:2]):
         origin = ", ".join(f"{value:.10g}" for value in found.frame.origin[:2])
         tables().print(f"east_m and north_m count from {origin}")
+
+
+def residual_table(leftovers: tuple[Leftover, ...]) -> Table:
+    """What is left of each observation."""
+    rest = Table("observation", "px", "sigma", "on the ground (m)", "not having seen it (m)")
+    for left in leftovers:
+        ground, without = ("" if value is None else f"{value:.3f}" for value in (left.ground_m, left.left_out_ground_m))
+        name = f"{left.name} (left out)" if left.is_outlier else left.name
+        rest.add_row(name, f"{left.px:.2f}", f"{left.sigma:.2f}", ground, without)
+    return rest
 
 
 def _values(result: Result, state: State) -> dict[str, float]:
@@ -145,9 +211,11 @@ def _values(result: Result, state: State) -> dict[str, float]:
     return values
 
 
-def _finite(value: float) -> float | None:
+def finite(value: float) -> float | None:
+    """The value where there is one."""
     return value if math.isfinite(value) else None
 
 
-def _rows(matrix: np.ndarray) -> list[list[float | None]]:
-    return [[_finite(value) for value in row] for row in matrix.tolist()]
+def rows(matrix: np.ndarray) -> list[list[float | None]]:
+    """A matrix for JSON; None for what is not finite."""
+    return [[finite(value) for value in row] for row in matrix.tolist()]

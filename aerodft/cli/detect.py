@@ -12,6 +12,7 @@ import numpy as np
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.markers import MarkersFile, load_markers
 from aerodft.adapters.images.gathering import STILLS, Gathered, gather
+from aerodft.cli.calibrate_unknowns import check_unknowns
 from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.arrays import FloatArray, ImageArray
@@ -21,7 +22,6 @@ from aerodft.model.marker import MarkerSighting, marker_name
 from aerodft.model.measurement import ProjectionModel
 from calibration.marker_geometry import Judgement, Miss, Question, judge
 from calibration.markers import LEAST_SIDE_PX, find_markers, other_dictionary
-from calibration.result import unknowns_of
 
 _THOROUGH: Final = 3  # images that are looked into in every way; of a video, the others show the same
 _PROGRESS: Final = 1000
@@ -74,10 +74,7 @@ def detected_evidence(
     beside = None if picture is None else os.path.relpath(picture, markers.parent)
     size_px = (camera.width_px, camera.height_px)
     found = file.evidence([together[marker] for marker in sorted(together)], size_px, beside)
-    try:
-        unknowns_of(names, found.known, camera, model)
-    except ValueError as error:
-        raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
+    check_unknowns(names, found.known, camera, model)
     sides_m = {marker: each.side_m for marker, each in file.survey.by_id.items() if each.side_m is not None}
     judgement = judge(found.known, together, sides_m, Question(camera, names, model))
     if judgement.contradiction:

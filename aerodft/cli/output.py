@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import orjson
 from rich.console import Console
@@ -11,6 +12,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from aerodft.dft.budget import Share, advice
+from aerodft.errors import InputError, UsageError
 from aerodft.model.measurement import Measurement
 from aerodft.model.status import Status
 
@@ -28,6 +30,29 @@ def tables() -> Console:
     """A console for tables on stdout; names from files are shown as they are, not as markup."""
     is_file = not sys.stdout.isatty() and "COLUMNS" not in os.environ
     return Console(markup=False, emoji=False, highlight=False, width=_FILE_WIDTH if is_file else None)
+
+
+def check_output(output: Path | None, inputs: Iterable[Path]) -> None:
+    """Refuse a file to write that cannot be one, before the work is done for nothing.
+
+    Args:
+        output: The file; None for none.
+        inputs: Files that it must not replace.
+
+    Raises:
+        UsageError: It is one of the inputs.
+        InputError: It is a folder, or its folder is missing.
+    """
+    if output is None:
+        return
+    for each in inputs:
+        if output.exists() and each.exists() and output.samefile(each):
+            hint = "write to another file"
+            raise UsageError("--output", got=f"{output}, which is read", expected="a file of its own", hint=hint)
+    if output.is_dir():
+        raise InputError("--output", where=output, got="a folder", expected="a file to write to")
+    if not output.absolute().parent.is_dir():
+        raise InputError("--output", where=output, got="a folder that is missing", hint="make the folder first")
 
 
 def say(text: str) -> None:

@@ -1,5 +1,6 @@
 """Calibrations to files, as ``calibration.load_calibration`` and ``load_calibrated_camera`` read them."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +37,27 @@ def write_calibration(
     if camera is not None:
         document["camera"] = camera_document(camera)
     try:
-        path.write_text(tomli_w.dumps(document), encoding="utf-8")
+        _replace(path, tomli_w.dumps(document).encode())
     except OSError as error:
         expected = "a file to write to"
         raise InputError(
             "the calibration cannot be written", where=path, got=error.strerror, expected=expected
         ) from error
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Write all of a file or none of it; what is no file (a pipe, a device) is written to as it is."""
+    if path.exists() and not path.is_file():
+        path.write_bytes(data)
+        return
+    path = path.resolve()  # a link stays one
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_bytes(data)
+        beside.replace(path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
 
 
 def _pose(pose: FixedPose) -> dict[str, Any]:

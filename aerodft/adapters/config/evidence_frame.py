@@ -229,19 +229,26 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
         return
     x, y = coordinates
     is_swapped = _is_used_at(crs, (y, x), 0.0)
-    if _is_used_at(crs, coordinates, _MARGIN_DEG) and not is_swapped:
-        return
     horizontal = _horizontal(crs)
+    margin_deg = _ZONE_MARGIN_DEG if "zone" in horizontal.name.lower() else _MARGIN_DEG
+    if _is_used_at(crs, coordinates, margin_deg) and not is_swapped:
+        return
     area = horizontal.area_of_use
     expected = f"a place where {crs} ({horizontal.name}) is used"
     if area is not None:
         expected += f", latitudes {area.south:g} to {area.north:g} and longitudes {area.west:g} to {area.east:g}"
-    hint = "swap them: easting comes first" if is_swapped else "check crs, and that no digits are missing"
+    hint = "check crs, and that no digits are missing"
+    if is_swapped:
+        hint = "swap them: easting comes first, or check crs"
+    elif max(abs(x), abs(y)) <= _TURN_DEG:
+        hint = 'they look like degrees: write lat_deg, lon_deg and alt_m, with crs = "geo"'
     got = f"easting {x:.10g} and northing {y:.10g}"
     raise ConfigError(label, where=where, got=got, expected=expected, hint=hint)
 
 
-_MARGIN_DEG = 3.0  # people stay in their zone a little beyond its edge
+_ZONE_MARGIN_DEG = 3.0  # people stay in their zone a little beyond its edge
+_MARGIN_DEG = 0.5
+_TURN_DEG = 360.0
 
 
 def _is_used_at(crs: str, coordinates: tuple[float, float], margin_deg: float) -> bool:

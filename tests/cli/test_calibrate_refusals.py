@@ -1,0 +1,227 @@
+"""What people mix up in evidence is found, named in one sentence, and leaves no file behind."""
+
+import math
+
+import numpy as np
+import pytest
+from pyproj import Transformer
+
+from .calibration_scene import (
+    AXES,
+    EYE_M,
+    HEADING_DEG,
+    HEIGHT_PX,
+    POSE,
+    RD_M,
+    TILT_DEG,
+    WIDTH_PX,
+    Field,
+    calibrate,
+    landmarks,
+    pixels_of,
+)
+
+FIELD = Field.of()
+GRID = FIELD.places + RD_M
+LAT_LON = np.column_stack(
+    [
+        *Transformer.from_crs("EPSG:28992", "EPSG:4326").transform(GRID[:, 0], GRID[:, 1]),
+        GRID[:, 2],
+    ]
+)
+LOCAL, RD, GEO = 'crs = "local"\n', 'crs = "EPSG:28992"\n', 'crs = "geo"\n'
+PIXELS, PLACES = FIELD.pixels, FIELD.places
+
+
+def camera(keys):
+    return f"[camera]\n{keys}\n"
+
+
+def with_columns(values, **columns):
+    changed = values.copy()
+    for index, column in columns.items():
+        changed[:, int(index[1:])] = column
+    return changed
+
+
+def moved(values, rows, by):
+    changed = values.copy()
+    changed[rows] += by
+    return changed
+
+
+def on_one_place(extra_pixel, extra_place):
+    return np.vstack([PIXELS, extra_pixel]), np.vstack([PLACES, extra_place])
+
+
+def refused(tmp_path, text, code, *sentences, **how):
+    run, output = calibrate(tmp_path, text, **how)
+    assert run.code == code, run.err
+    for sentence in sentences:
+        assert sentence in run.last
+    assert "Traceback" not in run.err
+    assert "nan" not in run.last.lower()
+    assert not output.exists()
+
+
+def test_sound_evidence_is_not_refused(tmp_path):
+    for text in (
+        LOCAL + landmarks(PIXELS, PLACES),
+        RD + landmarks(PIXELS, GRID),
+        GEO + landmarks(PIXELS, LAT_LON, in_degrees=True),
+    ):
+        run, output = calibrate(tmp_path, text, "--json")
+        assert run.code == 0, run.err
+        assert output.is_file()
+        tilt = run.json["parameters"]["tilt_deg"]
+        assert abs(tilt["value"] - TILT_DEG) < 4 * tilt["std"]
+
+
+SWAPPED = FIELD.places + [500.0, 500.0, 0.0]
+UPRIGHT = PIXELS[:, 0] < HEIGHT_PX - 1
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (LOCAL + landmarks(SWAPPED[:, :2], np.column_stack([PIXELS, SWAPPED[:, 2]])), "pixels and places look inter"),
+        (LOCAL + landmarks(GRID[:, :2], np.column_stack([PIXELS, GRID[:, 2]])), "pixels and places: they look inter"),
+        (LOCAL + landmarks(PIXELS, PLACES[:, [1, 0, 2]]), "x and y of the landmarks look interchanged"),
+        (GEO + landmarks(PIXELS, LAT_LON[:, [1, 0, 2]], in_degrees=True), "latitude and longitude of the landmarks"),
+        (RD + landmarks(PIXELS, GRID[:, [1, 0, 2]]), "swap them: easting comes first"),
+        (LOCAL + landmarks(PIXELS[UPRIGHT][:, ::-1], PLACES[UPRIGHT]), "u and v look interchanged"),
+        (
+            LOCAL + landmarks(with_columns(PIXELS, c1=HEIGHT_PX - 1 - PIXELS[:, 1]), PLACES),
+            "v looks as if counted from",
+        ),
+        (LOCAL + landmarks(np.roll(PIXELS, 1, axis=0), PLACES), "belonged to the previous landmark"),
+        (LOCAL + landmarks(PIXELS[[1, 0, *range(2, 9)]], PLACES), "landmark[0] and landmark[1] look interchanged"),
+    ],
+    ids=["columns", "columns-rd", "x-y", "lat-lon", "rd", "u-v", "v-up", "rows", "two-pixels"],
+)
+def test_what_is_swapped_is_found_by_trying(tmp_path, text, sentence):
+    refused(tmp_path, text, 3, sentence)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (RD + landmarks(PIXELS, moved(GRID, slice(0, 9, 2), [0, 0, 47])), "height: got 47.0 m "),
+        (RD + landmarks(PIXELS, moved(GRID, [3], [0, 0, 47])), "p4: height: got 47.0 m above where"),
+        (RD + landmarks(PIXELS, moved(GRID, [3, 5], [-95.0, 110.0, 0])), "p4 and p6: place: got 9"),
+        (
+            RD + camera("position_m = { value = [155003.0, 462995.0, 69.0], std = 0.5 }") + landmarks(PIXELS, GRID),
+            "height_agl_m contradicts the observations",
+        ),
+        (
+            RD + camera("position_m = { value = [155098.0, 462885.0], std = 1.0 }") + landmarks(PIXELS, GRID),
+            "are places of two datums",
+        ),
+        (RD + landmarks(PIXELS, LAT_LON), "they look like degrees"),
+        (LOCAL + landmarks(PIXELS, LAT_LON), 'with crs = "geo"'),
+        (LOCAL + landmarks(PIXELS, PLACES * [1, 1, 1 / 0.3048]), "heights look like feet"),
+        (LOCAL + landmarks(PIXELS, PLACES * [1, 1, -1]), "look like depths"),
+        (GEO + landmarks(PIXELS, LAT_LON * [math.pi / 180, math.pi / 180, 1], in_degrees=True), "from radians"),
+        ('crs = "EPSG:31370"\n' + landmarks(PIXELS, GRID), "Belgian Lambert 72"),
+        ('crs = "EPSG:28991"\n' + landmarks(PIXELS, GRID), "RD Old"),
+    ],
+    ids=[
+        "heights-half", "height-one", "shift", "camera-height", "camera-place", "degrees-as-rd", "degrees-as-local",
+        "feet", "depths", "radians", "belgian", "rd-old",
+    ],
+)  # fmt: skip
+def test_mixed_datums_units_and_systems_are_named(tmp_path, text, sentence):
+    refused(tmp_path, text, 3, sentence)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        (f"tilt_deg = {{ value = {math.radians(TILT_DEG):.3f}, std = 2.0 }}", "it looks like radians"),
+        (f"heading_deg = {{ value = {math.radians(HEADING_DEG):.3f}, std = 2.0 }}", "it looks like radians"),
+        (f"tilt_deg = {{ value = {90 - TILT_DEG}, std = 2.0 }}", "angle below the horizon"),
+        (f"height_agl_m = {{ value = {EYE_M[2] / 0.3048:.1f}, std = 0.3 }}", "it looks like feet"),
+        ("height_agl_m = { value = 120.0, std = 0.5 }", "got 120 +- 0.5, expected about 12"),
+        ("position_m = { value = [100.0, 100.0], std = 0.5 }", "position contradicts the observations: got [100, 100]"),
+        ("focal_px = { value = 24.0, std = 1.0 }", "it looks like millimetres"),
+    ],
+)
+def test_priors_that_all_else_contradicts_are_named(tmp_path, keys, sentence):
+    refused(tmp_path, LOCAL + camera(keys) + landmarks(PIXELS, PLACES), 3, "contradicts the observations", sentence)
+
+
+def test_an_exact_tilt_in_radians_is_named_where_it_is_not_asked_for(tmp_path):
+    text = LOCAL + camera("tilt_deg = 1.047") + landmarks(PIXELS, PLACES)
+    refused(tmp_path, text, 3, "tilt_deg contradicts", "radians", unknowns="position,height,roll,heading")
+
+
+def test_a_prior_that_is_right_is_kept(tmp_path):
+    text = LOCAL + camera("tilt_deg = { value = 57.0, std = 2.0 }") + landmarks(PIXELS, PLACES)
+    assert calibrate(tmp_path, text)[0].code == 0
+
+
+BEHIND = EYE_M * [1, 1, 0] - AXES[2] * [20, 20, 0]
+HIGH = [*(EYE_M + 30 * AXES[2])[:2], 30.0]
+
+
+@pytest.mark.parametrize(
+    ("place", "sentence"), [(BEHIND, "its place is behind the camera"), (HIGH, "its place is above the horizon")]
+)
+def test_a_landmark_that_cannot_be_seen_is_refused_by_name(tmp_path, place, sentence):
+    text = LOCAL + landmarks(PIXELS, np.vstack([PLACES[:-1], place]))
+    refused(tmp_path, text, 3, "landmark[8]", sentence, "p9")
+
+
+def test_a_far_off_pixel_of_a_place_in_view_is_left_out_by_name(tmp_path):
+    run, output = calibrate(tmp_path, LOCAL + landmarks(moved(PIXELS, [4], [-60.0, 35.0]), PLACES))
+    assert run.code == 0, run.err
+    assert "p5 disagrees by" in run.err
+    assert output.is_file()
+
+
+@pytest.mark.parametrize(
+    ("pixels", "places", "sentence"),
+    [
+        (*on_one_place(PIXELS[0], PLACES[0] + 1), "a pixel of its own"),
+        (*on_one_place(PIXELS[0], PLACES[0]), "remove one of the two"),
+        (*on_one_place(PIXELS[0] + 50, PLACES[0]), "a place of its own"),
+    ],
+)
+def test_duplicates_are_named(tmp_path, pixels, places, sentence):
+    refused(tmp_path, LOCAL + landmarks(pixels, places), 3, "landmark[9]", "which landmark[0] has", sentence)
+
+
+def test_too_few_and_collinear_landmarks_are_told(tmp_path):
+    refused(tmp_path, LOCAL + landmarks(PIXELS[:2], PLACES[:2]), 4, "4 numbers for 6 unknowns")
+    line = PLACES[0] + np.linspace(0, 1, 6)[:, None] * (PLACES[3] - PLACES[0])
+    refused(tmp_path, LOCAL + landmarks(pixels_of(line), line), 4, "all landmarks lie in one line")
+
+
+def test_unknowns_that_nobody_stated_are_proposed(tmp_path):
+    text = LOCAL + landmarks(PIXELS, PLACES)
+    refused(tmp_path, text, 4, "--unknowns height,tilt,position,roll,heading", unknowns="height,tilt")
+
+
+def test_another_mode_of_the_camera_is_named(tmp_path):
+    centre = np.array([WIDTH_PX - 1, HEIGHT_PX - 1]) / 2
+    zoomed = (PIXELS - centre) * 0.77 + centre
+    refused(tmp_path, LOCAL + landmarks(zoomed, PLACES), 3, "not of this camera's mode", "focal length of 115")
+    refused(tmp_path, LOCAL + landmarks((PIXELS + 0.5) / 2 - 0.5, PLACES), 3, "an image of 960 x 540")
+    sized = LOCAL + "[image]\nwidth_px = 3840\nheight_px = 2160\n" + landmarks(PIXELS, PLACES)
+    refused(tmp_path, sized, 3, "got 3840 x 2160 pixels")
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "sentence"),
+    [
+        ("height,tilt,height", "height twice"),
+        ("position,east", "east twice"),
+        ("heigth", "did you mean height?"),
+        ("tilt_deg", "did you mean tilt?"),
+        ("height,pitch", "did you mean tilt"),
+        (f"{POSE},k1", "camera file needs a distortion"),
+        ("", "none"),
+    ],
+)
+def test_unknowns_that_make_no_sense_are_misuse(tmp_path, unknowns, sentence):
+    refused(tmp_path, LOCAL + landmarks(PIXELS, PLACES), 2, "--unknowns", sentence, unknowns=unknowns)

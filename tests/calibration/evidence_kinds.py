@@ -8,6 +8,7 @@ import numpy as np
 
 from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.model.camera import LensModel
+from aerodft.model.evidence import Landmark
 from tests.truth.calibration_scenes import ImpossibleError, World
 
 KINDS = {
@@ -113,6 +114,14 @@ def off_by(evidence, steps_px, steps_std):
         elif field.name in _SIZES:
             changed[field.name] = value + next(stds) * evidence.std_m
     return replace(evidence, **changed)
+
+
+def with_stds(evidence, above_m):
+    """The evidence with stds stated: half a pixel, and a thousandth of the camera's height."""
+    stds = {"std_px": 0.5}
+    if hasattr(evidence, "std_m"):
+        stds["std_m"] = (1e-3 * above_m,) * 3 if isinstance(evidence, Landmark) else 1e-3 * above_m
+    return replace(evidence, **stds)
 
 
 def freedoms(evidence):

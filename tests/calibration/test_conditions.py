@@ -17,7 +17,7 @@ from aerodft.model.pose import Pose
 from calibration.conditions import condition_of
 from calibration.state import State, Unknowns
 
-from .evidence_kinds import KINDS, LENSES, by_shared, central, freedoms, nearby, off_by, scene, shared_sizes
+from .evidence_kinds import KINDS, LENSES, by_shared, central, freedoms, nearby, off_by, scene, shared_sizes, with_stds
 
 SEEDS = st.integers(0, 2**32 - 1)
 ANGULAR = {"landmark of unknown east", "landmark of unknown north", "landmark of unknown height", "vertical"} | {
@@ -85,14 +85,6 @@ def test_whitened_errors_have_unit_covariance(kind):
         whitened.append(np.linalg.solve(np.linalg.cholesky(found.cov), found.off))
     cov = np.atleast_2d(np.cov(np.array(whitened), rowvar=False))
     assert_allclose(cov, np.eye(len(cov)), atol=4 * math.sqrt(2 / 600))
-
-
-def with_stds(evidence, above_m):
-    """The evidence with stds stated: half a pixel, and a thousandth of the camera's height."""
-    stds = {"std_px": 0.5}
-    if hasattr(evidence, "std_m"):
-        stds["std_m"] = (1e-3 * above_m,) * 3 if isinstance(evidence, Landmark) else 1e-3 * above_m
-    return replace(evidence, **stds)
 
 
 PAPER_STATE = State.of(TABLE_CAMERA, np.array([1.0, -2.0, 9.0]), (1.0, 0.0, 0.4), 0.0, ProjectionModel.DFT)

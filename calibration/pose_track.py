@@ -43,8 +43,8 @@ class PoseTrack:
 
     @classmethod
     def steady(cls, moment: Moment, reach_s: float) -> "PoseTrack":
-        """Even motion through a pose, for so long before and after it."""
-        offset_s = np.array([-reach_s, 0.0, reach_s])
+        """Even motion through a pose, for so long before and after it; with a reach of 0 the pose alone."""
+        offset_s = np.array([-reach_s, 0.0, reach_s] if reach_s > 0 else [0.0])
         turns = from_rotation_vector(offset_s[:, None] * moment.rate_cam_radps)
         return cls(
             offset_s,

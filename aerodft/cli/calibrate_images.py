@@ -1,0 +1,210 @@
+"""``aerodft calibrate`` with many images in its file: what telemetry is off by in all of them."""
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from aerodft import __version__
+from aerodft.adapters.config.bias_file import write_biases
+from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.cli.calibrate_words import (
+    finite,
+    fit_document,
+    fit_sentences,
+    images_refusal,
+    residual_table,
+    rows,
+)
+from aerodft.cli.image_views import views_of
+from aerodft.cli.output import print_json, say, tables
+from aerodft.errors import AerodftError, NoAnswerError, UsageError
+from aerodft.model.calibration import BIASES, Calibration
+from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
+from calibration.images_priors import typical_noise
+from calibration.images_result import ImagesResult, calibrate_images, said_of_images
+from calibration.observability import correlations
+from calibration.result import angles_deg
+from calibration.state import expanded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs:
+    """Where a calibration goes.
+
+    Attributes:
+        calibration: File; None for none.
+        report: Folder; None for none.
+        as_json: Print one JSON document, else tables.
+    """
+
+    calibration: Path | None
+    report: Path | None
+    as_json: bool
+
+
+def calibrate_flight(
+    found: EvidenceFile,
+    lens: Camera,
+    names: tuple[str, ...],
+    model: ProjectionModel,
+    telemetry: Path | None,
+    camera_file: Path,
+    outputs: Outputs,
+) -> None:
+    """Solve, say and write.
+
+    Args:
+        found: A file of evidence with images.
+        lens: Their camera.
+        names: What is asked for.
+        model: Projection model.
+        telemetry: Log or recording to take the place of the file's.
+        camera_file: The camera's, for the provenance.
+        outputs: What to write.
+
+    Raises:
+        AerodftError: An image has no pose, unknowns that there are not, or no answer.
+    """
+    views, priors = views_of(found, telemetry, is_time_asked="time" in expanded(names))
+    try:
+        result = calibrate_images(views, priors, lens, names, model)
+    except ValueError as error:
+        raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
+    why_not = images_refusal(result, found.path)
+    if outputs.as_json:
+        print_json(images_document(result, found, why_not))
+    else:
+        _print(result)
+    for sentence in fit_sentences(result):
+        say(f"aerodft: {sentence}")
+    if why_not is not None:
+        raise why_not
+    if outputs.report is not None:
+        from aerodft.cli.calibrate_images_report import write_images_report  # noqa: PLC0415 - matplotlib is slow
+
+        write_images_report(result, found, images_document(result, found, None), outputs.report)
+    if outputs.calibration is not None:
+        lens_found = any(np.any(row) for row in result.camera.covariance)
+        provenance = _provenance(result, found, names, camera_file, telemetry)
+        biases = calibration_of(result, found)
+        write_biases(outputs.calibration, biases, result.camera if lens_found else None, model, provenance)
+        say(f"wrote {outputs.calibration}")
+
+
+def _provenance(
+    result: ImagesResult, found: EvidenceFile, names: tuple[str, ...], camera_file: Path, telemetry: Path | None
+) -> dict[str, Any]:
+    log = telemetry or (None if found.flight is None else found.flight.log)
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": f"aerodft {__version__}",
+        "observations": found.path.name,
+        "observations_sha256": found.sha256,
+        "telemetry": None if log is None else log.name,
+        "camera_file": camera_file.name,
+        "images": len(result.problem.views),
+        "unknowns": list(names),
+        "rms_px": result.rms_px,
+        "chi2": result.solution.chi2,
+        "degrees_of_freedom": result.solution.dof,
+        "outliers": [left.name for left in result.left if left.is_outlier],
+    }
+
+
+def calibration_of(result: ImagesResult, found: EvidenceFile) -> Calibration:
+    """The biases as stations take them: east and north are true ones."""
+    state, count = result.solution.state, len(BIASES)
+    height, tilt, roll, heading, pan, east, north, time = state.biases.tolist()
+    turn = found.frame.true_heading_rad(0.0) or 0.0
+    to_true = np.eye(count)
+    places = [BIASES.index("east"), BIASES.index("north")]
+    to_true[np.ix_(places, places)] = [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
+    east, north = (to_true[np.ix_(places, places)] @ [east, north]).tolist()
+    cov = to_true @ result.bias_covariance
+    lens = cov[:, count:]
+    return Calibration(
+        id="",
+        height_bias_m=height - result.ground_m,
+        tilt_bias_rad=tilt,
+        roll_bias_rad=roll,
+        heading_bias_rad=heading,
+        pan_bias_rad=pan,
+        east_bias_m=east,
+        north_bias_m=north,
+        time_offset_s=time,
+        bias_cov=cov[:, :count] @ to_true.T,
+        lens_cov=lens if np.any(lens) else None,
+        noise=typical_noise([view.noise for view in result.problem.views]),
+    )
+
+
+def images_document(result: ImagesResult, found: EvidenceFile, error: AerodftError | None) -> dict[str, Any]:
+    """The whole result as JSON; nothing that is not finite."""
+    keys, scales = zip(*(said_of_images(name) for name in result.names), strict=True)
+    covariance = result.named_covariance * np.outer(scales, scales)
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    return {
+        "schema": "aerodft.calibration/1",
+        "status": "ok" if error is None else "ILL_CONDITIONED",
+        "reasons": [] if error is None else [error.got if isinstance(error, NoAnswerError) else str(error)],
+        "parameters": {
+            key: {"value": value, "std": finite(std)}
+            for (key, value), std in zip(result.named_values.items(), stds, strict=True)
+        },
+        "order": list(keys),
+        "covariance": rows(covariance),
+        "correlations": rows(correlations(covariance)),
+        **fit_document(result),
+        "observability": {
+            "determined": result.weakest.is_determined,
+            "weakest": result.weakest.combination,
+            "std_share": finite(result.weakest.std_share),
+            "sentence": result.weakest.sentence,
+            "rival": None,
+        },
+        "images": _images(result, found),
+        "position": None,
+        "lat_deg": None,
+        "lon_deg": None,
+        "crs": found.frame.crs,
+        "model": str(result.solution.state.base.model),
+        "notes": [*found.notes, *fit_sentences(result)],
+    }
+
+
+def _images(result: ImagesResult, found: EvidenceFile) -> list[dict[str, Any]]:
+    """Where each image was taken, and how far that is from the corrected telemetry in its own standard deviations."""
+    described = []
+    for view, camera, own in zip(result.problem.views, result.solution.cameras, result.solution.state.own, strict=True):
+        tilt_deg, roll_deg, heading_deg = angles_deg(camera)
+        described.append(
+            {
+                "name": view.name,
+                "height_agl_m": float(camera.position_m[2]) - camera.elevation_m,
+                "tilt_deg": tilt_deg,
+                "roll_deg": roll_deg,
+                "heading_deg": heading_deg,
+                "position": found.frame.file_coordinates(camera.position_m).tolist(),
+                "from_telemetry_sigma": float(np.linalg.norm(own)),
+            }
+        )
+    return described
+
+
+def _print(result: ImagesResult) -> None:
+    """Two tables: the unknowns, and what is left of each observation."""
+    table = Table("unknown", "value", "std")
+    stds = np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0)).tolist()
+    for name, (key, value), std in zip(result.names, result.named_values.items(), stds, strict=True):
+        table.add_row(key, f"{value:.6g}", f"{std * said_of_images(name)[1]:.3g}")
+    tables().print(table)
+    tables().print(residual_table(result.left))
+    rms, solution = "" if result.rms_px is None else f"rms {result.rms_px:.2f} px, ", result.solution
+    fit = f"{rms}chi-square {solution.chi2:.1f} with {solution.dof} degrees of freedom"
+    tables().print(f"{fit}; {len(result.problem.views)} images")

@@ -126,6 +126,7 @@ class SteadyCalibrator:
             stamp_ns=stamp_ns,
             state=state.state,
             since_ns=state.since_ns,
+            moved_ns=state.moved_ns,
             points=look.points,
             calibration=self._calibration,
         )

@@ -12,7 +12,7 @@ from aerodft.model.arrays import FloatArray
 _WINDOW: Final = 10
 _MEMORY: Final = 60  # looks
 _EXPECTED_LOOKS: Final = 4  # that the expectation counts for, against what is seen
-_EXPECTED: Final = 0.25  # of the limit: standard deviation of a mast in the wind, about an axis
+_EXPECTED: Final = 0.15  # of the limit: standard deviation of a mast in the wind, about an axis
 _SHARED_PX: Final = 0.03  # what all points of a look are off by together, as trackers and sensors make it
 
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.georaster import write_top_view
-from aerodft.adapters.images.pixels import StillPixels
+from aerodft.adapters.images.camera_image import read_camera_image
 from aerodft.cli.depth_figure import draw_depth
 from aerodft.cli.depth_scene import Scene, describe, ground_in_words, say_document, scene_of
 from aerodft.cli.output import print_json, say
@@ -20,7 +19,6 @@ from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.outline import footprint, horizon_line, ring_area
 from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseSample
 
@@ -55,7 +53,8 @@ def write_depth(
         raise InputError("--step", got=f"{step_m:g}", expected="m, above 0")
     if setup.model is not ProjectionModel.PINHOLE:
         raise UsageError("--depth-map with --model dft", expected="the pinhole model")
-    pixels = None if image is None else _read_image(image, setup.camera)
+    hint = f"--camera has to describe this very image: {setup.camera.name} does not"
+    pixels = None if image is None else read_camera_image(image, setup.camera, hint)
     scene = scene_of(setup, sample, max_range_m)
     document = describe(scene)
     try:
@@ -80,24 +79,6 @@ def write_depth(
         print_json(document)
     else:
         say_document(document)
-
-
-def _read_image(path: Path, camera: Camera) -> ImageArray:
-    expected = f"an image of {camera.width_px} x {camera.height_px} px"
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError("the image cannot be read", where=path, got=error.strerror, expected=expected) from error
-    if not data:
-        raise InputError("not a readable image", where=path, got=looks_like(path), expected=expected)
-    pixels = StillPixels(data, str(path))()
-    height, width = pixels.shape[:2]
-    if (width, height) != (camera.width_px, camera.height_px):
-        hint = f"--camera has to describe this very image: {camera.name} does not"
-        raise InputError(
-            "the image is not the camera's", where=path, got=f"{width} x {height} px", expected=expected, hint=hint
-        )
-    return pixels
 
 
 def _write_arrays(scene: Scene, path: Path) -> None:

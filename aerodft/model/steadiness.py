@@ -30,6 +30,7 @@ class SteadinessEstimate:
         std_rad: Standard deviations of the three, with how far single images scatter.
         look_turn_rad: Of this look alone; None where it did not tell.
         since_ns: The first look in this state.
+        moved_ns: The first look that saw the camera where it rests by now; None where that is within the limit.
         points: Points found again.
         agreeing: Those that this look's turn explains.
         std_px: Of one coordinate of these; None where the look did not tell.
@@ -42,6 +43,7 @@ class SteadinessEstimate:
     std_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     look_turn_rad: tuple[float, float, float] | None = None
     since_ns: int
+    moved_ns: int | None = None
     points: int = 0
     agreeing: int = 0
     std_px: float | None = None

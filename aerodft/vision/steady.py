@@ -51,6 +51,11 @@ class SteadyPoints:
         if reference is not None:
             self._held = _Held(camera, reference_of(reference, allowed))
 
+    @property
+    def corners(self) -> int | None:
+        """How many points the reference has; None before there is one."""
+        return None if self._held is None else self._held.corners
+
     def observe(self, image: Image) -> tuple[Observation, ...]:
         """Pairs of pixels: where a point is in the reference, and where it is in this image.
 
@@ -88,6 +93,10 @@ class _Held:
         self._view = self._seen_after(_NO_TURN)
         self._last_off_px = np.full_like(self._points_px, np.nan)
         self._unrest = np.zeros(len(self._points_px))
+
+    @property
+    def corners(self) -> int:
+        return len(self._points_px)
 
     def look(self, now: ImageArray) -> _Pairs:
         """What is found of the reference in an evened image ``(height, width)``: pixels ``(n, 2)`` then and now."""

@@ -26,6 +26,7 @@ estimates = st.builds(
     std_rad=three,
     look_turn_rad=st.none() | three,
     since_ns=stamps,
+    moved_ns=st.none() | stamps,
     points=st.integers(0, 1000),
     agreeing=st.integers(0, 1000),
     std_px=st.none() | st.floats(0, 10),
@@ -38,7 +39,7 @@ def test_an_estimate_comes_back(value):
     payload = steadiness.encode_steadiness(value)
     Draft202012Validator(SCHEMAS[steadiness.SCHEMA]).validate(orjson.loads(payload))
     got = steadiness.decode_steadiness(payload)
-    for name in ("stamp_ns", "state", "since_ns", "points", "agreeing", "std_px", "calibration"):
+    for name in ("stamp_ns", "state", "since_ns", "moved_ns", "points", "agreeing", "std_px", "calibration"):
         assert getattr(got, name) == getattr(value, name)
     np.testing.assert_allclose(got.turn_rad, value.turn_rad, rtol=1e-15, atol=1e-300)
     np.testing.assert_allclose(got.std_rad, value.std_rad, rtol=1e-15, atol=1e-300)

@@ -219,6 +219,7 @@ STEADINESS: Final = _document(
         "stamp_ns": _said(_STAMP, "Of the image that was looked at"),
         "state": _one_of(Steadiness),
         "since_ns": _said(_STAMP, "The first look in this state"),
+        "moved_ns": _said(_STAMP_OR_NULL, "The first look that saw the camera where it rests by now, beyond the limit"),
         "angle_deg": _said(_NUMBER, "By how much it has turned, about whichever axis"),
         "turn": _object({name: _said(_BIAS, what) for name, what in _TURN.items()}),
         "look": _said(_or_null(_object(dict.fromkeys(_TURN, _NUMBER))), "This look alone; null where it did not tell"),

@@ -20,6 +20,7 @@ def encode_steadiness(estimate: SteadinessEstimate) -> bytes:
             "stamp_ns": str(estimate.stamp_ns),
             "state": estimate.state,
             "since_ns": str(estimate.since_ns),
+            "moved_ns": None if estimate.moved_ns is None else str(estimate.moved_ns),
             "angle_deg": math.degrees(math.hypot(*turn)),
             "turn": {
                 name: {"value": math.degrees(value), "std": math.degrees(std)}
@@ -45,11 +46,12 @@ def decode_steadiness(data: bytes) -> SteadinessEstimate:
 
 
 def _estimate(payload: wire.Json) -> SteadinessEstimate:
-    turn, look = payload["turn"], payload["look"]
+    turn, look, moved = payload["turn"], payload["look"], payload["moved_ns"]
     return SteadinessEstimate(
         stamp_ns=int(payload["stamp_ns"]),
         state=Steadiness(payload["state"]),
         since_ns=int(payload["since_ns"]),
+        moved_ns=None if moved is None else int(moved),
         turn_rad=_radians([turn[name]["value"] for name in _AXES]),
         std_rad=_radians([turn[name]["std"] for name in _AXES]),
         look_turn_rad=None if look is None else _radians([look[name] for name in _AXES]),

@@ -18,9 +18,10 @@ from aerodft.cli.output import tables
 from aerodft.cli.times import MOST_SECONDS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
-from aerodft.model.telemetry import RawBlock
+from aerodft.model.telemetry import RawBlock, ReportFrame
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
+from aerodft.service.gimbal_frame import FrameEvidence
 
 _TICK_NS: Final = 50_000_000
 
@@ -112,7 +113,8 @@ def _print(report: SurveyReport, console: Console) -> None:
     for height in report.heights:
         sources.add_row("height", height.name, str(height.count), _span(height))
     for attitude in report.attitudes:
-        sources.add_row("camera attitude", attitude.name, str(attitude.count), f"pitch {_span(attitude)}")
+        pitch = f"pitch {_span(attitude)}{_against(report.frames.get(attitude.name))}"
+        sources.add_row("camera attitude", attitude.name, str(attitude.count), pitch)
     if report.vehicle_attitude:
         vehicle = report.vehicle_attitude
         sources.add_row("vehicle attitude", vehicle.name, str(vehicle.count), f"pitch {_span(vehicle)}")
@@ -124,6 +126,11 @@ def _print(report: SurveyReport, console: Console) -> None:
         )
     for sentence in problems(report):
         console.print(f"- {sentence}", soft_wrap=True)
+
+
+def _against(evidence: FrameEvidence | None) -> str:
+    words = {ReportFrame.EARTH: " against the horizon", ReportFrame.BODY: " against the vehicle"}
+    return "" if evidence is None or evidence.frame is None else words[evidence.frame]
 
 
 def _span(source: ValueSource) -> str:

@@ -177,9 +177,9 @@ class AttitudeSources:
         if self._settings.frame is not None:
             return ()
         if evidence.frame is ReportFrame.BODY:
-            return (f"{source} is against the vehicle, not the horizon: the vehicle's own attitude was added",)
+            return (f"{source} is body-frame (against the vehicle, not the horizon): the vehicle's attitude was added",)
         if np.max(doubt_std_rad) > self._settings.std.tilt_rad:
-            return (f"whether {source} is against the horizon or the vehicle is not known yet: the std covers both",)
+            return (f"whether {source} is earth-frame or body-frame is not known yet: the std covers both",)
         return ()
 
 
@@ -187,12 +187,13 @@ def _refused(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame 
     """Why reports cannot be read as stated, or cannot be read at all."""
     if stated is ReportFrame.EARTH and evidence.frame is ReportFrame.BODY:
         return Refused(
-            f"{source} is against the vehicle, not the horizon: it undid {evidence.undone} of the vehicle's "
-            f'{evidence.motions} motions; set telemetry.attitude.frame = "auto" or "body"'
+            f"{source} is body-frame (against the vehicle, not the horizon): it undid {evidence.undone} of the "
+            f"vehicle's {evidence.motions} motions; "
+            'set telemetry.attitude.frame = "auto" or "body"'
         )
     if stated is None and evidence.contradictory:
         return Refused(
-            f"{source} is against the horizon at times and against the vehicle at others; "
+            f"{source} is earth-frame (against the horizon) at times and body-frame (against the vehicle) at others; "
             'set telemetry.attitude.frame = "earth" or "body"'
         )
     return None

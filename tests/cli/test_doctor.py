@@ -81,3 +81,29 @@ def test_a_live_link() -> None:
     assert result.exit_code == 0
     assert {stream["message"] for stream in found["streams"]} == {"ATTITUDE", "DISTANCE_SENSOR"}
     assert [source["source"] for source in found["heights"]] == ["rangefinder"]
+
+
+def test_a_servo_mount_is_explained_in_a_sentence(flight: Path) -> None:
+    result = CliRunner().invoke(app, [str(flight.parent / "servo_consumer.tlog"), "--json"])
+    document = json.loads(result.stdout)
+    (attitude,) = document["attitudes"]
+    assert (attitude["frame"], attitude["contradictory"]) == ("body", False)
+    assert attitude["body_probability"] > 0.999
+    (sentence,) = [each for each in document["problems"] if "body-frame" in each]
+    assert sentence.startswith(
+        "GIMBAL_DEVICE_ATTITUDE_STATUS is body-frame (against the vehicle, not the horizon): it undid"
+    )
+    assert 'telemetry.attitude.frame = "auto"' in sentence
+
+
+def test_what_keeps_to_the_horizon_is_no_problem(flight: Path) -> None:
+    document = json.loads(CliRunner().invoke(app, [str(flight), "--json"]).stdout)
+    assert document["attitudes"][0]["frame"] == "earth"
+    assert not [each for each in document["problems"] if "frame" in each]
+
+
+def test_a_vehicle_that_never_tilts_tells_nothing_of_its_gimbal(flight: Path) -> None:
+    document = json.loads(CliRunner().invoke(app, [str(flight.parent / "cold_boot.tlog"), "--json"]).stdout)
+    assert document["attitudes"][0]["frame"] is None
+    (sentence,) = [each for each in document["problems"] if "body-frame" in each]
+    assert "cannot be told from the vehicle's 0 motions" in sentence

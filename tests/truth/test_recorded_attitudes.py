@@ -136,14 +136,14 @@ def test_a_servo_mount_is_found_out_before_its_leg_and_read_rightly(leg_ms):
     assert len(samples) == 200
     assert {sample.status for sample in samples} == {Status.OK}
     assert max(abs(tilt - 60.0) for tilt in tilts_deg) <= 0.5
-    assert all("is against the vehicle, not the horizon" in sample.reasons[0] for sample in samples)
+    assert all("is body-frame" in sample.reasons[0] for sample in samples)
     assert source.gimbal_frames()[GimbalSource.GIMBAL_DEVICE].frame is ReportFrame.BODY
 
 
 def test_before_the_verdict_the_std_covers_both_readings(leg_ms):
     """From the pitching down to the verdict, the standard's reading is off by the vehicle's tilt."""
     samples, _ = flown(SERVO, np.arange(leg_ms - 20000, leg_ms + 4000, 100))
-    open_samples = [s for s in samples if not any("not the horizon" in reason for reason in s.reasons)]
+    open_samples = [s for s in samples if not any("is body-frame" in reason for reason in s.reasons)]
     lied = [s for s in open_samples if abs(tilt_deg(s) - 60.0) > 0.5 and tilt_deg(s) > 47]
     assert lied, "the lie shows before it is found out"
     assert all(abs(tilt_deg(s) - 60.0) < 3.0 * math.degrees(s.std.tilt_rad) for s in lied)
@@ -152,7 +152,7 @@ def test_before_the_verdict_the_std_covers_both_readings(leg_ms):
 def test_the_quads_mount_is_against_the_vehicle_and_looks_above_the_horizon():
     samples, source = flown(QUAD)
     evidence = source.gimbal_frames()[GimbalSource.MOUNT_STATUS]
-    read = [sample for sample in samples if sample.reasons and "not the horizon" in sample.reasons[0]]
+    read = [sample for sample in samples if sample.reasons and "is body-frame" in sample.reasons[0]]
     tilts, rolls, _ = (np.degrees(each) for each in camera_angles(np.stack([s.pose.wxyz for s in read])))
     print(
         f"\n{evidence}: tilt {np.median(tilts):.1f}, roll {np.median(rolls):.1f} deg, of {len(read)} of {len(samples)}"
@@ -167,7 +167,9 @@ def test_what_is_stated_wrongly_is_refused_in_a_sentence(leg_ms):
     samples, _ = flown(SERVO, np.arange(leg_ms + 4000, leg_ms + 24000, 500), settings=with_frame(ReportFrame.EARTH))
     assert {sample.status for sample in samples} == {Status.NO_ATTITUDE}
     for (reason,) in {sample.reasons for sample in samples}:
-        assert reason.startswith("GIMBAL_DEVICE_ATTITUDE_STATUS is against the vehicle, not the horizon: it undid ")
+        assert reason.startswith(
+            "GIMBAL_DEVICE_ATTITUDE_STATUS is body-frame (against the vehicle, not the horizon): it undid "
+        )
         assert reason.endswith('; set telemetry.attitude.frame = "auto" or "body"')
 
 

@@ -75,13 +75,21 @@ class MavlinkDecoder:
         heads, slots = np.empty((5, count), dtype=np.int64), np.empty(count, dtype=np.int64)
         data = np.frombuffer(block.data, dtype=np.uint8)
         read_headers(data, np.stack([block.offset, block.length]), frame_table(), heads)
+        others = int(self._state[pick.OTHER_GIMBALS])
         pick.select(data, heads, pick.SLOTS, self._state, slots)
+        self._note_other_gimbals(int(self._state[pick.OTHER_GIMBALS]) - others)
         tracks = (
             self._track(slot, np.flatnonzero(slots == slot), heads, block)
             for slot in np.unique(slots).tolist()
             if slot >= 0 and pick.WANTED[slot] in _MAKERS
         )
         return tuple(track for track in tracks if track is not None)
+
+    def _note_other_gimbals(self, count: int) -> None:
+        if count:
+            slot = pick.WANTED.index(pick.GIMBAL_DEVICE_ATTITUDE_STATUS)
+            words = f"of another gimbal than number {pick.device_of(self._state, slot)}"
+            self.rejected[f"{message_name(pick.GIMBAL_DEVICE_ATTITUDE_STATUS)}: {words}"] += count
 
     def _track(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Track | None:
         """The track of one message's rows."""
@@ -90,7 +98,7 @@ class MavlinkDecoder:
         raw = np.zeros((len(index), dtype.itemsize), dtype=np.uint8)
         gather(np.frombuffer(block.data, dtype=np.uint8), heads[3:, index], raw)
         payload = raw.view(dtype)[:, 0]
-        own_clock = self._state[pick.LOCKS + slot] not in {-1, self._state[pick.COMPONENT]}
+        own_clock = pick.component_of(self._state, slot) not in {-1, self._state[pick.COMPONENT]}
         boot_ns = np.full(len(index), NO_BOOT_TIME, dtype=np.int64) if own_clock else to.boot_ns_of(payload)
         rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns)
         return _MAKERS[message_id](rows, self.rejected)

@@ -3,11 +3,15 @@
 from typing import Any, Final
 
 from aerodft.adapters.mavlink.survey import USED, SurveyReport, ValueSource
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.gimbal_frame import FrameEvidence
 
 _EARLY_END_S: Final = 5.0
 _LOW_M: Final = 1.0
 _HOST_OFFSET_S: Final = 1.0
 _MAX_GAPS: Final = 5
+_UNLIKELY: Final = 0.02
+_AUTO: Final = 'telemetry.attitude.frame = "auto"'
 
 
 def problems(report: SurveyReport) -> list[str]:
@@ -17,6 +21,7 @@ def problems(report: SurveyReport) -> list[str]:
     return [
         *_missing(report),
         *_doubtful(report),
+        *_frames(report),
         *_clock(report),
         *_interruptions(report),
         *_damage(report),
@@ -64,6 +69,27 @@ def _doubtful(report: SurveyReport) -> list[str]:
     for reason, count in report.rejected.items():
         name = reason.partition(":")[0]
         sentences.append(f"{reason} in {count} of {totals.get(name, count)} messages, which are left out")
+    return sentences
+
+
+def _frames(report: SurveyReport) -> list[str]:
+    """What gimbals' roll and pitch are against, where that is not simply the horizon."""
+    sentences = []
+    for name, evidence in report.frames.items():
+        undid = f"it undid {evidence.undone} of the vehicle's {evidence.motions} motions ({evidence.motion_s:.0f} s)"
+        if evidence.contradictory:
+            sentences.append(f'{name} contradicts itself: {undid}; set telemetry.attitude.frame = "earth" or "body"')
+        elif evidence.frame is ReportFrame.BODY:
+            sentences.append(
+                f"{name} is body-frame (against the vehicle, not the horizon): {undid}; "
+                f'{_AUTO} corrects that once it is found, "body" from the start'
+            )
+        elif evidence.frame is None and evidence.body_probability > _UNLIKELY:
+            sentences.append(
+                f"whether {name} is earth-frame or body-frame (against the horizon or the vehicle) cannot be told from "
+                f"the vehicle's {evidence.motions} motions: {_AUTO} takes the horizon with a wider std; "
+                'for a servo mount set "body"'
+            )
     return sentences
 
 
@@ -128,7 +154,7 @@ def document(report: SurveyReport) -> dict[str, Any]:
             for stream in report.streams
         ],
         "heights": [_source(source) for source in report.heights],
-        "attitudes": [_source(source) for source in report.attitudes],
+        "attitudes": [{**_source(source), **_frame(report.frames.get(source.name))} for source in report.attitudes],
         "vehicle_attitude": _source(report.vehicle_attitude) if report.vehicle_attitude else None,
         "clock": {
             "utc_known_after_s": report.clock.known_after_s,
@@ -155,4 +181,16 @@ def _source(source: ValueSource) -> dict[str, Any]:
         "unit": source.unit,
         "low": round(source.low, 3),
         "high": round(source.high, 3),
+    }
+
+
+def _frame(evidence: FrameEvidence | None) -> dict[str, Any]:
+    if evidence is None:
+        return {"frame": None, "contradictory": False, "body_probability": None, "motions": 0, "undone": 0}
+    return {
+        "frame": evidence.frame,
+        "contradictory": evidence.contradictory,
+        "body_probability": round(evidence.body_probability, 6),
+        "motions": evidence.motions,
+        "undone": evidence.undone,
     }

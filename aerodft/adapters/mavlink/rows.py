@@ -26,7 +26,20 @@ MAX_UNIX_NS: Final = 7_258_118_400 * 10**9  # 2200-01-01
 # Beyond any convention for angles: a wrapped angle is at most a full turn.
 MAX_ANGLE_RAD: Final = 2 * math.pi + 0.01
 
-_YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 16, 32, 64
+_RETRACTED, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 1, 16, 32, 64
+# A gimbal at its limit is not where its demand is. That it has no manager (512) says nothing of its attitude.
+_GIMBAL_FAILURES = {
+    "it is at its roll limit": 1,
+    "it is at its pitch limit": 2,
+    "it is at its yaw limit": 4,
+    "encoder error": 8,
+    "power error": 16,
+    "motor error": 32,
+    "software error": 64,
+    "communication error": 128,
+    "calibration is running": 256,
+    "an unknown one": 0xFFFFFC00,
+}
 _QUALITY_INVALID = 1
 _COVARIANCE_UNKNOWN = 255
 _DISTANCE_CLIPPED_CM = 65535
@@ -121,8 +134,10 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     """GIMBAL_DEVICE_ATTITUDE_STATUS: the yaw's frame from the flags, the lock bit only where no frame bit is set."""
     q = rows.column("q")
     norm = np.sqrt(np.sum(q * q, axis=-1))
+    failures, flags = rows.payload["failure_flags"], rows.payload["flags"]
     faults = {
-        "gimbal reports a failure": rows.payload["failure_flags"] != 0,
+        **{f"gimbal reports a failure ({words})": (failures & bits) != 0 for words, bits in _GIMBAL_FAILURES.items()},
+        "gimbal is retracted": (flags & _RETRACTED) != 0,
         "q is no rotation": ~(np.abs(norm - 1) <= _QUATERNION_NORM_SLACK),
     }
     good = rows.kept(rejected, faults)

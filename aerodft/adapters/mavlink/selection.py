@@ -30,7 +30,7 @@ WANTED: Final = (
     GIMBAL_DEVICE_ATTITUDE_STATUS,
 )
 # The selection's state: what was decided so far, then each wanted message's component.
-SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, LOCKS = 0, 1, 2, 3, 4, 5
+SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS, LOCKS = 0, 1, 2, 3, 4, 5, 6
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
@@ -38,6 +38,8 @@ _IDS = 1 << 16
 _TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # structured: it has fields
 _AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
 _ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
+_DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
+_DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
 _TYPE_GCS, _AUTOPILOT_NONE = 6, 8
 # Cameras, gimbals, planners and companion computers send the vehicle's messages about themselves.
 _CAMERA_FIRST, _CAMERA_LAST, _GIMBAL, _OTHER_FIRST, _OTHER_LAST = 100, 105, 154, 171, 199
@@ -57,10 +59,21 @@ SLOTS: Final = _slots()
 def fresh_state(system: int | None) -> IntArray:
     """The state before the first frame; ``system`` None is decided by the first vehicle heard."""
     state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
-    state[SENSOR_SEEN : DAMAGED + 1] = 0
+    state[SENSOR_SEEN:LOCKS] = 0
     if system is not None:
         state[SYSTEM] = system
     return state
+
+
+def component_of(state: IntArray, slot: int) -> int:
+    """The component that is listened to for a message; -1 where that is not decided."""
+    sender = int(state[LOCKS + slot])
+    return sender if sender == _UNDECIDED else sender & _COMPONENT_MASK
+
+
+def device_of(state: IntArray, slot: int) -> int:
+    """The gimbal's number at that component; 0 where the component is the gimbal."""
+    return max(int(state[LOCKS + slot]), 0) >> _DEVICE_BITS
 
 
 @njit
@@ -82,16 +95,20 @@ def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, l
 
 
 @njit
-def _admit(state: IntArray, message_id: int, slot: int, component: int) -> bool:
+def _admit(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
     """Whether a message of the followed system comes from the component that is listened to for it.
 
-    The clock, the attitude and the position come from the autopilot; anything else from whoever sent it first.
+    The clock, the attitude and the position come from the autopilot; anything else from whoever sent it first, and of
+    several gimbals that one component speaks for from the first.
     """
     if message_id in (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT):
         return bool(component == state[COMPONENT])
+    sender = component | device << _DEVICE_BITS
     if state[LOCKS + slot] == _UNDECIDED:
-        state[LOCKS + slot] = component
-    return bool(component == state[LOCKS + slot])
+        state[LOCKS + slot] = sender
+    if component == state[LOCKS + slot] & _COMPONENT_MASK and sender != state[LOCKS + slot]:
+        state[OTHER_GIMBALS] += 1
+    return bool(sender == state[LOCKS + slot])
 
 
 @njit
@@ -132,7 +149,11 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
                 state[SYSTEM] = system
             if state[SYSTEM] == system:
                 state[COMPONENT] = component
-        if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM] or not _admit(state, message_id, slot, component):
+        if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM]:
+            continue
+        is_gimbal = message_id == GIMBAL_DEVICE_ATTITUDE_STATUS
+        device = _byte(data, payload_at, length, _DEVICE_AT) if is_gimbal else 0
+        if not _admit(state, message_id, slot, component, device):
             continue
         if not _superseded(state, message_id, _byte(data, payload_at, length, _ORIENTATION_AT)):
             rows[k] = slot

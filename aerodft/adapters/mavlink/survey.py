@@ -1,7 +1,9 @@
 """What a log or link is good for: its streams, the height and attitude sources in them, its clock and its faults."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -21,6 +23,9 @@ from aerodft.model.telemetry import (
     Track,
     VehicleTrack,
 )
+from aerodft.service.gimbal_frame import FrameEvidence
+from aerodft.service.poses import PoseSource
+from aerodft.service.settings import TelemetrySettings
 
 # Messages that poses are made of; only their gaps matter.
 USED: Final = frozenset(
@@ -44,6 +49,7 @@ USED: Final = frozenset(
     }
 )
 _SLOW_PERIODS: Final = 3
+_PART_NS: Final = 5 * SECOND_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +110,7 @@ class SurveyReport:
         streams: Every message of every sender.
         heights: Sources of the height.
         attitudes: Sources of the camera's attitude.
+        frames: What each of those is against, told from its reports, by its name.
         vehicle_attitude: The vehicle's own attitude, enough for a camera that is fixed to it.
         clock: UTC.
         gaps: Silences in used streams.
@@ -120,6 +127,7 @@ class SurveyReport:
     streams: tuple[Stream, ...]
     heights: tuple[ValueSource, ...]
     attitudes: tuple[ValueSource, ...]
+    frames: dict[str, FrameEvidence]
     vehicle_attitude: ValueSource | None
     clock: ClockSummary
     gaps: tuple[Gap, ...]
@@ -182,6 +190,7 @@ class Survey:
         self._heights: dict[str, _Range] = {}
         self._attitudes: dict[str, _Range] = {}
         self._vehicle = _Range("deg")
+        self._frames = PoseSource(TelemetrySettings(), origin=None, time_std_s=0.0)
         self._rangefinder = _Range("m")
         self._clock = _Clock()
         self._first_ns: int | None = None
@@ -194,8 +203,11 @@ class Survey:
         first_ns, last_ns = int(block.arrival_ns[0]), int(block.arrival_ns[-1])
         self._first_ns = first_ns if self._first_ns is None else min(self._first_ns, first_ns)
         self._last_ns = last_ns if self._last_ns is None else max(self._last_ns, last_ns)
-        for track in self._decoder.decode(block):
-            self._add_track(track)
+        for rows in _short(block):
+            tracks = self._decoder.decode(rows)
+            self._frames.append(tracks)
+            for track in tracks:
+                self._add_track(track)
         self._table.add(block, self._decoder.dataflash.formats)
         self._rangefinder.add(rangefinder_readings_m(block))
 
@@ -230,6 +242,7 @@ class Survey:
             streams=tuple(streams),
             heights=_sources(self._heights),
             attitudes=_sources(self._attitudes),
+            frames={str(source): evidence for source, evidence in self._frames.gimbal_frames().items()},
             vehicle_attitude=next(iter(_sources({"vehicle": self._vehicle})), None),
             clock=self._clock_summary(),
             gaps=tuple(gap for stream in streams if stream.name in USED for gap in self._gaps(stream)),
@@ -262,6 +275,13 @@ class Survey:
             for start_ns, length_ns in stream.gaps_ns
             if length_ns > limit_ns
         ]
+
+
+def _short(block: RawBlock) -> Iterator[RawBlock]:
+    """The block in parts that no history is too short for."""
+    edges = np.flatnonzero(np.diff(block.arrival_ns // _PART_NS)) + 1
+    for start, stop in pairwise([0, *edges.tolist(), len(block.arrival_ns)]):
+        yield block.rows(start, stop)
 
 
 def _pitch_deg(wxyz: FloatArray) -> FloatArray:

@@ -99,18 +99,38 @@ def test_gimbal_rows_without_value_are_left_out_and_counted(decode: Decode) -> N
     decoder = MavlinkDecoder()
     bad = [
         _gimbal(32, failure=1),
+        _gimbal(32, failure=32 | 64),
+        _gimbal(32, failure=1 << 20),
+        _gimbal(32 | 1),
         _gimbal(32, (NAN, 0, 0, 0)),
         _gimbal(32, (0, 0, 0, 0)),
         _gimbal(32, (math.inf, 0, 0, 0)),
     ]
-    (track,) = decode(*bad, _gimbal(32, (0.7071, 0, -0.7071, 0)), decoder=decoder)
+    (track,) = decode(*bad, _gimbal(32, (0.7071, 0, -0.7071, 0), failure=512), decoder=decoder)
     assert isinstance(track, GimbalTrack)
     np.testing.assert_allclose(track.wxyz, [[math.sqrt(0.5), 0, -math.sqrt(0.5), 0]], atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(track.wxyz, axis=-1), 1, atol=1e-15)
     assert decoder.rejected == {
-        "GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal reports a failure": 1,
+        "GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal reports a failure (it is at its roll limit)": 1,
+        "GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal reports a failure (motor error)": 1,
+        "GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal reports a failure (an unknown one)": 1,
+        "GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal is retracted": 1,
         "GIMBAL_DEVICE_ATTITUDE_STATUS: q is no rotation": 3,
     }
+
+
+def test_of_two_gimbals_behind_one_autopilot_the_first_is_heard(decode: Decode) -> None:
+    def report(device: int, pitch: float) -> dialect.MAVLink_message:
+        q = (math.cos(pitch / 2), 0, math.sin(pitch / 2), 0)
+        return dialect.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, 4000, 44, q, NAN, NAN, NAN, 0, gimbal_device_id=device
+        )
+
+    decoder = MavlinkDecoder()
+    (track,) = decode(report(2, -0.5), report(1, -1.0), report(2, -0.5), report(1, -1.0), decoder=decoder)
+    assert isinstance(track, GimbalTrack)
+    np.testing.assert_allclose(track.wxyz[:, 2], math.sin(-0.25), atol=1e-6)
+    assert decoder.rejected == {"GIMBAL_DEVICE_ATTITUDE_STATUS: of another gimbal than number 2": 2}
 
 
 def test_mount_status_of_mavlink_1(decode: Decode) -> None:

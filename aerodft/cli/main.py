@@ -16,10 +16,12 @@ from types import FrameType
 from typing import Annotated, Final, NoReturn
 
 import typer
+from typer.exceptions import TyperException
 
 from aerodft import __version__
+from aerodft.cli.misuse import usage_error
 from aerodft.cli.streams import ReaderGone, flush_stdout, guard_streams
-from aerodft.errors import AerodftError
+from aerodft.errors import AerodftError, UsageError
 
 _INTERRUPTED = 130  # what a shell says of a program that a signal ended: 128 and its number
 _PIPE_CLOSED = 141
@@ -45,6 +47,7 @@ _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --p
 
 
 def _options(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="Say more on stderr.")] = False,
 ) -> None:
@@ -52,6 +55,8 @@ def _options(
     if version:
         typer.echo(f"aerodft {__version__}")
         raise typer.Exit
+    if context.invoked_subcommand is None:
+        raise UsageError("no command", expected=f"one of {', '.join(COMMANDS)}", hint="see aerodft --help")
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="aerodft: %(message)s")
     logging.getLogger("aerodft").setLevel(logging.DEBUG if verbose else logging.INFO)
 
@@ -99,13 +104,29 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG00
     raise SystemExit(128 + number)
 
 
+def _run(arguments: list[str]) -> None:
+    """Run a command line, with its misuse as one sentence."""
+    try:
+        code = build_app(arguments)(arguments, standalone_mode=False)
+    except TyperException as error:
+        misuse = usage_error(error, arguments, COMMANDS)
+        if misuse is None:
+            typer.echo(str(error), err=True)
+            raise SystemExit(UsageError.exit_code) from None
+        raise misuse from None
+    except typer.Abort:
+        raise SystemExit(_INTERRUPTED) from None
+    if code:
+        raise SystemExit(code)
+
+
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
     guard_streams()
     try:
         with _ended_by_sigterm():
             try:
-                build_app(sys.argv[1:])()
+                _run(sys.argv[1:])
             finally:
                 flush_stdout()
     except AerodftError as error:

@@ -50,4 +50,4 @@ def test_a_sentence_is_one_line(aerodft, tmp_path):
 def test_a_wait_is_some_time_and_ends(aerodft, command, seconds):
     done = aerodft(*command, "--seconds", seconds)
     assert (done.code, done.out) == (2, b"")
-    assert "'--seconds'" in done.last
+    assert ": --seconds: got " in done.last

@@ -82,3 +82,40 @@ def test_a_process_says_its_error_once_on_stderr(tmp_path):
     assert found.stderr == (
         f"aerodft: {tmp_path}/none: there is no recording: got nothing, expected a folder with data_000.mcap\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("measur",), "no such command: got measur, expected one of measure, "),
+        (("calibrte", "x.toml"), "did you mean calibrate?"),
+        (("measure", "--heigth", "3"), "measure: no such option: got --heigth; did you mean --height?"),
+        (("measure", "--height", "tall"), "measure: --height: got tall, expected a number; see aerodft measure --help"),
+        (("measure", "--height=tall"), "measure: --height: got tall, expected a number"),
+        (("calibrate", "x.toml"), "calibrate: missing option '--camera'; see aerodft calibrate --help"),
+        (("calibrate", "x.toml", "--camera"), "calibrate: option '--camera' requires an argument"),
+        (
+            ("calibrate", "x.toml", "--camera", "c", "--model", "foo"),
+            "--model: got foo, expected one of 'pinhole', 'dft'",
+        ),
+        (("export",), "export: missing argument"),
+        (("paper", "a", "b"), "paper: got unexpected extra argument"),
+        (("--verbose",), "no command, expected one of measure, "),
+        (("-x",), "no such option: got -x"),
+    ],
+)
+def test_misuse_is_one_sentence_that_says_what_and_what_to_do(aerodft, arguments, sentence):
+    found = aerodft(*arguments)
+    assert found.code == 2
+    assert found.out == b""
+    assert len(found.err.strip().splitlines()) == 1
+    assert found.err.startswith("aerodft: ")
+    assert sentence in found.err.replace(": expected", ", expected")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_says_misuse_in_one_sentence(aerodft, name):
+    found = aerodft(name, "--no-such-option")
+    assert (found.code, found.out) == (2, b"")
+    assert found.err.count("\n") == 1
+    assert found.err.startswith(f"aerodft: {name}: no such option: got --no-such-option; ")

@@ -36,7 +36,7 @@ def write_report(result: Result, found: EvidenceFile, report: Path) -> None:
     """
     state, known = result.solution.state, result.problem.known
     rows, grid = rows_of(result), ground_grid(state, axes_of(result, found))
-    image, why_not = _image_of(found, state.camera)
+    image, why_not = image_of(found.image, found.path, state.camera)
     notes = [f"{why_not}: the canvas is plain."] if why_not else []
     if found.image is not None and why_not:
         say(f"aerodft: the report has no image: {why_not}")
@@ -65,11 +65,17 @@ def write_report(result: Result, found: EvidenceFile, report: Path) -> None:
     say(f"wrote {report / _REPORT}")
 
 
-def _image_of(found: EvidenceFile, camera: Camera) -> tuple[ImageArray | None, str]:
-    """The image, or why there is none."""
-    if found.image is None:
+def image_of(name: str | None, beside: Path, camera: Camera) -> tuple[ImageArray | None, str]:
+    """An image, or why there is none.
+
+    Args:
+        name: Of its file, as stated; None where none is.
+        beside: What states it, and lies in the same folder.
+        camera: Of which size it must be.
+    """
+    if name is None:
         return None, "The file states no image"
-    path = found.path.parent / found.image
+    path = beside.parent / name
     try:
         if not path.is_file():
             return None, f"{path}: no such file"

@@ -12,6 +12,7 @@ import numpy as np
 from aerodft.cli.calibrate_report_pen import shortened
 from aerodft.cli.calibrate_report_rows import Row
 from aerodft.model.arrays import FloatArray
+from calibration.images_result import ImagesResult
 from calibration.observability import correlations
 from calibration.result import Result
 
@@ -28,7 +29,7 @@ _MARGIN, _ROOM, _NAMED, _LOG_FROM, _MOST_BINS, _MOST_CELLS = 1.15, 1.4, 4, 8.0, 
 _DARK, _RIGHT, _LETTERS = 0.6, 0.65, 24
 
 
-def draw_residuals(rows: Sequence[Row], result: Result, path: Path) -> None:
+def draw_residuals(rows: Sequence[Row], result: Result | ImagesResult, path: Path) -> None:
     """Write the figure as PNG.
 
     Args:
@@ -164,7 +165,7 @@ def _over_range(axes: Axes, rows: Sequence[Row], values: Sequence[float], label:
         )
 
 
-def _correlations(axes: Axes, result: Result) -> None:
+def _correlations(axes: Axes, result: Result | ImagesResult) -> None:
     names, matrix = result.problem.unknowns.names, correlations(result.solution.covariance)
     axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1)
     axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")

@@ -1,6 +1,7 @@
 """What a calibration's report says of each observation."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,9 @@ import numpy as np
 from aerodft.cli.calibrate_report_marks import Mark, ground_of, mark_of
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Evidence, Landmark
+from calibration.descent import Rows as Residuals
 from calibration.errors_left import Leftover
+from calibration.images_result import ImagesResult
 from calibration.result import Result
 from calibration.state import State
 
@@ -43,11 +46,25 @@ class Row:
 
 def rows_of(result: Result) -> tuple[Row, ...]:
     """All observations, in their order."""
-    state, residuals = result.solution.state, result.solution.residuals
+    evidence, residuals = result.problem.known.evidence, result.solution.residuals
+    states = (result.solution.state,) * len(evidence)
+    return _rows(evidence, states, result.left, residuals)
+
+
+def rows_of_images(result: ImagesResult) -> tuple[Row, ...]:
+    """All observations of all images, one image after the other."""
+    problem, solution = result.problem, result.solution
+    states = tuple(solution.cameras[image] for image in problem.image_of)
+    return _rows(problem.evidence, states, result.left, solution.residuals)
+
+
+def _rows(
+    evidence: Sequence[Evidence], states: Sequence[State], leftovers: Sequence[Leftover], residuals: Residuals
+) -> tuple[Row, ...]:
     rows = []
-    for index, (evidence, left) in enumerate(zip(result.problem.known.evidence, result.left, strict=True)):
-        mark, values = mark_of(state, evidence), residuals.values[residuals.owner == index]
-        rows.append(Row(mark, left, values, _range_m(state, evidence, mark)))
+    for index, (each, state, left) in enumerate(zip(evidence, states, leftovers, strict=True)):
+        mark, values = mark_of(state, each), residuals.values[residuals.owner == index]
+        rows.append(Row(mark, left, values, _range_m(state, each, mark)))
     return tuple(rows)
 
 

@@ -14,6 +14,7 @@ from aerodft.adapters.config.evidence_frame import takes_degrees
 from aerodft.cli.calibrate_report_rows import Row
 from aerodft.cli.calibrate_words import document
 from aerodft.model.measurement import ProjectionModel
+from calibration.images_result import ImagesResult
 from calibration.observability import LIMIT
 from calibration.result import Result, said
 from calibration.state import coefficient_names
@@ -35,7 +36,7 @@ COLUMNS: Final = (
 """Of the CSV; ``u_px``, ``v_px`` is the pixel of the observation that is off most, ``off_`` from it to where it should
 be; empty where there is none."""
 
-_LAST_COLUMN = (
+LAST_COLUMN: Final = (
     "The last column is the error on the ground of a calibration that has not seen the observation: so well would the"
     " next one be measured."
 )
@@ -78,37 +79,38 @@ def markdown(
     about = document(result, found, None)
     image, residuals = pictures
     parts = [
-        f"# Calibration of {_plain(result.solution.state.camera.name)}",
+        f"# Calibration of {plain(result.solution.state.camera.name)}",
         _provenance(result, found),
         f"![The image with observations and the ground grid]({image})",
-        *(_plain(note) for note in notes),
+        *(plain(note) for note in notes),
         "## What was found",
-        _parameters(about),
+        parameter_table(about),
         _place(about),
-        *([_correlations(about)] if len(about["order"]) > 1 else []),
+        *([correlation_table(about)] if len(about["order"]) > 1 else []),
         f"Taken as exact: {'; '.join(_exact(result, found))}.",
         "## How well it fits",
-        _list([*_fit(result), _observability(result), *(f"{_plain(note)}." for note in about["notes"])]),
+        bullets([*fit_words(result), _observability(result), *(f"{plain(note)}." for note in about["notes"])]),
         f"![Residuals]({residuals})",
         "## What is left of each observation",
-        _LAST_COLUMN,
-        _rows(rows),
-        f"Left out: {', '.join(_plain(name) for name in about['outliers']) or 'nothing'}.",
+        LAST_COLUMN,
+        observation_table(rows),
+        f"Left out: {', '.join(plain(name) for name in about['outliers']) or 'nothing'}.",
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """A text that Markdown shows as it is, on one line."""
     line = "".join(each if each.isprintable() else " " for each in text)
     return _ESCAPED.sub(r"\\\1", line)
 
 
-def _list(sentences: Sequence[str]) -> str:
+def bullets(sentences: Sequence[str]) -> str:
+    """Sentences as a Markdown list."""
     return "\n".join(f"- {sentence}" for sentence in sentences)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1) -> str:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1) -> str:
     """A table whose first columns are words, the others numbers."""
     rule = ["---"] * words + ["---:"] * (len(head) - words)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
@@ -118,20 +120,21 @@ def _provenance(result: Result, found: EvidenceFile) -> str:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     model = "the paper's equations (dft)" if result.solution.state.model is ProjectionModel.DFT else "pinhole"
     return (
-        f"From {_plain(found.path.name)} (sha256 {found.sha256}), {now}, aerodft {__version__}, model: {model},"
-        f" coordinates: {_plain(found.frame.crs)}."
+        f"From {plain(found.path.name)} (sha256 {found.sha256}), {now}, aerodft {__version__}, model: {model},"
+        f" coordinates: {plain(found.frame.crs)}."
     )
 
 
-def _parameters(about: dict[str, Any]) -> str:
+def parameter_table(about: dict[str, Any]) -> str:
+    """What was found, from a result as JSON has it."""
     rows = []
     for key, each in about["parameters"].items():
         value, std = each["value"], each["std"]
         digits = _MOST_DIGITS if not std else max(0, 1 - math.floor(math.log10(std)))
         shown = (f"{value:.{digits}f}", "unknown" if std is None else f"{std:.{digits}f}")
         low, high = ("", "") if std is None else (f"{value + sign * 1.96 * std:.{digits}f}" for sign in (-1, 1))
-        rows.append((_plain(key), *shown, f"{low} to {high}" if std is not None else ""))
-    return _table(("unknown", "value", "std", "95 % interval"), rows)
+        rows.append((plain(key), *shown, f"{low} to {high}" if std is not None else ""))
+    return table(("unknown", "value", "std", "95 % interval"), rows)
 
 
 def _place(about: dict[str, Any]) -> str:
@@ -142,13 +145,14 @@ def _place(about: dict[str, Any]) -> str:
     return f"The camera is at {place} in the coordinates of the file{on_map}."
 
 
-def _correlations(about: dict[str, Any]) -> str:
+def correlation_table(about: dict[str, Any]) -> str:
+    """How what was found depends on each other, likewise."""
     names = about["order"]
     rows = [
-        [_plain(name), *("" if value is None else f"{value:.2f}" for value in row)]
+        [plain(name), *("" if value is None else f"{value:.2f}" for value in row)]
         for name, row in zip(names, about["correlations"], strict=True)
     ]
-    return _table(["correlation", *map(_plain, names)], rows)
+    return table(["correlation", *map(plain, names)], rows)
 
 
 def _exact(result: Result, found: EvidenceFile) -> list[str]:
@@ -162,11 +166,12 @@ def _exact(result: Result, found: EvidenceFile) -> list[str]:
             key, scale = said(name)
             value = scale * state.value(name) - (state.elevation_m if name == "height" else 0.0)
             why = ", as stated" if name in found.fixed else ""
-            words.append(f"{_plain(key)} {value:.8g}{why}")
+            words.append(f"{plain(key)} {value:.8g}{why}")
     return words
 
 
-def _fit(result: Result) -> list[str]:
+def fit_words(result: Result | ImagesResult) -> list[str]:
+    """How well a calibration fits, in sentences."""
     solution, sentences = result.solution, []
     if result.rms_px is not None:
         sentences.append(f"The landmarks are {result.rms_px:.2f} px off (root mean square), outliers apart.")
@@ -191,8 +196,8 @@ def _fit(result: Result) -> list[str]:
 def _observability(result: Result) -> str:
     weakest = result.weakest
     if not weakest.is_determined:
-        return _plain(weakest.sentence[:1].upper() + weakest.sentence[1:] + ".")
-    *others, last = (_plain(name) for name in weakest.combination)
+        return plain(weakest.sentence[:1].upper() + weakest.sentence[1:] + ".")
+    *others, last = (plain(name) for name in weakest.combination)
     what = f"the combination of {', '.join(others)} and {last}" if others else last
     return (
         f"Everything that was asked for is determined. Known worst is {what}: to {100 * weakest.std_share:.2g} % of its"
@@ -200,13 +205,14 @@ def _observability(result: Result) -> str:
     )
 
 
-def _rows(rows: Sequence[Row]) -> str:
+def observation_table(rows: Sequence[Row]) -> str:
+    """What is left of each observation."""
     head = ("observation", "kind", "px", "sigma", "on the ground (m)", "not having seen it (m)")
     cells = []
     for row in rows:
         ground = (row.left.ground_m, row.left.left_out_ground_m)
-        name = _plain(row.mark.name) + (" (left out)" if row.left.is_outlier else "")
+        name = plain(row.mark.name) + (" (left out)" if row.left.is_outlier else "")
         px = f"{row.left.px:.2f}" if math.isfinite(row.left.px) else "out of sight"
         numbers = (px, f"{row.left.sigma:.2f}", *("" if each is None else f"{each:.3f}" for each in ground))
-        cells.append((name, _plain(row.mark.kind), *numbers))
-    return _table(head, cells, words=2)
+        cells.append((name, plain(row.mark.kind), *numbers))
+    return table(head, cells, words=2)

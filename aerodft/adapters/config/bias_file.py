@@ -6,6 +6,7 @@ from typing import Any
 import tomli_w
 
 from aerodft.adapters.config.bias_tables import bias_document
+from aerodft.adapters.config.calibration_file import write_whole
 from aerodft.adapters.config.camera import camera_document
 from aerodft.errors import InputError
 from aerodft.model.calibration import Calibration
@@ -36,7 +37,7 @@ def write_biases(
     if camera is not None:
         document["camera"] = camera_document(camera)
     try:
-        path.write_text(tomli_w.dumps(document), encoding="utf-8")
+        write_whole(path, tomli_w.dumps(document).encode())
     except OSError as error:
         what, expected = "the calibration cannot be written", "a file to write to"
         raise InputError(what, where=path, got=error.strerror, expected=expected) from error

@@ -37,7 +37,7 @@ def write_calibration(
     if camera is not None:
         document["camera"] = camera_document(camera)
     try:
-        _replace(path, tomli_w.dumps(document).encode())
+        write_whole(path, tomli_w.dumps(document).encode())
     except OSError as error:
         expected = "a file to write to"
         raise InputError(
@@ -45,7 +45,7 @@ def write_calibration(
         ) from error
 
 
-def _replace(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes) -> None:
     """Write all of a file or none of it; what is no file (a pipe, a device) is written to as it is."""
     if path.exists() and not path.is_file():
         path.write_bytes(data)

@@ -16,6 +16,7 @@ from aerodft.model.evidence import EvidenceSet, GroundPoint, Horizon, Landmark, 
 
 Place = tuple[float | None, ...]
 
+_LARGER = (1.5, 2.0, 3.0, 4.0)
 _LARGEST_PX = 1e5
 _FARTHEST_M = 1e5
 _DOUBT_RAD = math.radians(10.0)
@@ -68,13 +69,34 @@ def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None, wher
     expected = f"a pixel of the image, {expected}" if size_px else f"a pixel, {expected}"
     placed = [each for each in stated if each.place is not None]
     wrong = [each for each, _ in outside if each.place is not None]
-    if 2 * len(wrong) > len(placed) and all(each.place and is_inside(*each.place[:2]) for each in placed):
+    is_placed_inside = all(each.place and is_inside(*each.place[:2]) for each in placed)
+    if 2 * len(wrong) > len(placed) and is_placed_inside and _are_places_wider(placed):
         got = f"{_list(pixel)}, and a place {_list(first.place or ())} that would be one"
         hint = "swap pixels and places: they look interchanged"
         raise ConfigError(f"{first.label}: pixel", where=where, got=got, expected=expected, hint=hint)
     is_turned = size_px is not None and all(is_inside(v, u) for _, (u, v) in outside)
     hint = "give u (across) before v (down): they look swapped" if is_turned else ""
+    if size_px is not None and not is_turned:
+        hint = _larger_image(outside, size_px)
     raise ConfigError(f"{first.label}: pixel", where=where, got=_list(pixel), expected=expected, hint=hint)
+
+
+def _are_places_wider(placed: Sequence[Stated]) -> bool:
+    """Whether places are farther apart than pixels, as pixels are than metres."""
+    pixels = np.array([each.pixels[0] for each in placed])
+    places = np.array([each.place[:2] for each in placed if each.place], dtype=np.float64)  # None is no number
+    return len(placed) == 1 or bool(
+        np.max(np.nanmax(places, axis=0) - np.nanmin(places, axis=0)) > np.max(np.ptp(pixels, axis=0))
+    )
+
+
+def _larger_image(outside: Sequence[tuple[Stated, Px]], size_px: tuple[int, int]) -> str:
+    """Of which larger image all these pixels may be; empty where no usual one has them."""
+    for share in _LARGER:
+        width_px, height_px = (round(share * each) for each in size_px)
+        if all(0 <= u < width_px and 0 <= v < height_px for _, (u, v) in outside):
+            return f"is it an image of {width_px} x {height_px}? take the camera file of that mode"
+    return ""
 
 
 def _list(values: Sequence[float | None]) -> str:

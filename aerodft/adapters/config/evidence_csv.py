@@ -1,5 +1,6 @@
 """Plain points in a CSV file: one landmark per row, columns by their names in the header."""
 
+import codecs
 import csv
 import io
 import math
@@ -27,6 +28,8 @@ _DEGREES = (("lat", "lon", "alt"), GEO_KEYS, ("latitude", "longitude", "altitude
 _NAME = ("name", "id", "label", "point")
 _STDS = ("std_px", "std_m")
 _WANTED = "columns u, v (pixels) and X, Y, Z (metres) or lat, lon, alt; name, std_px and std_m if known"
+_MOST_ROWS = 10_000  # a camera needs some dozens
+_FIRST_PRINTED = 0x20
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
 
 
@@ -45,8 +48,8 @@ def landmark_rows(data: bytes, where: str) -> tuple[bool, list[tuple[str, dict[s
     """The landmarks of a CSV file.
 
     Args:
-        data: The file's bytes; UTF-8, columns apart by commas, semicolons or tabs, decimal points, ``?`` for a
-            component of a place that is not known, comments after ``#`` at a line's start.
+        data: The file's bytes; UTF-8 or UTF-16, columns apart by commas, semicolons or tabs, decimal points, ``?`` for
+            a component of a place that is not known, comments after ``#`` at a line's start.
         where: The file's name in messages.
 
     Returns:
@@ -55,23 +58,35 @@ def landmark_rows(data: bytes, where: str) -> tuple[bool, list[tuple[str, dict[s
     Raises:
         ConfigError: Not text, no or a wrong header, a row of another length, or a cell that is no number.
     """
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        hint = "save it as UTF-8"
-        raise ConfigError(
-            "not a text file", where=where, got=content_looks_like(data), expected="CSV", hint=hint
-        ) from None
+    text = _text(data, where)
     lines = _lines(text, where)
     first = next(lines, None)
     if first is None:
         raise ConfigError("no header", where=where, got=content_looks_like(data), expected=_WANTED)
     header = [cell.strip() for cell in first[1]]
     columns = _columns(header, where)
-    rows = [(f"line {number}", _landmark(header, columns, cells, number, where)) for number, cells in lines]
+    rows: list[tuple[str, dict[str, object]]] = []
+    for number, cells in lines:
+        if len(rows) == _MOST_ROWS:
+            expected = f"{_MOST_ROWS} landmarks at most"
+            raise ConfigError("too long", where=where, got="more", expected=expected, hint="take some of its rows")
+        rows.append((f"line {number}", _landmark(header, columns, cells, number, where)))
     if not rows:
         raise ConfigError("holds no points", where=where, got="a header only", expected="a row for each landmark")
     return columns.is_geo, rows
+
+
+def _text(data: bytes, where: str) -> str:
+    encoding = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        is_text = not any(byte < _FIRST_PRINTED and byte not in b"\t\r\n" for byte in data)
+        line = data.count(b"\n", 0, error.start) + 1
+        what, got = "not a text file", content_looks_like(data)
+        if is_text:
+            what, got = f"line {line}", "letters in another encoding than UTF-8"
+        raise ConfigError(what, where=where, got=got, expected="CSV", hint="save it as UTF-8") from None
 
 
 def _lines(text: str, where: str) -> Iterator[tuple[int, list[str]]]:
@@ -108,7 +123,10 @@ def _columns(header: list[str], where: str) -> Columns:
         missing = "places" if pixel else "pixels" if place else "pixels and places"
         got = ", ".join(header)
         got = f'"{got if len(got) <= 60 else got[:57] + "..."}"'  # noqa: PLR2004 - one line of a terminal
-        raise ConfigError(f"the header names no columns with {missing}", where=where, got=got, expected=_WANTED)
+        is_data = sum(_is_number(cell) for cell in header) > 1
+        hint = "its first line is a row of data: write the columns' names above it" if is_data else ""
+        what = f"the header names no columns with {missing}"
+        raise ConfigError(what, where=where, got=got, expected=_WANTED, hint=hint)
     name = next((names.index(each) for each in _NAME if each in names), None)
     stds = {key: names.index(key) for key in _STDS if key in names}
     used = {*pixel, *place, *stds.values(), *([] if name is None else [name])}
@@ -144,6 +162,14 @@ def _landmark(header: list[str], columns: Columns, cells: list[str], number: int
         **(dict(zip(GEO_KEYS, place, strict=True)) if columns.is_geo else {"position_m": place}),
         **{key: cell(index) for key, index in columns.stds.items()},
     }
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _number(text: str, label: str, where: str, *, may_be_unknown: bool) -> float:

@@ -11,6 +11,7 @@ from aerodft.errors import ConfigError
 from aerodft.model.evidence import Landmark
 
 _LARGE_M = 1e5  # local coordinates beyond it are somebody's projection, and lose digits if computed with as they are
+_DATUM_M, _STDS = 10.0, 6.0  # by which datums differ at least, where it matters
 _DEGREE_DIGITS = 5  # a metre
 
 
@@ -58,6 +59,8 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where
     places = [place for _, place in placed]
     middle = [_middle(_known(places, axis) or _known([camera or ()], axis), crs, axis) for axis in (0, 1)]
     zero_m = None if table.elevation_m is None else table.elevation_m.value
+    if table.elevation_m is not None:
+        _check_elevation(table.elevation_m.value, table.elevation_m.std or 0.0, _known(places, 2), where)
     if crs == LOCAL and max(abs(each or 0.0) for each in middle) <= _LARGE_M:
         return LocalFrame(crs, (0.0, 0.0, zero_m or 0.0))
     x, y = middle if crs != LOCAL else (each or 0.0 for each in middle)
@@ -65,6 +68,19 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where
         got, hint = f'"{crs}" and no place in it', 'without any place on the map, write crs = "local"'
         raise ConfigError("crs", where=where, got=got, expected="a landmark, or the camera's position", hint=hint)
     return LocalFrame(crs, (x, y, _zero(places, camera, where) if zero_m is None else zero_m))
+
+
+def _check_elevation(ground_m: float, std_m: float, heights_m: Sequence[float], where: str) -> None:
+    """Refuse a ground that lies far above everything that is seen on it."""
+    if not heights_m or ground_m - max(heights_m) <= _DATUM_M + _STDS * std_m:
+        return
+    raise ConfigError(
+        "elevation_m",
+        where=where,
+        got=f"{ground_m:g}, {ground_m - max(heights_m):.1f} m above the highest landmark",
+        expected="the height of the ground or water in the heights of the landmarks",
+        hint="are heights of two datums mixed, above the ellipsoid and above the sea?",
+    )
 
 
 def _known(places: Sequence[Place], axis: int) -> list[float]:

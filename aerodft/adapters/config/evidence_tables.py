@@ -118,12 +118,20 @@ class LandmarkTable(InDegrees):
         if self.position_m is None and not in_degrees:
             raise impossible("position_m", got="nothing", expected=f"position_m, or {', '.join(GEO_KEYS)}")
         if in_degrees:
+            self._check_not_a_pixel()
             check_geo(self, needs_alt=True)
         if self.place.count(None) > 1:
             hint = "it says nothing otherwise: leave it out"
             key = "" if self.is_geo else "position_m"
             raise impossible(key, got=f"{self.place.count(None)} unknown", expected="one at most", hint=hint)
         return self
+
+    def _check_not_a_pixel(self) -> None:
+        lat_deg, (u, v) = self.lat_deg, self.pixel
+        if lat_deg is not None and lat_deg > _MOST_LON_DEG and abs(u) <= _MOST_LON_DEG and abs(v) <= _MOST_LON_DEG:
+            got = f"{lat_deg:.10g}, and a pixel {list(self.pixel)} that would be a place"
+            hint = "swap pixels and places: they look interchanged"
+            raise impossible("lat_deg", got=got, expected="-90 to 90", hint=hint)
 
 
 class ObservationTable(Table, ABC):

@@ -9,6 +9,7 @@ from aerodft.dft.projection import project
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Evidence, GroundPoint, Landmark, SlantRange
 from aerodft.model.pose import Pose
+from calibration.leave_one_out import landmarks_off_m, moves_the_lens, steps_without_each
 from calibration.residuals import Problem
 from calibration.solve import Solution
 from calibration.state import State
@@ -38,24 +39,44 @@ class Leftover:
 
 def leftovers(problem: Problem, solution: Solution) -> tuple[Leftover, ...]:
     """All observations, in their order."""
-    residuals = solution.residuals
-    found = []
-    for index, evidence in enumerate(problem.known.evidence):
-        rows = residuals.owner == index
-        kept = bool(solution.kept[index])
-        without = _without(problem, solution, rows) if kept else solution.state
-        px = float(np.linalg.norm(residuals.px[rows]))
-        found.append(
-            Leftover(
-                name=evidence.name,
-                px=px,
-                sigma=float(np.linalg.norm(residuals.values[rows])) if math.isfinite(px) else math.inf,
-                ground_m=ground_error_m(solution.state, evidence),
-                left_out_ground_m=None if without is None else ground_error_m(without, evidence),
-                is_outlier=not kept,
-            )
+    evidence, residuals = problem.known.evidence, solution.residuals
+    steps = steps_without_each(solution)
+    ground, left_out = _on_the_ground(problem, solution, np.zeros_like(steps)), _on_the_ground(problem, solution, steps)
+    seen = residuals.owner >= 0
+    px, sigma = (
+        np.sqrt(np.bincount(residuals.owner[seen], np.square(values[seen])))
+        for values in (residuals.px, residuals.values)
+    )
+    sigma[~np.isfinite(px)] = np.inf
+    return tuple(
+        map(
+            Leftover,
+            (each.name for each in evidence),
+            px.tolist(),
+            sigma.tolist(),
+            ground,
+            left_out,
+            (~solution.kept).tolist(),
         )
-    return tuple(found)
+    )
+
+
+def _on_the_ground(problem: Problem, solution: Solution, steps: FloatArray) -> list[float | None]:
+    """Ground errors of all observations, each one step ``(n,)`` away from the solution."""
+    off: list[float | None] = [None] * len(steps)
+    at_once = set()
+    if not moves_the_lens(problem, solution):
+        found = landmarks_off_m(problem, solution, steps[problem.reprojected])
+        at_once = set(problem.reprojected.tolist())
+        for index, value in zip(problem.reprojected.tolist(), found.tolist(), strict=True):
+            off[index] = value if math.isfinite(value) else None
+    for index, evidence in enumerate(problem.known.evidence):
+        if index in at_once or not np.isfinite(steps[index, 0]):
+            continue
+        state = problem.moved(solution.state, steps[index])
+        if state is not None:
+            off[index] = ground_error_m(state, evidence)
+    return off
 
 
 def rms_px(evidence: tuple[Evidence, ...], left: tuple[Leftover, ...]) -> float | None:
@@ -64,21 +85,6 @@ def rms_px(evidence: tuple[Evidence, ...], left: tuple[Leftover, ...]) -> float 
         one.px**2 for one, each in zip(left, evidence, strict=True) if isinstance(each, Landmark) and not one.is_outlier
     ]
     return math.sqrt(sum(squares) / len(squares)) if squares else None
-
-
-def _without(problem: Problem, solution: Solution, rows: np.ndarray) -> State | None:
-    """The state one Newton step after an observation was taken away; None where the others determine none."""
-    residuals = solution.residuals
-    kept = (residuals.owner < 0) | solution.kept[np.maximum(residuals.owner, 0)]
-    jac, values = residuals.by_unknowns[kept & ~rows], residuals.values[kept & ~rows]
-    normal = jac.T @ jac
-    size = np.sqrt(np.diag(normal))
-    if not np.all(size > 0) or np.linalg.cond(normal / np.outer(size, size)) > 1e13:  # noqa: PLR2004 - singular
-        return None
-    try:
-        return problem.unknowns.moved(solution.state, -np.linalg.solve(normal, jac.T @ values).astype(np.float64))
-    except ValueError:
-        return None
 
 
 def ground_error_m(state: State, evidence: Evidence) -> float | None:

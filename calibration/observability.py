@@ -83,7 +83,7 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     jac = solution.residuals.by_unknowns[_used(solution)]
     above_m = _above(problem, solution.state)
     sizes = np.array([natural_size(name, solution.state, above_m) for name in names])
-    _, singular, directions = np.linalg.svd(jac * sizes, full_matrices=True)
+    _, singular, directions = np.linalg.svd(np.linalg.qr(jac * sizes, mode="r"))
     strengths = np.append(singular, np.zeros(len(names) - len(singular)))
     with np.errstate(divide="ignore"):
         shares = solution.scaled / strengths

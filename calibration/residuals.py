@@ -73,6 +73,9 @@ class Problem:
         known: What is known.
         unknowns: What is not.
         model: Projection model.
+
+    Attributes:
+        reprojected: ``(k,)`` indices of the observations that are landmarks known in all three dimensions.
     """
 
     def __init__(self, known: EvidenceSet, unknowns: Unknowns, model: ProjectionModel) -> None:
@@ -83,7 +86,7 @@ class Problem:
             for index, each in enumerate(known.evidence)
             if model is ProjectionModel.PINHOLE and isinstance(each, Landmark) and None not in each.position_m
         }
-        self._landmarks, points = list(reprojected), reprojected.values()
+        self.reprojected, points = np.array(list(reprojected), dtype=np.intp), reprojected.values()
         self._points_m = np.array([each.position_m for each in points], dtype=np.float64).reshape(-1, 3)
         self._pixels = np.array([each.pixel for each in points], dtype=np.float64).reshape(-1, 2)
         self._std_px = np.array([each.std_px for each in points], dtype=np.float64)
@@ -96,7 +99,7 @@ class Problem:
 
     @property
     def landmarks(self) -> tuple[FloatArray, FloatArray]:
-        """World points ``(k, 3)`` and pixels ``(k, 2)`` of the landmarks that are known in all three dimensions."""
+        """World points ``(k, 3)`` and pixels ``(k, 2)`` of what is ``reprojected``."""
         return self._points_m, self._pixels
 
     def evaluate(self, state: State) -> Residuals:
@@ -116,7 +119,7 @@ class Problem:
 
     def observed(self, state: State, by: FloatArray) -> Residuals | None:
         """The evidence's residuals alone, None without evidence; derivatives by what moves a camera ``(s, n)``."""
-        parts = [self._of_landmarks(state, by)] if self._landmarks else []
+        parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
         parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
         return _joined(parts) if parts else None
 
@@ -136,7 +139,7 @@ class Problem:
             values, rows = (root @ off[..., None])[..., 0], root @ jac
         blind = np.isnan(off[:, 0])
         values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
-        owner = np.repeat(self._landmarks, 2)
+        owner = np.repeat(self.reprojected, 2)
         return Residuals(
             values.ravel(), rows.reshape(len(owner), -1), owner, np.where(blind[:, None], np.inf, off).ravel()
         )

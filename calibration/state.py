@@ -142,7 +142,9 @@ class Unknowns:
             ValueError: The step leads to an impossible camera.
         """
         moved = self.by_unknowns(state) @ step
-        wxyz = self._turned(state, step, moved[ROTATION])
+        wxyz = self.turned(state, step)
+        if np.isnan(wxyz[0]):
+            raise ValueError(f"got a step from a tilt of {state.value('tilt')} rad past nadir or zenith, expected none")
         lens = state.camera
         fx, fy, cx, cy, *bent = moved[INTRINSICS].tolist()
         if any(moved[INTRINSICS]):
@@ -163,16 +165,18 @@ class Unknowns:
             elevation_m=state.elevation_m + float(moved[ELEVATION]),
         )
 
-    def _turned(self, state: State, step: FloatArray, rotvec_rad: FloatArray) -> FloatArray:
+    def turned(self, state: State, steps: FloatArray) -> FloatArray:
+        """Attitudes ``(..., 4)`` after steps ``(..., n)``; NaN past nadir, where a known heading would turn about."""
         if self.turns_freely:
-            return multiply(state.wxyz, from_rotation_vector(rotvec_rad))
-        by = dict(zip(self.names, step.tolist(), strict=True))
-        if not any(by.get(name) for name in _ANGLES):
-            return state.wxyz
-        tilt, roll, heading = (angle + by.get(name, 0.0) for angle, name in zip(state.angles_rad, _ANGLES, strict=True))
-        if not 0.0 <= tilt <= math.pi:
-            raise ValueError(f"got a tilt of {tilt} rad, expected 0 to pi: past nadir the camera would face about")
-        return camera_attitude(tilt, roll, heading)
+            return multiply(state.wxyz, from_rotation_vector(steps @ self.by_unknowns(state)[ROTATION].T))
+        if not set(_ANGLES) & set(self.names):
+            return np.broadcast_to(state.wxyz, (*steps.shape[:-1], 4))
+        tilt, roll, heading = (
+            angle + (steps[..., self.names.index(name)] if name in self.names else 0.0)
+            for angle, name in zip(state.angles_rad, _ANGLES, strict=True)
+        )
+        ahead = (tilt >= 0.0) & (tilt <= math.pi)
+        return np.where(np.asarray(ahead)[..., None], camera_attitude(tilt, roll, heading), np.nan)
 
     def to_angles(self, state: State) -> FloatArray:
         """``(n, n)``: from the solver's steps to steps of the unknowns as they are named.

@@ -18,8 +18,8 @@ from calibration.observability import LIMIT
 from calibration.result import Result, calibrate
 from calibration.state import State
 
-_SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
-_STDS: Final = 5.0  # and what its corners' errors may add
+SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
+STDS: Final = 5.0  # and what its corners' errors may add
 _MOST: Final = 0.5  # share of the markers that can be false
 _SCALED: Final = 4.0  # times the stated stds: what is larger is no bad luck, and no survey a little worse than stated
 _CONTRADICTION: Final = 10.0
@@ -203,7 +203,7 @@ def _of_wrong_size(
     return {
         marker: f"it looks {seen_m:.2g} m wide at its surveyed place, and is {sides_m[marker]:.2g} m"
         for marker, seen_m, std in _looks(result, seen, markers, sides_m)
-        if abs(math.log(seen_m / sides_m[marker])) > math.log1p(_SIZE) + _STDS * std
+        if abs(math.log(seen_m / sides_m[marker])) > math.log1p(SIZE) + STDS * std
     }
 
 
@@ -215,11 +215,11 @@ def _looks(
     for marker in markers:
         centre_m = _centre_m(result.problem.known, marker)
         if marker in sides_m and centre_m is not None:
-            angle, angle_std = _apparent_side(state.camera, seen[marker])
+            angle, angle_std = apparent_side(state.camera, seen[marker])
             yield marker, angle * float(np.linalg.norm(centre_m - state.position_m)), angle_std / angle
 
 
-def _apparent_side(camera: Camera, seen: MarkerSighting) -> tuple[float, float]:
+def apparent_side(camera: Camera, seen: MarkerSighting) -> tuple[float, float]:
     """A square's side over its distance, with its std: of all directions on it, one is square to the line of sight."""
     rays = rays_from_pixels(camera, np.array([seen.pixel, *seen.corners]))
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)

@@ -1,7 +1,7 @@
 """A recorded flight's sources: its log, its images and what was observed in them, on one axis of arrival times."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.service.looking import LookedAt, Lookout
 from aerodft.service.ports import Source
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
@@ -36,12 +37,14 @@ class Flight:
         sources: Telemetry, images and observations.
         first_ns: First arrival, roughly; for the progress bar.
         last_ns: Last arrival, roughly.
+        looked: The images among them, and what is seen in them.
         log: The log among them; None for a fixed camera.
     """
 
     sources: tuple[Source, ...]
     first_ns: int
     last_ns: int
+    looked: LookedAt
     log: TlogSource | DataflashSource | None = None
 
     def warnings(self) -> tuple[str, ...]:
@@ -49,8 +52,19 @@ class Flight:
         return () if self.log is None else self.log.warnings()
 
 
-def open_flight(station: StationConfig, log: Path | None, observation_files: tuple[Path, ...]) -> Flight:
+def open_flight(
+    station: StationConfig,
+    log: Path | None,
+    observation_files: tuple[Path, ...],
+    lookouts: Sequence[Lookout] = (),
+) -> Flight:
     """Open and check all sources of a station's recorded flight.
+
+    Args:
+        station: The station.
+        log: Its log; None for a fixed camera.
+        observation_files: What others have seen in the images.
+        lookouts: Who looks at the images on the way.
 
     Raises:
         InputError: A source cannot be read, or images and log do not overlap in time.
@@ -65,23 +79,23 @@ def open_flight(station: StationConfig, log: Path | None, observation_files: tup
         with _quiet():
             span = survey_span(source, CompositeDecoder(telemetry.system))
         _check_sources(log, span, telemetry)
-    images, stamps = _images(station, span)
+    images, stamps = _images(station, span, decode=station.record.image_hz > 0 or bool(lookouts))
     _check_overlap(span, stamps, log, station)
     files = [load_observations(path, stamps) for path in observation_files]
     offset_ns = round(station.observations.time_offset_s * SECOND_NS)
     lateness_ns = span.jitter_ns if isinstance(images, RateSource) else span.lateness_ns
-    sources.append(Late(images, lateness_ns=lateness_ns))
+    looked = LookedAt(Late(images, lateness_ns=lateness_ns), lookouts)
+    sources.append(looked)
     sources += [Late(file, lateness_ns=span.lateness_ns, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
     if stamps:
         ends += [min(stamps.values()) + span.lateness_ns, max(stamps.values()) + span.lateness_ns]
-    return Flight(tuple(sources), min(ends), max(ends), source)
+    return Flight(tuple(sources), min(ends), max(ends), looked, source)
 
 
-def _images(station: StationConfig, span: LogSpan) -> tuple[Source, dict[int, int]]:
+def _images(station: StationConfig, span: LogSpan, *, decode: bool) -> tuple[Source, dict[int, int]]:
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
     chosen, offset_s, camera = station.images.source, station.image_offset_s, station.pipeline.camera
-    decode = station.record.image_hz > 0
     if isinstance(chosen, VideoFile):
         video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, time_offset_s=offset_s, decode=decode)
         with _quiet():

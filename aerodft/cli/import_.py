@@ -12,6 +12,7 @@ from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Stills, VideoFile
 from aerodft.adapters.images.video import video_info
 from aerodft.cli.flight import open_flight
+from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.summary import report
 from aerodft.cli.times import parse_utc
@@ -51,12 +52,14 @@ def import_(
     if (log is None) != (station.pipeline.telemetry is None):
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=config, expected=need)
-    flight = open_flight(station, log, (*station.observations.files, *(observations or ())))
     tally, pipeline = Tally(), build_pipeline(station)
+    eyes = build_eyes(station, pipeline, config)
+    flight = open_flight(station, log, (*station.observations.files, *(observations or ())), eyes.lookouts)
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
         run(MergedFeed(flight.sources, station.pipeline.tick_ns), pipeline, (recorder, tally), progress)
-    report(recorder.totals, tally, pipeline.counts, as_json=json, warnings=flight.warnings())
+    seen = eyes.report(flight.looked.counts)
+    report(recorder.totals, tally, pipeline.counts, as_json=json, warnings=flight.warnings(), seen=seen)
 
 
 def _station(

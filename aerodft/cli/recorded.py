@@ -15,6 +15,7 @@ from aerodft.model.batch import Event
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
+from aerodft.model.steadiness import STEADY
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
@@ -75,18 +76,19 @@ def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:
 
 
 class _PoseOnly:
-    """A source without what poses at a stamp do not depend on: no images, and only landmarks seen before it."""
+    """A source without what poses at a stamp do not depend on: images, and landmarks and steady points seen later."""
 
     def __init__(self, source: Source, station: StationConfig, stamp_ns: int) -> None:
         self._source = source
-        self._landmarks = frozenset(each.name for each in station.live.landmarks) if station.live else frozenset()
+        landmarks = [each.name for each in station.live.landmarks] if station.live else []
+        self._taught_by = frozenset(landmarks + ([STEADY] if station.watch else []))
         self._stamp_ns = stamp_ns
 
     def events(self) -> Iterator[Event]:
         return (event for event in self._source.events() if isinstance(event, RawBlock) or self._teaches(event))
 
     def _teaches(self, event: Event) -> bool:
-        return isinstance(event, Observation) and event.name in self._landmarks and event.stamp_ns < self._stamp_ns
+        return isinstance(event, Observation) and event.name in self._taught_by and event.stamp_ns < self._stamp_ns
 
 
 def recorded_setup(folder: Path, at: str) -> tuple[Setup, PoseSample]:

@@ -22,6 +22,7 @@ from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
+from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import say
 from aerodft.cli.summary import report
 from aerodft.cli.times import MOST_SECONDS
@@ -33,6 +34,7 @@ from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
+from aerodft.service.looking import LiveLook
 from aerodft.service.pipeline import Pipeline
 
 
@@ -55,6 +57,7 @@ def serve(
     if settings.telemetry is not None and station.link is None:
         raise ConfigError("telemetry.connection", where=config, got="none", expected='e.g. "udpin:127.0.0.1:14550"')
     clock, tally, pipeline = WallClock(), Tally(), build_pipeline(station)
+    eyes = build_eyes(station, pipeline, config)
     inbox = Inbox(clock)
     feed = LiveFeed(inbox, clock, settings.tick_ns)
     folder = output or station.record.folder / _folder_name(settings.station, clock.now_ns())
@@ -63,7 +66,8 @@ def serve(
         bus = _open_bus(station, pipeline, inbox)
         if bus is not None:
             stack.callback(bus.close)
-        images = _ImageGate(station, inbox, feed, where=config)
+        look = stack.enter_context(LiveLook(eyes.lookouts, inbox.put_observations))
+        images = _ImageGate(station, inbox, feed, look, where=config)
         _open_inputs(station, inbox, images, clock, stack)
         recorder = build_recorder(station, folder, started_ns=started_ns, lossless=False)  # once nothing can fail
         stack.callback(recorder.close)
@@ -75,7 +79,8 @@ def serve(
     images.raise_refusal()
     if bus is not None and bus.malformed:
         say(f"{bus.malformed} observations on the bus were none; the first was said when it came")
-    report(recorder.totals, tally, pipeline.counts, as_json=json, live=True)
+    seen = eyes.report(look.counts)
+    report(recorder.totals, tally, pipeline.counts, as_json=json, live=True, seen=seen)
 
 
 def _folder_name(station: str, now_ns: int) -> str:
@@ -117,9 +122,9 @@ def _open_inputs(
 
 
 class _ImageGate:
-    """Passes images to the inbox; the first of another size than the camera's ends the service."""
+    """Passes images to the inbox and to who looks at them; one of another size than the camera's ends the service."""
 
-    def __init__(self, station: StationConfig, inbox: Inbox, feed: LiveFeed, *, where: Path) -> None:
+    def __init__(self, station: StationConfig, inbox: Inbox, feed: LiveFeed, look: LiveLook, *, where: Path) -> None:
         source = station.images.source
         if isinstance(source, VideoFile | Stills):
             raise ConfigError(
@@ -128,6 +133,7 @@ class _ImageGate:
         self._camera = station.pipeline.camera
         self._inbox = inbox
         self._feed = feed
+        self._look = look
         self._refusal: InputError | None = None
 
     def __call__(self, image: Image) -> None:
@@ -138,6 +144,7 @@ class _ImageGate:
             self._feed.stop()
         else:
             self._inbox.put_image(image)
+            self._look(image)
 
     def raise_refusal(self) -> None:
         """Say why the service ended by itself, if it did.

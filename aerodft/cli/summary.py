@@ -1,9 +1,12 @@
 """What a run says when it is over: what was recorded and measured, and what was lost."""
 
+from collections.abc import Mapping
+
 import typer
 
 from aerodft.adapters.mcap.recorder import RecordingTotals
 from aerodft.cli.output import print_json, say
+from aerodft.cli.watching import steadiness_document, steadiness_sentence
 from aerodft.cli.wiring import Tally
 from aerodft.errors import NoAnswerError
 from aerodft.service.pipeline import Counts
@@ -19,6 +22,7 @@ def report(
     as_json: bool,
     warnings: tuple[str, ...] = (),
     live: bool = False,
+    seen: Mapping[str, object] | None = None,
 ) -> None:
     """Say what a run made.
 
@@ -29,6 +33,7 @@ def report(
         as_json: Print a JSON document as well.
         warnings: What was wrong with the input, one sentence each.
         live: Whether it may have ended before its first image.
+        seen: What became of looking at the images, where somebody did.
 
     Raises:
         NoAnswerError: Not one pose had an answer, or there was no image.
@@ -46,6 +51,8 @@ def report(
                 "warnings": warnings,
                 "lost": missing,
                 **_landmarks(tally),
+                **_steadiness(tally),
+                **(seen or {}),
             }
         )
     for sentence in warnings:
@@ -54,6 +61,8 @@ def report(
     say(f"measurements: {_listed(tally.measurements)}")
     if tally.estimate is not None:
         say(f"landmarks: {tally.estimate.updates} used, {tally.estimate.refused} refused")
+    if tally.steadiness is not None:
+        say(f"camera: {steadiness_sentence(tally.steadiness)}")
     _say_unused(counts)
     if missing:
         why = "could not be written" if totals.lost else "came faster than they could be written"
@@ -72,6 +81,11 @@ def _landmarks(tally: Tally) -> dict[str, object]:
     if last is None:
         return {}
     return {"landmarks": {"used": last.updates, "refused": last.refused, "restarts": last.restarts}}
+
+
+def _steadiness(tally: Tally) -> dict[str, object]:
+    """Whether the camera still looks where it looked, where it is watched."""
+    return {} if tally.steadiness is None else {"steadiness": steadiness_document(tally.steadiness)}
 
 
 def _say_unused(counts: Counts) -> None:

@@ -19,20 +19,26 @@ from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
+from aerodft.model.status import Status
+from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Feed, Output, Sink, Source
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
+from calibration.steadiness import SteadyCalibrator
 
 
 def build_pipeline(station: StationConfig) -> Pipeline:
-    """The pipeline of a station, with its telemetry decoder and calibration, refined live where it has landmarks."""
+    """The pipeline of a station, with its decoder and its calibration, which landmarks or steady points refine."""
     telemetry = station.pipeline.telemetry
     decoder = CompositeDecoder(None if telemetry is None else telemetry.system)
     if station.live is not None:
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live)
+    if station.watch is not None:
+        steady = SteadyCalibrator(station.watch.settings, station.pipeline)
+        return Pipeline(station.pipeline, decoder, steady, steady)
     calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
     return Pipeline(station.pipeline, decoder, calibrator)
 
@@ -87,6 +93,7 @@ class Tally:
         measurements: Number of measurements by status.
         poses: Number of poses by status.
         estimate: The last one of a live calibration; None without landmarks.
+        steadiness: The last one of a watched camera; None of others.
         reasons: Why poses had no answer: the first sentence of each status, in the order in which they came.
     """
 
@@ -95,6 +102,7 @@ class Tally:
     poses: Counter[str] = field(default_factory=Counter)
     reasons: dict[str, str] = field(default_factory=dict)
     estimate: CalibrationEstimate | None = None
+    steadiness: SteadinessEstimate | None = None
 
     def inputs(self, batch: Batch) -> None:
         """Nothing is counted before it is answered."""
@@ -108,9 +116,11 @@ class Tally:
                 self.measurements[str(item.status)] += 1
             elif isinstance(item, CalibrationEstimate):
                 self.estimate = item
+            elif isinstance(item, SteadinessEstimate):
+                self.steadiness = item
             elif isinstance(item, PoseSample):
                 self.poses[str(item.status)] += 1
-                if item.reasons:
+                if item.reasons and item.status is not Status.OK:
                     self.reasons.setdefault(str(item.status), "; ".join(item.reasons))
 
     def close(self) -> None:

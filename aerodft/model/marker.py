@@ -28,6 +28,12 @@ class SurveyedMarker:
         if len(self.points_m) not in (1, 4):
             raise ValueError(f"{len(self.points_m)} points of marker {self.id}, must be its centre or four corners")
 
+    @property
+    def point_names(self) -> tuple[str, ...]:
+        """What each of ``points_m`` is called as a landmark: ``marker-3``, or ``marker-3-corner-1`` to 4."""
+        name = marker_name(self.id)
+        return (name,) if len(self.points_m) == 1 else tuple(f"{name}-corner-{n + 1}" for n in range(4))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerSurvey:

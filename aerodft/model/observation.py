@@ -1,8 +1,12 @@
 """Pixels of one probe at one image stamp, whoever found them."""
 
 from dataclasses import dataclass
+from typing import Final
 
 from aerodft.model.image import StampClock
+
+VISION: Final = "vision"
+"""The source of observations that aerodft itself made in an image."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -130,12 +130,15 @@ def test_a_slow_observer_gets_the_newest_image_and_holds_nobody_up():
 
 
 def test_an_observer_that_breaks_is_heard_of_at_the_end():
+    asked, seen = threading.Event(), threading.Event()
+
     def broken(image):
+        asked.set()
         raise RuntimeError(image.index)
 
-    seen = threading.Event()
     look = LiveLook([Lookout(Namer(broken)), Lookout(Namer(lambda _: seen.set()))], lambda _: None)
     look(shown(7, 0))
+    assert asked.wait(PATIENCE_S)
     assert seen.wait(PATIENCE_S)
     with pytest.raises(RuntimeError, match="7"):
         look.stop()

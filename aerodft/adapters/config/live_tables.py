@@ -82,26 +82,35 @@ class LiveTable(Table):
 
 
 def live_from(
-    table: LiveTable, landmarks: tuple[LandmarkTable, ...], origin: GeoOrigin | None, where: str
+    table: LiveTable,
+    landmarks: tuple[LandmarkTable, ...],
+    markers: tuple[SurveyedLandmark, ...],
+    origin: GeoOrigin | None,
+    where: str,
 ) -> LiveCalibration | None:
     """The live calibration; None without landmarks.
+
+    Args:
+        table: How errors behave.
+        landmarks: Those of the file itself.
+        markers: Those that markers are.
+        origin: The station's.
+        where: The file's name in messages.
 
     Raises:
         ConfigError: A name twice, or nobody knows where the landmarks are against the station.
     """
-    if not landmarks:
+    if not landmarks and not markers:
         return None
-    names = [each.name for each in landmarks]
+    names, taken = [each.name for each in landmarks], {each.name for each in markers}
     for index, name in enumerate(names):
-        if name in names[:index]:
+        if name in names[:index] or name in taken:
             raise ConfigError(
                 f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
             )
-    if origin is None:
-        expected = "{ lat_deg, lon_deg, alt_msl_m } of a point of the measured plane, from which landmarks are counted"
-        raise ConfigError("station.origin", where=where, got="nothing beside [[landmark]]", expected=expected)
+    origin = needed_origin(origin, "[[landmark]]", where)
     return LiveCalibration(
-        landmarks=tuple(_landmark(each, origin, where) for each in landmarks),
+        landmarks=(*(_landmark(each, origin, where) for each in landmarks), *markers),
         noise_share=table.noise_share,
         noise=_errors(table.noise, ErrorStd()),
         initial=_errors(table.initial, ErrorStd()),
@@ -111,8 +120,25 @@ def live_from(
     )
 
 
-def live_document(live: LiveCalibration) -> dict[str, Any]:
-    """The tables ``landmark`` and ``calibration`` as TOML keys; reading them gives the same settings."""
+def needed_origin(origin: GeoOrigin | None, beside: str, where: str) -> GeoOrigin:
+    """The station's origin, without which nobody knows where landmarks are.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    if origin is None:
+        expected = "{ lat_deg, lon_deg, alt_msl_m } of a point of the measured plane, from which landmarks are counted"
+        raise ConfigError("station.origin", where=where, got=f"nothing beside {beside}", expected=expected)
+    return origin
+
+
+def live_document(live: LiveCalibration, markers: frozenset[str] = frozenset()) -> dict[str, Any]:
+    """The tables ``landmark`` and ``calibration`` as TOML keys; reading them gives the same settings.
+
+    Args:
+        live: The settings.
+        markers: Names of the landmarks that are markers', which have a table of their own.
+    """
     landmarks = [
         {
             "name": each.name,
@@ -121,6 +147,7 @@ def live_document(live: LiveCalibration) -> dict[str, Any]:
             "std_px": each.std_px,
         }
         for each in live.landmarks
+        if each.name not in markers
     ]
     calibration = {
         "noise_share": live.noise_share,

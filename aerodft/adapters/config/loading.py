@@ -14,6 +14,7 @@ from aerodft.adapters.config.calibration import (
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
 from aerodft.adapters.config.ground import ground_from, needs_place
 from aerodft.adapters.config.live_tables import live_from
+from aerodft.adapters.config.marker_tables import marker_landmarks, marker_settings
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
@@ -29,6 +30,7 @@ from aerodft.adapters.config.station import (
     FixedPose,
     GroundShape,
     Link,
+    MarkerSettings,
     ObservationSettings,
     RecordSettings,
     StationConfig,
@@ -38,6 +40,7 @@ from aerodft.adapters.config.station import (
 from aerodft.adapters.config.station_tables import ConfigTable
 from aerodft.adapters.config.tables import Table, Text
 from aerodft.adapters.config.units import to_ns
+from aerodft.adapters.config.watch_tables import watch_from
 from aerodft.errors import ConfigError
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
@@ -53,7 +56,8 @@ def load_station(path: Path) -> StationConfig:
     """Read a station's configuration.
 
     Args:
-        path: A TOML file; camera, calibration, terrain, video and observation files in it are relative to its folder.
+        path: A TOML file; camera, calibration, terrain, marker, reference, video and observation files in it are
+            relative to its folder.
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value, here or in a file that it refers to.
@@ -78,6 +82,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
     ground = ground_from(table.ground, where, folder)
     pipeline = _pipeline(table, where, folder)
     _check_ground(ground, pipeline.model, table.pose, where)
+    markers = marker_settings(table.markers, pipeline.origin, where, folder)
     return _refreshed(
         StationConfig(
             pipeline=pipeline,
@@ -95,7 +100,9 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
             ground=ground,
             calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
-            live=_live(table, pipeline, where),
+            live=_live(table, pipeline, markers, where),
+            markers=markers,
+            watch=watch_from(table.watch, pipeline.model, pipeline.probes, where, folder),
         ),
         where,
     )
@@ -111,11 +118,14 @@ def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: Pose
         raise ConfigError("pose.heading_deg", where=where, got="nothing", expected=expected)
 
 
-def _live(table: ConfigTable, pipeline: PipelineSettings, where: str) -> LiveCalibration | None:
-    if table.landmark and pipeline.model is ProjectionModel.DFT:
+def _live(
+    table: ConfigTable, pipeline: PipelineSettings, markers: MarkerSettings | None, where: str
+) -> LiveCalibration | None:
+    if (table.landmark or markers) and pipeline.model is ProjectionModel.DFT:
+        key, shown = ("landmark", "[[landmark]]") if table.landmark else ("markers", "[markers]")
         got, hint = 'it beside camera.model = "dft"', "the equations of the paper know no roll"
-        raise ConfigError("landmark", where=where, got=got, expected='"pinhole", or no [[landmark]]', hint=hint)
-    return live_from(table.calibration, table.landmark, pipeline.origin, where)
+        raise ConfigError(key, where=where, got=got, expected=f'"pinhole", or no {shown}', hint=hint)
+    return live_from(table.calibration, table.landmark, marker_landmarks(markers), pipeline.origin, where)
 
 
 def _refreshed(station: StationConfig, where: str) -> StationConfig:
@@ -138,6 +148,8 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
     camera, model = _camera(table.camera, where, folder)
     if table.pose is not None and table.pose.calibration:
         camera = _calibrated_camera(folder / table.pose.calibration, camera, model)
+    if table.telemetry is not None and table.telemetry.calibration:
+        camera = _refined_camera(folder / table.telemetry.calibration, camera, model)
     return PipelineSettings(
         station=table.station.name,
         camera=camera,
@@ -145,8 +157,6 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
         model=model,
         telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
         origin=origin_from(table.station.origin),
-    if table.telemetry is not None and table.telemetry.calibration:
-        camera = _refined_camera(folder / table.telemetry.calibration, camera, model)
         max_range_m=table.limits.max_range_m,
         time_std_s=table.images.time_std_s,
         match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
@@ -199,16 +209,16 @@ def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Ca
     return found or camera
 
 
+def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
+    """The same for biases, which hold in both models where the lens was not found with them."""
+    return camera if load_calibrated_lens(path)[0] is None else _calibrated_camera(path, camera, model)
+
+
 def _calibrated_pose(path: Path) -> FixedPose:
     pose = load_calibrated_pose(path)
     if pose is None:
         raise ConfigError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
     return pose
-
-
-def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
-    """The same for biases, which hold in both models where the lens was not found with them."""
-    return camera if load_calibrated_lens(path)[0] is None else _calibrated_camera(path, camera, model)
 
 
 def _telemetry_calibration(table: TelemetryTable, where: str, folder: Path) -> Calibration | None:

@@ -156,8 +156,22 @@ def load_markers(path: Path) -> MarkersFile:
         ConfigError: Missing or unreadable, a syntax error, an unknown key or dictionary, an id twice or beyond the
             dictionary, or places that cannot all be true.
     """
-    where, data = str(path), read_bytes(path)
-    document = parse_toml(data, where)
+    data = read_bytes(path)
+    return markers_from(parse_toml(data, str(path)), path, hashlib.sha256(data).hexdigest())
+
+
+def markers_from(document: dict[str, Any], path: Path, sha256: str = "") -> MarkersFile:
+    """As :func:`load_markers`, from what such a file holds.
+
+    Args:
+        document: Plain values from TOML.
+        path: What the file is called in messages.
+        sha256: Of its bytes, where evidence is to name it.
+
+    Raises:
+        ConfigError: As :func:`load_markers`.
+    """
+    where = str(path)
     table = validated(MarkersTable, document, where)
     if not table.marker:
         raise ConfigError("marker", where=where, got="none", expected="[[marker]] tables with id and position_m")
@@ -177,7 +191,7 @@ def load_markers(path: Path) -> MarkersFile:
         path=path,
         _table=table,
         _document=document,
-        _sha256=hashlib.sha256(data).hexdigest(),
+        _sha256=sha256,
     )
 
 

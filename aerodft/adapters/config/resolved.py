@@ -7,10 +7,12 @@ from typing import Any
 
 import tomli_w
 
+from aerodft.adapters.config.attitude import attitude_document
 from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.config.ground import ground_document, made_ground
 from aerodft.adapters.config.live_tables import live_document
+from aerodft.adapters.config.marker_tables import marker_landmarks, markers_document
 from aerodft.adapters.config.settings import placed, pose_sample
 from aerodft.adapters.config.station import (
     Device,
@@ -23,6 +25,7 @@ from aerodft.adapters.config.station import (
     VideoFile,
 )
 from aerodft.adapters.config.units import to_deg, to_s
+from aerodft.adapters.config.watch_tables import NOT_OF_THE_NUMBERS, watch_document
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model.pose import GeoOrigin, PoseStd
 from aerodft.model.probe import PixelSource, Probe
@@ -64,6 +67,9 @@ def config_id(station: StationConfig) -> str:
     for key in ("connection", "baud", "bias"):
         document.get("telemetry", {}).pop(key, None)
     document.get("ground", {}).pop("terrain", None)
+    document.get("markers", {}).pop("every_s", None)
+    for key in NOT_OF_THE_NUMBERS:
+        document.get("watch", {}).pop(key, None)
     text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
@@ -124,7 +130,11 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
     }
     document["probe"] = [_probe(probe) for probe in pipeline.probes]
     if station.live is not None:
-        document |= live_document(station.live)
+        document |= live_document(station.live, frozenset(each.name for each in marker_landmarks(station.markers)))
+    if station.markers is not None:
+        document["markers"] = markers_document(station.markers)
+    if station.watch is not None:
+        document["watch"] = watch_document(station.watch)
     return document
 
 

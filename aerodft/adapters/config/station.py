@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import TypeAlias
 
 from aerodft.model.calibration import Calibration
+from aerodft.model.marker import MarkerSurvey
 from aerodft.model.pose import PoseStd
 from aerodft.service.settings import LiveCalibration, PipelineSettings
+from aerodft.service.watching import WatchSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +80,34 @@ class ObservationSettings:
     files: tuple[Path, ...] = ()
     topic: bool = True
     time_offset_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerSettings:
+    """Markers that are looked for in the station's images, each a landmark of its live calibration.
+
+    Attributes:
+        survey: The markers, in metres east, north and up of the station's origin.
+        ignore: Ids that are there too, and that nobody has surveyed.
+        every_s: Least time between two images that are looked at; 0 for all of them.
+    """
+
+    survey: MarkerSurvey
+    ignore: frozenset[int] = frozenset()
+    every_s: float = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Watch:
+    """A fixed camera that is watched for bumps.
+
+    Attributes:
+        settings: What counts as moved.
+        reference: The image that its pose is the pose of; None for the first good one.
+    """
+
+    settings: WatchSettings
+    reference: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,7 +222,10 @@ class StationConfig:
         fixed_pose: What ``pipeline.fixed_pose`` was made of; None where telemetry gives the pose.
         ground: What ``pipeline.ground`` was made of; None for level ground.
         calibration: Biases to correct the telemetry with.
-        live: Landmarks that refine them while the station measures; None where there are none.
+        live: Landmarks that refine them while the station measures, those of markers included; None where there are
+            none.
+        markers: Markers that are looked for in the images; None where there are none.
+        watch: How a fixed camera is watched for bumps; None where it is not.
     """
 
     pipeline: PipelineSettings
@@ -205,6 +238,8 @@ class StationConfig:
     ground: GroundShape | None = None
     calibration: Calibration | None = None
     live: LiveCalibration | None = None
+    markers: MarkerSettings | None = None
+    watch: Watch | None = None
 
     @property
     def image_offset_s(self) -> float:

@@ -24,6 +24,7 @@ from aerodft.adapters.config.tables import (
     impossible,
     matching,
 )
+from aerodft.adapters.config.watch_tables import WatchTable
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
 from aerodft.model.probe import ProbeKind, pixels_wanted, takes_pixels
 
@@ -194,7 +195,7 @@ class ProbeTable(Table):
 
 
 class ConfigTable(Table):
-    """A station's whole file; ``camera`` is validated once it is known whether it is a file or inline."""
+    """A station's whole file; ``camera`` and ``markers`` are validated once it is known whether a file has them."""
 
     station: StationTable
     camera: dict[str, Any]
@@ -208,14 +209,20 @@ class ConfigTable(Table):
     record: RecordTable = RecordTable()
     probe: Many[ProbeTable] = ()
     landmark: Many[LandmarkTable] = ()
+    markers: dict[str, Any] | None = None
     calibration: LiveTable = LiveTable()
+    watch: WatchTable | None = None
 
     @model_validator(mode="after")
     def _telemetry_or_pose(self) -> Self:
         if (self.telemetry is None) == (self.pose is None):
             got = "neither of them" if self.pose is None else "both of them"
             raise impossible("", got=got, expected="either [telemetry] or [pose]", hint="[pose] is for a fixed camera")
-        if self.landmark and self.telemetry is None:
-            hint = "find a fixed camera's pose with aerodft calibrate"
-            raise impossible("landmark", got="it beside [pose]", expected="[telemetry]", hint=hint)
+        if self.watch is not None and self.pose is None:
+            hint = "a camera that moves has no image to be held against"
+            raise impossible("watch", got="it beside [telemetry]", expected="[pose]", hint=hint)
+        for key in ("landmark", "markers"):
+            if getattr(self, key) and self.telemetry is None:
+                hint = "find a fixed camera's pose with aerodft calibrate"
+                raise impossible(key, got="it beside [pose]", expected="[telemetry]", hint=hint)
         return self

@@ -1,0 +1,91 @@
+"""Who looks at a station's images, and what became of that."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.adapters.config.station import Rate, StationConfig
+from aerodft.cli.watching import steady_lookout
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import ConfigError
+from aerodft.model.image import Image
+from aerodft.service.looking import LookCounts, Lookout
+from aerodft.service.pipeline import Pipeline
+from calibration.marker_observer import CameraPlace, MarkerObserver
+
+_RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
+
+
+@dataclass(frozen=True, slots=True)
+class Eyes:
+    """All that looks at a station's images.
+
+    Attributes:
+        lookouts: What a feed shows images to.
+        markers: The one of them that looks for markers; None where there are none.
+    """
+
+    lookouts: tuple[Lookout, ...] = ()
+    markers: MarkerObserver | None = None
+
+    def report(self, counts: Sequence[LookCounts]) -> dict[str, object]:
+        """What was looked at, for the summary; empty where nobody looked.
+
+        Args:
+            counts: Of each lookout.
+        """
+        if not self.lookouts:
+            return {}
+        (count,) = counts
+        looks: dict[str, object] = {
+            "images": count.looked,
+            "skipped": count.skipped,
+            "unreadable": count.unreadable,
+        }
+        if self.markers is None:
+            return {"watch": looks}
+        return {"markers": {**looks, "not_surveyed": self.markers.strangers, "wrong_size": self.markers.false}}
+
+
+def build_eyes(station: StationConfig, pipeline: Pipeline, where: object) -> Eyes:
+    """Who looks at the images of a station.
+
+    Args:
+        station: The station.
+        pipeline: Its pipeline, which knows about where the camera is.
+        where: The configuration's name in messages.
+
+    Raises:
+        ConfigError: There is something to look for, and no images.
+        InputError: The reference image of a watched camera is of no use.
+    """
+    lookouts, observer = [], None
+    if station.watch is not None:
+        _check_images(station, "[watch]", where)
+        lookouts.append(steady_lookout(station.watch, station))
+    if (markers := station.markers) is not None:
+        _check_images(station, "[markers]", where)
+        observer = MarkerObserver(
+            markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
+        )
+        lookouts.append(Lookout(observer, markers.every_s))
+    return Eyes(tuple(lookouts), observer)
+
+
+def _check_images(station: StationConfig, table: str, where: object) -> None:
+    if station.images.source is None or isinstance(station.images.source, Rate):
+        expected = "a stream or a device; for import a video or stills"
+        raise ConfigError("images", where=where, got=f"none to look into for {table}", expected=expected)
+
+
+def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:
+    """Where the camera is by the newest pose that is finished; None where that is not of about the same time."""
+    sample = pipeline.last_pose
+    if sample is None or sample.pose is None or sample.origin is None:
+        return None
+    elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
+    if abs(elapsed_s) > _RECENT_S:
+        return None
+    std_m = float(np.sqrt(np.trace(sample.pose.cov[:3, :3])))
+    return CameraPlace(sample.pose.position_enu_m + elapsed_s * sample.pose.velocity_enu_mps, std_m)

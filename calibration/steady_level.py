@@ -13,6 +13,7 @@ _WINDOW: Final = 10
 _MEMORY: Final = 60  # looks
 _EXPECTED_LOOKS: Final = 4  # that the expectation counts for, against what is seen
 _EXPECTED: Final = 0.15  # of the limit: standard deviation of a mast in the wind, about an axis
+_STRONG: Final = 0.25  # of the limit: in as strong a wind as may be, before a few looks have told better
 _SHARED_PX: Final = 0.03  # what all points of a look are off by together, as trackers and sensors make it
 
 
@@ -25,7 +26,14 @@ class Scatter:
 
     def __init__(self, limit_rad: float) -> None:
         self._weight = float(_EXPECTED_LOOKS)
+        self._strong_rad2 = (_STRONG * limit_rad) ** 2
         self.variance_rad2 = (_EXPECTED * limit_rad) ** 2
+
+    @property
+    def most_rad2(self) -> float:
+        """What the variance may be, about each axis."""
+        is_known = self._weight >= _EXPECTED_LOOKS + _WINDOW
+        return self.variance_rad2 if is_known else max(self.variance_rad2, self._strong_rad2)
 
     def learn(self, off_rad: FloatArray) -> None:
         """Take in how far a look was ``(3,)`` from where the camera looks on the whole."""

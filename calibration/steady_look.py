@@ -74,16 +74,12 @@ class Looker:
 
     def _staying(self, pairs: FloatArray, turn: Turn | None) -> int:
         """How many points are where the turn does not bring them, and were there at the last look too."""
-        off_px = pairs[:, 1] - pairs[:, 0] if turn is None else turn.off_px
-        is_stray = np.ones(len(pairs), dtype=np.bool_) if turn is None else _beyond(off_px, self._off_px)
-        before, self._strays = self._strays, {}
-        staying = 0
-        for reference, place in zip(pairs[is_stray, 0], off_px[is_stray], strict=True):
-            key = tuple(reference.tolist())
-            self._strays[key] = place
-            was = before.get(key)
-            staying += was is not None and bool(np.max(np.abs(place - was)) <= self._off_px)
-        return staying
+        is_stray = np.ones(len(pairs), dtype=np.bool_) if turn is None else _beyond(turn.off_px, self._off_px)
+        before, self._strays = self._strays, {tuple(then.tolist()): now for then, now in pairs[is_stray]}
+        return sum(
+            key in before and bool(np.max(np.abs(place - before[key])) <= self._off_px)
+            for key, place in self._strays.items()
+        )
 
 
 def _beyond(off_px: FloatArray, limit_px: float) -> np.ndarray:

@@ -124,4 +124,4 @@ class SteadyState:
 
     def _chance_rad(self, variances: float) -> float:
         """What chance does not reach, where so many times a look's variance adds up."""
-        return float(_RARE * np.sqrt(variances * self._scatter.variance_rad2))
+        return float(_RARE * np.sqrt(variances * self._scatter.most_rad2))

@@ -108,6 +108,9 @@ class _Held:
                 return then_px[:_MOST_MATCHES], new_px[:_MOST_MATCHES]
             self._wxyz, self._view = known.wxyz, self._seen_after(known.wxyz)
             found, now_px, turn = self._follow(now)
+        elif self._is_another_view(turn):
+            self._wxyz, self._view = turn.wxyz, self._seen_after(turn.wxyz)
+            found, now_px, turn = self._follow(now)
         if turn is not None:
             self._learn(found, turn)
         calm = self._unrest[found] < _UNREST
@@ -128,12 +131,13 @@ class _Held:
     def _learn(self, found: IntArray, turn: Turn) -> None:
         """Go on from where the camera looks now, and remember which points move by themselves."""
         self._wxyz = turn.wxyz
-        step = to_rotation_vector(multiply(inverse(self._view.wxyz), turn.wxyz))
-        if np.linalg.norm(step) > _ANOTHER_VIEW_RAD:
-            self._view = self._seen_after(turn.wxyz)
         moved = np.max(np.abs(turn.off_px - self._last_off_px[found]), axis=-1) > _RESTLESS_PX
         self._unrest[found] += _FADING * (moved - self._unrest[found])
         self._last_off_px[found] = turn.off_px
+
+    def _is_another_view(self, turn: Turn) -> bool:
+        step = to_rotation_vector(multiply(inverse(self._view.wxyz), turn.wxyz))
+        return bool(np.linalg.norm(step) > _ANOTHER_VIEW_RAD)
 
     def _seen_after(self, wxyz: FloatArray) -> View:
         return view_after(self._camera, self._reference.grey, self._points_px, wxyz)

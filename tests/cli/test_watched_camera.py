@@ -1,0 +1,153 @@
+"""A fixed camera that is bumped, as its owner meets it: a video in, widths with the right numbers before and after."""
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import orjson
+import pytest
+import tomli_w
+
+from aerodft.adapters.codec import steadiness
+from aerodft.adapters.config.camera import camera_document
+from aerodft.dft.measure import Request, Setup, measure
+from aerodft.geometry.poses import camera_pose
+from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply
+from aerodft.model.pose import PoseSample
+from aerodft.model.probe import Probe, ProbeKind
+from aerodft.model.status import Status
+from replay.recording import Recording
+
+from ..vision.steady_pictures import CAMERA, after_turn, as_taken, scene
+
+PIXELS = [[205.0, 360.0], [815.0, 352.5]]
+TURN = math.radians(2.0) * np.array([0.6, -0.48, 0.64])
+BUMPED, DARK, LENGTH = 8, 18, 24
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory):
+    """A video of two images a second: bumped by 2 degrees after 4 s, and dark after 9 s."""
+    folder, rng, picture = tmp_path_factory.mktemp("watched"), np.random.default_rng(1), scene()
+    turned = after_turn(picture, TURN)
+    with av.open(str(folder / "bridge.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=2)
+        stream.width, stream.height, stream.pix_fmt = CAMERA.width_px, CAMERA.height_px, "yuv420p"
+        stream.time_base, stream.options = Fraction(1, 2), {"crf": "20", "preset": "ultrafast"}
+        for index in range(LENGTH):
+            shown = np.zeros_like(picture) if index >= DARK else picture if index < BUMPED else turned
+            taken = as_taken(shown, rng, gain=1 - 0.01 * index, noise=2.0)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(taken, format="bgr24")))
+        container.mux(stream.encode())
+    cv2.imwrite(str(folder / "reference.png"), picture)
+    return folder
+
+
+def station_file(folder, **tables):
+    document = {
+        "station": {"name": "bridge"},
+        "camera": camera_document(CAMERA),
+        "pose": {
+            "height_agl_m": 7.85,
+            "tilt_deg": 62.0,
+            "heading_deg": 128.0,
+            "std": {"height_m": 0.02, "tilt_deg": 0.05, "pan_deg": 0.05, "roll_deg": 0.05, "heading_deg": 0.0},
+        },
+        "zenoh": {"enabled": False},
+        "watch": {"every_s": 0.5, "reference": "reference.png"},
+        "probe": [{"name": "crossing", "kind": "distance", "pixels": PIXELS}],
+    } | tables
+    path = folder / "station.toml"
+    path.write_text(tomli_w.dumps({key: value for key, value in document.items() if value is not None}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def imported(watched, aerodft):
+    run = aerodft(
+        "import", "--video", watched / "bridge.mp4", "--video-start", "2026-11-21T10:00:00Z",
+        "-c", station_file(watched), "-o", watched / "recording", "--json",
+    )  # fmt: skip
+    assert run.code == 0, run.err
+    return run, watched / "recording"
+
+
+def payloads(folder):
+    return list(Recording(folder).measurements())
+
+
+def truth_m(is_bumped):
+    pose = camera_pose(height_agl_m=7.85, tilt_rad=math.radians(62.0), heading_rad=math.radians(128.0))
+    camera_turn = inverse(from_rotation_vector(TURN * is_bumped))
+    sample = PoseSample(stamp_ns=0, status=Status.OK, pose=replace(pose, wxyz=multiply(pose.wxyz, camera_turn)))
+    probe = Probe(name="crossing", kind=ProbeKind.DISTANCE, pixels=tuple(map(tuple, PIXELS)))
+    return measure(Setup(camera=CAMERA), sample, (Request(probe=probe, pixels=probe.pixels, std_px=1.0),))[0].value
+
+
+def test_widths_hold_the_truth_before_and_after_the_bump(imported):
+    found = [orjson.loads(payload) for payload in payloads(imported[1])]
+    before, after = truth_m(0), truth_m(1)
+    assert abs(after - before) > 0.1
+    for measured in found[:BUMPED]:
+        assert measured["reasons"] == []
+        assert measured["ci95"][0] < before < measured["ci95"][1]
+    unknown = [index for index, measured in enumerate(found) if measured["status"] == "CAMERA_MOVED"]
+    assert unknown == [BUMPED + 1, BUMPED + 2]
+    for measured in found[BUMPED + 3 :]:
+        assert measured["reasons"][0].startswith("CAMERA_MOVED: turned by 2.00 deg since 2026-11-21T10:00:04Z")
+        assert measured["ci95"][0] < after < measured["ci95"][1]
+        assert abs(measured["value"] - after) < 0.002 * after
+    assert "no steady points were recognised" in found[-1]["reasons"][1]
+
+
+def test_the_summary_says_what_happened(imported):
+    run, _ = imported
+    assert run.json["steadiness"]["state"] == "unchecked"
+    assert run.json["steadiness"]["moved_since"] == "2026-11-21T10:00:04Z"
+    assert run.json["steadiness"]["turned_deg"] == pytest.approx(2.0, abs=0.005)
+    assert run.json["watch"] == {"images": LENGTH, "skipped": 0, "unreadable": 0}
+    assert "turned by 2.00 deg at 2026-11-21T10:00:04Z" in run.err
+
+
+def test_what_was_estimated_is_recorded(imported):
+    messages = [each for each in Recording(imported[1]).messages() if each.channel.schema == steadiness.SCHEMA]
+    estimates = [steadiness.decode_steadiness(each.data) for each in messages]
+    assert len(estimates) == LENGTH
+    off = [np.array(each.turn_rad) + TURN for each in estimates[BUMPED + 2 :]]
+    stds = [np.array(each.std_rad) for each in estimates[BUMPED + 2 :]]
+    assert np.all(np.abs(off) < 3 * np.array(stds))
+
+
+def test_computed_anew_without_images_it_is_the_same_to_the_byte(imported, aerodft, tmp_path):
+    again = tmp_path / "again"
+    assert aerodft("recompute", imported[1], "-o", again).code == 0
+    assert payloads(again) == payloads(imported[1])
+
+
+REFUSALS = {
+    "with telemetry": ({"pose": None, "telemetry": {"height": {"order": ["home"]}}}, "watch: got it beside [telemetry]"),
+    "in the paper's model": ({"camera": {**camera_document(CAMERA), "model": "dft"}}, 'watch: got it beside camera.model'),
+    "under its own name": ({"probe": [{"name": "steady", "kind": "range", "observed": True}]}, "another name"),
+    "without a limit": ({"watch": {"limit_deg": 0.0}}, "watch.limit_deg"),
+    "with a line for a polygon": ({"watch": {"ignore": [[[0, 0], [1, 1]]]}}, "watch.ignore[0]"),
+    "without its reference": ({"watch": {"reference": "nowhere.png"}}, "nowhere.png: the image cannot be read"),
+    "with what is no image": ({"watch": {"reference": "station.toml"}}, "image cannot be decoded"),
+    "with another camera's reference": ({"watch": {"reference": "small.png"}}, "small.png: the image is not the camera's"),
+    "with nothing to see": ({"watch": {"reference": "flat.png"}}, "shows too little"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("tables", "said"), REFUSALS.values(), ids=REFUSALS)
+def test_what_cannot_be_watched_is_refused_in_a_sentence(tables, said, watched, aerodft, tmp_path):
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((48, 64, 3), dtype=np.uint8))
+    cv2.imwrite(str(tmp_path / "flat.png"), np.full((CAMERA.height_px, CAMERA.width_px, 3), 90, dtype=np.uint8))
+    run = aerodft(
+        "import", "--video", watched / "bridge.mp4", "--video-start", "2026-11-21T10:00:00Z",
+        "-c", station_file(tmp_path, **tables), "-o", tmp_path / "recording",
+    )  # fmt: skip
+    assert run.code == 3
+    assert said in run.last
+    assert not (tmp_path / "recording").exists()

@@ -80,7 +80,7 @@ class ImagesProblem:
 
     def cameras(self, state: ImagesState) -> tuple[State, ...]:
         """The camera of each image."""
-        return tuple(self.unknowns.placed(state, index, view).state for index, view in enumerate(self.views))
+        return tuple(self.unknowns.camera(state, index, view) for index, view in enumerate(self.views))
 
     def moved(self, state: ImagesState, step: FloatArray) -> ImagesState | None:
         """The guess after a step; None where no camera can be, and where telemetry does not reach."""

@@ -128,7 +128,7 @@ def _without(
     own[image] = own_steps(less, pull, shared)[0]
     try:
         moved = problem.unknowns.moved(solution.state, np.append(shared, own.ravel()))
-        return problem.unknowns.placed(moved, image, problem.views[image]).state
+        return problem.unknowns.camera(moved, image, problem.views[image])
     except ValueError:
         return None
 

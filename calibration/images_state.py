@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.projection import INTRINSICS
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian
+from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, skew
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Evidence
@@ -111,8 +111,8 @@ class SharedUnknowns:
         by[count:, self._columns(self.lens.names)] = self.lens.by_unknowns(state.base)[INTRINSICS]
         return by
 
-    def placed(self, state: ImagesState, index: int, view: View) -> Placed:
-        """The camera of one image, with its derivatives.
+    def camera(self, state: ImagesState, index: int, view: View) -> State:
+        """The camera of one image.
 
         Args:
             state: The guess.
@@ -122,28 +122,66 @@ class SharedUnknowns:
         Raises:
             ValueError: Telemetry says nothing of the time that its stamp was moved to.
         """
-        moment, own = view.track.at(float(state.biases[_TIME])), state.own[index] * view.noise
-        in_camera = from_rotation_vector(state.biases[_TURNS])
-        about_vertical = from_rotation_vector(np.array([0.0, 0.0, -state.biases[_HEADING]]))
-        turned = multiply(about_vertical, multiply(moment.wxyz, in_camera))
-        down_cam = -matrix(turned)[2]
-        last = from_rotation_vector(own[3:6] + own[6] * down_cam)
-        position = moment.position_m + state.biases[[_EAST, _NORTH, _HEIGHT]] + own[:3]
-        camera = replace(state.base, position_m=position, wxyz=multiply(turned, last))
-        back, count = matrix(last).T, len(self.names)
+        return _turned(state, index, view, view.track.pose(float(state.biases[_TIME]))).camera
+
+    def placed(self, state: ImagesState, index: int, view: View) -> Placed:
+        """The same with its derivatives.
+
+        Raises:
+            ValueError: As :meth:`camera`.
+        """
+        moment = view.track.at(float(state.biases[_TIME]))
+        found, count = _turned(state, index, view, (moment.position_m, moment.wxyz)), len(self.names)
         by_bias = np.zeros((6, len(BIASES)))
         by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
-        by_bias[_ROTATION, _TURNS] = back @ right_jacobian(state.biases[_TURNS])
-        by_bias[_ROTATION, _HEADING] = back @ down_cam
+        by_bias[_ROTATION, _TURNS] = found.back @ right_jacobian(state.biases[_TURNS])
+        by_bias[_ROTATION, _HEADING] = found.back @ found.down_cam
         by_bias[:3, _TIME] = moment.velocity_mps
-        by_bias[_ROTATION, _TIME] = back @ matrix(in_camera).T @ moment.rate_cam_radps
-        by = np.zeros((INTRINSICS.start + 4 + len(camera.camera.distortion), count + OWN))
+        by_bias[_ROTATION, _TIME] = found.back @ matrix(found.in_camera).T @ moment.rate_cam_radps
+        by = np.zeros((INTRINSICS.start + 4 + len(state.base.camera.distortion), count + OWN))
         chosen = [name for name in self.names if name in BIASES]
         by[:6, self._columns(chosen)] = by_bias[:, [BIASES.index(name) for name in chosen]]
-        by[:, self._columns(self.lens.names)] = self.lens.by_unknowns(camera)
-        by[:6, count : count + 6] = np.diag(view.noise[:6])
-        by[_ROTATION, -1] = view.noise[6] * down_cam
-        return Placed(camera, by)
+        if self.lens.names:
+            by[:, self._columns(self.lens.names)] = self.lens.by_unknowns(found.camera)
+        by[:3, count : count + 3] = np.diag(view.noise[:3])
+        by[_ROTATION, count + 3 : -1] = found.by_own * view.noise[3:6]
+        by[_ROTATION, -1] = found.by_own @ found.down_cam * view.noise[6]
+        return Placed(found.camera, by)
 
     def _columns(self, names: "tuple[str, ...] | list[str]") -> list[int]:
         return [self.names.index(name) for name in names]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turned:
+    """A camera, and what its derivatives need.
+
+    Attributes:
+        camera: The camera.
+        in_camera: ``(4,)`` its turn by the biases of tilt, pan and roll.
+        down_cam: ``(3,)`` straight down, before what is new in this image.
+        back: ``(3, 3)`` its turn by one before what is new.
+        by_own: ``(3, 3)`` by the rotation vector of what is new.
+    """
+
+    camera: State
+    in_camera: FloatArray
+    down_cam: FloatArray
+    back: FloatArray
+    by_own: FloatArray
+
+
+def _turned(state: ImagesState, index: int, view: View, pose: tuple[FloatArray, FloatArray]) -> _Turned:
+    """The camera of an image where telemetry says ``pose``."""
+    position, wxyz = pose
+    own = state.own[index] * view.noise
+    in_camera = from_rotation_vector(state.biases[_TURNS])
+    about_vertical = from_rotation_vector(np.array([0.0, 0.0, -state.biases[_HEADING]]))
+    turned = multiply(about_vertical, multiply(wxyz, in_camera))
+    down_cam = -matrix(turned)[2]
+    new = own[3:6] + own[6] * down_cam
+    last, by_own = from_rotation_vector(new), right_jacobian(new)
+    placed = position + state.biases[[_EAST, _NORTH, _HEIGHT]] + own[:3]
+    camera = replace(state.base, position_m=placed, wxyz=multiply(turned, last))
+    back = matrix(last).T + own[6] * by_own @ skew(down_cam)
+    return _Turned(camera, in_camera, down_cam, back, by_own)

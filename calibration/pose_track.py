@@ -53,7 +53,22 @@ class PoseTrack:
         )
 
     def at(self, offset_s: float) -> Moment:
-        """The pose so long after the stamp.
+        """Pose and motion so long after the stamp.
+
+        Raises:
+            ValueError: Nothing is known of that time.
+        """
+        position, wxyz = self.pose(offset_s)
+        first, last = float(self.offset_s[0]), float(self.offset_s[-1])
+        before, after = max(offset_s - _APART_S, first), min(offset_s + _APART_S, last)
+        if before == after:
+            return Moment(position, wxyz, np.zeros(3), np.zeros(3))
+        (start_m, start), (end_m, end) = self.pose(before), self.pose(after)
+        turn = to_rotation_vector(multiply(inverse(start), end))
+        return Moment(position, wxyz, (end_m - start_m) / (after - before), turn / (after - before))
+
+    def pose(self, offset_s: float) -> tuple[FloatArray, FloatArray]:
+        """Position and attitude so long after the stamp.
 
         Raises:
             ValueError: Nothing is known of that time.
@@ -61,15 +76,6 @@ class PoseTrack:
         first, last = float(self.offset_s[0]), float(self.offset_s[-1])
         if not first <= offset_s <= last:
             raise ValueError(f"got {offset_s:g} s, expected {first:g} to {last:g}")
-        position, wxyz = self._pose(offset_s)
-        before, after = max(offset_s - _APART_S, first), min(offset_s + _APART_S, last)
-        if before == after:
-            return Moment(position, wxyz, np.zeros(3), np.zeros(3))
-        (start_m, start), (end_m, end) = self._pose(before), self._pose(after)
-        turn = to_rotation_vector(multiply(inverse(start), end))
-        return Moment(position, wxyz, (end_m - start_m) / (after - before), turn / (after - before))
-
-    def _pose(self, offset_s: float) -> tuple[FloatArray, FloatArray]:
         if len(self.offset_s) == 1:
             return self.position_m[0], self.wxyz[0]
         after = int(np.clip(np.searchsorted(self.offset_s, offset_s), 1, len(self.offset_s) - 1))

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import cv2
@@ -16,22 +17,32 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply
+from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from replay.recording import Recording
 
-from ..vision.steady_pictures import CAMERA, after_turn, as_taken, scene
-
+BRIDGE = Path(__file__).parents[2] / "configs/calibration/bridge.jpg"
+CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=790.0, fy_px=802.0, cx_px=484.0, cy_px=262.0)
 PIXELS = [[205.0, 360.0], [815.0, 352.5]]
 TURN = math.radians(2.0) * np.array([0.6, -0.48, 0.64])
 BUMPED, DARK, LENGTH = 8, 18, 24
 
 
+def after_turn(picture, rotvec):
+    """What a pinhole camera sees after ``now_SO3_then``: the homography of its rotation."""
+    intrinsics = np.array([[CAMERA.fx_px, 0, CAMERA.cx_px], [0, CAMERA.fy_px, CAMERA.cy_px], [0, 0, 1.0]])
+    homography = intrinsics @ cv2.Rodrigues(rotvec)[0] @ np.linalg.inv(intrinsics)
+    size = (CAMERA.width_px, CAMERA.height_px)
+    return cv2.warpPerspective(picture, homography, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
+
+
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory):
     """A video of two images a second: bumped by 2 degrees after 4 s, and dark after 9 s."""
-    folder, rng, picture = tmp_path_factory.mktemp("watched"), np.random.default_rng(1), scene()
+    folder, rng, picture = tmp_path_factory.mktemp("watched"), np.random.default_rng(1), cv2.imread(str(BRIDGE))
+    picture = cv2.resize(picture, (CAMERA.width_px, CAMERA.height_px), interpolation=cv2.INTER_AREA)
     turned = after_turn(picture, TURN)
     with av.open(str(folder / "bridge.mp4"), "w") as container:
         stream = container.add_stream("libx264", rate=2)
@@ -39,7 +50,8 @@ def watched(tmp_path_factory):
         stream.time_base, stream.options = Fraction(1, 2), {"crf": "20", "preset": "ultrafast"}
         for index in range(LENGTH):
             shown = np.zeros_like(picture) if index >= DARK else picture if index < BUMPED else turned
-            taken = as_taken(shown, rng, gain=1 - 0.01 * index, noise=2.0)
+            lit = shown * (1 - 0.01 * index) + rng.normal(scale=2.0, size=shown.shape)
+            taken = np.clip(lit, 0, 255).astype(np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(taken, format="bgr24")))
         container.mux(stream.encode())
     cv2.imwrite(str(folder / "reference.png"), picture)
@@ -127,15 +139,16 @@ def test_computed_anew_without_images_it_is_the_same_to_the_byte(imported, aerod
     assert payloads(again) == payloads(imported[1])
 
 
+PAPER = {**camera_document(CAMERA), "model": "dft"}
 REFUSALS = {
-    "with telemetry": ({"pose": None, "telemetry": {"height": {"order": ["home"]}}}, "watch: got it beside [telemetry]"),
-    "in the paper's model": ({"camera": {**camera_document(CAMERA), "model": "dft"}}, 'watch: got it beside camera.model'),
+    "with telemetry": ({"pose": None, "telemetry": {"height": {"order": ["home"]}}}, "watch: got it beside"),
+    "in the paper's model": ({"camera": PAPER}, "watch: got it beside camera.model"),
     "under its own name": ({"probe": [{"name": "steady", "kind": "range", "observed": True}]}, "another name"),
     "without a limit": ({"watch": {"limit_deg": 0.0}}, "watch.limit_deg"),
     "with a line for a polygon": ({"watch": {"ignore": [[[0, 0], [1, 1]]]}}, "watch.ignore[0]"),
     "without its reference": ({"watch": {"reference": "nowhere.png"}}, "nowhere.png: the image cannot be read"),
     "with what is no image": ({"watch": {"reference": "station.toml"}}, "image cannot be decoded"),
-    "with another camera's reference": ({"watch": {"reference": "small.png"}}, "small.png: the image is not the camera's"),
+    "with another camera's reference": ({"watch": {"reference": "small.png"}}, "small.png: the image is not"),
     "with nothing to see": ({"watch": {"reference": "flat.png"}}, "shows too little"),
 }  # fmt: skip
 

@@ -1,6 +1,8 @@
 """``aerodft calibrate``: a camera's height and angles, and more, from what people know about a scene."""
 
+import hashlib
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +18,7 @@ from aerodft.adapters.config.station import FixedPose
 from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
 from aerodft.cli.calibrate_unknowns import check_unknowns, names_from
 from aerodft.cli.calibrate_words import document, print_result, refusal, sentences
+from aerodft.cli.camera_mode import check_mode
 from aerodft.cli.output import check_output, print_json, say
 from aerodft.errors import UsageError
 from aerodft.model.camera import Camera
@@ -59,8 +62,7 @@ def calibrate(
     """
     lens = load_camera(camera)
     names = names_from(unknowns)
-    inputs = [*observations, camera, *([] if detect is None else [detect])]
-    check_output(output, inputs)
+    check_output(output, [*observations, camera, *([] if detect is None else [detect])])
     found = _evidence(observations, detect, crs, lens, names, model)
     check_against(found, lens)
     if found.flight is not None:
@@ -95,12 +97,15 @@ def _evidence(
     model: ProjectionModel,
 ) -> EvidenceFile:
     if detect is not None:
+        if crs is not None:
+            raise UsageError("--crs beside --detect", expected="it in the file of markers")
         from aerodft.cli.detect import detected_evidence  # noqa: PLC0415 - the video library is slow to load
 
         return detected_evidence(detect, given, lens, names, model)
     if len(given) != 1:
         raise UsageError("observations", got=f"{len(given)} files", expected="one; images go with --detect MARKERS")
-    return load_evidence(given[0], crs)
+    found = load_evidence(given[0], crs)
+    return found.with_notes(*check_mode(found.image_paths, lens))
 
 
 def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None) -> None:
@@ -115,7 +120,9 @@ def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None)
             "software": f"aerodft {__version__}",
             "observations": found.path.name,
             "observations_sha256": found.sha256,
+            "images_sha256": {each.name: _sha256(each) for each in found.image_paths} or None,
             "camera_file": camera.name,
+            "camera_sha256": _sha256(camera),
             "unknowns": list(asked.names),
             "rms_px": result.rms_px,
             "chi2": result.solution.chi2,
@@ -123,9 +130,15 @@ def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None)
             "outliers": [left.name for left in result.left if left.is_outlier],
         }
         lens_found = any(np.any(row) for row in result.camera.covariance)
-        lens = result.camera if lens_found else None
+        lens = replace(result.camera, mode=asked.camera.mode) if lens_found else None
         write_calibration(output, fixed_pose(result, found), lens, result.solution.state.model, provenance)
         say(f"wrote {output}")
+
+
+def _sha256(path: Path) -> str:
+    """Of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:

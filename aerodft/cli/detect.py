@@ -11,8 +11,9 @@ import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.markers import MarkersFile, load_markers
-from aerodft.adapters.images.gathering import STILLS, Gathered, gather
+from aerodft.adapters.images.gathering import STILLS, Gathered, gather, image_files
 from aerodft.cli.calibrate_unknowns import check_unknowns
+from aerodft.cli.camera_mode import check_mode
 from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.arrays import FloatArray, ImageArray
@@ -66,7 +67,9 @@ def detected_evidence(
     file = load_markers(markers)
     if not images:
         raise UsageError("--detect", got="no images", expected="images, a folder of images or a video")
-    seen, first = _look(file, images, camera)
+    paths = tuple(image_files(images))
+    doubts = check_mode(paths, camera)
+    seen, first = _look(file, paths, camera)
     together, moved = _combined(seen, camera)
     if not together:
         raise _nothing(file, first, len(seen))
@@ -82,10 +85,10 @@ def detected_evidence(
         got = f"{_ids(together)}: {judgement.contradiction}"
         raise NoAnswerError("the markers contradict each other", where=markers, got=got, hint=hint)
     unseen = sorted(set(file.survey.by_id) - {marker for each in seen for marker in each.sightings})
-    notes = tuple(_notes(unseen, moved, together, judgement))
+    notes = (*doubts, *_notes(unseen, moved, together, judgement))
     kept = {each.name for each in judgement.known.evidence}
     stated = (each for each, evidence in zip(found.stated, found.known.evidence, strict=True) if evidence.name in kept)
-    return replace(found, known=judgement.known, stated=tuple(stated), notes=notes)
+    return replace(found, known=judgement.known, stated=tuple(stated), notes=notes, image_paths=paths)
 
 
 def _look(file: MarkersFile, images: Sequence[Path], camera: Camera) -> tuple[list[_Seen], Gathered]:

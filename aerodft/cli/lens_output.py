@@ -152,7 +152,8 @@ def camera_text(run: LensRun, now: datetime) -> str:
     keys = camera_document(solution.camera)
     rows = "".join(f"    [{', '.join(map(repr, row))}],\n" for row in keys.pop("covariance"))
     distortion = ", ".join(map(repr, keys.pop("distortion")))
-    return f"{head}{tomli_w.dumps(keys)}distortion = [{distortion}]\ncovariance = [\n{rows}]\n"
+    mode = f"\n{tomli_w.dumps({'mode': keys.pop('mode')})}" if "mode" in keys else ""
+    return f"{head}{tomli_w.dumps(keys)}distortion = [{distortion}]\ncovariance = [\n{rows}]\n{mode}"
 
 
 def _one_line(text: str) -> str:

@@ -1,10 +1,11 @@
 """From images of a board to a lens: what ``aerodft calibrate-lens`` looks at, in order."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from aerodft.adapters.images.gathering import Gathered, gather
+from aerodft.adapters.images.gathering import Gathered, gather, image_files
+from aerodft.cli.camera_mode import common_mode
 from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError
 from calibration.lens.board import Board
@@ -48,9 +49,10 @@ def run_lens(sources: Sequence[Path], board: Board, lens: LensChoice, name: str)
         name: The camera's.
 
     Raises:
-        InputError: A source cannot be read, images differ in size, or none shows the board.
+        InputError: A source cannot be read, images differ in size or mode, or none shows the board.
         NoAnswerError: Views are too few or too similar.
     """
+    mode = common_mode(image_files(sources))
     images, size_px, views = _look(sources, board)
     choice = choose(views, size_px)
     try:
@@ -60,6 +62,7 @@ def run_lens(sources: Sequence[Path], board: Board, lens: LensChoice, name: str)
         if dropped := len(views) - len(choice.used):
             seen += f", {dropped} of these blurred or nearly the same as others"
         raise NoAnswerError(error.what, where=seen, got=error.got, expected=error.expected, hint=error.hint) from None
+    solution = replace(solution, camera=replace(solution.camera, mode=mode))
     return LensRun(board=board, lens=lens, size_px=size_px, images=images, choice=choice, solution=solution)
 
 

@@ -31,12 +31,29 @@ class CameraStd:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CameraMode:
+    """How a camera was set, as the EXIF data of its images have it; None for what is not known.
+
+    Attributes:
+        device: The camera's name of itself.
+        focal_mm: Focal length of its lens.
+        focal_35mm_mm: The focal length that gives the same view on 35 mm film.
+        digital_zoom: Factor.
+    """
+
+    device: str | None = None
+    focal_mm: float | None = None
+    focal_35mm_mm: float | None = None
+    digital_zoom: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
     """A camera in one mode (size, crop, zoom).
 
     Pixel (0, 0) is the centre of the top-left pixel; the image spans -0.5 to W - 0.5. ``covariance`` is that of fx, fy,
     cx, cy and the distortion coefficients, in rows, as a lens calibration gives it; where it is there, it takes the
-    place of ``std``.
+    place of ``std``. ``mode`` is what images of another mode are told by, where it is known.
     """
 
     name: str
@@ -50,6 +67,7 @@ class Camera:
     distortion: tuple[float, ...] = ()
     std: CameraStd = field(default_factory=CameraStd)
     covariance: tuple[tuple[float, ...], ...] = ()
+    mode: CameraMode | None = None
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:

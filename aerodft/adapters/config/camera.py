@@ -1,7 +1,7 @@
 """Camera files: TOML to :class:`aerodft.model.camera.Camera`, and back for a self-contained configuration."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -15,17 +15,27 @@ from aerodft.adapters.config.tables import (
     Focal,
     Many,
     NonNegative,
+    Positive,
     Real,
     Table,
     Text,
     impossible,
 )
-from aerodft.model.camera import Camera, CameraStd, LensModel
+from aerodft.model.camera import Camera, CameraMode, CameraStd, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")
 _STDS = ("focal_std_px", "principal_point_std_px", "distortion_std")
 _COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
+
+
+class ModeTable(Table):
+    """The mode that the file belongs to, as its images' EXIF data have it; what is left out is not compared."""
+
+    device: Text | None = None
+    focal_mm: Positive | None = None
+    focal_35mm_mm: Positive | None = None
+    digital_zoom: Positive | None = None
 
 
 class CameraTable(Table):
@@ -46,6 +56,7 @@ class CameraTable(Table):
     principal_point_std_px: NonNegative = 0.0
     distortion_std: Many[NonNegative] = ()
     covariance: Many[Many[Real]] | None = None
+    mode: ModeTable | None = None
 
     @model_validator(mode="after")
     def _one_of_two_ways(self) -> Self:
@@ -120,6 +131,7 @@ def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
         distortion=table.distortion_std,
     )
     covariance = _covariance(table, where, prefix)
+    mode = None if table.mode is None else CameraMode(**table.mode.model_dump())
     width, height = table.width_px, table.height_px
     if table.hfov_deg is None:
         return Camera(
@@ -134,12 +146,13 @@ def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
             distortion=table.distortion,
             std=std,
             covariance=covariance,
+            mode=mode,
         )
     hfov_rad = math.radians(table.hfov_deg)
     vfov_rad = hfov_rad if table.vfov_deg is None else math.radians(table.vfov_deg)
     camera = Camera.from_fov(name=table.name, width_px=width, height_px=height, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
     fy_px = camera.fx_px if table.vfov_deg is None else camera.fy_px
-    return replace(camera, std=std, covariance=covariance, fy_px=fy_px)
+    return replace(camera, std=std, covariance=covariance, fy_px=fy_px, mode=mode)
 
 
 def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[float, ...], ...]:
@@ -159,7 +172,14 @@ def camera_document(camera: Camera) -> dict[str, Any]:
         "lens": str(camera.lens),
         "distortion": list(camera.distortion),
         **_uncertainty(camera),
+        **_mode(camera),
     }
+
+
+def _mode(camera: Camera) -> dict[str, Any]:
+    if camera.mode is None:
+        return {}
+    return {"mode": {key: value for key, value in asdict(camera.mode).items() if value is not None}}
 
 
 def _uncertainty(camera: Camera) -> dict[str, Any]:

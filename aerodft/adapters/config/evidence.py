@@ -4,8 +4,8 @@ A TOML file (``configs/calibration/`` has one with every key explained), or a CS
 """
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,7 @@ class EvidenceFile:
         path: The file.
         flight: Many images, with what is known in each; None for a file of one image.
         notes: What a person should know of how the observations were made, sentence by sentence.
+        image_paths: Files of the images that the observations were made in, as far as they are there.
     """
 
     known: EvidenceSet
@@ -64,6 +65,11 @@ class EvidenceFile:
     path: Path
     flight: Flight | None = None
     notes: tuple[str, ...] = ()
+    image_paths: tuple[Path, ...] = ()
+
+    def with_notes(self, *notes: str) -> "EvidenceFile":
+        """The same with more to know of it."""
+        return replace(self, notes=(*self.notes, *notes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +156,14 @@ def _checked(file: _File, path: Path, sha256: str) -> EvidenceFile:
         sha256=sha256,
         path=path,
         flight=None if file.flight is None else _flight(file.flight, stated, evidence, frame, path),
+        image_paths=tuple(each for each in _image_paths(file, path) if each.is_file()),
     )
+
+
+def _image_paths(file: _File, path: Path) -> Iterator[Path]:
+    """Where the images that the file names would be."""
+    named = (file.table.image,) if file.flight is None else file.flight.entries
+    yield from (path.parent / each.file for each in named if each.file is not None)
 
 
 def _cameras(file: _File) -> tuple[CameraPriorTable, ...]:

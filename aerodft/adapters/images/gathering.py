@@ -50,7 +50,16 @@ def gather(paths: Sequence[Path]) -> Iterator[Gathered]:
     Raises:
         InputError: A path is missing or unreadable, or a folder holds no stills; checked before the first image.
     """
-    return _gathered(list(dict.fromkeys(item for path in paths for item in _files(path))))
+    return _gathered(image_files(paths))
+
+
+def image_files(paths: Sequence[Path]) -> list[Path]:
+    """All stills and videos, each once, with folders' stills in place of folders.
+
+    Raises:
+        InputError: As :func:`gather`.
+    """
+    return list(dict.fromkeys(item for path in paths for item in _files(path)))
 
 
 def _files(path: Path) -> list[Path]:

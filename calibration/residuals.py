@@ -127,9 +127,9 @@ class Problem:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             found = reproject(state.camera, state.position_m, state.rotation, self._points_m)
             off = found.pixels_px - self._pixels
-            jac = (
-                -found.by_point @ by[POSITION] + found.by_rotation @ by[ROTATION] + found.by_intrinsics @ by[INTRINSICS]
-            )
+            jac = _times(found.by_rotation, by[ROTATION]) - _times(found.by_point, by[POSITION])
+            if np.any(by[INTRINSICS]):
+                jac += _times(found.by_intrinsics, by[INTRINSICS])
         std = self._std_px[:, None]
         values, rows = off / std, jac / std[..., None]
         if self._point_cov is not None:
@@ -155,6 +155,11 @@ class Problem:
             rows.append(to_angles[self.unknowns.names.index(name)] / prior.std)
         count = len(values)
         return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
+
+
+def _times(many: FloatArray, by: FloatArray) -> FloatArray:
+    """``(k, 2, i)`` times ``(i, n)``, as one large product."""
+    return np.asarray((many.reshape(-1, len(by)) @ by).reshape(*many.shape[:-1], -1))
 
 
 def _joined(parts: list[Residuals]) -> Residuals:

@@ -87,8 +87,10 @@ class State:
         """``(3, 3)``: columns are the small rotations, in camera axes, that tilt, roll and heading make."""
         _, _, heading = self.angles_rad
         turned = self.rotation.T
-        right = np.array([math.cos(heading), -math.sin(heading), 0.0])
-        return np.stack([turned @ right, np.array([0.0, 0.0, 1.0]), -turned[:, 2]], axis=-1)
+        axes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        axes[:, 0] = turned[:, 0] * math.cos(heading) - turned[:, 1] * math.sin(heading)
+        axes[:, 2] = -turned[:, 2]
+        return axes
 
 
 def coefficient_names(camera: Camera) -> tuple[str, ...]:

@@ -85,6 +85,8 @@ def distorted_with_jacobian(camera: Camera, rays_cam: FloatArray) -> tuple[Float
     with np.errstate(invalid="ignore", divide="ignore"):
         solve = _fisheye_distorted if camera.lens is LensModel.FISHEYE else _brown_distorted
         distorted, jac, valid = solve(camera, rays)
+    if np.all(valid):
+        return distorted, jac
     return np.where(valid[..., None], distorted, np.nan), np.where(valid[..., None, None], jac, np.nan)
 
 
@@ -92,15 +94,18 @@ _Distorted = tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]
 
 
 def _brown_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
-    coefficients, ahead = padded(camera, 8), rays[..., 2:]
-    sideways = np.hypot(rays[..., 0], rays[..., 1])
-    valid = (rays[..., 2] > 0) & (sideways <= brown_limit(coefficients) * rays[..., 2])
-    xy = rays[..., :2] / ahead
+    coefficients, ahead = padded(camera, 8), rays[..., 2]
+    xy = rays[..., :2] / ahead[..., None]
+    jac = np.zeros((*xy.shape, 3))
+    if not any(coefficients):
+        jac[..., 0, 0] = jac[..., 1, 1] = 1 / ahead
+        jac[..., 2] = -xy / ahead[..., None]
+        return xy, jac, ahead > 0
     distorted, by_xy = _brown(coefficients, xy)
-    jac = np.empty((*distorted.shape, 3))
-    jac[..., :2] = by_xy / ahead[..., None]
+    jac[..., :2] = by_xy / ahead[..., None, None]
     jac[..., 2] = -np.einsum("...ij,...j->...i", jac[..., :2], xy)
-    return distorted, jac, valid
+    sideways = np.hypot(rays[..., 0], rays[..., 1])
+    return distorted, jac, (ahead > 0) & (sideways <= brown_limit(coefficients) * ahead)
 
 
 def _fisheye_distorted(camera: Camera, rays: FloatArray) -> _Distorted:

@@ -6,7 +6,6 @@ import numpy as np
 
 from aerodft.geometry.intrinsics import pixels_by_intrinsics
 from aerodft.geometry.lens import distorted_with_jacobian
-from aerodft.geometry.rotation import skew
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 
@@ -16,16 +15,29 @@ class Reprojection:
     """Pixels of points, with their derivatives; NaN behind the camera and beyond the valid part of the lens.
 
     Attributes:
-        pixels_px: ``(..., 2)``.
-        by_point: ``(..., 2, 3)`` by the point (ENU); by the camera's position it is the opposite.
-        by_rotation: ``(..., 2, 3)`` by a small rotation of the camera, in its axes.
-        by_intrinsics: ``(..., 2, m)``, see ``intrinsics.intrinsics_covariance``.
+        camera: What sees them.
+        rays_cam: ``(..., 3)`` to the points, in camera axes.
+        distorted: ``(..., 2)``: their pixels, from the principal point, in focal lengths.
+        by_point: ``(..., 2, 3)`` pixels by the point (ENU); by the camera's position it is the opposite.
+        by_rotation: ``(..., 2, 3)`` pixels by a small rotation of the camera, in its axes.
     """
 
-    pixels_px: FloatArray
+    camera: Camera
+    rays_cam: FloatArray
+    distorted: FloatArray
     by_point: FloatArray
     by_rotation: FloatArray
-    by_intrinsics: FloatArray
+
+    @property
+    def pixels_px(self) -> FloatArray:
+        """``(..., 2)``."""
+        lens = self.camera
+        return np.asarray(self.distorted * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px])
+
+    @property
+    def by_intrinsics(self) -> FloatArray:
+        """``(..., 2, m)`` pixels by the intrinsics, see ``intrinsics.intrinsics_covariance``."""
+        return pixels_by_intrinsics(self.camera, self.rays_cam, self.distorted)
 
 
 def reproject(
@@ -41,11 +53,14 @@ def reproject(
     """
     rays = (points_enu_m - position_enu_m) @ rotation
     distorted, by_ray = distorted_with_jacobian(camera, rays)
-    focal = np.array([camera.fx_px, camera.fy_px])
-    by_ray = focal[:, None] * by_ray
-    return Reprojection(
-        distorted * focal + [camera.cx_px, camera.cy_px],
-        by_ray @ rotation.T,
-        by_ray @ skew(rays),  # a camera that turns by w sees a ray r turn by -w x r = r x w
-        pixels_by_intrinsics(camera, rays, distorted),
-    )
+    by_ray = np.array([[camera.fx_px], [camera.fy_px]]) * by_ray
+    by_point = (by_ray.reshape(-1, 3) @ rotation.T).reshape(by_ray.shape)
+    return Reprojection(camera, rays, distorted, by_point, _cross(by_ray, rays[..., None, :]))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """``a x b``: a camera that turns by w sees a ray r turn by -w x r, of which a derivative takes ``(a x r) . w``."""
+    out = np.empty(a.shape)
+    for one, two, three in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., one] = a[..., two] * b[..., three] - a[..., three] * b[..., two]
+    return out

@@ -101,11 +101,12 @@ def camera_attitude(tilt_rad: npt.ArrayLike, roll_rad: npt.ArrayLike, heading_ra
     tilt, roll, heading = np.broadcast_arrays(
         np.asarray(tilt_rad, dtype=np.float64), np.asarray(roll_rad), np.asarray(heading_rad)
     )
-    zero = np.zeros_like(tilt)
-    turn = np.stack([np.cos(heading / 2), zero, zero, -np.sin(heading / 2)], axis=-1)
-    lift = np.stack([-np.sin(tilt / 2), np.cos(tilt / 2), zero, zero], axis=-1)  # half a turn about x, then the tilt
-    spin = np.stack([np.cos(roll / 2), zero, zero, np.sin(roll / 2)], axis=-1)
-    return multiply(multiply(turn, lift), spin)
+    # A turn by the heading, half a turn about x with the tilt, a spin by the roll: multiplied out.
+    sine, cosine, more, less = np.sin(tilt / 2), np.cos(tilt / 2), (heading + roll) / 2, (heading - roll) / 2
+    wxyz = np.empty((*tilt.shape, 4))
+    wxyz[..., 0], wxyz[..., 1] = -sine * np.cos(less), cosine * np.cos(more)
+    wxyz[..., 2], wxyz[..., 3] = -cosine * np.sin(more), sine * np.sin(less)
+    return wxyz
 
 
 def camera_angles(enu_wxyz_cam: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

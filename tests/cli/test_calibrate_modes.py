@@ -1,6 +1,8 @@
 """A camera file belongs to one mode: images of another zoom, crop or size are refused, and provenance covers them."""
 
 import hashlib
+import subprocess
+import sys
 import tomllib
 
 import numpy as np
@@ -116,3 +118,21 @@ def test_boards_of_several_zooms_are_refused(tmp_path):
     assert run.code == 3
     assert "b.jpg: the images are not of one camera mode: got 16.8 mm focal length, expected 8.38 mm" in run.last
     assert not (tmp_path / "cam.toml").exists()
+
+
+def test_a_disk_that_fills_up_leaves_the_file_that_was_there(tmp_path):
+    run, output = calibrate(tmp_path)
+    assert run.code == 0, run.err
+    before = output.read_bytes()
+    code = (
+        "import resource, sys; from aerodft.cli.main import main;"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (512, 512)); sys.argv[0] = 'aerodft'; main()"
+    )
+    given = ["calibrate", "evidence.toml", "--camera", "camera.toml", "--unknowns", POSE, "-o", "calibration.toml"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *given], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 3, done.stderr
+    assert "calibration.toml: the calibration cannot be written: got File too large" in done.stderr
+    assert output.read_bytes() == before
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["calibration.toml", "camera.toml", "evidence.toml"]

@@ -11,13 +11,15 @@ from rich.table import Table
 from aerodft.adapters.mavlink.address import is_link, parse_address
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.findings import document, problems
-from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.adapters.mavlink.survey import Survey, SurveyReport, ValueSource
+from aerodft.adapters.mavlink.signing_keys import SigningSettings
+from aerodft.adapters.mavlink.survey import Survey
+from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
 from aerodft.cli.output import tables
+from aerodft.cli.signed import opened_signing
 from aerodft.cli.times import MOST_SECONDS
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import NoAnswerError
+from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.telemetry import RawBlock, ReportFrame
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
@@ -35,15 +37,23 @@ def doctor(
     seconds: Annotated[float, typer.Option(min=0.1, max=MOST_SECONDS, help="How long to listen to a link.")] = 10.0,
     system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None,
     baud: Annotated[int | None, typer.Option(min=1, help="Baud rate of a serial link.")] = None,
+    signing_key: Annotated[
+        Path | None, typer.Option(help="Key file of a signed link; its time stamps are kept beside it.")
+    ] = None,
 ) -> None:
     """Say which messages there are, which heights and attitudes they give, and what is wrong.
 
     Example: aerodft doctor flight.tlog
 
     Example: aerodft doctor udpin:14550 --seconds 5 --json
+
+    Example: aerodft doctor udpin:14550 --signing-key vehicle.key
     """
     if is_link(target):
-        report = survey_link(target, seconds=seconds, system=system, baud=baud)
+        signing = None if signing_key is None else SigningSettings(key_file=signing_key)
+        report = survey_link(target, seconds=seconds, system=system, baud=baud, signing=signing)
+    elif signing_key is not None:
+        raise UsageError("--signing-key", got=f"a log ({target})", expected="a link: what a log holds was let in once")
     else:
         report = survey_log(Path(target), system=system)
     if as_json:
@@ -69,34 +79,33 @@ def survey_log(path: Path, *, system: int | None = None) -> SurveyReport:
     return survey.report(counts=source.counts, warnings=source.warnings())
 
 
-def survey_link(address: str, *, seconds: float, system: int | None = None, baud: int | None = None) -> SurveyReport:
+def survey_link(
+    address: str,
+    *,
+    seconds: float,
+    system: int | None = None,
+    baud: int | None = None,
+    signing: SigningSettings | None = None,
+) -> SurveyReport:
     """Listen to a link for a while.
 
     Raises:
         LinkError: It cannot be opened.
+        ConfigError: Its signing key cannot be used.
     """
     clock = WallClock()
     inbox = Inbox(clock)
     feed = LiveFeed(inbox, clock, _TICK_NS)
     survey = Survey(address, system=system)
-    with MavlinkLink(parse_address(address, baud=baud), inbox) as link:
+    place = parse_address(address, baud=baud)
+    with opened_signing(signing) as check, MavlinkLink(place, inbox, signing=check) as link:
         end_ns = clock.now_ns() + int(seconds * SECOND_NS)
         for batch in feed.batches():
             for block in batch.raw:
                 survey.add(block)
             if batch.now_ns >= end_ns:
                 feed.stop()
-        counts = _total(tuple(link.counts.values()))
-    return survey.report(counts=counts)
-
-
-def _total(counts: tuple[FrameCounts, ...]) -> FrameCounts:
-    return FrameCounts(
-        frames=sum(c.frames for c in counts),
-        bad_crc=sum(c.bad_crc for c in counts),
-        unknown=sum(c.unknown for c in counts),
-        skipped_bytes=sum(c.skipped_bytes for c in counts),
-    )
+        return survey.report(counts=link.counts, signing=link.signing)
 
 
 def _print(report: SurveyReport, console: Console) -> None:

@@ -2,7 +2,8 @@
 
 from typing import Any, Final
 
-from aerodft.adapters.mavlink.survey import USED, SurveyReport, ValueSource
+from aerodft.adapters.mavlink.signing_words import signing_document, signing_sentences
+from aerodft.adapters.mavlink.survey_report import USED, SurveyReport, ValueSource
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.gimbal_frame import FrameEvidence
 
@@ -16,6 +17,8 @@ _AUTO: Final = 'telemetry.attitude.frame = "auto"'
 
 def problems(report: SurveyReport) -> list[str]:
     """One sentence for each thing that limits what can be measured; empty where all is well."""
+    if report.first_ns is None and report.signing is not None and report.signing.refused:
+        return signing_sentences(report.signing)
     if report.first_ns is None:
         return ["nothing was received: is the sender on, and does it send to this address?"]
     return [
@@ -25,6 +28,7 @@ def problems(report: SurveyReport) -> list[str]:
         *_clock(report),
         *_interruptions(report),
         *_damage(report),
+        *([] if report.signing is None else signing_sentences(report.signing)),
         *report.warnings,
     ]
 
@@ -170,6 +174,7 @@ def document(report: SurveyReport) -> dict[str, Any]:
             "skipped_bytes": report.counts.skipped_bytes,
             "truncated": report.counts.truncated,
         },
+        "signing": None if report.signing is None else signing_document(report.signing),
         "problems": problems(report),
     }
 

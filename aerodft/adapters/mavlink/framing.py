@@ -41,6 +41,16 @@ class FrameCounts:
     skipped_bytes: int = 0
     truncated: int = 0
 
+    def __add__(self, other: "FrameCounts") -> "FrameCounts":
+        """What two framers have seen together."""
+        return FrameCounts(
+            frames=self.frames + other.frames,
+            bad_crc=self.bad_crc + other.bad_crc,
+            unknown=self.unknown + other.unknown,
+            skipped_bytes=self.skipped_bytes + other.skipped_bytes,
+            truncated=self.truncated + other.truncated,
+        )
+
 
 def counts_of(state: IntArray) -> FrameCounts:
     """A scanner's counters."""

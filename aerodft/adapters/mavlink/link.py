@@ -10,8 +10,11 @@ from typing import Final, Protocol, Self
 from pymavlink.dialects.v20 import ardupilotmega
 
 from aerodft.adapters.mavlink.address import LinkAddress, LinkKind, parse_address
+from aerodft.adapters.mavlink.datagrams import Reads
 from aerodft.adapters.mavlink.framing import FrameCounts, StreamFramer
-from aerodft.adapters.mavlink.sockets import Reads, TcpListener, UdpTransport
+from aerodft.adapters.mavlink.senders import Senders
+from aerodft.adapters.mavlink.signing import SignatureCheck, SigningCounts
+from aerodft.adapters.mavlink.sockets import TcpListener, UdpTransport
 from aerodft.adapters.mavlink.transport import Transport, open_transport
 from aerodft.model.telemetry import WireProtocol
 
@@ -19,8 +22,6 @@ _LOG: Final = logging.getLogger(__name__)
 _WAIT_S: Final = 0.1
 _HEARTBEAT_S: Final = 1.0
 _STOP_S: Final = 2.0
-_MAX_SENDERS: Final = 64
-_NAMED_SENDERS = 16  # strangers must not fill the log
 _OWN_SYSTEM: Final = 255
 _OWN_COMPONENT: Final = 190
 
@@ -42,16 +43,18 @@ class MavlinkLink:
     Args:
         address: A connection string, or a parsed one.
         inbox: Takes the frames, on the link's own thread.
+        signing: Decides which frames are believed and signs what is sent; None on a link without keys. It stays the
+            caller's to close, after the link.
 
     Raises:
         LinkError: The string makes no sense, the port is busy, the host unknown, the device missing.
     """
 
-    def __init__(self, address: str | LinkAddress, inbox: FrameInbox) -> None:
+    def __init__(self, address: str | LinkAddress, inbox: FrameInbox, *, signing: SignatureCheck | None = None) -> None:
         self.address = parse_address(address) if isinstance(address, str) else address
         self._inbox = inbox
-        self._framers: dict[str, StreamFramer] = {}
-        self._senders = 0
+        self._signing = signing
+        self._senders = Senders(self.address.text)
         StreamFramer().push(_heartbeat())  # compiles on the very first run, which takes seconds: not while bytes wait
         self._transport: Transport = open_transport(self.address)
         self._stop = threading.Event()
@@ -73,9 +76,14 @@ class MavlinkLink:
         return transport.local[1] if isinstance(transport, UdpTransport | TcpListener) else 0
 
     @property
-    def counts(self) -> dict[str, FrameCounts]:
-        """What each sender's framer has seen."""
-        return {sender: framer.counts for sender, framer in tuple(self._framers.items())}
+    def counts(self) -> FrameCounts:
+        """What the framers have seen."""
+        return self._senders.counts
+
+    @property
+    def signing(self) -> SigningCounts | None:
+        """What became of the frames on a signed link; None on one without keys."""
+        return None if self._signing is None else self._signing.counts
 
     def __enter__(self) -> Self:
         return self
@@ -99,7 +107,7 @@ class MavlinkLink:
         due_s = time.monotonic()
         while not self._stop.is_set():
             if talks and time.monotonic() >= due_s:
-                self._transport.write(heartbeat)
+                self._transport.write(heartbeat if self._signing is None else self._signing.sign(heartbeat))
                 due_s = time.monotonic() + _HEARTBEAT_S
             try:
                 reads = self._transport.read(_WAIT_S)
@@ -111,26 +119,13 @@ class MavlinkLink:
 
     def _take(self, reads: Reads) -> None:
         for sender, data in reads:
-            if not data:
-                self._framers.pop(sender, None)
-                continue
-            framer = self._framers.get(sender)
-            if framer is None:
-                framer = self._admit(sender)
-            frames = framer.push(data)
+            frames = self._senders.push(sender, data)
+            if self._signing is not None:
+                frames = self._signing.passed(frames)
             if frames:
                 self._inbox.put_frames(WireProtocol.MAVLINK, sender, frames)
-
-    def _admit(self, sender: str) -> StreamFramer:
-        """A framer for a new sender; the one heard first gives way where strangers flood the port."""
-        if len(self._framers) >= _MAX_SENDERS:
-            del self._framers[next(iter(self._framers))]
-        self._senders += 1
-        if self._senders <= _NAMED_SENDERS:
-            _LOG.info("%s: first bytes from %s", self.address.text, sender)
-        elif self._senders == _NAMED_SENDERS + 1:
-            _LOG.warning("%s: bytes from more than %d senders", self.address.text, _NAMED_SENDERS)
-        return self._framers.setdefault(sender, StreamFramer())
+        if self._signing is not None:
+            self._signing.settle()
 
 
 def _heartbeat() -> bytes:

@@ -8,7 +8,7 @@ from typing import Final
 import serial
 
 from aerodft.adapters.mavlink.address import LinkAddress
-from aerodft.adapters.mavlink.sockets import Reads
+from aerodft.adapters.mavlink.datagrams import Reads
 
 _LOG: Final = logging.getLogger(__name__)
 

@@ -4,17 +4,21 @@ import contextlib
 import logging
 import selectors
 import socket
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from aerodft.adapters.mavlink.address import LinkAddress, LinkKind
+from aerodft.adapters.mavlink.datagrams import BatchReader, Reads, read_each, sender_name
 
 _LOG: Final = logging.getLogger(__name__)
 _RECEIVE_BUFFER: Final = 4 << 20
 _READ: Final = 1 << 16
-_MAX_READS: Final = 256
+_SMALL_BUFFER: Final = 1 << 20
+_RECEIVE_BUFFER_FORCE: Final = 33  # Linux: beyond what the system allows everybody, for who may
 _CONNECT_S: Final = 0.25
 
-Reads = list[tuple[str, bytes]]
+_Read = Callable[[], Reads]
 
 
 def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[socket.AddressFamily, tuple[str, int]]:
@@ -24,8 +28,16 @@ def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[socket.Addr
     return family, (str(place[0]), int(place[1]))
 
 
-def _name(place: tuple[object, ...]) -> str:
-    return f"{place[0]}:{place[1]}"
+def _widen(sock: socket.socket, text: str) -> None:
+    """Ask for a receive buffer that bursts and floods fit into; say where the system does not give it."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+    if sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < _RECEIVE_BUFFER:
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _RECEIVE_BUFFER_FORCE, _RECEIVE_BUFFER)
+    size = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    if size < _SMALL_BUFFER:
+        hint = f"sysctl -w net.core.rmem_max={_RECEIVE_BUFFER}"
+        _LOG.warning("%s: the system gives a receive buffer of %d KiB, bursts may be lost; %s", text, size >> 10, hint)
 
 
 class UdpTransport:
@@ -40,7 +52,7 @@ class UdpTransport:
         self._peer = place if address.kind is LinkKind.UDP_OUT else None
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            _widen(self._socket, address.text)
             self._socket.setblocking(False)
             # No SO_REUSEADDR: on Linux two programs would then share the port, and one of them would hear nothing.
             if self._peer is None:
@@ -50,6 +62,10 @@ class UdpTransport:
             raise
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._socket, selectors.EVENT_READ)
+        try:
+            self._read: _Read = BatchReader(self._socket).read
+        except AttributeError:
+            self._read = partial(read_each, self._socket)
 
     @property
     def local(self) -> tuple[str, int]:
@@ -58,17 +74,8 @@ class UdpTransport:
         return str(host), int(port)
 
     def read(self, timeout_s: float) -> Reads:
-        """Datagrams that have arrived, at most 256 at once."""
-        reads: Reads = []
-        if not self._selector.select(timeout_s):
-            return reads
-        # A refused datagram (nobody listens there yet) is reported on the next read: no fault of this link.
-        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
-            while len(reads) < _MAX_READS:
-                data, place = self._socket.recvfrom(_READ)
-                if data:
-                    reads.append((_name(place), data))
-        return reads
+        """What has arrived, at most 128 datagrams at once."""
+        return self._read() if self._selector.select(timeout_s) else []
 
     def write(self, data: bytes) -> None:
         """Send to the peer; a listening link only listens."""
@@ -165,8 +172,8 @@ class TcpListener:
             if key.fileobj is self._listener:
                 with contextlib.suppress(OSError):
                     peer, place = self._listener.accept()
-                    self._peers.add(peer, _name(place))
-                    _LOG.info("%s has connected", _name(place))
+                    self._peers.add(peer, sender_name(place))
+                    _LOG.info("%s has connected", sender_name(place))
             elif isinstance(key.fileobj, socket.socket):
                 reads.append(self._peers.read_from(key.fileobj))
         return reads
@@ -214,12 +221,12 @@ class TcpClient:
         except OSError as error:
             peer.close()
             if not self._complained:
-                _LOG.warning("%s does not answer (%s); trying again", _name(self._place), error.strerror or error)
+                _LOG.warning("%s does not answer (%s); trying again", sender_name(self._place), error.strerror or error)
                 self._complained = True
             return False
         self._complained = False
-        self._peers.add(peer, _name(self._place))
-        _LOG.info("connected to %s", _name(self._place))
+        self._peers.add(peer, sender_name(self._place))
+        _LOG.info("connected to %s", sender_name(self._place))
         return True
 
     def write(self, data: bytes) -> None:

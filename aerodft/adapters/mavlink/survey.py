@@ -10,7 +10,9 @@ import numpy as np
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Stream, StreamTable, rangefinder_readings_m
+from aerodft.adapters.mavlink.survey_report import USED, ClockSummary, Gap, SurveyReport, ValueSource
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.rotation import yaw_pitch_roll
 from aerodft.model.arrays import FloatArray
@@ -23,131 +25,11 @@ from aerodft.model.telemetry import (
     Track,
     VehicleTrack,
 )
-from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
 
-# Messages that poses are made of; only their gaps matter.
-USED: Final = frozenset(
-    {
-        "ALTITUDE",
-        "ATTITUDE",
-        "DISTANCE_SENSOR",
-        "GIMBAL_DEVICE_ATTITUDE_STATUS",
-        "GLOBAL_POSITION_INT",
-        "MOUNT_ORIENTATION",
-        "MOUNT_STATUS",
-        "RANGEFINDER",
-        "SYSTEM_TIME",
-        "TERRAIN_REPORT",
-        "ATT",
-        "GPS",
-        "MNT",
-        "POS",
-        "RFND",
-        "TERR",
-    }
-)
 _SLOW_PERIODS: Final = 3
 _PART_NS: Final = 5 * SECOND_NS
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ValueSource:
-    """One source of heights or of attitudes.
-
-    Attributes:
-        name: As the configuration calls it.
-        count: Usable rows.
-        unit: Of the range.
-        low: Smallest value (attitudes: of the pitch).
-        high: Largest value.
-    """
-
-    name: str
-    count: int
-    unit: str
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gap:
-    """A silence in a stream that poses are made of.
-
-    Attributes:
-        message: The stream.
-        start_s: Since the log's first frame.
-        duration_s: How long.
-    """
-
-    message: str
-    start_s: float
-    duration_s: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClockSummary:
-    """How the sender's UTC relates to the recording machine's.
-
-    Attributes:
-        known_after_s: First UTC, since the log's first frame; None where the sender never knew it.
-        host_minus_utc_s: Median of arrival minus the sender's UTC; None likewise.
-    """
-
-    known_after_s: float | None
-    host_minus_utc_s: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SurveyReport:
-    """Everything that was found.
-
-    Attributes:
-        target: The file or link.
-        first_ns: Arrival of the first frame; None where there was none.
-        last_ns: Arrival of the last frame.
-        streams: Every message of every sender.
-        heights: Sources of the height.
-        attitudes: Sources of the camera's attitude.
-        frames: What each of those is against, told from its reports, by its name.
-        vehicle_attitude: The vehicle's own attitude, enough for a camera that is fixed to it.
-        clock: UTC.
-        gaps: Silences in used streams.
-        systems: Systems that report an attitude or a position of their own.
-        rejected: Rows of used messages that hold no value, by ``MESSAGE: reason``.
-        counts: What the framer met.
-        rangefinder: RANGEFINDER as it came, used or not.
-        warnings: What the reader says.
-    """
-
-    target: str
-    first_ns: int | None
-    last_ns: int | None
-    streams: tuple[Stream, ...]
-    heights: tuple[ValueSource, ...]
-    attitudes: tuple[ValueSource, ...]
-    frames: dict[str, FrameEvidence]
-    vehicle_attitude: ValueSource | None
-    clock: ClockSummary
-    gaps: tuple[Gap, ...]
-    systems: tuple[int, ...]
-    rejected: dict[str, int]
-    counts: FrameCounts
-    rangefinder: ValueSource | None = None
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def usable(self) -> bool:
-        """Whether a height and an attitude (a gimbal's, or the vehicle's for a fixed mount) could be had."""
-        return bool(self.heights) and bool(self.attitudes or self.vehicle_attitude)
-
-    @property
-    def duration_s(self) -> float:
-        """From the first frame to the last."""
-        if self.first_ns is None or self.last_ns is None:
-            return 0.0
-        return (self.last_ns - self.first_ns) / SECOND_NS
 
 
 @dataclass(slots=True)
@@ -226,12 +108,15 @@ class Survey:
             case HeightTrack():
                 self._heights.setdefault(str(track.source), _Range("m")).add(track.value_m)
 
-    def report(self, *, counts: FrameCounts, warnings: tuple[str, ...] = ()) -> SurveyReport:
+    def report(
+        self, *, counts: FrameCounts, warnings: tuple[str, ...] = (), signing: SigningCounts | None = None
+    ) -> SurveyReport:
         """What was found so far.
 
         Args:
             counts: The framer's counters.
             warnings: The reader's own sentences.
+            signing: The counters of a signed link.
         """
         streams = self._table.streams()
         systems = {s.system for s in streams if s.name in {"ATTITUDE", "GLOBAL_POSITION_INT"}}
@@ -251,6 +136,7 @@ class Survey:
             rangefinder=next(iter(_sources({"RANGEFINDER": self._rangefinder})), None),
             counts=counts,
             warnings=warnings,
+            signing=signing,
         )
 
     def _clock_summary(self) -> ClockSummary:

@@ -5,8 +5,9 @@ import socket
 from typing import Protocol
 
 from aerodft.adapters.mavlink.address import LinkAddress, LinkKind
+from aerodft.adapters.mavlink.datagrams import Reads
 from aerodft.adapters.mavlink.serialport import SerialTransport
-from aerodft.adapters.mavlink.sockets import Reads, TcpClient, TcpListener, UdpTransport
+from aerodft.adapters.mavlink.sockets import TcpClient, TcpListener, UdpTransport
 from aerodft.errors import LinkError
 
 

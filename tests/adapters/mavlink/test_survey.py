@@ -10,7 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.findings import document, problems
 from aerodft.adapters.mavlink.framing import FrameCounts
-from aerodft.adapters.mavlink.survey import Survey, SurveyReport
+from aerodft.adapters.mavlink.survey import Survey
+from aerodft.adapters.mavlink.survey_report import SurveyReport
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of
 

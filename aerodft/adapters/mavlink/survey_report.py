@@ -1,0 +1,132 @@
+"""What a survey of a log or link reports."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.signing import SigningCounts
+from aerodft.adapters.mavlink.streams import Stream
+from aerodft.conventions import SECOND_NS
+from aerodft.service.gimbal_frame import FrameEvidence
+
+# Messages that poses are made of; only their gaps matter.
+USED: Final = frozenset(
+    {
+        "ALTITUDE",
+        "ATTITUDE",
+        "DISTANCE_SENSOR",
+        "GIMBAL_DEVICE_ATTITUDE_STATUS",
+        "GLOBAL_POSITION_INT",
+        "MOUNT_ORIENTATION",
+        "MOUNT_STATUS",
+        "RANGEFINDER",
+        "SYSTEM_TIME",
+        "TERRAIN_REPORT",
+        "ATT",
+        "GPS",
+        "MNT",
+        "POS",
+        "RFND",
+        "TERR",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValueSource:
+    """One source of heights or of attitudes.
+
+    Attributes:
+        name: As the configuration calls it.
+        count: Usable rows.
+        unit: Of the range.
+        low: Smallest value (attitudes: of the pitch).
+        high: Largest value.
+    """
+
+    name: str
+    count: int
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gap:
+    """A silence in a stream that poses are made of.
+
+    Attributes:
+        message: The stream.
+        start_s: Since the log's first frame.
+        duration_s: How long.
+    """
+
+    message: str
+    start_s: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockSummary:
+    """How the sender's UTC relates to the recording machine's.
+
+    Attributes:
+        known_after_s: First UTC, since the log's first frame; None where the sender never knew it.
+        host_minus_utc_s: Median of arrival minus the sender's UTC; None likewise.
+    """
+
+    known_after_s: float | None
+    host_minus_utc_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyReport:
+    """Everything that was found.
+
+    Attributes:
+        target: The file or link.
+        first_ns: Arrival of the first frame; None where there was none.
+        last_ns: Arrival of the last frame.
+        streams: Every message of every sender.
+        heights: Sources of the height.
+        attitudes: Sources of the camera's attitude.
+        frames: What each of those is against, told from its reports, by its name.
+        vehicle_attitude: The vehicle's own attitude, enough for a camera that is fixed to it.
+        clock: UTC.
+        gaps: Silences in used streams.
+        systems: Systems that report an attitude or a position of their own.
+        rejected: Rows of used messages that hold no value, by ``MESSAGE: reason``.
+        counts: What the framer met.
+        rangefinder: RANGEFINDER as it came, used or not.
+        warnings: What the reader says.
+        signing: What became of the frames of a signed link; None without keys.
+    """
+
+    target: str
+    first_ns: int | None
+    last_ns: int | None
+    streams: tuple[Stream, ...]
+    heights: tuple[ValueSource, ...]
+    attitudes: tuple[ValueSource, ...]
+    frames: dict[str, FrameEvidence]
+    vehicle_attitude: ValueSource | None
+    clock: ClockSummary
+    gaps: tuple[Gap, ...]
+    systems: tuple[int, ...]
+    rejected: dict[str, int]
+    counts: FrameCounts
+    rangefinder: ValueSource | None = None
+    warnings: tuple[str, ...] = ()
+    signing: SigningCounts | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether a height and an attitude (a gimbal's, or the vehicle's for a fixed mount) could be had."""
+        return bool(self.heights) and bool(self.attitudes or self.vehicle_attitude)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first frame to the last."""
+        if self.first_ns is None or self.last_ns is None:
+            return 0.0
+        return (self.last_ns - self.first_ns) / SECOND_NS

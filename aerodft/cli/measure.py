@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
-from aerodft.adapters.config.calibration import load_calibrated_lens, load_calibrated_pose
+from aerodft.adapters.config.calibration import load_calibrated_lens, load_calibrated_pose, load_calibration
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.settings import pose_sample
 from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
@@ -25,6 +25,7 @@ from aerodft.errors import InputError, UsageError
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status
+from calibration.biases import BiasCalibrator
 
 
 def measure(
@@ -60,7 +61,12 @@ def measure(
     compare: Annotated[
         bool, typer.Option("--compare", help="Both projection models side by side, and what lies between.")
     ] = False,
-    calibration: Annotated[Path | None, typer.Option(help="Take the pose (and lens) of a calibration file.")] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="Take pose and lens of a calibration file; or, where it has biases, correct --height, ... by them."
+        ),
+    ] = None,
     recording: Annotated[Path | None, typer.Option(help="Take camera and pose from this recording.")] = None,
     at: Annotated[
         str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
@@ -103,7 +109,7 @@ def measure(
         pose.refuse_all("recording")
         terms.refuse_all("recording")
         setup, sample, stds = _recorded(recording, at, model, std)
-    elif calibration is not None:
+    elif calibration is not None and load_calibrated_pose(calibration) is not None:
         pose.refuse_all("calibration")
         setup, sample, stds = _calibrated(calibration, camera, model, std, terms)
     else:
@@ -111,6 +117,8 @@ def measure(
         surface, origin = terms.ground(pose.origin)
         setup = replace(_setup(camera, model or ProjectionModel.PINHOLE, stds), ground=surface)
         sample = pose.sample(stds, origin)
+        if calibration is not None:
+            setup, sample = _corrected(setup, sample, calibration)
     setup = replace(_limited(setup, elevation, max_range), elevation_std_m=stds.elevation_m)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
@@ -184,8 +192,7 @@ def _calibrated(
     if stds.pose != PoseStd():
         raise UsageError("--std of the pose beside --calibration", expected="px, elevation: the pose's are in the file")
     fixed, (lens, own_model) = load_calibrated_pose(path), load_calibrated_lens(path)
-    if fixed is None:
-        raise InputError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
+    assert fixed is not None  # noqa: S101 - who calls this has looked, for the type checker
     if model not in (None, own_model):
         raise UsageError(f"--model {model} beside --calibration", expected=f"{own_model}, which it was made with")
     if lens is None and camera is None:
@@ -196,6 +203,14 @@ def _calibrated(
     sample = flat if surface is None else pose_sample(fixed, origin, surface, str(path))
     assert lens is not None  # noqa: S101 - one of the two was there, for the type checker
     return Setup(camera=lens, model=own_model, ground=surface), sample, stds
+
+
+def _corrected(setup: Setup, sample: PoseSample, path: Path) -> tuple[Setup, PoseSample]:
+    """Camera and pose by telemetry, without what a calibration says that telemetry is off by."""
+    lens, own_model = load_calibrated_lens(path)
+    if lens is not None and setup.model is not own_model:
+        raise UsageError(f"--model {setup.model} beside --calibration", expected=f"{own_model}, which it was made with")
+    return replace(setup, camera=lens or setup.camera), BiasCalibrator(load_calibration(path)).refine(sample)
 
 
 def _compare(setup: Setup, sample: PoseSample, requests: tuple[Request, ...], *, as_json: bool) -> None:

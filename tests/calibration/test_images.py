@@ -26,7 +26,7 @@ PRIORS = {name: Prior(value=0.0, std=SHARED * std) for name, std in STD.items()}
 VAGUE = {name: Prior(value=0.0, std=1e4 * std) for name, std in STD.items()}
 ASKED = ("height", "tilt", "roll", "heading", "time")
 PINHOLE = ProjectionModel.PINHOLE
-SCENES = 100
+SCENES = 70
 STILL = {"speed_mps": 0.0, "turn_radps": 0.0}
 EXACT = {"std_px": 0.0, "noise": np.zeros(OWN)}
 
@@ -66,7 +66,7 @@ def test_errors_are_as_large_as_stated(tilt_deg):
     print({name: round(float(np.std(z)), 2) for name, z in scores.items()})
     assert_allclose(np.std(np.concatenate(list(scores.values()))), 1.0, atol=0.08)
     for name, z in scores.items():
-        assert_allclose(np.std(z), 1.0, atol=0.25, err_msg=name)  # 100 scenes tell it to 0.07
+        assert_allclose(np.std(z), 1.0, atol=0.3, err_msg=name)  # 70 scenes tell it to 0.085
         assert abs(np.mean(z)) < 4 / math.sqrt(len(z)), name
     assert_allclose(np.mean(chances), 0.5, atol=0.12)
 

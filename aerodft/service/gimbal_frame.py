@@ -11,6 +11,7 @@ of the range counts little, and the demand of a camera that is not stabilised, w
 import math
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 from typing import Final
 
 import numpy as np
@@ -28,6 +29,10 @@ CERTAIN: Final = 1e4
 
 _WINDOW_NS = 2 * SECOND_NS  # a motion is over within it: slower ones may as well be commands
 _LEAST_MOTION_RAD = math.radians(2)  # ten times the error of an autopilot's own attitude
+_LEAST_MOTION_STDS = 8  # the noise of twenty attitudes reaches six
+_NOISE_WINDOW = 300  # reports
+_ENOUGH_NOISE = 15  # reports
+_NOISE_OF_BEND = 1 / (math.sqrt(6) * 1.177)  # median length of white noise's second differences, in two directions
 _NOISE_RAD = math.radians(0.3)
 _LEFT_OVER = 0.25  # share of the vehicle's motion that lags and poor stabilisation leave
 _MOST_A_MOTION = math.log(10)  # a command may fall together with a motion
@@ -62,6 +67,7 @@ class FrameDetector:
 
     def __init__(self) -> None:
         self._recent: deque[Moment] = deque()
+        self._bends_rad: deque[float] = deque(maxlen=_NOISE_WINDOW)
         self._range_rad = (math.inf, -math.inf)  # pitches reported so far
         self._log_ratios = np.zeros(len(LAGS_NS))  # body against earth, were reports this late
         self._at_limit = np.zeros(len(LAGS_NS))  # the part of it that a servo at its limit could explain
@@ -92,13 +98,21 @@ class FrameDetector:
         self._range_rad = min(low, moment.reported_pitch_rad), max(high, moment.reported_pitch_rad)
         while self._recent and moment.stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
             self._recent.popleft()
-        if self._recent:
+        noise_rad = self._noise_rad(moment)
+        if self._recent and noise_rad is not None:
             turns = [math.dist(moment.down_body, before.down_body) for before in self._recent]
             farthest = turns.index(max(turns))
-            if turns[farthest] >= _LEAST_MOTION_RAD:
+            if turns[farthest] >= max(_LEAST_MOTION_RAD, _LEAST_MOTION_STDS * noise_rad):
                 self._learn(self._recent[farthest], moment, turns[farthest])
                 self._recent.clear()
         self._recent.append(moment)
+
+    def _noise_rad(self, moment: Moment) -> float | None:
+        """Standard deviation of the vehicle's reported tilt, or a bit more where it turns fast; None at the start."""
+        if len(self._recent) > 1:
+            first, second = self._recent[-2], self._recent[-1]
+            self._bends_rad.append(float(np.linalg.norm(moment.down_body - 2 * second.down_body + first.down_body)))
+        return median(self._bends_rad) * _NOISE_OF_BEND if len(self._bends_rad) > _ENOUGH_NOISE else None
 
     def _learn(self, start: Moment, end: Moment, turn_rad: float) -> None:
         reported = np.linalg.norm(end.down_if_earth - start.down_if_earth)

@@ -19,7 +19,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, Pose, PoseStd
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.model.telemetry import RawBlock, ReportFrame, WireProtocol
 from aerodft.service.feed import block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import AttitudeSettings, HeightSettings, PipelineSettings, TelemetrySettings
@@ -108,7 +108,9 @@ def _visible_points(draw: np.random.Generator, pose: Pose) -> np.ndarray:
 
 def _settings(std: PoseStd) -> PipelineSettings:
     height = HeightSettings(order=(HeightSource.HOME,), std_m={HeightSource.HOME: std.height_agl_m})
-    telemetry = TelemetrySettings(height=height, attitude=AttitudeSettings(std=std))
+    telemetry = TelemetrySettings(
+        height=height, attitude=AttitudeSettings(std=std, frame=ReportFrame.EARTH, is_demand=False)
+    )
     return PipelineSettings(
         station="coverage",
         camera=CAMERA,

@@ -12,7 +12,7 @@ from aerodft.adapters.mavlink.address import is_link, parse_address
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.findings import document, problems
 from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.adapters.mavlink.signing_keys import SigningSettings
+from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.adapters.mavlink.survey import Survey
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
 from aerodft.cli.output import tables

@@ -19,11 +19,13 @@ from aerodft.adapters.images.rate import LiveRate
 from aerodft.adapters.images.stream import StreamReader
 from aerodft.adapters.mavlink.address import parse_address
 from aerodft.adapters.mavlink.link import MavlinkLink
+from aerodft.adapters.mavlink.signing_words import signing_sentences
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import say
+from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
 from aerodft.cli.times import MOST_SECONDS
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, run
@@ -68,19 +70,20 @@ def serve(
             stack.callback(bus.close)
         look = stack.enter_context(LiveLook(eyes.lookouts, inbox.put_observations))
         images = _ImageGate(station, inbox, feed, look, where=config)
-        _open_inputs(station, inbox, images, clock, stack)
+        link = _open_inputs(station, inbox, images, clock, stack)
         recorder = build_recorder(station, folder, started_ns=started_ns, lossless=False)  # once nothing can fail
         stack.callback(recorder.close)
         stack.enter_context(_stop_on_signal(feed, seconds))
         say(f"recording to {folder}; stop with Ctrl-C")
         receivers = (recorder,) if bus is None else (bus, recorder)
-        status = _StatusEverySecond(station, pipeline, inbox, tally, receivers)
+        status = _StatusEverySecond(station, pipeline, inbox, look, tally, receivers, link)
         run(feed, pipeline, (*receivers, tally), status)
     images.raise_refusal()
     if bus is not None and bus.malformed:
         say(f"{bus.malformed} observations on the bus were none; the first was said when it came")
     seen = eyes.report(look.counts)
-    report(recorder.totals, tally, pipeline.counts, as_json=json, live=True, seen=seen)
+    warnings = tuple(signing_sentences(link.signing)) if link is not None and link.signing is not None else ()
+    report(recorder.totals, tally, pipeline.counts, as_json=json, warnings=warnings, live=True, seen=seen)
 
 
 def _folder_name(station: str, now_ns: int) -> str:
@@ -107,8 +110,8 @@ def _open_bus(station: StationConfig, pipeline: Pipeline, inbox: Inbox) -> Zenoh
 
 def _open_inputs(
     station: StationConfig, inbox: Inbox, images: "_ImageGate", clock: WallClock, stack: ExitStack
-) -> None:
-    """Open the MAVLink link and the image source; both leave what they receive in the inbox."""
+) -> MavlinkLink | None:
+    """Open the MAVLink link, if there is one, and the image source; both leave what they receive in the inbox."""
     source, offset_s = station.images.source, station.image_offset_s
     if isinstance(source, Stream | Device):
         url = source.url if isinstance(source, Stream) else source.path
@@ -117,8 +120,11 @@ def _open_inputs(
         rate = LiveRate(source.rate_hz if isinstance(source, Rate) else DEFAULT_RATE_HZ, inbox.put_image, clock)
         rate.start()
         stack.callback(rate.stop)
-    if station.link is not None and station.pipeline.telemetry is not None:
-        stack.enter_context(MavlinkLink(parse_address(station.link.connection, baud=station.link.baud), inbox))
+    if station.link is None or station.pipeline.telemetry is None:
+        return None
+    check = stack.enter_context(opened_signing(station.link.signing))
+    address = parse_address(station.link.connection, baud=station.link.baud)
+    return stack.enter_context(MavlinkLink(address, inbox, signing=check))
 
 
 class _ImageGate:
@@ -164,12 +170,16 @@ class _StatusEverySecond:
         station: StationConfig,
         pipeline: Pipeline,
         inbox: Inbox,
+        look: LiveLook,
         tally: Tally,
         receivers: tuple[McapRecorder | ZenohBus, ...],
+        link: MavlinkLink | None,
     ) -> None:
+        self._link = link
         self._station = station.pipeline.station
         self._pipeline = pipeline
         self._inbox = inbox
+        self._look = look
         self._tally = tally
         self._receivers = receivers
         self._next_ns = 0
@@ -182,6 +192,9 @@ class _StatusEverySecond:
         counts = {
             "images": tally.images,
             "dropped_images": self._inbox.dropped_images,
+            "looks": sum(each.looked for each in self._look.counts),
+            "skipped_looks": sum(each.skipped for each in self._look.counts),
+            **({} if self._link is None else _link_counts(self._link)),
             **{f"poses_{status}": number for status, number in tally.poses.items()},
             **{f"measurements_{status}": number for status, number in tally.measurements.items()},
         }
@@ -190,6 +203,16 @@ class _StatusEverySecond:
         status = StationStatus(station=self._station, stamp_ns=now_ns, state="running", text=text, counts=counts)
         for receiver in self._receivers:
             receiver.status(status)
+
+
+def _link_counts(link: MavlinkLink) -> dict[str, int]:
+    """What the link has heard, let in and refused."""
+    seen = link.counts
+    counts = {"frames": seen.frames, "frames_damaged": seen.bad_crc, "skipped_bytes": seen.skipped_bytes}
+    if link.signing is not None:
+        counts["frames_verified"] = link.signing.verified
+        counts |= {f"refused_{why.replace(' ', '_')}": number for why, number in link.signing.refused.items()}
+    return counts
 
 
 @contextmanager

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from aerodft.adapters.mavlink.signing import SignatureCheck
-from aerodft.adapters.mavlink.signing_keys import SigningSettings, open_signing
+from aerodft.adapters.mavlink.signing_keys import open_signing
+from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.service.clock import WallClock
 
 

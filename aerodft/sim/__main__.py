@@ -14,11 +14,12 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 
 from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.mavlink.signing_keys import load_key
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, UsageError
 from aerodft.service.clock import WallClock
 from aerodft.sim.bus import observation_publisher
-from aerodft.sim.live import Outlets, encoded, perform, udp_sender
+from aerodft.sim.live import Outlets, encoded, perform, signed, udp_sender
 from aerodft.sim.options import (
     parse_autopilot,
     parse_biases,
@@ -68,6 +69,7 @@ def simulate(
     no_video: Annotated[bool, typer.Option("--no-video", help="Write no video file.")] = False,
     live: Annotated[bool, typer.Option("--live", help="Fly now, in real time.")] = False,
     mavlink: Annotated[str | None, typer.Option(help="With --live: udpout:HOST:PORT")] = None,
+    signing_key: Annotated[Path | None, typer.Option(help="With --mavlink: sign it with this key file.")] = None,
     video: Annotated[str | None, typer.Option(help="With --live: udp://HOST:PORT (H.264 in MPEG-TS)")] = None,
     zenoh: Annotated[str | None, typer.Option(help="With --live: publish observations, tcp/HOST:PORT")] = None,
     station: Annotated[str, typer.Option(help="Station's name in zenoh keys.")] = "sim",
@@ -80,6 +82,9 @@ def simulate(
     """
     if not live and (mavlink or video or zenoh):
         raise UsageError("--mavlink, --video and --zenoh send a live flight", expected="--live with them")
+    if signing_key is not None and mavlink is None:
+        raise UsageError("--signing-key signs what is sent", expected="--mavlink with it")
+    key = None if signing_key is None else load_key(signing_key)
     lens = default_camera(*parse_size(size)) if camera is None else load_camera(camera)
     if log is None:
         scenario = generated(lens, duration_s=duration or 20.0, fps=fps or 10.0, height_m=height, seed=seed)
@@ -100,7 +105,7 @@ def simulate(
     )
     if live:
         delay_ns = round(observing["delay"] * SECOND_NS)
-        _fly(scenario, out, (mavlink, video, zenoh), station=station, observe_delay_ns=delay_ns)
+        _fly(scenario, out, (mavlink, video, zenoh), key=key, station=station, observe_delay_ns=delay_ns)
     else:
         with _progress() as progress:
             write_files(scenario, out, video=not no_video, progress=progress)
@@ -112,14 +117,17 @@ def _fly(
     out: Path,
     addresses: tuple[str | None, str | None, str | None],
     *,
+    key: bytes | None,
     station: str,
     observe_delay_ns: int,
 ) -> None:
-    """Render, then fly at once; ``addresses`` are those of MAVLink, video and zenoh."""
+    """Render, then fly at once; ``addresses`` are those of MAVLink, video and zenoh, ``key`` signs the first."""
     mavlink, video, zenoh = addresses
+    clock = WallClock()
     with ExitStack() as stack:
+        telemetry = stack.enter_context(udp_sender(mavlink)) if mavlink else None
         outlets = Outlets(
-            telemetry=stack.enter_context(udp_sender(mavlink)) if mavlink else None,
+            telemetry=telemetry if telemetry is None or key is None else signed(telemetry, key, clock),
             video=stack.enter_context(udp_sender(video)) if video else None,
             observe=stack.enter_context(observation_publisher(zenoh, station)) if zenoh else None,
             observe_delay_ns=observe_delay_ns,
@@ -128,7 +136,6 @@ def _fly(
         if video:
             with _progress() as progress:
                 packets = encoded(scenario, progress)
-        clock = WallClock()
         # Whole microseconds: the logs and the video know nothing finer.
         start_ns = (clock.now_ns() + _LEAD_NS) // 1000 * 1000
         scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from aerodft.adapters.mavlink.signing import SignatureCheck
+from aerodft.adapters.mavlink.signing_state import SigningState
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError, UsageError
 from aerodft.service.ports import Clock
@@ -98,6 +100,12 @@ def parse_udp(text: str) -> tuple[str, int]:
     if parts.scheme != "udp" or not host or not port or port > _MAX_PORT:
         raise UsageError("no address to send to", got=text, expected=_ADDRESSES)
     return host, port
+
+
+def signed(send: Send, key: bytes, clock: Clock) -> Send:
+    """A sender that signs each MAVLink 2 frame first."""
+    check = SignatureCheck(key, SigningState(), clock.now_ns)
+    return lambda frame: send(check.sign(frame))
 
 
 @contextmanager

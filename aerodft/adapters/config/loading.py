@@ -15,7 +15,7 @@ from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
 from aerodft.adapters.config.ground import ground_from, needs_place
 from aerodft.adapters.config.live_tables import live_from
 from aerodft.adapters.config.marker_tables import marker_landmarks, marker_settings
-from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
+from aerodft.adapters.config.pose_tables import PoseTable, SigningTable, TelemetryTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.settings import (
@@ -41,6 +41,7 @@ from aerodft.adapters.config.station_tables import ConfigTable
 from aerodft.adapters.config.tables import Table, Text
 from aerodft.adapters.config.units import to_ns
 from aerodft.adapters.config.watch_tables import watch_from
+from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.errors import ConfigError
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
@@ -86,7 +87,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
     return _refreshed(
         StationConfig(
             pipeline=pipeline,
-            link=_link(telemetry),
+            link=_link(telemetry, folder),
             images=images_from(table.images, folder),
             observations=ObservationSettings(
                 files=tuple(folder / file for file in observations.files),
@@ -241,7 +242,17 @@ def _biases(path: Path) -> Calibration:
     return load_calibration(path)
 
 
-def _link(table: TelemetryTable | None) -> Link | None:
+def _link(table: TelemetryTable | None, folder: Path) -> Link | None:
     if table is None or table.connection is None:
         return None
-    return Link(connection=table.connection, baud=table.baud)
+    signing = None if table.signing is None else _signing(table.signing, folder)
+    return Link(connection=table.connection, baud=table.baud, signing=signing)
+
+
+def _signing(table: SigningTable, folder: Path) -> SigningSettings:
+    return SigningSettings(
+        key_file=folder / table.key_file,
+        state_file=None if table.state_file is None else folder / table.state_file,
+        link_id=table.link_id,
+        accept_unsigned=table.accept_unsigned,
+    )

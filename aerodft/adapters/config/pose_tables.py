@@ -23,7 +23,9 @@ from aerodft.adapters.config.tables import (
     Text,
     TiltDeg,
     impossible,
+    matching,
 )
+from aerodft.adapters.mavlink.signing_settings import RADIO_STATUS
 
 HeightName = Literal["rangefinder", "terrain", "home", "manual"]
 
@@ -60,11 +62,23 @@ class TelemetryBiasTable(BiasTable):
     calibration_id: Text | None = None
 
 
+class SigningTable(Table):
+    """The key of a signed link."""
+
+    key_file: Text
+    state_file: Text | None = None
+    link_id: Annotated[int, Field(ge=0, le=255)] = 0
+    accept_unsigned: Many[Annotated[str, matching(r"[A-Z][A-Z0-9_]*", 'a message like "RADIO_STATUS"')]] = (
+        RADIO_STATUS,
+    )
+
+
 class TelemetryTable(Table):
     """The vehicle, and how its telemetry becomes a pose."""
 
     connection: Text | None = None
     baud: Count = 57600
+    signing: SigningTable | None = None
     system: Annotated[int, Field(ge=1, le=255)] | None = None
     wait_s: Duration = 2.0
     horizontal_std_m: NonNegative = 2.0
@@ -77,6 +91,12 @@ class TelemetryTable(Table):
     def _one_calibration(self) -> Self:
         if self.calibration and self.bias:
             raise impossible("bias", got="it beside calibration", expected="one of the two")
+        return self
+
+    @model_validator(mode="after")
+    def _a_link_to_sign(self) -> Self:
+        if self.signing is not None and self.connection is None:
+            raise impossible("signing", got="it without connection", expected="connection beside it")
         return self
 
 

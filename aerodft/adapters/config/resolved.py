@@ -26,6 +26,7 @@ from aerodft.adapters.config.station import (
 )
 from aerodft.adapters.config.units import to_deg, to_s
 from aerodft.adapters.config.watch_tables import NOT_OF_THE_NUMBERS, watch_document
+from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model.pose import GeoOrigin, PoseStd
 from aerodft.model.probe import PixelSource, Probe
@@ -64,7 +65,7 @@ def config_id(station: StationConfig) -> str:
     document["images"] = {key: document["images"][key] for key in ("time_offset_s", "time_std_s")}
     for key in ("files", "topic"):
         document["observations"].pop(key, None)
-    for key in ("connection", "baud", "bias"):
+    for key in ("connection", "baud", "signing", "bias"):
         document.get("telemetry", {}).pop(key, None)
     document.get("ground", {}).pop("terrain", None)
     document.get("markers", {}).pop("every_s", None)
@@ -155,12 +156,22 @@ def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str,
     return _stated(
         connection=link.connection if link else None,
         baud=link.baud if link else None,
+        signing=_signing(link.signing) if link and link.signing else None,
         system=settings.system,
         wait_s=to_s(settings.wait_ns),
         horizontal_std_m=settings.attitude.std.horizontal_m,
         height=_height(settings.height),
         attitude=attitude_document(settings.attitude),
         bias=None if calibration is None else {"calibration_id": calibration.id, **bias_document(calibration)},
+    )
+
+
+def _signing(settings: SigningSettings) -> dict[str, Any]:
+    return _stated(
+        key_file=str(settings.key_file.absolute()),
+        state_file=None if settings.state_file is None else str(settings.state_file.absolute()),
+        link_id=settings.link_id,
+        accept_unsigned=list(settings.accept_unsigned),
     )
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
+from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.model.calibration import Calibration
 from aerodft.model.marker import MarkerSurvey
 from aerodft.model.pose import PoseStd
@@ -13,10 +14,17 @@ from aerodft.service.watching import WatchSettings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """The live MAVLink connection: pymavlink's connection string, and the baud rate of a serial device."""
+    """The live MAVLink connection.
+
+    Attributes:
+        connection: pymavlink's connection string.
+        baud: Baud rate of a serial device.
+        signing: How its frames are signed; None where they are not.
+    """
 
     connection: str
     baud: int = 57600
+    signing: SigningSettings | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

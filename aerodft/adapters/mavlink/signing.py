@@ -26,8 +26,7 @@ REPLAYED: Final = "replayed or late"
 OLD: Final = "too old for a new sender"
 FUTURE: Final = "far in the future"
 
-_V2: Final = 0xFD
-_V2_HEAD: Final = 10
+MAVLINK2: Final = 0xFD  # a frame's first byte
 _SIGNED: Final = 1
 _FLAGS_AT: Final = 2
 _SIGNATURE: Final = 13
@@ -69,7 +68,7 @@ def sign(frame: bytes, key: bytes, *, link_id: int, stamp: int) -> bytes:
     Raises:
         ValueError: MAVLink 1, or signed already.
     """
-    if frame[0] != _V2 or frame[_FLAGS_AT] & _SIGNED:
+    if frame[0] != MAVLINK2 or frame[_FLAGS_AT] & _SIGNED:
         raise ValueError("only an unsigned MAVLink 2 frame can be signed")
     extra = int(frame_table()[int.from_bytes(frame[7:10], "little")]) & 0xFF
     body = bytearray(frame[:-2])
@@ -127,7 +126,7 @@ class SignatureCheck:
         return [frame for frame in frames if self._believes(frame, known)]
 
     def _believes(self, frame: bytes, known: int) -> bool:
-        if frame[0] != _V2 or not frame[_FLAGS_AT] & _SIGNED:
+        if frame[0] != MAVLINK2 or not frame[_FLAGS_AT] & _SIGNED:
             return self._takes_unsigned(frame)
         reason = self._fault(frame, known)
         if reason:
@@ -137,7 +136,7 @@ class SignatureCheck:
         return True
 
     def _takes_unsigned(self, frame: bytes) -> bool:
-        message_id = int.from_bytes(frame[7:10], "little") if frame[0] == _V2 else frame[5]
+        message_id = int.from_bytes(frame[7:10], "little") if frame[0] == MAVLINK2 else frame[5]
         if message_id not in self._unsigned_ids:
             self._refused[UNSIGNED] += 1
             return False

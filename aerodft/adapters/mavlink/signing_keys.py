@@ -5,12 +5,12 @@ import logging
 import re
 import stat
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from aerodft.adapters.mavlink.dialect import MESSAGES
 from aerodft.adapters.mavlink.signing import KEY_SIZE, SignatureCheck
+from aerodft.adapters.mavlink.signing_settings import RADIO_STATUS, SigningSettings
 from aerodft.adapters.mavlink.signing_state import SigningState
 from aerodft.errors import ConfigError
 
@@ -18,24 +18,6 @@ _LOG: Final = logging.getLogger(__name__)
 _MOST_BYTES: Final = 4096
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 _EXPECTED: Final = "64 hexadecimal digits, or a passphrase"
-RADIO_STATUS: Final = "RADIO_STATUS"  # made by the radio itself, which has no key
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SigningSettings:
-    """How one link is signed.
-
-    Attributes:
-        key_file: Holds the key.
-        state_file: Where its time stamps are kept; None for beside the key, as ``<key_file>.state``.
-        link_id: Of what is sent on it.
-        accept_unsigned: Names of messages that pass without a signature.
-    """
-
-    key_file: Path
-    state_file: Path | None = None
-    link_id: int = 0
-    accept_unsigned: tuple[str, ...] = (RADIO_STATUS,)
 
 
 def load_key(path: Path) -> bytes:

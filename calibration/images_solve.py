@@ -152,7 +152,8 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked
     values, directions = np.linalg.eigh(information * np.outer(sizes, sizes))
     with np.errstate(divide="ignore"):
         shares = solution.scaled / np.sqrt(np.maximum(values, 0.0))
-    weak = directions.T[shares > LIMIT] if shares[0] > LIMIT else directions.T[:1]
+    limit = LIMIT * (solution.scaled if shares[0] > LIMIT * solution.scaled else 1.0)  # the scene's fault, or the stds'
+    weak = directions.T[shares > limit] if shares[0] > LIMIT else directions.T[:1]
     return combined(names, weak, float(shares[0]), _advice)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from aerodft.adapters.config.evidence_images import GivenImage
 from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.recorded import recorded_station
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.geometry.ground import Ground
@@ -22,8 +21,6 @@ from aerodft.service.ports import Source
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
-from replay.recording import Recording
-from replay.source import RecordingSource
 
 _TICK_NS = SECOND_NS // 20
 
@@ -38,7 +35,8 @@ class Telemetry:
         settings: How they become poses.
         origin: East and north count from it; None for the first fix.
         ground: What heights count from; None for the level plane at 0.
-        offset_ns: Of recorded images, what an older calibration had added to their stamps.
+        has_images: It is a recording, which has images.
+        offset_ns: Of these, what an older calibration had added to their stamps.
     """
 
     path: Path
@@ -46,6 +44,7 @@ class Telemetry:
     settings: TelemetrySettings
     origin: GeoOrigin | None
     ground: Ground | None = None
+    has_images: bool = False
     offset_ns: int = 0
 
 
@@ -65,6 +64,10 @@ def open_telemetry(
     """
     if not path.is_dir():
         return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
+    from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - what recordings need is slow to load
+    from replay.recording import Recording  # noqa: PLC0415 - as above
+    from replay.source import RecordingSource  # noqa: PLC0415 - as above
+
     recording = Recording(path)
     station = recorded_station(recording)
     own = station.pipeline.telemetry
@@ -77,6 +80,7 @@ def open_telemetry(
         settings=settings if says_settings else own,
         origin=origin or station.pipeline.origin,
         ground=station.pipeline.ground,
+        has_images=True,
         offset_ns=round(before * SECOND_NS),
     )
 
@@ -126,7 +130,7 @@ def _stamps(telemetry: Telemetry, images: Sequence[GivenImage]) -> list[int]:
     """UTC of each image, without what an older calibration had added."""
     by_index: dict[int, int] = {}
     if any(image.index is not None for image in images):
-        if not isinstance(telemetry.source, RecordingSource):
+        if not telemetry.has_images:
             first = next(image for image in images if image.index is not None)
             expected = "utc: a log has no images, a recording does"
             raise InputError(f'image "{first.name}": index', where=telemetry.path, got="a log", expected=expected)

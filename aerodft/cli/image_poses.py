@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.config.evidence_images import GivenImage
+from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
 from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
@@ -73,7 +74,8 @@ def open_telemetry(
     own = station.pipeline.telemetry
     if own is None:
         raise InputError("a fixed camera's recording", where=path, got="[pose]", expected="one with telemetry")
-    before = 0.0 if station.calibration is None else station.calibration.time_offset_s
+    has_stamps = isinstance(station.images.source, VideoFile | Stills | Stream | Device)  # others' are the pipeline's
+    before = station.calibration.time_offset_s if station.calibration is not None and has_stamps else 0.0
     return Telemetry(
         path=path,
         source=RecordingSource(recording),

@@ -2,10 +2,10 @@
 
 import math
 import tomllib
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import orjson
 import pytest
 import tomli_w
 from numpy.testing import assert_allclose
@@ -13,11 +13,14 @@ from numpy.testing import assert_allclose
 from aerodft.adapters.config.calibration import load_calibration
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model.calibration import BIASES
+from aerodft.model.image import Image
 from aerodft.model.pose import PoseStd
 from aerodft.sim.observations import pixels_of
-from aerodft.sim.scenario import default_camera, generated, write_files
+from aerodft.sim.scenario import Scenario, default_camera, generated, write_files
 from aerodft.sim.telemetry import Autopilot, Biases
 from aerodft.sim.world import DEFAULT_ORIGIN
+from replay.recording import Recording
+from replay.source import RecordingSource
 
 REPOSITORY = Path(__file__).parents[2]
 SAMPLE = REPOSITORY / "configs/calibration/flight-images.toml"
@@ -25,8 +28,7 @@ DEMO = REPOSITORY / "configs/cameras/demo-1080p.toml"
 DEG = math.pi / 180
 OFFSET_S, STD_PX = 0.3, 0.5
 ASKED = "height,tilt,roll,heading,time"
-TRUTH = {"height_bias_m": 1.5, "tilt_bias_deg": 1.2, "roll_bias_deg": -0.4, "heading_bias_deg": -1.5,
-         "time_offset_s": OFFSET_S}  # fmt: skip
+TRUTH = {"height_bias_m": 1.5, "tilt_bias_deg": 1.2, "roll_bias_deg": -0.4, "heading_bias_deg": -1.5}
 STATION = """
 [station]
 name = "s"
@@ -45,34 +47,43 @@ pixels = [[300.0, 300.0], [900.0, 320.0]]
 """
 
 
+@dataclass(frozen=True)
+class Flown:
+    """A flight, and the folder with its log, its camera, and evidence: images that were stamped too early."""
+
+    folder: Path
+    scenario: Scenario
+
+    def document(self, stamps, log="flight.tlog"):
+        """Evidence from images at these true stamps, each with what is said of its time."""
+        rng, images, landmarks = np.random.default_rng(1), [], []
+        for index, (stamp_ns, said) in enumerate(stamps):
+            seen = _seen(self.scenario, stamp_ns, rng)
+            if seen:
+                images.append({"name": f"IMG_{index}", **said})
+                landmarks += [{"image": f"IMG_{index}", "std_px": STD_PX, **each} for each in seen]
+        origin = {"lat_deg": math.degrees(DEFAULT_ORIGIN.lat_rad), "lon_deg": math.degrees(DEFAULT_ORIGIN.lon_rad)}
+        return {"telemetry": {"log": str(log), "origin": origin}, "image": images, "landmark": landmarks}
+
+
 @pytest.fixture(scope="module")
-def flight(tmp_path_factory):
-    """A folder with a flight's log, its camera, and evidence: ten images stamped too early."""
+def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flight")
-    scenario = generated(default_camera(1280, 720), duration_s=14.0, fps=5.0)
     biases = Biases(height_m=-1.5, tilt_rad=-1.2 * DEG, roll_rad=0.4 * DEG, heading_rad=1.5 * DEG)
     noise = PoseStd(height_agl_m=0.05, tilt_rad=0.05 * DEG, horizontal_m=0.1)
-    scenario = _with(scenario, Autopilot(biases=biases, noise=noise))
+    scenario = generated(default_camera(1280, 720), duration_s=14.0, fps=5.0)
+    scenario = replace(scenario, autopilot=Autopilot(biases=biases, noise=noise))
     write_files(scenario, folder, video=False)
-    rng, images, landmarks = np.random.default_rng(1), [], []
-    stamps = scenario.image_stamps_ns[20:].tolist()
-    for index, stamp_ns in enumerate(stamps[::4]):
-        name, seen = f"IMG_{index}", _seen(scenario, stamp_ns, rng)
-        if not seen:
-            continue
-        images.append({"name": name, "utc": unix_ns_to_iso(stamp_ns - round(OFFSET_S * 1e9))})
-        landmarks += [{"image": name, "std_px": STD_PX, **each} for each in seen]
-    origin = {"lat_deg": math.degrees(DEFAULT_ORIGIN.lat_rad), "lon_deg": math.degrees(DEFAULT_ORIGIN.lon_rad)}
-    document = {"telemetry": {"log": "flight.tlog", "origin": origin}, "image": images, "landmark": landmarks}
-    (folder / "evidence.toml").write_text(tomli_w.dumps(document))
     (folder / "station.toml").write_text(STATION)
-    return folder
+    made, late_ns = Flown(folder, scenario), round(OFFSET_S * 1e9)
+    stamps = [(ns, {"utc": unix_ns_to_iso(ns - late_ns)}) for ns in scenario.image_stamps_ns[20::4].tolist()]
+    (folder / "evidence.toml").write_text(tomli_w.dumps(made.document(stamps)))
+    return made
 
 
-def _with(scenario, autopilot):
-    from dataclasses import replace  # noqa: PLC0415
-
-    return replace(scenario, autopilot=autopilot)
+@pytest.fixture
+def flight(flown):
+    return flown.folder
 
 
 def _seen(scenario, stamp_ns, rng):
@@ -101,8 +112,8 @@ def evidence(folder):
     return tomllib.loads((folder / "evidence.toml").read_text())
 
 
-def check_truth(parameters):
-    for key, value in TRUTH.items():
+def check_truth(parameters, offset_s=OFFSET_S):
+    for key, value in {**TRUTH, "time_offset_s": offset_s}.items():
         assert_allclose(parameters[key]["value"], value, atol=4 * parameters[key]["std"], err_msg=key)
     assert parameters["time_offset_s"]["std"] < 0.02
     assert parameters["height_bias_m"]["std"] < 0.2
@@ -151,31 +162,23 @@ def written_height(path):
     return load_calibration(path).height_bias_m
 
 
-def test_images_of_a_recording_are_named_by_index(aerodft, flight, tmp_path):
-    """The recording's stamps are right: no time offset is found. An older calibration's is not counted twice."""
-    truth = [orjson.loads(line) for line in (flight / "poses.jsonl").read_bytes().splitlines()]
-    assert len(truth) > 30
-    old = tmp_path / "old.toml"
-    old.write_text("[bias]\ntime_offset_s = 0.1\n")
-    log, station = flight / "flight.tlog", flight / "station.toml"
-    recording = tmp_path / "recording"
+def test_images_of_a_recording_are_named_by_index(aerodft, flown, tmp_path):
+    """Its stamps are right, and its biases are the telemetry's own, whatever it was recorded with."""
+    old, recording = tmp_path / "old.toml", tmp_path / "recording"
+    old.write_text("[bias]\nheight_m = 5.0\n")
+    log, station = flown.folder / "flight.tlog", flown.folder / "station.toml"
     assert aerodft("import", log, "-c", station, "-o", recording, "--calibration", old).code == 0
-    document = evidence(flight)
-    document["telemetry"]["log"] = str(recording)
-    first = document["image"][0]
-    document["image"] = [{"name": first["name"], "index": 10_000}]
-    document["landmark"] = [each for each in document["landmark"] if each["image"] == first["name"]]
-    missing = calibrate(aerodft, tmp_path_with_camera(flight, tmp_path), document=document, names="height")
+    events = RecordingSource(Recording(recording)).events()
+    stamps = {event.index: event.stamp_ns for event in events if isinstance(event, Image)}
+    chosen = [(stamps[index], {"index": index}) for index in sorted(stamps)[25:-3:5]]
+    document = flown.document(chosen, log=recording)
+    found = calibrate(aerodft, flown.folder, document=document)
+    assert found.code == 0, found.err
+    check_truth(found.json["parameters"], offset_s=0.0)
+    document["image"][0]["index"] = 10_000
+    missing = calibrate(aerodft, flown.folder, document=document)
     assert missing.code == 3
-    assert 'image "IMG_0": index' in missing.err
-    document["image"] = [{"name": first["name"], "index": 30}]
-    there = calibrate(aerodft, tmp_path, document=document, names="height")
-    assert there.code in (0, 4), there.err
-
-
-def tmp_path_with_camera(flight, tmp_path):
-    (tmp_path / "camera.toml").write_text((flight / "camera.toml").read_text())
-    return tmp_path
+    assert 'image "IMG_0": index: got 10000, expected 0 to ' in missing.err
 
 
 def test_the_sample_finds_what_it_says(aerodft, tmp_path):

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, Slerp
 
 from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import GimbalTrack, VehicleTrack
-from aerodft.service.attitude import AttitudeSources
+from aerodft.model.telemetry import GimbalTrack, ReportFrame, VehicleTrack
+from aerodft.service.attitude import AttitudeSources, Refused
 from aerodft.service.settings import AttitudeSettings, FixedMount
 from aerodft.service.streams import END_OF_TIME, Missing
 
@@ -203,3 +203,75 @@ def test_exactly_on_a_sample_there_is_a_value_and_no_rate():
     found = attitude.at(100 * MS, 100 * MS)
     assert_same(found, camera(ypr(0, -0.2, 0)))
     assert (found.age_s, found.rate_cam_radps.tolist()) == (0.0, [0.0, 0.0, 0.0])
+
+
+def swaying(stamps, pitch=-0.7, lean=0.25):
+    """A vehicle that rocks fast, and a level-held camera; the pitch is changed now and then."""
+    seconds = np.asarray(stamps) / SECOND
+    nose = lean * np.sin(2.1 * seconds)
+    wanted = pitch + 0.2 * np.round(1.5 * np.sin(0.3 * seconds))
+    return [ypr(0.4, each, 0.0) for each in nose], [ypr(0.4, each, 0.0) for each in wanted]
+
+
+@pytest.mark.parametrize(
+    "source", [GimbalSource.GIMBAL_DEVICE, GimbalSource.MOUNT_ORIENTATION, GimbalSource.MOUNT_STATUS]
+)
+def test_a_report_against_the_vehicle_is_found_out_and_composed_as_rotations(source):
+    stamps = list(range(0, 40 * SECOND, 100 * MS))
+    bodies, cameras = swaying(stamps)
+    reports = [body.inv() * looking for body, looking in zip(bodies, cameras, strict=True)]
+    attitude = sources(vehicle(stamps, bodies), gimbal(stamps, reports, earth=False, source=source))
+    found = attitude.at(stamps[-1], END_OF_TIME)
+    assert_same(found, camera(cameras[-1]))
+    assert "is body-frame" in found.reasons[0]
+    assert found.is_demand
+    refused = sources(
+        vehicle(stamps, bodies), gimbal(stamps, reports, earth=False, source=source), frame=ReportFrame.EARTH
+    ).at(stamps[-1], END_OF_TIME)
+    assert isinstance(refused, Refused)
+    assert str(source) in refused.reason
+
+
+def test_the_doubt_is_the_vehicles_tilt_and_goes_with_the_evidence():
+    stamps = list(range(0, 40 * SECOND, 100 * MS))
+    bodies, cameras = swaying(stamps)
+    attitude = sources(vehicle(stamps, bodies), gimbal(stamps, cameras, earth=True), is_demand=False)
+    early = sources(vehicle(stamps[:8], bodies[:8]), gimbal(stamps[:8], cameras[:8], earth=True), is_demand=False)
+    assert early.at(stamps[7], END_OF_TIME).report_std_rad[0] == pytest.approx(
+        0.5 * abs(0.25 * math.sin(1.47)), rel=1e-6
+    )
+    assert_allclose(attitude.at(stamps[-1], END_OF_TIME).report_std_rad, 0.0, atol=1e-12)
+
+
+@given(ANGLES, TILTS, st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
+def test_a_camera_that_sits_askew_on_its_gimbal(yaw, pitch, mount_yaw, mount_pitch, mount_roll):
+    mount = FixedMount(yaw_rad=mount_yaw, pitch_rad=mount_pitch, roll_rad=mount_roll)
+    report = ypr(yaw, pitch, 0.1)
+    attitude = sources(gimbal([0, 100 * MS], [report] * 2, earth=True), camera_on_gimbal=mount)
+    expected = camera(report * ypr(mount_yaw, mount_pitch, mount_roll))
+    assert_same(attitude.at(50 * MS, 100 * MS), expected, atol_rad=1e-7)
+
+
+@pytest.mark.parametrize("earth", [True, False])
+def test_rates_of_what_is_against_the_vehicle_are_finite_differences(earth):
+    stamps = [0, 100 * MS]
+    attitude = sources(
+        gimbal(stamps, [ypr(0.2, -0.7, 0.0), ypr(0.23, -0.68, 0.01)], earth=earth),
+        vehicle(stamps, [ypr(3.12, -0.35, 0.3), ypr(-3.13, -0.31, 0.38)]),
+        frame=ReportFrame.BODY,
+    )
+    truth = finite_difference_rate(attitude, 50 * MS, 20 * MS, 100 * MS)
+    assert np.linalg.norm(truth) > 0.3
+    assert_allclose(attitude.at(50 * MS, 100 * MS).rate_cam_radps, truth, atol=0.01)
+
+
+def test_only_what_varies_by_itself_and_keeps_to_the_horizon_is_a_measurement():
+    stamps = list(range(0, 40 * SECOND, 100 * MS))
+    bodies, cameras = swaying(stamps)
+    generator = np.random.default_rng(5)
+    noisy = [each * Rotation.from_rotvec(1e-3 * generator.standard_normal(3)) for each in cameras]
+    for reports, is_demand in ((cameras, True), (noisy, False)):
+        attitude = sources(vehicle(stamps, bodies), gimbal(stamps, reports, earth=True))
+        assert attitude.at(stamps[-1], END_OF_TIME).is_demand is is_demand
+        stated = sources(vehicle(stamps, bodies), gimbal(stamps, reports, earth=True), is_demand=not is_demand)
+        assert stated.at(stamps[-1], END_OF_TIME).is_demand is not is_demand

@@ -1,0 +1,92 @@
+"""Verdicts on what a gimbal reports against: when there is one, when it changes, and when there can be none."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.gimbal_frame import FrameDetector
+from aerodft.service.gravity import LAGS_NS, Moment
+
+STEP_NS = 100_000_000
+SWAY_RAD = math.radians(8)
+
+
+def down(pitch_rad):
+    """Gravity in axes that are pitched up by this much."""
+    return np.array([-math.sin(pitch_rad), 0.0, math.cos(pitch_rad)])
+
+
+class Flight:
+    """A vehicle that rocks, and a camera that keeps its pitch; fed to a detector report by report."""
+
+    def __init__(self):
+        self.detector = FrameDetector()
+        self.now_ns = 0
+
+    def rock(self, seconds, pitch_deg, *, undone=1.0, sway_rad=SWAY_RAD):
+        """Reports of ``pitch_deg`` minus a share of the vehicle's pitch."""
+        for _ in range(round(seconds * 10)):
+            sway = sway_rad * math.sin(self.now_ns / 1e9 * 2)
+            report = math.radians(pitch_deg) - undone * sway
+            if_body = np.tile(down(report + sway), (len(LAGS_NS), 1))
+            self.detector.weigh(Moment(self.now_ns, report, down(sway), down(report), if_body))
+            self.now_ns += STEP_NS
+        return self.detector.evidence
+
+
+def vary(flight, seconds, undone):
+    """Half of the time at each of several pitches, so that no report is at the end of its range."""
+    for pitch_deg in (0, -80, -40):
+        evidence = flight.rock(seconds / 3, pitch_deg, undone=undone)
+    return evidence
+
+
+@pytest.mark.parametrize(("undone", "frame"), [(0.0, ReportFrame.EARTH), (1.0, ReportFrame.BODY)])
+def test_a_rocking_vehicle_tells(undone, frame):
+    evidence = vary(Flight(), 60, undone)
+    assert (evidence.frame, evidence.contradictory) == (frame, False)
+    assert evidence.undone == pytest.approx(undone * evidence.motions, abs=4)
+    assert abs(evidence.body_probability - undone) < 1e-3
+
+
+def test_without_motion_there_is_no_verdict():
+    evidence = Flight().rock(600, -30, undone=0.0, sway_rad=math.radians(0.5))
+    assert (evidence.frame, evidence.motions) == (None, 0)
+    assert evidence.body_probability == pytest.approx(0.25)
+
+
+def test_a_report_at_the_end_of_its_range_may_be_a_servo_at_its_limit():
+    flight = Flight()
+    assert flight.rock(600, -90, undone=0.0).frame is None
+    assert flight.rock(30, -45, undone=1.0).frame is ReportFrame.BODY
+
+
+def test_a_verdict_stays_until_the_opposite_is_as_certain_and_changes_once():
+    flight = Flight()
+    vary(flight, 60, 1.0)
+    frames = [flight.rock(1, -40, undone=0.0).frame for _ in range(60)]
+    assert frames[0] is ReportFrame.BODY
+    assert frames[-1] is ReportFrame.EARTH
+    assert sum(a is not b for a, b in pairwise(frames)) == 1
+    assert not flight.detector.evidence.contradictory
+    assert flight.rock(60, -40, undone=1.0).contradictory
+
+
+def test_half_of_a_motion_undone_is_no_evidence():
+    assert vary(Flight(), 60, 0.5).frame is None
+
+
+def test_nothing_is_compared_over_a_gap():
+    whole, broken = Flight(), Flight()
+    for flight in (whole, broken):
+        flight.rock(2.0, -40)
+    broken.detector.break_off()
+    counts = [flight.rock(0.2, -40).motions for flight in (whole, broken)]
+    assert counts[1] <= counts[0]
+    before = broken.detector.evidence.motions
+    broken.detector.break_off()
+    broken.now_ns += 800_000_000
+    assert broken.rock(0.1, -40).motions == before

@@ -1,5 +1,6 @@
 """Why evidence does not fit: every likely mistake is tried by solving without it, and named where that fits."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
@@ -14,6 +15,7 @@ from aerodft.errors import AerodftError, InputError, NoAnswerError
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark
 from aerodft.model.measurement import ProjectionModel
+from calibration.residuals import OUT_OF_SIGHT
 from calibration.result import Result, angles_deg, calibrate
 from calibration.state import expanded
 
@@ -22,6 +24,7 @@ _BETTER: Final = 4.0  # by how much another reading must fit better
 _ROUGH: Final = 10.0  # what a reading that fits may leave, in stated stds, which people state too small
 _FEWEST_TO_SPARE: Final = 2  # degrees of freedom: with none, anything fits
 _MOST_LEFT_OUT: Final = 0.2
+_MOST_UNSEEN: Final = 0.4  # share of what was left out, above which it is the camera that is wrong
 _MOST_ROLL_DEG, _MOST_TILT_DEG = 60.0, 120.0
 _WIDER, _PRECISER = 3.0, 10.0  # by which swapped columns are wider apart, and fit better for their width
 _PRIOR_STDS: Final = 6.0
@@ -59,7 +62,7 @@ class Asked:
 
 def misfit(result: Result) -> float:
     """What four fifths of the observations are off by at most, in stated stds."""
-    each = [left.sigma for left in result.left]
+    each = [left.sigma if math.isfinite(left.sigma) else OUT_OF_SIGHT for left in result.left]
     return float(np.quantile(each, 1 - _MOST_LEFT_OUT)) if each else 0.0
 
 
@@ -79,7 +82,8 @@ def cause_of_misfit(asked: Asked) -> AerodftError | None:
     for look in looks:
         if error := look(asked):
             return error
-    return unseen_error(asked.found, asked.result)
+    left_out = np.count_nonzero(~solution.kept)
+    return unseen_error(asked.found, asked.result) if left_out <= _MOST_UNSEEN * len(solution.kept) else None
 
 
 def _is_pulled(result: Result) -> bool:

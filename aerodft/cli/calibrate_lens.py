@@ -7,7 +7,7 @@ import typer
 
 from aerodft.cli.lens_output import describe_lens, print_board_picture, say_lens, write_camera_file
 from aerodft.cli.lens_run import run_lens
-from aerodft.cli.output import print_json
+from aerodft.cli.output import check_output, print_json
 from aerodft.errors import UsageError
 from calibration.lens.board import DEFAULT_CHARUCO, parse_board
 from calibration.lens.solution import LensChoice
@@ -54,6 +54,7 @@ def calibrate_lens(
         raise UsageError(
             "no images", expected="videos, images or folders of images", hint="see --print-board for a board"
         )
+    check_output(output, sources)
     camera_name = name or (output.stem if output else f"camera of {sources[0].stem}")
     run = run_lens(sources, wanted, lens, camera_name)
     files = []

@@ -12,6 +12,7 @@ from PIL import Image as PillowImage
 from rich.table import Table
 
 from aerodft import __version__
+from aerodft.adapters.config.calibration_file import write_whole
 from aerodft.adapters.config.camera import camera_document
 from aerodft.cli.lens_run import LensRun
 from aerodft.cli.output import say, tables
@@ -126,7 +127,7 @@ def write_camera_file(run: LensRun, path: Path) -> None:
     """
     text = camera_text(run, datetime.now(UTC))
     try:
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text.encode())
     except OSError as error:
         raise InputError("the camera file cannot be written", where=path, got=error.strerror) from error
 

@@ -58,7 +58,7 @@ def run_lens(sources: Sequence[Path], board: Board, lens: LensChoice, name: str)
     try:
         solution = solve_lens(choice.used, size_px, lens, name=name)
     except NoAnswerError as error:
-        seen = f"{images} images, {len(views)} with the board"
+        seen = f"{images} image{'' if images == 1 else 's'}, {len(views)} with the board"
         if dropped := len(views) - len(choice.used):
             seen += f", {dropped} of these blurred or nearly the same as others"
         raise NoAnswerError(error.what, where=seen, got=error.got, expected=error.expected, hint=error.hint) from None

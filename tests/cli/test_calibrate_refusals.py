@@ -1,6 +1,7 @@
 """What people mix up in evidence is found, named in one sentence, and leaves no file behind."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from .calibration_scene import (
     landmarks,
     pixels_of,
 )
+from .conftest import run_aerodft
 
 FIELD = Field.of()
 GRID = FIELD.places + RD_M
@@ -225,3 +227,21 @@ def test_another_mode_of_the_camera_is_named(tmp_path):
 )
 def test_unknowns_that_make_no_sense_are_misuse(tmp_path, unknowns, sentence):
     refused(tmp_path, LOCAL + landmarks(PIXELS, PLACES), 2, "--unknowns", sentence, unknowns=unknowns)
+
+
+def test_a_place_above_the_horizon_is_refused_though_another_landmark_is_off_too(tmp_path):
+    strays = np.vstack([PLACES[:-2], HIGH, PLACES[-1]])
+    text = LOCAL + landmarks(moved(PIXELS, [8], [-80.0, 60.0]), strays)
+    refused(tmp_path, text, 3, "landmark[7]", "its place is above the horizon", "p8")
+
+
+def test_the_example_says_what_to_ask_for(tmp_path):
+    root = Path(__file__).parents[2] / "configs"
+    run = run_aerodft(
+        "calibrate", root / "calibration" / "bridge-landmarks.toml", "--camera", root / "cameras" / "demo-1080p.toml",
+        "-o", tmp_path / "bridge.toml", "--json",
+    )  # fmt: skip
+    assert run.code == 4
+    assert run.json["status"] == "ILL_CONDITIONED"
+    assert "--unknowns height,tilt,position,roll,heading, with which all fits to 0." in run.last
+    assert not (tmp_path / "bridge.toml").exists()

@@ -22,12 +22,13 @@ from aerodft.vision.matches import ImagePair
 from aerodft.vision.rotation import PlaneMotion
 from calibration.sync_fit import LAG, LAG_PRIOR_S, SyncFit, fit
 from calibration.sync_motion import CameraMotion, predicted
-from calibration.sync_search import Peak, search
+from calibration.sync_search import MAX_DRIFT, Peak, search
 
 MOST_STD_S = 0.05
 """A less certain alignment is none."""
 
 _FEWEST_PAIRS = 25
+_AROUND_S = 5.0  # of the log beside what could be of the video, for a lag and for a curve's ends
 _LEAST_SCORE = 30.0
 _MOST_RATIO = 0.7  # of the second peak's score to the best one's
 _LAG_TOLD = 0.6  # of the prior's standard deviation: what is left when the data tell the lag
@@ -112,9 +113,10 @@ def align(
             hint="the ground must be in view, sharp and textured",
         )
     reference_ns = (pairs[0].start_ns + pairs[-1].end_ns) // 2
-    camera = _camera(history, settings, reference_ns)
-    best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s, LAG_PRIOR_S[0]))
-    first = fit(coarse, camera, reference_ns, np.array([best.offset_s, best.drift, LAG_PRIOR_S[0]]))
+    reach_s = max_offset_s + (1 + MAX_DRIFT) * (pairs[-1].end_ns - reference_ns) / SECOND_NS + _AROUND_S
+    camera = _camera(history, settings, reference_ns, reach_s)
+    best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s))
+    first = fit(coarse, camera, reference_ns, np.array([best.offset_s, best.drift, best.lag_s]))
     fine = _layered(pairs, camera, reference_ns, first)
     found = fit(fine, camera, reference_ns, first.values[: LAG + 1])
     alignment = _alignment(found, fine, camera, reference_ns, ratio)
@@ -122,10 +124,11 @@ def align(
     return alignment
 
 
-def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int) -> CameraMotion:
+def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, reach_s: float) -> CameraMotion:
     try:
-        return CameraMotion(history, settings, zero_ns)
+        return CameraMotion(history, settings, zero_ns, reach_s)
     except LookupError:
+        _check_overlap(history, zero_ns, reach_s)
         there = ", ".join([*map(str, history.gimbals), *(["ATTITUDE"] if history.vehicle is not None else [])])
         raise NoAnswerError(
             "no camera attitude in the log",
@@ -133,6 +136,21 @@ def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int) 
             expected=f"one of {', '.join(settings.order)}",
             hint="see `aerodft doctor`, and telemetry.attitude.order in the config",
         ) from None
+
+
+def _check_overlap(history: AttitudeHistory, zero_ns: int, reach_s: float) -> None:
+    series = [*history.gimbals.values(), *([history.vehicle] if history.vehicle is not None else [])]
+    if not series:
+        return
+    first_s = (min(int(each.stamp_ns[0]) for each in series) - zero_ns) / SECOND_NS
+    last_s = (max(int(each.stamp_ns[-1]) for each in series) - zero_ns) / SECOND_NS
+    if first_s > reach_s or last_s < -reach_s:
+        raise NoAnswerError(
+            "video and log do not overlap in time",
+            got=f"a log from {first_s:+.0f} s to {last_s:+.0f} s about the middle of the video",
+            expected=f"some of it within {reach_s:.0f} s",
+            hint="pass --video-start, or a larger --max-offset",
+        )
 
 
 def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:

@@ -1,8 +1,9 @@
 """Offset, drift and lag to milliseconds: the camera's turns by its images against its turns by the log.
 
-A nonlinear least-squares fit with t-distributed residuals. Beside the three, a small turn between camera and gimbal
-axes is estimated: a degree of it leaks rates from one axis into another. The covariance is Newey and West's, because
-residuals of successive pairs are alike: what is seen of the ground, and what a report gets wrong, lasts for a while.
+A nonlinear least-squares fit with t-distributed residuals, which begins with large ones forgiven, so that it does not
+end beside its goal. Beside the three, a small turn between camera and gimbal axes is estimated: a degree of it leaks
+rates from one axis into another. The covariance is Newey and West's, because residuals of successive pairs are alike:
+what is seen of the ground, and what a report gets wrong, lasts for a while.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.rotation import from_rotation_vector, matrix, skew
+from aerodft.geometry.rotation import from_rotation_vector, matrix
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.vision.rotation import PlaneMotion, Turns, turns_over_plane
 from calibration.sync_motion import CameraMotion, Predicted, predicted
@@ -22,11 +23,14 @@ LAG_PRIOR_S = (0.15, 0.1)
 _UNKNOWNS = 6
 _PRIOR_STD = np.array([np.inf, np.inf, LAG_PRIOR_S[1], 0.05, 0.05, 0.05])
 _PRIOR_MEAN = np.array([0.0, 0.0, LAG_PRIOR_S[0], 0.0, 0.0, 0.0])
-_STEP = np.array([0.01, 2e-4, 0.01])  # of central differences: s, 1, s
-_TELEMETRY_STD_RADPS = 0.003  # what reports are never better than
-_STUDENT = 4.0
-_ITERATIONS = 12
+_STEP = np.array([0.01, 2e-4, 0.01, 0.002, 0.002, 0.002])  # of central differences
+_RATE_STD_RADPS = 0.001  # of what a camera does beside its gimbal
+_STUDENT = 4.0  # degrees of freedom of the turns' t distribution
+_MEDIAN_CHI2 = 2.366  # with 3 degrees of freedom
+_LEAST_ITERATIONS, _ITERATIONS = 6, 12
+_FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is forgiven, and what is left of it after each iteration
 _CONVERGED = np.array([1e-5, 1e-7, 1e-5])
+_FIXED = 1e18  # precision of what is no unknown
 _CORRELATED_S = 3.0  # residuals farther apart in time have nothing to do with each other
 
 
@@ -63,7 +67,13 @@ class _Problem:
         """What the log says of all pairs under this alignment."""
         offset, drift, lag = values[: LAG + 1].tolist()
         start, end = (offset + (1 + drift) * times for times in (self.start_s, self.end_s))
-        return predicted(self.camera, start, end, lag)
+        said = predicted(self.camera, start, end, lag)
+        camera_from_gimbal = matrix(from_rotation_vector(values[LAG + 1 :])).T
+        return Predicted(
+            rotvec_rad=said.rotvec_rad @ camera_from_gimbal,
+            normal_cam=said.normal_cam @ camera_from_gimbal,
+            known=said.known,
+        )
 
     def seen(self, said: Predicted) -> Turns:
         """What the images say, with the ground where the log has it."""
@@ -72,74 +82,92 @@ class _Problem:
     def off(self, values: FloatArray) -> FloatArray:
         """``(n, 3)`` seen minus said, rad."""
         said = self.said(values)
-        return self.seen(said).rotvec_rad - _turned(said, values)
-
-
-def _turned(said: Predicted, values: FloatArray) -> FloatArray:
-    return said.rotvec_rad @ matrix(from_rotation_vector(values[LAG + 1 :])).T
+        return self.seen(said).rotvec_rad - said.rotvec_rad
 
 
 def fit(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, start: FloatArray) -> SyncFit:
     """Fit from ``start (3,)``: offset (s, at ``zero_ns``), drift, lag (s)."""
     problem = _Problem(motion, camera, zero_ns)
-    fixed = np.zeros(_UNKNOWNS, dtype=bool)
-    fixed[LAG] = not camera.has_lag
-    precision = np.where(fixed, 1e18, 1 / _PRIOR_STD**2)
-    mean = np.where(fixed, 0.0, _PRIOR_MEAN)
-    values = np.concatenate([start, np.zeros(_UNKNOWNS - len(start))])
-    values[fixed] = 0.0
-    for _ in range(_ITERATIONS):
-        jac, off, whitening, used = _linearised(problem, values)
-        white_jac = whitening @ jac
-        white_off = np.einsum("nij,nj->ni", whitening, off)
-        scale2, weight = _robust(white_off)
-        weighted = np.swapaxes(white_jac, -1, -2) * (weight / scale2)[:, None, None]
-        information = np.einsum("nui,niv->uv", weighted, white_jac) + np.diag(precision)
-        gradient = np.einsum("nui,ni->u", weighted, white_off) + precision * (mean - values)
+    fixed = np.arange(_UNKNOWNS) == (LAG if not camera.has_lag else -1)
+    precision, mean = np.where(fixed, _FIXED, 1 / _PRIOR_STD**2), np.where(fixed, 0.0, _PRIOR_MEAN)
+    values = np.where(fixed, 0.0, np.concatenate([start, np.zeros(_UNKNOWNS - len(start))]))
+    for round_ in range(_ITERATIONS):
+        lines = _linearised(problem, values)
+        white = _whitened(lines, (_FIRST_STD_RADPS * _SHARPER**round_ * problem.between_s) ** 2)
+        information = np.einsum("nui,nuj->ij", white.jac, white.jac) + np.diag(precision)
+        gradient = np.einsum("nui,nu->i", white.jac, white.off) + precision * (mean - values)
         step = np.linalg.solve(information, gradient)
         values = values + step
-        if np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
+        if round_ >= _LEAST_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
             break
-    scores = np.einsum("nui,ni->nu", weighted, white_off)
-    spread = _newey_west(problem.start_s[used], scores) + np.diag(precision)
+    scores = np.einsum("nui,nu->ni", white.jac, white.off)
     bread = np.linalg.inv(information)
     said = problem.said(values)
-    loss = (_STUDENT + 3) / 2 * np.log1p(np.sum(white_off**2, axis=-1) / (_STUDENT * scale2))
     return SyncFit(
         values=values,
-        cov=bread @ spread @ bread,
+        cov=bread @ (_newey_west(problem.start_s[lines.used], scores) + np.diag(precision)) @ bread,
         rate_seen_radps=problem.seen(said).rotvec_rad / problem.between_s[:, None],
-        rate_said_radps=_turned(said, values) / problem.between_s[:, None],
-        used=used,
-        cost=float(np.mean(loss) + 1.5 * np.log(scale2)),
+        rate_said_radps=said.rotvec_rad / problem.between_s[:, None],
+        used=lines.used,
+        cost=white.cost,
     )
 
 
-def _linearised(problem: _Problem, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Derivatives ``(m, 3, 6)`` of what is said, residuals ``(m, 3)``, whitenings ``(m, 3, 3)``; which are known."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lines:
+    """The problem near some values, of the ``m`` pairs that the log covers.
+
+    Attributes:
+        jac: ``(m, 3, 6)`` derivatives of what is said less what is seen.
+        off: ``(m, 3)`` seen less said, rad.
+        cov: ``(m, 3, 3)`` of what is seen.
+        used: ``(n,)`` which of all pairs they are.
+    """
+
+    jac: FloatArray
+    off: FloatArray
+    cov: FloatArray
+    used: BoolArray
+
+
+def _linearised(problem: _Problem, values: FloatArray) -> _Lines:
     said = problem.said(values)
-    seen = problem.seen(said)
-    used = said.known
+    seen, used = problem.seen(said), said.known
     jac = np.empty((len(problem.motion), 3, _UNKNOWNS))
     for column, step in enumerate(_STEP):
         ahead, behind = values.copy(), values.copy()
         ahead[column] += step
         behind[column] -= step
         jac[..., column] = (problem.off(behind) - problem.off(ahead)) / (2 * step)
-    jac[..., LAG + 1 :] = -skew(said.rotvec_rad)
-    report = (_TELEMETRY_STD_RADPS * problem.between_s[used]) ** 2
     # Where a homography does not agree with the plane that it is of, it is off by as much.
-    unlike = np.maximum(seen.chi2[used] / 2, 1.0)
-    cov = unlike[:, None, None] * seen.cov_rad2[used] + report[:, None, None] * np.eye(3)
-    whitening = np.linalg.inv(np.linalg.cholesky(cov))
-    return jac[used], (seen.rotvec_rad - _turned(said, values))[used], whitening, used
+    unlike = np.maximum(seen.chi2 / 2, 1.0)[:, None, None]
+    beside = ((_RATE_STD_RADPS * problem.between_s) ** 2)[:, None, None] * np.eye(3)
+    return _Lines(
+        jac=jac[used],
+        off=(seen.rotvec_rad - said.rotvec_rad)[used],
+        cov=(unlike * seen.cov_rad2 + beside)[used],
+        used=used,
+    )
 
 
-def _robust(white_off: FloatArray) -> tuple[float, FloatArray]:
-    """Squared scale of residuals ``(m, 3)``, and weights ``(m,)`` of a multivariate t distribution."""
-    squares = np.sum(white_off**2, axis=-1)
-    scale2 = float(np.median(squares)) / 2.366  # the median of chi2 with 3 degrees of freedom
-    return scale2, (_STUDENT + 3) / (_STUDENT + squares / scale2)
+@dataclass(frozen=True, slots=True, eq=False)
+class _White:
+    """Lines in units in which their errors are independent and of standard deviation 1, and their robust cost."""
+
+    jac: FloatArray
+    off: FloatArray
+    cost: float
+
+
+def _whitened(lines: _Lines, doubt_rad2: FloatArray) -> _White:
+    cov = lines.cov + doubt_rad2[lines.used][:, None, None] * np.eye(3)
+    inward = np.linalg.inv(np.linalg.cholesky(cov))
+    jac, off = inward @ lines.jac, np.einsum("nij,nj->ni", inward, lines.off)
+    squares = np.sum(off**2, axis=-1)
+    scale2 = float(np.median(squares)) / _MEDIAN_CHI2
+    scale = np.sqrt((_STUDENT + 3) / (_STUDENT + squares / scale2) / scale2)
+    loss = (_STUDENT + 3) / 2 * np.log1p(squares / (_STUDENT * scale2))
+    return _White(jac * scale[:, None, None], off * scale[:, None], float(np.mean(loss) + 1.5 * np.log(scale2)))
 
 
 def _newey_west(times_s: FloatArray, scores: FloatArray) -> FloatArray:

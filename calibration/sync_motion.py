@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
+from scipy.interpolate import make_smoothing_spline
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.rotation import (
@@ -21,16 +21,22 @@ from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
 from aerodft.service.carried import reference_of
 from aerodft.service.settings import AttitudeSettings, FixedMount
 
-_FEWEST = 4  # samples that a curve goes through
+_FEWEST = 20  # samples of a curve
+_SMOOTHNESS = tuple(10.0**power for power in range(-8, 2))  # s3; weights of the second derivative
 
 
 class _Curve:
-    """Values between samples ``(n, k)``, by Akima's modified spline: smooth, and calm where a report jumps."""
+    """A smoothing spline of samples ``(n, k)``: what a report's noise does between them is no motion of the camera.
+
+    How smooth, every other sample decides: the curve that the rest of them makes must foretell it best.
+    """
 
     def __init__(self, times_s: FloatArray, values: FloatArray, max_gap_s: float) -> None:
         self._times_s = times_s
         self._max_gap_s = max_gap_s
-        self._spline = Akima1DInterpolator(times_s, values, method="makima")
+        misses = [_missed(times_s, values, smoothness) for smoothness in _SMOOTHNESS]
+        # With twice as many samples, twice the weight keeps the balance.
+        self._spline = make_smoothing_spline(times_s, values, lam=2 * _SMOOTHNESS[int(np.argmin(misses))])
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -49,6 +55,12 @@ class _Curve:
         return np.asarray(near & (times_s >= first_s) & (times_s <= last_s))
 
 
+def _missed(times_s: FloatArray, values: FloatArray, smoothness: float) -> float:
+    """Mean square by which a curve through even samples misses odd ones."""
+    curve = make_smoothing_spline(times_s[::2], values[::2], lam=smoothness)
+    return float(np.mean((curve(times_s[1:-1:2]) - values[1:-1:2]) ** 2))
+
+
 class CameraMotion:
     """The camera's attitude by a log, with the gimbal's report taken some time before the vehicle's.
 
@@ -57,17 +69,21 @@ class CameraMotion:
         has_lag: Whether the camera could lag behind it: not where it is bolted to the vehicle.
     """
 
-    def __init__(self, history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int) -> None:
+    def __init__(
+        self, history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, reach_s: float = np.inf
+    ) -> None:
         """Take the first source of the configured order that the log has.
 
         Args:
             history: The log's attitudes.
             settings: Their order, how cameras are mounted, and the longest gap that is interpolated over.
             zero_ns: UTC from which times in seconds count.
+            reach_s: What is farther from there is of no interest.
 
         Raises:
             LookupError: The log holds no attitude of the camera that could be used.
         """
+        history = _cut(history, zero_ns, reach_s)
         self.source = _believed(history, settings)
         self.has_lag = self.source is not GimbalSource.FIXED_MOUNT
         self._zero_ns, self._max_gap_s = zero_ns, settings.max_gap_ns / SECOND_NS
@@ -125,6 +141,20 @@ def predicted(motion: CameraMotion, start_s: FloatArray, end_s: FloatArray, lag_
         normal_cam=matrix(earlier)[..., 2, :],
         known=motion.knows(start_s, lag_s) & motion.knows(end_s, lag_s),
     )
+
+
+def _cut(history: AttitudeHistory, zero_ns: int, reach_s: float) -> AttitudeHistory:
+    """What lies within ``reach_s`` of ``zero_ns``."""
+
+    def near(series: AttitudeSeries) -> AttitudeSeries:
+        keep = np.abs(series.stamp_ns - zero_ns) <= reach_s * SECOND_NS
+        return AttitudeSeries(
+            stamp_ns=series.stamp_ns[keep], wxyz=series.wxyz[keep], yaw_in_earth=series.yaw_in_earth[keep]
+        )
+
+    vehicle = None if history.vehicle is None else near(history.vehicle)
+    gimbals = {source: near(series) for source, series in history.gimbals.items()}
+    return AttitudeHistory(vehicle=vehicle, gimbals=gimbals, frames=history.frames)
 
 
 def _believed(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSource:

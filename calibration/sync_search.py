@@ -9,6 +9,7 @@ anywhere (a hover), or that lies outside the log, counts for nothing.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray
@@ -21,24 +22,25 @@ MAX_DRIFT = 0.03
 _STEP_S = 0.05
 _DRIFT_STEP = 0.0025
 _MOST_PAIRS = 400
-_RATE_STD_RADPS = 0.03  # of telemetry against the camera, mostly because its lag is not known yet
+_RATE_STD_RADPS = 0.015  # of telemetry against the camera, in part because its lag is not quite known yet
+_LAGS_S = (0.05, 0.175, 0.3)  # that are tried
 _LEAST = np.exp(-8.0)  # likelihood of what cannot be: a pair may be wrong
 _APART_S = 1.0  # peaks closer than this are one
 _PEAKS = 2
+_REACH = 2 * round(_APART_S / _STEP_S) + 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peak:
-    """A candidate: offset (s, at the reference), drift, and its score (natural logarithm of the evidence)."""
+    """A candidate: offset (s, at the reference), drift, lag (s), and its score (natural logarithm of the evidence)."""
 
     offset_s: float
     drift: float
+    lag_s: float
     score: float
 
 
-def search(
-    motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s: float, lag_s: float
-) -> tuple[Peak, ...]:
+def search(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s: float) -> tuple[Peak, ...]:
     """The best offset, and the best of those that are not near it, in descending order of score.
 
     Args:
@@ -46,21 +48,22 @@ def search(
         camera: The log.
         zero_ns: The reference: offset is added there, drift counts from there; that of ``camera``.
         max_offset_s: Offsets of up to this, on both sides.
-        lag_s: Typical lag of a gimbal.
     """
     every = max(len(motion) // _MOST_PAIRS, 1)
     start_s, end_s = ((stamps[::every] - zero_ns) / SECOND_NS for stamps in (motion.start_ns, motion.end_ns))
     reach_s = max_offset_s + MAX_DRIFT * float(np.max(np.abs(start_s)))
     log_s = np.arange(start_s[0] - reach_s, start_s[-1] + reach_s + _STEP_S, _STEP_S)
-    table = _table(motion, every, camera, (log_s, end_s - start_s), lag_s)
     offsets = np.arange(-max_offset_s, max_offset_s + _STEP_S / 2, _STEP_S)
     drifts = np.arange(-MAX_DRIFT, MAX_DRIFT + _DRIFT_STEP / 2, _DRIFT_STEP)
-    scores = np.empty((len(drifts), len(offsets)))
+    lags = _LAGS_S if camera.has_lag else (0.0,)
+    scores = np.empty((len(lags), len(drifts), len(offsets)))
     pairs = np.arange(len(start_s))
-    for row, drift in enumerate(drifts):
-        at = np.rint((offsets[:, None] + (1 + drift) * start_s - log_s[0]) / _STEP_S).astype(np.int64)
-        scores[row] = table[pairs, np.clip(at, 0, len(log_s) - 1)].sum(axis=1)
-    return _peaks(scores, offsets, drifts)
+    for layer, lag_s in enumerate(lags):
+        table = _table(motion, every, camera, (log_s, end_s - start_s), lag_s)
+        for row, drift in enumerate(drifts):
+            at = np.rint((offsets[:, None] + (1 + drift) * start_s - log_s[0]) / _STEP_S).astype(np.int64)
+            scores[layer, row] = table[pairs, np.clip(at, 0, len(log_s) - 1)].sum(axis=1)
+    return _peaks(scores, offsets, drifts, lags)
 
 
 def _table(
@@ -108,13 +111,15 @@ def _misfit(
     return np.asarray(np.einsum("mi,ij,mj->m", left, information, left))
 
 
-def _peaks(scores: FloatArray, offsets: FloatArray, drifts: FloatArray) -> tuple[Peak, ...]:
-    best_drift = np.argmax(scores, axis=0)
-    best = scores[best_drift, np.arange(len(offsets))]
+def _peaks(scores: FloatArray, offsets: FloatArray, drifts: FloatArray, lags: tuple[float, ...]) -> tuple[Peak, ...]:
+    best = scores.max(axis=(0, 1))
     peaks: list[Peak] = []
-    free = np.ones(len(offsets), dtype=bool)
+    free = best >= maximum_filter1d(best, _REACH)  # a shoulder is no peak
     while np.any(free) and len(peaks) < _PEAKS:
         at = int(np.argmax(np.where(free, best, -np.inf)))
-        peaks.append(Peak(offset_s=float(offsets[at]), drift=float(drifts[best_drift[at]]), score=float(best[at])))
+        lag, drift = np.unravel_index(int(np.argmax(scores[..., at])), scores.shape[:2])
+        peaks.append(
+            Peak(offset_s=float(offsets[at]), drift=float(drifts[drift]), lag_s=lags[int(lag)], score=float(best[at]))
+        )
         free &= np.abs(offsets - offsets[at]) > _APART_S
     return tuple(peaks)

@@ -11,11 +11,12 @@ import numpy as np
 
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, skew
 from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.vision.homography import FEWEST, STRAY_PX, motion_of
+from aerodft.vision.homography import FEWEST, motion_of
 from aerodft.vision.matches import ImagePair, Matches
 from aerodft.vision.rotation import PlaneMotion
 
 _LAYERS = 2
+_NEAR_PX = 0.6  # of what a motion foretells: water that flows by a pixel is told from land
 _DRAWS = 150
 _LEAST_SHARE = 0.2  # of a pair's points: smaller groups are strays
 _POINTS = 3  # that give a motion
@@ -57,14 +58,14 @@ def _layer(
         return None
     motions = np.linalg.solve(system[whole], right[whole])[..., 0]
     misfit = np.einsum("pij,dj->dpi", jac, motions) - off
-    near = np.sum(misfit**2, axis=-1) < (2 * STRAY_PX) ** 2
+    near = np.sum(misfit**2, axis=-1) < _NEAR_PX**2
     best = int(np.argmax(np.sum(near, axis=1)))
     group, motion = near[best], motions[best]
     for _ in range(_ROUNDS):
         if np.count_nonzero(group) < FEWEST:
             return None
         motion = np.linalg.lstsq(jac[group].reshape(-1, 6), off[group].ravel(), rcond=None)[0]
-        group = np.sum((jac @ motion - off) ** 2, axis=-1) < (2 * STRAY_PX) ** 2
+        group = np.sum((jac @ motion - off) ** 2, axis=-1) < _NEAR_PX**2
     homography = (np.eye(3) - skew(motion[:3])) @ back + np.outer(motion[3:], normal_cam)
     return group, homography / homography[2, 2]
 

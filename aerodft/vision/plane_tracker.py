@@ -16,7 +16,7 @@ _WIDTH_PX = 640  # images are tracked at about this width
 _CELLS = (6, 8)  # rows and columns of the grid over which points are spread
 _PER_CELL = 8
 _QUALITY, _APART_PX = 0.005, 7
-_PAUSE_NS = SECOND_NS // 5  # between images, long enough for what moves by itself to show
+_PAUSE_NS = 19 * SECOND_NS // 100  # between images, long enough for what moves by itself to show
 _MOVED = 0.06  # of the width: a view that moves by more in this time is looked at more often
 
 

@@ -76,17 +76,18 @@ def hovering(duration_s: float) -> Trajectory:
     return fly(waypoints, origin=DEFAULT_ORIGIN, start_ns=EPOCH_NS)
 
 
-def flight(seed: int, duration_s: float = 60.0) -> Trajectory:
-    """A survey or a wandering, in turns, longer than the clip by ``MARGIN_S`` at both ends."""
-    whole_s = duration_s + 2 * MARGIN_S
+def flight(seed: int, duration_s: float = 60.0) -> tuple[Trajectory, float]:
+    """A survey or a wandering, in turns, and by how much (s) it is longer than the clip at both ends."""
     if seed % 2:
-        return wandering(seed, whole_s)
-    return survey(RIVER, origin=DEFAULT_ORIGIN, duration_s=whole_s, start_ns=EPOCH_NS)
+        return wandering(seed, duration_s + 2 * MARGIN_S), MARGIN_S
+    return survey(RIVER, origin=DEFAULT_ORIGIN, duration_s=duration_s, start_ns=EPOCH_NS), 0.0
 
 
-def scenario(trajectory: Trajectory, seed: int, clocks: Clocks, *, size=(640, 360), fps=15.0) -> Scenario:
-    """The flight with its errors, filmed but for ``MARGIN_S`` at both ends."""
-    margin_ns = round(MARGIN_S * SECOND_NS)
+def scenario(
+    trajectory: Trajectory, seed: int, clocks: Clocks, *, margin_s: float, size=(640, 360), fps=10.0
+) -> Scenario:
+    """The flight with its errors, filmed but for ``margin_s`` at both ends."""
+    margin_ns = round(margin_s * SECOND_NS)
     stamps = np.arange(
         trajectory.start_ns + margin_ns, trajectory.end_ns - margin_ns, round(SECOND_NS / fps), dtype=np.int64
     )
@@ -98,10 +99,10 @@ def scenario(trajectory: Trajectory, seed: int, clocks: Clocks, *, size=(640, 36
         heading_rad=math.radians(2.0),
     )
     noise = PoseStd(
-        tilt_rad=math.radians(0.05),
-        pan_rad=math.radians(0.05),
-        roll_rad=math.radians(0.05),
-        heading_rad=math.radians(0.1),
+        tilt_rad=math.radians(0.02),
+        pan_rad=math.radians(0.02),
+        roll_rad=math.radians(0.02),
+        heading_rad=math.radians(0.05),
     )
     return Scenario(
         camera=default_camera(*size),

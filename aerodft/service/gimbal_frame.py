@@ -63,7 +63,11 @@ class FrameEvidence:
 
 
 class FrameDetector:
-    """Weighs one gimbal's reports, in order; what it finds does not depend on when it is asked."""
+    """Weighs one gimbal's reports, in order; what it finds does not depend on when it is asked.
+
+    Attributes:
+        evidence: What is known by now.
+    """
 
     def __init__(self) -> None:
         self._recent: deque[Moment] = deque()
@@ -74,19 +78,7 @@ class FrameDetector:
         self._undone = np.zeros(len(LAGS_NS), dtype=np.int64)
         self._motions = self._motion_ns = self._changes = 0
         self._frame: ReportFrame | None = None
-
-    @property
-    def evidence(self) -> FrameEvidence:
-        """What is known by now."""
-        against = (1 / PRIOR_BODY - 1) * math.exp(-self._log_ratio())
-        return FrameEvidence(
-            frame=self._frame,
-            contradictory=self._changes > 1,
-            body_probability=1 / (1 + against),
-            motions=self._motions,
-            undone=int(self._undone[int(np.argmax(self._log_ratios))]),
-            motion_s=self._motion_ns / SECOND_NS,
-        )
+        self.evidence = self._evidence()
 
     def break_off(self) -> None:
         """No motion is followed over a gap, or from one clock to another; what was learned stays."""
@@ -128,6 +120,7 @@ class FrameDetector:
         self._motions += 1
         self._motion_ns += end.stamp_ns - start.stamp_ns
         self._decide()
+        self.evidence = self._evidence()
 
     def _may_be_at_limit(self, moment: Moment) -> bool:
         low, high = self._range_rad
@@ -141,6 +134,17 @@ class FrameDetector:
         frame = ReportFrame.BODY if ratio > 0 else ReportFrame.EARTH
         self._changes += self._frame not in {None, frame}
         self._frame = frame
+
+    def _evidence(self) -> FrameEvidence:
+        against = (1 / PRIOR_BODY - 1) * math.exp(-self._log_ratio())
+        return FrameEvidence(
+            frame=self._frame,
+            contradictory=self._changes > 1,
+            body_probability=1 / (1 + against),
+            motions=self._motions,
+            undone=int(self._undone[int(np.argmax(self._log_ratios))]),
+            motion_s=self._motion_ns / SECOND_NS,
+        )
 
     def _log_ratio(self) -> float:
         """Body against earth, when every lag is as likely as the others."""

@@ -34,6 +34,7 @@ COMMANDS: Final = {
     "recompute": "Compute a recording's measurements anew, with the same or another configuration.",
     "compare": "Compare two recordings measurement by measurement.",
     "export": "Write a recording's measurements as CSV or GeoJSON.",
+    "sync": "Align a video with a log: offset and drift of the clocks, lag of the gimbal.",
     "calibrate-lens": "Find a lens's focal length, centre and distortion from images of a board.",
     "doctor": "Say what a log or a live link holds, and what is wrong with it.",
     "calibrate": "Find a camera's height and angles from landmarks and what else is known of a scene.",

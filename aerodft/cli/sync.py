@@ -1,0 +1,74 @@
+"""``aerodft sync``: a video and a log in, offset and drift of their clocks and the gimbal's lag out."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.loading import load_station
+from aerodft.adapters.images.video import VideoFileSource
+from aerodft.cli.output import print_json
+from aerodft.cli.sync_output import describe_sync, say_sync
+from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, run_sync
+from aerodft.cli.times import parse_utc
+from aerodft.errors import ConfigError, UsageError
+from aerodft.model.camera import Camera
+from aerodft.service.settings import TelemetrySettings
+
+_MOST_OFFSET_S = 600.0
+
+
+def sync(
+    video: Annotated[Path, typer.Argument(help="Video file.")],
+    log: Annotated[Path, typer.Argument(help=".tlog or ArduPilot .bin of the same flight.")],
+    camera: Annotated[Path | None, typer.Option(help="Camera file (TOML); else the configuration's.")] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="Station configuration: camera, and how attitudes are read.")
+    ] = None,
+    video_start: Annotated[
+        str | None, typer.Option(help="UTC of the video's first image; else what the file says.")
+    ] = None,
+    max_offset: Annotated[
+        float, typer.Option(help="Seconds by which that may be wrong, either way.")
+    ] = DEFAULT_MAX_OFFSET_S,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder for a plot of both, sync.png.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
+) -> None:
+    r"""Align a video with a log by how the camera turned, and say what to write into the configuration.
+
+    The ground is followed from image to image; how the camera turned is compared with what gimbal and vehicle say.
+    Offset and drift (of the video's clock against the log's) and the gimbal's lag come with stds; where the camera
+    hardly turns, or moves so regularly that several offsets fit, there is no answer (exit 4).
+
+    \b
+    Example:
+      aerodft sync flight.mp4 flight.tlog --camera configs/cameras/demo-1080p.toml -o sync
+      aerodft sync flight.mp4 flight.tlog --config station.toml --video-start 2026-11-21T10:00:00Z --json
+    """
+    if not 0 < max_offset <= _MOST_OFFSET_S:
+        raise UsageError("--max-offset", got=f"{max_offset:g}", expected=f"above 0, at most {_MOST_OFFSET_S:g} s")
+    lens, telemetry = _told(camera, config)
+    start_ns = None if video_start is None else parse_utc("--video-start", video_start)
+    run = run_sync(VideoFileSource(video, start_ns=start_ns), log, lens, telemetry, max_offset)
+    files = []
+    if output is not None:
+        from aerodft.cli.sync_figure import draw_sync  # noqa: PLC0415 - matplotlib is slow
+
+        files.append(draw_sync(run, output))
+    if json:
+        print_json(describe_sync(run, files))
+    else:
+        say_sync(run, files)
+
+
+def _told(camera: Path | None, config: Path | None) -> tuple[Camera, TelemetrySettings]:
+    """The camera, and how the log is read."""
+    if config is None:
+        if camera is None:
+            raise UsageError("no camera", expected="--camera FILE or --config FILE")
+        return load_camera(camera), TelemetrySettings()
+    pipeline = load_station(config).pipeline
+    if pipeline.telemetry is None:
+        raise ConfigError("the configuration has [pose]", where=config, expected="[telemetry]")
+    return pipeline.camera if camera is None else load_camera(camera), pipeline.telemetry

@@ -1,0 +1,77 @@
+"""From a video and a log to their alignment: what ``aerodft sync``, and ``import`` with ``auto``, do."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
+from aerodft.cli.output import progress_bar
+from aerodft.cli.wiring import check_size
+from aerodft.errors import NoAnswerError
+from aerodft.model.camera import Camera
+from aerodft.service.attitude_history import attitude_history
+from aerodft.service.settings import TelemetrySettings
+from aerodft.vision.matches import ImagePair
+from aerodft.vision.plane_tracker import PlaneTracker
+from calibration.sync import Alignment, align
+
+DEFAULT_MAX_OFFSET_S = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SyncRun:
+    """One alignment.
+
+    Attributes:
+        video: The video.
+        log: The log.
+        seconds: How long the video is, by its own clock.
+        pairs: How many pairs of images were compared.
+        alignment: What was found.
+    """
+
+    video: Path
+    log: Path
+    seconds: float
+    pairs: int
+    alignment: Alignment
+
+
+def run_sync(
+    video: VideoFileSource, log: Path, camera: Camera, telemetry: TelemetrySettings, max_offset_s: float
+) -> SyncRun:
+    """Align a video with a log.
+
+    Args:
+        video: The video, stamped by its own clock.
+        log: The log.
+        camera: The video's camera.
+        telemetry: Which vehicle, and which of its attitudes, are believed.
+        max_offset_s: How far off the video's stamps may be.
+
+    Raises:
+        InputError: A file cannot be read, or images are of another size than the camera's.
+        NoAnswerError: The data do not tell, see ``calibration.sync.align``.
+    """
+    source = open_log(log)
+    history = attitude_history(source, CompositeDecoder(telemetry.system), telemetry.attitude)
+    pairs = _followed(video, camera)
+    try:
+        alignment = align(pairs, history, telemetry.attitude, max_offset_s)
+    except NoAnswerError as error:
+        where = f"{video.path} and {log}"
+        raise NoAnswerError(error.what, where=where, got=error.got, expected=error.expected, hint=error.hint) from None
+    seconds = (pairs[-1].end_ns - pairs[0].start_ns) / 1e9
+    return SyncRun(video=video.path, log=log, seconds=seconds, pairs=len(pairs), alignment=alignment)
+
+
+def _followed(video: VideoFileSource, camera: Camera) -> list[ImagePair]:
+    tracker = PlaneTracker(camera)
+    start_ns, end_ns = video.span_ns or (video.start_ns, video.start_ns)
+    with progress_bar("following the ground", start_ns, end_ns) as progress:
+        for image in video.events():
+            check_size(image, camera, video.path)
+            if image.pixels is not None:
+                tracker.add(image.stamp_ns, image.pixels)
+            progress(image.stamp_ns)
+    return tracker.pairs

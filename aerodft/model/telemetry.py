@@ -38,6 +38,7 @@ class RawBlock:
         offset: ``(n,)`` start of each frame in ``data``.
         length: ``(n,)`` bytes of each frame.
         data: The bytes; may hold more than the frames.
+        checked: Whether every frame has just passed its check, so that it need not be made again.
     """
 
     protocol: WireProtocol
@@ -46,6 +47,7 @@ class RawBlock:
     offset: IntArray
     length: IntArray
     data: bytes
+    checked: bool = False
 
     def rows(self, start: int, stop: int) -> "RawBlock":
         """Frames ``start`` to ``stop`` (half-open), sharing the bytes."""
@@ -56,6 +58,7 @@ class RawBlock:
             offset=self.offset[start:stop],
             length=self.length[start:stop],
             data=self.data,
+            checked=self.checked,
         )
 
 

@@ -67,6 +67,7 @@ def _joined(blocks: list[RawBlock]) -> RawBlock:
         offset=np.concatenate(offsets)[order],
         length=np.concatenate([block.length for block in blocks])[order],
         data=b"".join(data),
+        checked=all(block.checked for block in blocks),
     )
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
 from aerodft.adapters.mavlink.dialect import frame_table, message_name, payload_dtype
-from aerodft.adapters.mavlink.kernels import gather, read_headers
+from aerodft.adapters.mavlink.kernels import read_headers
+from aerodft.adapters.mavlink.payloads import gather
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
 
@@ -74,14 +75,15 @@ class MavlinkDecoder:
         count = len(block.offset)
         heads, slots = np.empty((5, count), dtype=np.int64), np.empty(count, dtype=np.int64)
         data = np.frombuffer(block.data, dtype=np.uint8)
-        read_headers(data, np.stack([block.offset, block.length]), frame_table(), heads)
+        frames = np.stack([block.offset, block.length])
+        read_headers(data, frames, frame_table(), heads, checked=block.checked)
         others = int(self._state[pick.OTHER_GIMBALS])
         pick.select(data, heads, pick.SLOTS, self._state, slots)
         self._note_other_gimbals(int(self._state[pick.OTHER_GIMBALS]) - others)
         tracks = (
             self._track(slot, np.flatnonzero(slots == slot), heads, block)
-            for slot in np.unique(slots).tolist()
-            if slot >= 0 and pick.WANTED[slot] in _MAKERS
+            for slot in np.flatnonzero(np.bincount(slots + 1)[1:]).tolist()
+            if pick.WANTED[slot] in _MAKERS
         )
         return tuple(track for track in tracks if track is not None)
 

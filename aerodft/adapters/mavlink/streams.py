@@ -6,7 +6,8 @@ import numpy as np
 
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat
 from aerodft.adapters.mavlink.dialect import frame_table, message_name
-from aerodft.adapters.mavlink.kernels import gather, read_headers
+from aerodft.adapters.mavlink.kernels import read_headers
+from aerodft.adapters.mavlink.payloads import gather
 from aerodft.adapters.mavlink.selection import RANGEFINDER
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray, IntArray
@@ -21,7 +22,8 @@ def _heads(block: RawBlock) -> IntArray:
     """``(5, n)`` from ``kernels.read_headers``; no good frame has id -1."""
     heads = np.empty((5, len(block.offset)), dtype=np.int64)
     data = np.frombuffer(block.data, dtype=np.uint8)
-    read_headers(data, np.stack([block.offset, block.length]), frame_table(), heads)
+    frames = np.stack([block.offset, block.length])
+    read_headers(data, frames, frame_table(), heads, checked=block.checked)
     return heads
 
 

@@ -15,8 +15,8 @@ from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
-BLOCK_FRAMES: Final = 4096
-_BLOCK_BYTES: Final = 1 << 20
+BLOCK_FRAMES: Final = 1 << 15
+_BLOCK_BYTES: Final = 1 << 23
 _PROBE_BYTES: Final = 1 << 24
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _STAMPED: Final = "a MAVLink .tlog"
@@ -49,7 +49,7 @@ class TlogSource:
         return len(self._data)
 
     def events(self) -> Iterator[Event]:
-        """All frames in order, in blocks of at most 4096; memory does not grow with the file."""
+        """All frames in order, in blocks of bounded size; memory does not grow with the file."""
         return self._blocks()
 
     def _blocks(self) -> Iterator[RawBlock]:
@@ -70,6 +70,7 @@ class TlogSource:
             offset=rows[0] - start,
             length=rows[1].copy(),
             data=self._data[start:stop].tobytes(),
+            checked=True,
         )
 
     def warnings(self) -> tuple[str, ...]:

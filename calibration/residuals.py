@@ -87,6 +87,7 @@ class Problem:
             if model is ProjectionModel.PINHOLE and isinstance(each, Landmark) and None not in each.position_m
         }
         self.reprojected, points = np.array(list(reprojected), dtype=np.intp), reprojected.values()
+        self._owner = np.repeat(self.reprojected, 2)
         self._points_m = np.array([each.position_m for each in points], dtype=np.float64).reshape(-1, 3)
         self._pixels = np.array([each.pixel for each in points], dtype=np.float64).reshape(-1, 2)
         self._std_px = np.array([each.std_px for each in points], dtype=np.float64)
@@ -137,12 +138,11 @@ class Problem:
             cov += np.square(self._std_px)[:, None, None] * np.eye(2)
             root = _whitening(np.where(np.all(np.isfinite(cov), axis=(-1, -2), keepdims=True), cov, np.eye(2)))
             values, rows = (root @ off[..., None])[..., 0], root @ jac
-        blind = np.isnan(off[:, 0])
-        values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
-        owner = np.repeat(self.reprojected, 2)
-        return Residuals(
-            values.ravel(), rows.reshape(len(owner), -1), owner, np.where(blind[:, None], np.inf, off).ravel()
-        )
+        px, blind = off.ravel(), np.isnan(off[:, 0])
+        if np.any(blind):
+            values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
+            px = np.where(np.isnan(px), np.inf, px)
+        return Residuals(values.ravel(), rows.reshape(len(px), -1), self._owner, px)
 
     def _of_priors(self, state: State) -> Residuals:
         to_angles = self.unknowns.to_angles(state)
@@ -163,6 +163,8 @@ def _times(many: FloatArray, by: FloatArray) -> FloatArray:
 
 
 def _joined(parts: list[Residuals]) -> Residuals:
+    if len(parts) == 1:
+        return parts[0]
     return Residuals(
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.by_unknowns for part in parts]),

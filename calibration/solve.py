@@ -11,7 +11,7 @@ from scipy.special import chdtrc, chdtri
 from aerodft.model.arrays import FloatArray
 from calibration.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend
 from calibration.residuals import Problem, Residuals
-from calibration.starts import placed, scattered
+from calibration.starts import placed, scattered, zooms
 from calibration.state import State
 
 End: TypeAlias = Descent[State, Residuals]
@@ -23,7 +23,7 @@ _CHANCE: Final = 1e-5
 """An observation is an outlier if chance alone puts one in 100,000 so far off."""
 
 _BEST, _ENOUGH, _SUBSETS, _ROUNDS = 4, 3.0, 60, 10
-_FEW = 4
+_FEW, _FAR = 4, 50.0
 _SINGULAR = 1e-13  # least eigenvalue beside a largest of about 1
 _SAME = 1e-6  # share of the cost, and cost, that makes no difference
 _AS_LIKELY, _ELSEWHERE = 14.0, 6.0  # in chi-square: one to a thousand; and standard deviations
@@ -109,11 +109,13 @@ def _tells_more(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
 
 def _ends(problem: Problem, given: State, *, guess_is_good: bool) -> list[End]:
     """Where descents from all starts end, as many starts as it takes until one of them fits."""
-    first = [given] if guess_is_good else []
-    ends = [descend(problem, start, ROBUST) for start in itertools.chain(first, placed(problem, given))]
-    good = min(ends, key=lambda end: end.cost, default=None)
-    if good is not None and _fits(good.residuals):
-        return ends
+    ends = [descend(problem, given, ROBUST)] if guess_is_good else []
+    for zoom in zooms(problem):
+        for start in placed(problem, given, zoom):
+            if not (_some_fit(ends) and _is_hopeless(problem.evaluate(start))):
+                ends.append(descend(problem, start, ROBUST))
+        if _some_fit(ends):
+            return ends
     candidates = [given, *scattered(problem, given), *_from_subsets(problem, given)]
     loss = None
     scored = []
@@ -138,10 +140,22 @@ def _from_subsets(problem: Problem, given: State) -> list[State]:
     if count <= _FEW:
         return []
     rng = np.random.default_rng(count)
-    states = []
-    for _ in range(_SUBSETS):
-        states += list(itertools.islice(placed(problem, given, rng.choice(count, _FEW, replace=False)), 2))
-    return states
+    subsets = (rng.choice(count, _FEW, replace=False) for _ in range(_SUBSETS))
+    return [
+        state
+        for rows, zoom in zip(subsets, itertools.cycle(zooms(problem)), strict=False)
+        for state in itertools.islice(placed(problem, given, zoom, rows), 2)
+    ]
+
+
+def _some_fit(ends: list[End]) -> bool:
+    return bool(ends) and _fits(min(ends, key=lambda end: end.cost).residuals)
+
+
+def _is_hopeless(residuals: Residuals) -> bool:
+    """Whether most of the evidence is so far off that beside a fit this is no other."""
+    squares, rows = _by_owner(residuals)
+    return bool(len(squares)) and float(np.median(squares / rows)) > _FAR**2
 
 
 def _fits(residuals: Residuals) -> bool:
@@ -162,9 +176,10 @@ def _kept(residuals: Rows, count: int, before: np.ndarray | None = None) -> np.n
     """Which observations are within chance of the fit, for the scatter that most of them show."""
     squares, rows = _by_owner(residuals)
     used = np.ones(count, dtype=bool) if before is None else before
-    medians = chdtri(rows, 0.5)
+    sizes, size = np.unique(rows, return_inverse=True)
+    medians = chdtri(sizes, 0.5)[size]
     scatter = float(np.median(squares[used] / medians[used])) if np.count_nonzero(used) > _FEW else 1.0
-    return np.asarray(squares <= max(scatter, 1.0) * chdtri(rows, _CHANCE))
+    return np.asarray(squares <= max(scatter, 1.0) * chdtri(sizes, _CHANCE)[size])
 
 
 def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
@@ -195,7 +210,7 @@ def _rival(problem: Problem, solution: Solution, ends: list[End]) -> State | Non
     names = problem.unknowns.names
     stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     for end in ends:
-        if not _is_elsewhere(names, solution.state, end.state, stds):
+        if _is_hopeless(end.residuals) or not _is_elsewhere(names, solution.state, end.state, stds):
             continue
         other = descend(problem, end.state, None, solution.kept)
         as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.scaled**2

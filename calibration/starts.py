@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import camera_angles, camera_attitude
+from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, inverse, matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import ProjectionModel
 from calibration.residuals import Problem
@@ -18,6 +18,7 @@ from calibration.state import State
 
 _FEWEST = 3  # landmarks that place a camera without a guess; three do so in up to four ways
 _FLAT = 0.2  # thickness of a body of points, as a share of its width, below which it may be taken for its mirror image
+_SAME = 0.005  # of rotations and of shares of a distance: two closed forms of one pose, which descents bring together
 _TILTS_RAD = np.radians([8.0, 35.0, 55.0, 70.0, 82.0, 95.0])
 _HEADINGS_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 _HEIGHTS_M = (2.0, 6.0, 20.0, 60.0, 200.0)
@@ -25,14 +26,22 @@ _ZOOMS = (1.0, 0.5, 0.7, 1.4, 2.0)
 _ANGLES = ("tilt", "roll", "heading")
 
 
-def placed(problem: Problem, given: State, rows: npt.NDArray[np.int64] | None = None) -> Iterator[State]:
-    """What landmarks say in closed form, for some focal lengths if it is unknown.
+def zooms(problem: Problem) -> tuple[float, ...]:
+    """What to multiply the given focal length with, if it is unknown."""
+    return _ZOOMS if {"focal", "fx"} & set(problem.unknowns.names) else (1.0,)
+
+
+def placed(
+    problem: Problem, given: State, zoom: float = 1.0, rows: npt.NDArray[np.int64] | None = None
+) -> Iterator[State]:
+    """What landmarks say in closed form of a camera with known focal length.
 
     Three by P3P, more by SQPnP (Terzakis and Lourakis, 2020); a plane's two poses by IPPE (Collins and Bartoli, 2014).
 
     Args:
         problem: The evidence.
         given: What is known or guessed.
+        zoom: Of ``zooms``.
         rows: Indices of the landmarks to use; None for all.
     """
     points, pixels = problem.landmarks
@@ -41,19 +50,22 @@ def placed(problem: Problem, given: State, rows: npt.NDArray[np.int64] | None = 
     if len(points) < _FEWEST or given.model is not ProjectionModel.PINHOLE:
         return
     middle = points.mean(axis=0)
-    zooms = _ZOOMS if {"focal", "fx"} & set(problem.unknowns.names) else (1.0,)
-    for zoom in zooms:
-        lens = replace(given.camera, fx_px=zoom * given.camera.fx_px, fy_px=zoom * given.camera.fy_px)
-        rays = rays_from_pixels(lens, pixels)
-        ahead = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
-        if np.count_nonzero(ahead) < _FEWEST:
-            continue
-        flat = np.ascontiguousarray(rays[ahead, :2] / rays[ahead, 2:])
-        for turn, shift in _closed_forms(points[ahead] - middle, flat):
-            enu_r_cam = np.asarray(cv2.Rodrigues(turn)[0].T, dtype=np.float64)
-            eye = middle - (enu_r_cam @ shift).ravel()
-            if np.all(np.isfinite(eye)):
-                yield _only_unknown(problem, given, replace(given, camera=lens), eye, enu_r_cam)
+    lens = replace(given.camera, fx_px=zoom * given.camera.fx_px, fy_px=zoom * given.camera.fy_px)
+    rays = rays_from_pixels(lens, pixels)
+    ahead = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
+    if np.count_nonzero(ahead) < _FEWEST:
+        return
+    flat = np.ascontiguousarray(rays[ahead, :2] / rays[ahead, 2:])
+    found: list[FloatArray] = []
+    for turn, shift in _closed_forms(points[ahead] - middle, flat):
+        wxyz = inverse(from_rotation_vector(turn.ravel()))
+        enu_r_cam = matrix(wxyz)
+        away = (enu_r_cam @ shift).ravel()
+        pose = np.column_stack([enu_r_cam, away / np.linalg.norm(away), np.log(np.linalg.norm(away)) * np.ones(3)])
+        is_new = all(np.max(np.abs(pose - other)) > _SAME for other in found)
+        if is_new and np.all(np.isfinite(pose)):
+            found.append(pose)
+            yield _only_unknown(problem, given, replace(given, camera=lens), middle - away, wxyz)
 
 
 def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -76,13 +88,12 @@ def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[Floa
         yield from zip(turns, shifts, strict=True)
 
 
-def _only_unknown(problem: Problem, given: State, guess: State, eye_m: FloatArray, rotation: FloatArray) -> State:
+def _only_unknown(problem: Problem, given: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:
     """The guess, with what is known as it is known."""
     names = problem.unknowns.names
-    angles = _angles_of(rotation)
-    known = camera_angles(given.wxyz)
+    placed_rad = replace(guess, wxyz=wxyz).angles_rad
     tilt, roll, heading = (
-        angles[index] if name in names else float(known[index]) for index, name in enumerate(_ANGLES)
+        (placed_rad if name in names else given.angles_rad)[index] for index, name in enumerate(_ANGLES)
     )
     position = given.position_m.copy()
     for index, name in enumerate(("east", "north", "height")):
@@ -92,18 +103,10 @@ def _only_unknown(problem: Problem, given: State, guess: State, eye_m: FloatArra
     return replace(guess, position_m=position, wxyz=camera_attitude(tilt, roll, heading))
 
 
-def _angles_of(rotation: FloatArray) -> tuple[float, float, float]:
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to load, and rarely needed
-
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    tilt, roll, heading = camera_angles(np.array([w, x, y, z]))
-    return float(tilt), float(roll), float(heading)
-
-
 def scattered(problem: Problem, given: State) -> Iterator[State]:
     """A net of tilts, headings and heights over everything that a camera above ground could be."""
     names, priors = set(problem.unknowns.names), problem.known.priors
-    tilt, roll, heading = (float(angle) for angle in camera_angles(given.wxyz))
+    tilt, roll, heading = given.angles_rad
     free = names - set(priors)
     tilts = _TILTS_RAD if "tilt" in free else [tilt]
     headings = _HEADINGS_RAD if "heading" in free else [heading]

@@ -1,6 +1,6 @@
 """Who looks at a station's images, and what became of that."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +45,13 @@ class Eyes:
         }
         if self.markers is None:
             return {"watch": looks}
-        return {"markers": {**looks, "not_surveyed": self.markers.strangers, "wrong_size": self.markers.false}}
+        found = {"not_surveyed": _by_text(self.markers.strangers), "wrong_size": _by_text(self.markers.false)}
+        return {"markers": {**looks, **found}}
+
+
+def _by_text(counts: Mapping[int, int]) -> dict[str, int]:
+    """The same with ids as JSON's keys are."""
+    return {str(marker): count for marker, count in counts.items()}
 
 
 def build_eyes(station: StationConfig, pipeline: Pipeline, where: object) -> Eyes:

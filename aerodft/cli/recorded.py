@@ -6,6 +6,7 @@ from pathlib import Path
 
 from aerodft.adapters.config.loading import parse_station
 from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.images.clock import ImageClock
 from aerodft.cli.times import parse_instant
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
@@ -13,7 +14,7 @@ from aerodft.dft.measure import Setup
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
-from aerodft.model.observation import Observation
+from aerodft.model.observation import VISION, Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.steadiness import STEADY
 from aerodft.model.telemetry import RawBlock
@@ -43,34 +44,41 @@ def recorded_station(recording: Recording) -> StationConfig:
 
 
 class Reoffset:
-    """A recording's source under another time offset: images and what was observed in them move alike."""
+    """A recording's source under another time offset: images and what was observed in them move alike.
 
-    def __init__(self, source: Source, *, image_shift_ns: int, observation_shift_ns: int) -> None:
+    What aerodft itself saw bears its image's stamp, to which only the images' offset was added.
+    """
+
+    def __init__(self, source: Source, *, old: ImageClock, new: ImageClock, observation_shift_ns: int) -> None:
         self._source = source
-        self._image_shift_ns = image_shift_ns
+        self._old = old
+        self._new = new
         self._observation_shift_ns = observation_shift_ns
 
     def events(self) -> Iterator[Event]:
         """The source's events with their stamps moved."""
         for event in self._source.events():
             if isinstance(event, Image):
-                yield replace(event, stamp_ns=event.stamp_ns + self._image_shift_ns)
+                yield replace(event, stamp_ns=self._moved(event.stamp_ns))
             elif isinstance(event, Observation):
-                shift_ns = self._image_shift_ns + self._observation_shift_ns
-                yield replace(event, stamp_ns=event.stamp_ns + shift_ns)
+                own_ns = 0 if event.source == VISION else self._observation_shift_ns
+                yield replace(event, stamp_ns=self._moved(event.stamp_ns) + own_ns)
             else:
                 yield event
+
+    def _moved(self, stamp_ns: int) -> int:
+        return self._new.utc_ns(self._old.stamp_ns(stamp_ns))
 
 
 def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:
     """The source as the new configuration's time offsets would have stamped it."""
-    images_s = new.image_offset_s - old.image_offset_s
     observations_s = new.observations.time_offset_s - old.observations.time_offset_s
-    if images_s == 0 and observations_s == 0:
+    if new.image_clock == old.image_clock and observations_s == 0:
         return source
     return Reoffset(
         source,
-        image_shift_ns=round(images_s * SECOND_NS),
+        old=old.image_clock,
+        new=new.image_clock,
         observation_shift_ns=round(observations_s * SECOND_NS),
     )
 

@@ -188,8 +188,7 @@ class Pipeline:
         stamp_ns = self._utc(observation.stamp_ns, observation.clock)
         if observation.clock is StampClock.UTC or observation.image is None:
             return stamp_ns
-        own_ns = next((known_ns for index, known_ns in reversed(self._images) if index == observation.image), stamp_ns)
-        return own_ns if abs(own_ns - stamp_ns) <= self._settings.match_tolerance_ns else stamp_ns
+        return next((known_ns for index, known_ns in reversed(self._images) if index == observation.image), stamp_ns)
 
     def _utc(self, stamp_ns: int, clock: StampClock) -> int:
         return stamp_ns if clock is StampClock.UTC else stamp_ns + self._poses.clock.utc_minus_host_ns

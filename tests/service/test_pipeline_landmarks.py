@@ -6,6 +6,7 @@ import pytest
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.image import StampClock
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.service.pipeline import Pipeline
 
@@ -67,6 +68,19 @@ def test_what_waits_for_the_end_is_still_learned_from_in_order(bench, made, coun
     assert len(counting.asked) == 3
     estimates = [item for item in outputs if isinstance(item, CalibrationEstimate)]
     assert [each.calibration for each in estimates] == ["1", "2", "3"]
+
+
+def test_what_was_seen_by_the_hosts_clock_bears_its_images_stamp(bench, made, counting):
+    """A faster message than any before comes between the image and what was seen in it: the clocks are known better."""
+    image = bench.image(7, 1_000, clock=StampClock.HOST)
+    seen = replace(
+        bench.observation(1_000, name="mark-a", pixels=PIXEL, late_ms=300, image=7),
+        stamp_ns=image.stamp_ns,
+        clock=StampClock.HOST,
+    )
+    outputs = bench.run_events(*bench.blocks(bench.flight(3.0, gap_ms=(0, 300))), image, seen, made=made)
+    (sample,) = bench.poses(outputs)
+    assert [stamp_ns for stamp_ns, _ in counting.asked] == [sample.stamp_ns]
 
 
 def test_the_landmarks_of_one_image_are_learned_from_at_once(bench, made, counting):

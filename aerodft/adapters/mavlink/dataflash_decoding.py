@@ -28,6 +28,8 @@ from aerodft.model.telemetry import (
 )
 
 _GPS_FIX_3D: Final = 3
+_WEEK_MS: Final = 7 * 86_400_000
+_MAX_WEEK: Final = 11_480  # in the year 2200
 _RANGEFINDER_GOOD: Final = 4
 _TERRAIN_OK: Final = 2
 _MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
@@ -57,12 +59,11 @@ class _Messages:
             self.rows = good
         return good is not None
 
-    def not_finite(self, *columns: str) -> dict[str, BoolArray]:
-        return to.not_finite(self.rows, *columns)
+    def no_height(self, *columns: str) -> dict[str, BoolArray]:
+        return {f"{column} is no height": to.beyond(self.values(column), to.MAX_HEIGHT_M) for column in columns}
 
     def no_angle(self, *columns: str) -> dict[str, BoolArray]:
-        with np.errstate(invalid="ignore"):
-            return {f"{column} is no angle": ~(np.abs(self.values(column)) <= _FULL_TURN_DEG) for column in columns}
+        return {f"{column} is no angle": to.beyond(self.values(column), _FULL_TURN_DEG) for column in columns}
 
     def another_instance(self) -> dict[str, BoolArray]:
         """Rows of a second receiver or mount."""
@@ -73,7 +74,13 @@ def _gps(m: _Messages, rejected: Counter[str]) -> Track | None:
     if not m.has("Status", "GMS", "GWk"):
         return None
     no_fix = m.rows.payload["Status"] < _GPS_FIX_3D
-    if not m.kept(rejected, {**m.another_instance(), "no UTC yet": no_fix | (m.rows.payload["GWk"] == 0)}):
+    faults = {
+        **m.another_instance(),
+        "no UTC yet": no_fix | (m.rows.payload["GWk"] == 0),
+        "GMS is no time of a week": m.rows.payload["GMS"] >= _WEEK_MS,
+        "impossible year": m.rows.payload["GWk"] >= _MAX_WEEK,
+    }
+    if not m.kept(rejected, faults):
         return None
     unix_ns = gps_to_unix_ns(m.rows.payload["GWk"], m.rows.payload["GMS"])
     return ClockTrack(unix_ns=unix_ns, **m.rows.stamps())
@@ -104,8 +111,12 @@ def _pos(m: _Messages, rejected: Counter[str]) -> Track | None:
     if not m.has("Lat", "Lng", "Alt", "RelHomeAlt"):
         return None
     nowhere = (m.rows.payload["Lat"] == 0) & (m.rows.payload["Lng"] == 0)
-    impossible = (np.abs(m.values("Lat")) > _MAX_LAT_DEG) | (np.abs(m.values("Lng")) > _MAX_LON_DEG)
-    faults = {"no position yet": nowhere, "impossible position": impossible, **m.not_finite("Alt", "RelHomeAlt")}
+    faults = {
+        "no position yet": nowhere,
+        "Lat is no latitude": to.beyond(m.values("Lat"), _MAX_LAT_DEG),
+        "Lng is no longitude": to.beyond(m.values("Lng"), _MAX_LON_DEG),
+        **m.no_height("Alt", "RelHomeAlt"),
+    }
     if not m.kept(rejected, faults):
         return None
     return PositionTrack(
@@ -130,7 +141,7 @@ def _rfnd(m: _Messages, rejected: Counter[str]) -> Track | None:
     faults = {
         "does not look down": m.rows.payload["Orient"] != ORIENTATION_DOWN,
         "status is not good": m.rows.payload["Stat"] != _RANGEFINDER_GOOD,
-        **m.not_finite("Dist"),
+        **m.no_height("Dist"),
     }
     return _height(m, HeightSource.RANGEFINDER, "Dist", slant=True) if m.kept(rejected, faults) else None
 
@@ -141,7 +152,7 @@ def _terr(m: _Messages, rejected: Counter[str]) -> Track | None:
     faults = {
         "spacing is 0": m.rows.payload["Spacing"] == 0,
         "status is not good": m.rows.payload["Status"] != _TERRAIN_OK,
-        **m.not_finite("CHeight"),
+        **m.no_height("CHeight"),
     }
     return _height(m, HeightSource.TERRAIN, "CHeight", slant=False) if m.kept(rejected, faults) else None
 

@@ -25,6 +25,8 @@ MIN_UNIX_NS: Final = 946_684_800 * 10**9  # 2000-01-01
 MAX_UNIX_NS: Final = 7_258_118_400 * 10**9  # 2200-01-01
 # Beyond any convention for angles: a wrapped angle is at most a full turn.
 MAX_ANGLE_RAD: Final = 2 * math.pi + 0.01
+# Higher than anything that carries a camera, and farther than any rangefinder sees.
+MAX_HEIGHT_M: Final = 50_000.0
 
 _RETRACTED, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 1, 16, 32, 64
 # A gimbal at its limit is not where its demand is. That it has no manager (512) says nothing of its attitude.
@@ -45,7 +47,7 @@ _COVARIANCE_UNKNOWN = 255
 _DISTANCE_CLIPPED_CM = 65535
 _TERRAIN_UNKNOWN_M = -1000.0
 _QUATERNION_NORM_SLACK = 0.1
-_MAX_LAT_DEGE7, _MAX_LON_DEGE7 = 900_000_000, 1_800_000_000
+_MAX_LAT_DEGE7, _MAX_LON_DEGE7 = 9e8, 1.8e9
 _MAX_BOOT_US = 10**15  # 31 years; more is a Unix time
 
 
@@ -83,15 +85,19 @@ class Rows:
         return {"arrival_ns": self.arrival_ns, "boot_ns": self.boot_ns}
 
 
-def not_finite(rows: Rows, *fields: str) -> dict[str, BoolArray]:
-    """A fault for each field: NaN or infinite."""
-    return {f"{field} is not finite": ~np.isfinite(rows.payload[field]) for field in fields}
+def beyond(values: FloatArray, limit: float) -> BoolArray:
+    """Where values are NaN, or larger in size than a limit."""
+    return ~(np.abs(values) <= limit)
+
+
+def no_height(rows: Rows, *fields: str, unit_m: float = 1.0) -> dict[str, BoolArray]:
+    """A fault for each field: not finite, or higher than anything flies."""
+    return {f"{field} is no height": beyond(rows.column(field) * unit_m, MAX_HEIGHT_M) for field in fields}
 
 
 def no_angle(rows: Rows, *fields: str, unit_rad: float = 1.0) -> dict[str, BoolArray]:
     """A fault for each field: not finite, or more than a full turn."""
-    with np.errstate(invalid="ignore"):
-        return {f"{field} is no angle": ~(np.abs(rows.column(field) * unit_rad) <= MAX_ANGLE_RAD) for field in fields}
+    return {f"{field} is no angle": beyond(rows.column(field) * unit_rad, MAX_ANGLE_RAD) for field in fields}
 
 
 def clock_track(rows: Rows, rejected: Counter[str]) -> Track | None:
@@ -117,8 +123,13 @@ def position_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     """GLOBAL_POSITION_INT; before the first fix latitude and longitude are zero."""
     unit_rad = math.radians(1e-7)
     lat, lon = rows.payload["lat"], rows.payload["lon"]
-    impossible = (np.abs(lat.astype(np.int64)) > _MAX_LAT_DEGE7) | (np.abs(lon.astype(np.int64)) > _MAX_LON_DEGE7)
-    good = rows.kept(rejected, {"no position yet": (lat == 0) & (lon == 0), "impossible position": impossible})
+    faults = {
+        "no position yet": (lat == 0) & (lon == 0),
+        "lat is no latitude": beyond(rows.column("lat"), _MAX_LAT_DEGE7),
+        "lon is no longitude": beyond(rows.column("lon"), _MAX_LON_DEGE7),
+        **no_height(rows, "alt", "relative_alt", unit_m=0.001),
+    }
+    good = rows.kept(rejected, faults)
     if good is None:
         return None
     return PositionTrack(
@@ -210,7 +221,7 @@ def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track | None:
 def rangefinder_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     """RANGEFINDER, metres along the body's down axis; zero before its first reading."""
     distance_m = rows.column("distance")
-    faults = {**not_finite(rows, "distance"), "distance is zero": distance_m == 0, "distance < 0": distance_m < 0}
+    faults = {**no_height(rows, "distance"), "distance is zero": distance_m == 0, "distance < 0": distance_m < 0}
     good = rows.kept(rejected, faults)
     if good is None:
         return None
@@ -222,7 +233,7 @@ def terrain_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     faults = {
         "spacing is 0": rows.payload["spacing"] == 0,
         "no position yet": (rows.payload["lat"] == 0) & (rows.payload["lon"] == 0),
-        **not_finite(rows, "current_height"),
+        **no_height(rows, "current_height"),
     }
     good = rows.kept(rejected, faults)
     if good is None:
@@ -239,7 +250,12 @@ def altitude_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     clearance_m, terrain_m = rows.column("bottom_clearance"), rows.column("altitude_terrain")
     has_clearance = np.isfinite(clearance_m) & (clearance_m >= 0)
     has_terrain = np.isfinite(terrain_m) & (terrain_m >= _TERRAIN_UNKNOWN_M)
-    good = rows.kept(rejected, {"no height above terrain": ~(has_clearance | has_terrain)})
+    faults = {
+        "bottom_clearance is no height": clearance_m > MAX_HEIGHT_M,
+        "altitude_terrain is no height": terrain_m > MAX_HEIGHT_M,
+        "no height above terrain": ~(has_clearance | has_terrain),
+    }
+    good = rows.kept(rejected, faults)
     if good is None:
         return None
     clearance_m, terrain_m = good.column("bottom_clearance"), good.column("altitude_terrain")

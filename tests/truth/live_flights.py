@@ -15,7 +15,7 @@ from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseStd
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.telemetry import WireProtocol
+from aerodft.model.telemetry import ReportFrame, WireProtocol
 from aerodft.service.feed import block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import (
@@ -169,7 +169,9 @@ def on_ground(pose, pixels):
 
 def settings(std, **rest):
     height = HeightSettings(order=(HeightSource.HOME,), std_m={HeightSource.HOME: std.height_agl_m})
-    telemetry = TelemetrySettings(height=height, attitude=AttitudeSettings(std=std))
+    telemetry = TelemetrySettings(
+        height=height, attitude=AttitudeSettings(std=std, frame=ReportFrame.EARTH, is_demand=False)
+    )
     return PipelineSettings(
         station="coverage",
         camera=CAMERA,

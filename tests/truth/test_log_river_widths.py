@@ -119,6 +119,7 @@ def _import(folder: Path, *options: str, images: str, image_hz: float = 0) -> li
     probes = "".join(f'[[probe]]\nname = "{name}"\nkind = "distance"\nobserved = true\n' for name in WIDTHS)
     config.write_text(
         '[station]\nname = "river"\n[camera]\nfile = "camera.toml"\n[telemetry.height]\norder = ["home"]\n'
+        '[telemetry.attitude]\nfeedback = "measured"\n'  # truth is made of these reports: no camera lags behind them
         f"[images]\n{images}[record]\nimage_hz = {image_hz}\n{probes}"
     )
     command = [sys.executable, "-m", "aerodft", "import", str(folder / "flight.tlog"), "--config", str(config)]

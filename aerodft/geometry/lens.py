@@ -215,7 +215,8 @@ def _fisheye_polynomial(coefficients: tuple[float, ...]) -> Polynomial:
 @lru_cache(maxsize=64)
 def fisheye_limit(coefficients: tuple[float, ...]) -> float:
     """Angle from the axis up to which the distorted radius is increasing, at most a half turn."""
-    return min(_first_positive_root(_fisheye_polynomial(coefficients).deriv().coef), np.pi)
+    slope = np.asarray(_fisheye_polynomial(coefficients).deriv().coef, dtype=np.float64)
+    return min(_first_positive_root(slope), np.pi)
 
 
 def _fisheye_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple[FloatArray, FloatArray]:

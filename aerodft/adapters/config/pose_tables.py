@@ -5,7 +5,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config.attitude import AttitudeTable
-from aerodft.adapters.config.calibration import BiasTable, check_lens_covariance, check_local, check_position
+from aerodft.adapters.config.bias_tables import BiasTable, check_lens_covariance
+from aerodft.adapters.config.calibration import check_local, check_position
 from aerodft.adapters.config.tables import (
     Count,
     Duration,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from aerodft.adapters.codec.observations import load_observations
 from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
+from aerodft.adapters.images.clock import OnClock
 from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource
 from aerodft.adapters.images.video import VideoFileSource
@@ -95,16 +96,17 @@ def open_flight(
 
 def _images(station: StationConfig, span: LogSpan, *, decode: bool) -> tuple[Source, dict[int, int]]:
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
-    chosen, offset_s, camera = station.images.source, station.image_offset_s, station.pipeline.camera
+    chosen, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     if isinstance(chosen, VideoFile):
-        video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, time_offset_s=offset_s, decode=decode)
+        video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, decode=decode)
         with _quiet():
-            stamps = _stamps(VideoFileSource(chosen.path, start_ns=video.start_ns, decode=False), camera, chosen.path)
-        return SizeChecked(video, camera, chosen.path), stamps
+            bare = OnClock(VideoFileSource(chosen.path, start_ns=video.start_ns, decode=False), clock)
+            stamps = _stamps(bare, camera, chosen.path)
+        return SizeChecked(OnClock(video, clock), camera, chosen.path), stamps
     if isinstance(chosen, Stills):
-        stills = _stills(chosen, offset_s, decode=decode)
+        stills = OnClock(_stills(chosen, decode=decode), clock)
         with _quiet():
-            stamps = _stamps(_stills(chosen, offset_s, decode=False), camera, chosen.folder)
+            stamps = _stamps(OnClock(_stills(chosen, decode=False), clock), camera, chosen.folder)
         return SizeChecked(stills, camera, chosen.folder), stamps
     if not span.arrivals_ns:
         raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
@@ -112,10 +114,8 @@ def _images(station: StationConfig, span: LogSpan, *, decode: bool) -> tuple[Sou
     return RateSource(span.arrivals_ns, rate_hz), {}
 
 
-def _stills(chosen: Stills, offset_s: float, *, decode: bool) -> StillsFolderSource:
-    return StillsFolderSource(
-        chosen.folder, pattern=chosen.pattern, utc_offset=chosen.utc_offset, time_offset_s=offset_s, decode=decode
-    )
+def _stills(chosen: Stills, *, decode: bool) -> StillsFolderSource:
+    return StillsFolderSource(chosen.folder, pattern=chosen.pattern, utc_offset=chosen.utc_offset, decode=decode)
 
 
 def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:
@@ -160,7 +160,7 @@ def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, stat
         where=where,
         got=f"images {unix_ns_to_iso(first_ns)} to {unix_ns_to_iso(last_ns)}",
         expected=f"within {unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
-        hint="check --video-start and images.time_offset_s",
+        hint="check --video-start and images.time_offset_s, or let --sync auto find it",
     )
 
 

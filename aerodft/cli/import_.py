@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from aerodft.cli.flight import open_flight
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.summary import report
+from aerodft.cli.sync_station import aligned
 from aerodft.cli.times import parse_utc
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
 from aerodft.conventions import SECOND_NS
@@ -27,6 +29,13 @@ _WHOLE_SECONDS_STD_S = 3**-0.5
 _MAX_RATE_HZ = 1000  # far beyond any camera
 
 
+class SyncChoice(StrEnum):
+    """Whether the video's clock is to be found."""
+
+    AUTO = "auto"
+    OFF = "off"
+
+
 def import_(
     log: Annotated[Path | None, typer.Argument(help=".tlog or ArduPilot .bin; none for a fixed camera.")] = None,
     config: Annotated[Path | None, typer.Option("--config", "-c", help="Station configuration (TOML).")] = None,
@@ -37,6 +46,9 @@ def import_(
     rate: Annotated[float | None, typer.Option(help="Without images: evaluations per second.")] = None,
     observations: Annotated[list[Path] | None, typer.Option(help="JSON-lines file of observed pixels.")] = None,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file (TOML).")] = None,
+    sync: Annotated[
+        SyncChoice | None, typer.Option(help="auto: find the video's clock as `aerodft sync` does; off: do not.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     r"""Turn a flight's log, and video or stills, into a recording with measurements.
@@ -45,6 +57,7 @@ def import_(
     Example:
       aerodft import flight.tlog --video flight.mp4 --video-start 2026-11-21T10:00:00Z \
         --config configs/services/river-flight.toml -o recordings/flight
+      aerodft import flight.tlog --video flight.mp4 --sync auto --config station.toml -o recordings/aligned
     """
     if config is None or output is None:
         raise UsageError("no --config" if config is None else "no -o FOLDER", expected="--config FILE and -o FOLDER")
@@ -52,6 +65,7 @@ def import_(
     if (log is None) != (station.pipeline.telemetry is None):
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=config, expected=need)
+    station = _on_time(station, sync, log, config)
     tally, pipeline = Tally(), build_pipeline(station)
     eyes = build_eyes(station, pipeline, config)
     flight = open_flight(station, log, (*station.observations.files, *(observations or ())), eyes.lookouts)
@@ -72,8 +86,15 @@ def _station(
 ) -> StationConfig:
     station = load_station(config)
     source = _image_input(station.images.source, video, video_start, images, rate)
-    station = refreshed(_timed(replace(station, images=replace(station.images, source=source))))
+    station = refreshed(replace(station, images=replace(station.images, source=source)))
     return station if calibration is None else with_calibration(station, calibration)
+
+
+def _on_time(station: StationConfig, sync: SyncChoice | None, log: Path | None, config: Path) -> StationConfig:
+    """The station with its images' clock as it was asked for, and how well that is known."""
+    if sync is SyncChoice.AUTO or (sync is None and station.images.is_auto):
+        return refreshed(aligned(station, log, config))
+    return refreshed(_timed(replace(station, images=replace(station.images, is_auto=False))))
 
 
 def _timed(station: StationConfig) -> StationConfig:

@@ -3,7 +3,6 @@
 import math
 from typing import Any, Final
 
-import numpy as np
 from rich.table import Table
 
 from aerodft import __version__
@@ -108,7 +107,7 @@ def say_sync(run: SyncRun, files: list[str]) -> None:
 
 
 def _interval(value: float, std: float) -> list[float]:
-    return (value + _SIGMAS_95 * std * np.array([-1.0, 1.0])).tolist()
+    return [value - _SIGMAS_95 * std, value + _SIGMAS_95 * std]
 
 
 def _cells(value: float, std: float, scale: float, unit: str) -> tuple[str, str, str]:

@@ -12,7 +12,7 @@ from aerodft.adapters.config.station import StationConfig, TerrainGround
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.cli.output import say
-from aerodft.errors import InputError
+from aerodft.errors import ConfigError, InputError
 from aerodft.model.batch import Batch, Event
 from aerodft.model.camera import Camera
 from aerodft.model.estimate import CalibrationEstimate
@@ -31,6 +31,9 @@ from calibration.steadiness import SteadyCalibrator
 
 def build_pipeline(station: StationConfig) -> Pipeline:
     """The pipeline of a station, with its decoder and its calibration, which landmarks or steady points refine."""
+    if station.images.is_auto:
+        hint = "`aerodft import` finds it, `aerodft sync` says it"
+        raise ConfigError("images.time_offset_s", got='"auto"', expected="a number", hint=hint)
     telemetry = station.pipeline.telemetry
     decoder = CompositeDecoder(None if telemetry is None else telemetry.system)
     if station.live is not None:

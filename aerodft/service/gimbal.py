@@ -36,9 +36,10 @@ class Gimbal:
         self._last_wxyz: FloatArray | None = None
 
     def append(self, track: GimbalTrack, stamps_ns: IntArray, vehicle: Stream) -> None:
-        """Take reports in."""
+        """Take reports in; they count from when the camera follows them."""
         if not len(stamps_ns):
             return
+        stamps_ns = stamps_ns + self._settings.delay_ns
         earth = track.yaw_in_earth.astype(np.float64)
         self.stream.append(stamps_ns, wxyz=track.wxyz, yaw_in_earth=earth)
         before = track.wxyz[:1] + 1 if self._last_wxyz is None else self._last_wxyz

@@ -60,7 +60,8 @@ class AttitudeSettings:
         camera_on_gimbal: The camera against the gimbal's axes; None where they are the same.
         frame: What the gimbals' roll and pitch are against; None to tell it from the data.
         is_demand: Whether gimbals report what they were told, not where they are; None to tell it from the data.
-        lag_ns: How far behind such a demand the camera may be.
+        delay_ns: How far behind every report the camera is, as far as that is known; reports count from then.
+        lag_ns: How far behind a demand the camera may be, beside that.
         slew_radps: How fast the camera turns to a new demand, at the least.
         std: Standard deviations of tilt, pan, roll, heading and of east and north (heights: ``HeightSettings``).
         max_gap_ns: Longest gap between two samples that is interpolated over.
@@ -76,6 +77,7 @@ class AttitudeSettings:
     camera_on_gimbal: FixedMount | None = None
     frame: ReportFrame | None = None
     is_demand: bool | None = None
+    delay_ns: int = 0
     lag_ns: int = 300_000_000
     slew_radps: float = math.radians(60)
     std: PoseStd = field(default_factory=PoseStd)

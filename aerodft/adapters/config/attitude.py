@@ -49,6 +49,7 @@ class AttitudeTable(Table):
     camera_on_gimbal: CameraOnGimbalTable | None = None
     frame: Literal["auto", "earth", "body"] = "auto"
     feedback: Literal["auto", "measured", "demand"] = "auto"
+    delay_s: Duration = 0.0
     lag_s: Duration = 0.3
     slew_dps: Positive = 60.0
     max_gap_s: Gap = 1.0
@@ -72,6 +73,7 @@ def attitude_from(table: AttitudeTable, horizontal_std_m: float) -> AttitudeSett
         camera_on_gimbal=_mount(table.camera_on_gimbal),
         frame=None if table.frame == "auto" else ReportFrame(table.frame),
         is_demand=None if table.feedback == "auto" else table.feedback == "demand",
+        delay_ns=to_ns(table.delay_s),
         lag_ns=to_ns(table.lag_s),
         slew_radps=math.radians(table.slew_dps),
         std=PoseStd(
@@ -95,6 +97,7 @@ def attitude_document(settings: AttitudeSettings) -> dict[str, Any]:
         "camera_on_gimbal": _mount_document(settings.camera_on_gimbal),
         "frame": None if settings.frame is None else str(settings.frame),
         "feedback": feedback[settings.is_demand],
+        "delay_s": to_s(settings.delay_ns) or None,
         "lag_s": to_s(settings.lag_ns),
         "slew_dps": to_deg(settings.slew_radps),
         "max_gap_s": to_s(settings.max_gap_ns),

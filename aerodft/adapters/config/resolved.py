@@ -62,7 +62,8 @@ def config_id(station: StationConfig) -> str:
     for key in ("zenoh", "record"):
         del document[key]
     document["station"].pop("name")
-    document["images"] = {key: document["images"][key] for key in ("time_offset_s", "time_std_s")}
+    timing = ("time_offset_s", "time_drift", "time_reference", "time_std_s")
+    document["images"] = {key: value for key, value in document["images"].items() if key in timing}
     for key in ("files", "topic"):
         document["observations"].pop(key, None)
     for key in ("connection", "baud", "signing", "bias"):
@@ -230,7 +231,13 @@ def _images(settings: ImageSettings) -> dict[str, Any]:
             document = {"rate_hz": rate_hz}
         case None:
             document = {}
-    return {**document, "time_offset_s": settings.time_offset_s}
+    offset = "auto" if settings.is_auto else settings.time_offset_s
+    reference_ns = settings.time_reference_ns
+    drift = _stated(
+        time_drift=settings.time_drift or None,
+        time_reference=None if reference_ns is None else unix_ns_to_iso(reference_ns),
+    )
+    return {**document, "time_offset_s": offset, **drift}
 
 
 def _probe(probe: Probe) -> dict[str, Any]:

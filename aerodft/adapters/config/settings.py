@@ -204,7 +204,14 @@ def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
     """Where images come from; relative paths start from ``folder``."""
-    return ImageSettings(source=_image_input(table, folder), time_offset_s=table.time_offset_s)
+    is_auto = table.time_offset_s == "auto"
+    return ImageSettings(
+        source=_image_input(table, folder),
+        time_offset_s=0.0 if table.time_offset_s == "auto" else table.time_offset_s,
+        time_drift=table.time_drift,
+        time_reference_ns=table.time_reference,
+        is_auto=is_auto,
+    )
 
 
 def _image_input(table: ImagesTable, folder: Path) -> ImageInput | None:

@@ -4,7 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
+from aerodft.adapters.images.clock import ImageClock
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
+from aerodft.conventions import SECOND_NS
 from aerodft.model.calibration import Calibration
 from aerodft.model.marker import MarkerSurvey
 from aerodft.model.pose import PoseStd
@@ -75,10 +77,16 @@ class ImageSettings:
     Attributes:
         source: None where the configuration names none (the command line may, else stamps at a rate).
         time_offset_s: Added to every stamp of the source.
+        time_drift: Added to it for every second since the reference.
+        time_reference_ns: An instant by the source's own clock; None without a drift.
+        is_auto: Offset and drift are to be found from a video and a log.
     """
 
     source: ImageInput | None = None
     time_offset_s: float = 0.0
+    time_drift: float = 0.0
+    time_reference_ns: int | None = None
+    is_auto: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,3 +261,12 @@ class StationConfig:
     def image_offset_s(self) -> float:
         """What is added to the stamps of the image source: as configured, and as the calibration found it."""
         return self.images.time_offset_s + (0.0 if self.calibration is None else self.calibration.time_offset_s)
+
+    @property
+    def image_clock(self) -> ImageClock:
+        """How stamps of the image source become UTC."""
+        return ImageClock(
+            offset_ns=round(self.image_offset_s * SECOND_NS),
+            drift=self.images.time_drift,
+            reference_ns=self.images.time_reference_ns or 0,
+        )

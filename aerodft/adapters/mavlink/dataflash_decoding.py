@@ -10,7 +10,7 @@ import numpy as np
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat, parse_format
 from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
-from aerodft.adapters.mavlink.kernels import MAX_STAMP_US, Bytes
+from aerodft.adapters.mavlink.layout import MAX_STAMP_US, Bytes
 from aerodft.adapters.mavlink.payloads import gather
 from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN
 from aerodft.geometry.rotation import from_yaw_pitch_roll

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.mavlink.kernels import Bytes
+from aerodft.adapters.mavlink.layout import Bytes
 from aerodft.errors import InputError
 
 

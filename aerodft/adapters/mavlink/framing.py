@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.kernels import (
+from aerodft.adapters.mavlink.kernels import scan_stream
+from aerodft.adapters.mavlink.layout import (
     AT_SYNC,
     MIN_FRAME,
     N_BAD_CRC,
@@ -18,7 +19,6 @@ from aerodft.adapters.mavlink.kernels import (
     N_TRUNCATED,
     N_UNKNOWN,
     STATE_SIZE,
-    scan_stream,
 )
 from aerodft.model.arrays import IntArray
 

@@ -1,52 +1,47 @@
-"""The hot loops over MAVLink bytes: checksum, frame check, scanners, headers, arrival stamps.
+"""The hot loops over MAVLink bytes: checksum, frame check, scanners, headers.
 
 They stand in one module because compiled code that is kept on disk is renewed only when its own file changes: a loop
-that calls one from another file would go on running the other's old version.
+that calls one from another file (``arrivals``) goes on running the other's old version until this one is touched.
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from aerodft.adapters.mavlink.arrivals import big_endian_stamp, following_stamp, settle
+from aerodft.adapters.mavlink.layout import (
+    AT_QUIET,
+    AT_SYNC,
+    BACK_US,
+    BACKWARDS,
+    BAD_CRC,
+    FRAME,
+    INCOMPLETE,
+    LAST_US,
+    MAX_FRAME,
+    MIN_FRAME,
+    N_BAD_CRC,
+    N_OK,
+    N_SKIPPED,
+    N_TRUNCATED,
+    N_UNKNOWN,
+    NOTHING,
+    SHARED,
+    SIGNATURE,
+    SIGNED,
+    STAMP_SIZE,
+    TABLE_IDS,
+    UNKNOWN,
+    V1,
+    V1_HEAD,
+    V2,
+    V2_HEAD,
+    Bytes,
+    Table,
+    crc_tables,
+)
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 
-Bytes = npt.NDArray[np.uint8]
-Table = npt.NDArray[np.int32]
-
-FRAME, NOTHING, INCOMPLETE, UNKNOWN, BAD_CRC = 0, 1, 2, 3, 4  # verdicts of ``probe``
-MIN_FRAME = 8
-MAX_FRAME = 280
-# Where the scanners' state keeps what: counters, then positions in the buffer.
-N_OK, N_BAD_CRC, N_UNKNOWN, N_SKIPPED, N_TRUNCATED, AT_SYNC, AT_QUIET, STATE_SIZE = 0, 1, 2, 3, 4, 5, 6, 7
-
-LAST_US, BACKWARDS, TLOG_STATE = 7, 8, 9  # what the state of a log with stamps has beside
-STAMP_SIZE = 8
-JUMP_US = 60_000_000
-BACK_US = 1_000_000
-MAX_STAMP_US = 1 << 52  # year 2112; its nanoseconds still fit 64 bits
-
-_V1, _V2 = 0xFE, 0xFD
-_V1_HEAD, _V2_HEAD = 6, 10
-_SIGNED = 1
-_SIGNATURE = 13
-_TABLE_IDS = 1 << 16
-
-
-def _crc_tables() -> npt.NDArray[np.uint16]:
-    """``(8, 256)`` remainders of CRC-16/MCRF4XX, MAVLink's checksum (X.25's polynomial, reflected).
-
-    Row ``k`` has those of a byte with ``k`` zero bytes after it.
-    """
-    values = np.arange(256, dtype=np.uint16)
-    for _ in range(8):
-        values = np.where(values & 1, (values >> 1) ^ np.uint16(0x8408), values >> 1)
-    rows = [values]
-    for _ in range(7):
-        rows.append((rows[-1] >> 8) ^ values[rows[-1] & 0xFF])
-    return np.stack(rows)
-
-
-_CRC = _crc_tables()
+_CRC = crc_tables()
 
 
 @njit
@@ -77,24 +72,24 @@ def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, in
         claimed); and the message's CRC_EXTRA.
     """
     magic = data[at]
-    if magic not in (_V1, _V2):
+    if magic not in (V1, V2):
         return NOTHING, 0, 0
-    head = _V1_HEAD if magic == _V1 else _V2_HEAD
+    head = V1_HEAD if magic == V1 else V2_HEAD
     if at + head > stop:
         return INCOMPLETE, 0, 0
     length = int(data[at + 1])
     size = head + length + 2
     message_id = int(data[at + 5])
-    if magic == _V2:
+    if magic == V2:
         message_id = int(data[at + 7]) | int(data[at + 8]) << 8 | int(data[at + 9]) << 16
         flags = data[at + 2]
-        if flags & ~_SIGNED:
+        if flags & ~SIGNED:
             return NOTHING, 0, 0  # the protocol forbids to read on under a flag that one does not know
-        if flags & _SIGNED:
-            size += _SIGNATURE
-    entry = int(table[message_id]) if message_id < _TABLE_IDS else -1
+        if flags & SIGNED:
+            size += SIGNATURE
+    entry = int(table[message_id]) if message_id < TABLE_IDS else -1
     # MAVLink 1 has no truncation; in MAVLink 2 a later dialect may have added fields.
-    if entry < 0 or length < 1 or (magic == _V1 and not ((entry >> 8) & 0xFF) <= length <= entry >> 16):
+    if entry < 0 or length < 1 or (magic == V1 and not ((entry >> 8) & 0xFF) <= length <= entry >> 16):
         return UNKNOWN, size, 0
     return (FRAME if at + size <= stop else INCOMPLETE), size, entry & 0xFF
 
@@ -109,8 +104,8 @@ def probe(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int]:
     verdict, size, extra = measure(data, at, stop, table)
     if verdict == FRAME:
         end = at + size - 2
-        if data[at] == _V2 and data[at + 2] & _SIGNED:
-            end -= _SIGNATURE
+        if data[at] == V2 and data[at + 2] & SIGNED:
+            end -= SIGNATURE
         crc = checksum(data, at + 1, end, extra)
         if data[end] != crc & 0xFF or data[end + 1] != crc >> 8:
             verdict = BAD_CRC
@@ -143,8 +138,10 @@ def scan_stream(
 ) -> tuple[int, int]:
     """Find the frames of a byte stream.
 
+    A frame that was cut by one byte may be made whole by the next frame's first: then both count (``SHARED``).
+
     Args:
-        data: The bytes so far.
+        data: The bytes so far; with ``SHARED`` the first of them ended the last frame.
         final: Whether nothing follows; else an incomplete frame at the end is waited for.
         table: ``frame_table()``.
         offsets: ``(n,)`` filled with the start of each frame.
@@ -154,75 +151,41 @@ def scan_stream(
     Returns:
         Number of frames, and number of bytes that are done with.
     """
-    at, found, stop = 0, 0, len(data)
+    at, found, stop = int(state[SHARED]), 0, len(data)
     while at < stop and found < len(offsets):
         verdict, size = probe(data, at, stop, table)
+        waits = verdict == INCOMPLETE and not final
+        if state[SHARED] and verdict != FRAME and not waits:
+            shared, shared_size = probe(data, at - 1, stop, table)
+            waits = shared == INCOMPLETE and not final
+            if shared == FRAME:
+                at, verdict, size = at - 1, shared, shared_size
+        if waits:
+            break
+        state[SHARED] = 0
         if verdict == FRAME:
             offsets[found], lengths[found] = at, size
             found += 1
             state[N_OK] += 1
             at += size
             state[AT_SYNC] = at
+            state[SHARED] = int(data[at - 1] in (V1, V2))
             continue
-        if verdict == INCOMPLETE and not final:
-            break
         note_damage(state, at, verdict, size)
         at += 1
-    return found, at
+    return found, at - int(state[SHARED])
 
 
 @njit
-def big_endian_stamp(data: Bytes, at: int) -> int:
-    """The 8-byte big-endian stamp in front of a tlog's frame; -1 where it cannot be one."""
-    stamp = 0
-    for i in range(8):
-        if i == 1 and stamp != 0:
-            return -1
-        stamp = stamp << 8 | int(data[at + i])
-    return stamp if stamp < MAX_STAMP_US else -1
+def overlapping(data: Bytes, end: int, table: Table) -> int:
+    """Where the record starts whose frame begins in the last byte before ``end``, or in the eight after it; else -1.
 
-
-@njit
-def settle(stamp_us: int, last_us: int, following_us: int) -> int:
-    """The arrival of a record, not before the last one.
-
-    A jump forward is believed only when the record that follows confirms it: one garbled stamp in the far future would
-    otherwise carry the rest of the file along.
-
-    Args:
-        stamp_us: As read; -1 where unreadable.
-        last_us: The previous arrival; 0 before the first.
-        following_us: The next record's stamp; -1 where there is none.
+    A cut frame may be made whole by the first bytes of the next record, which are then short of their stamp.
     """
-    if stamp_us <= last_us:
-        return last_us
-    if stamp_us - last_us <= JUMP_US or abs(following_us - stamp_us) <= JUMP_US:
-        return stamp_us
-    if following_us < 0:
-        return last_us if last_us > 0 else stamp_us
-    return max(last_us, min(stamp_us, following_us))
-
-
-@njit
-def settle_all(stamps_us: IntArray, last_us: int) -> None:
-    """Replace stamps ``(n,)``, -1 where a record has none, by arrivals that do not decrease (see ``settle``)."""
-    following = -1
-    nexts = np.empty_like(stamps_us)
-    for k in range(len(stamps_us) - 1, -1, -1):
-        nexts[k] = following
-        if stamps_us[k] >= 0:
-            following = stamps_us[k]
-    for k in range(len(stamps_us)):
-        last_us = settle(stamps_us[k], last_us, nexts[k])
-        stamps_us[k] = last_us
-
-
-@njit
-def following_stamp(data: Bytes, at: int) -> int:
-    """The stamp of the record that should start at ``at``; -1 where none does."""
-    if at + STAMP_SIZE >= len(data) or data[at + STAMP_SIZE] not in (_V1, _V2):
-        return -1
-    return big_endian_stamp(data, at)
+    for at in range(max(end - STAMP_SIZE - 1, 0), end):
+        if at + STAMP_SIZE < len(data) and probe(data, at + STAMP_SIZE, len(data), table)[0] == FRAME:
+            return at
+    return -1
 
 
 @njit
@@ -245,6 +208,11 @@ def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray,
         verdict, size = INCOMPLETE, 0
         if at + STAMP_SIZE < stop:
             verdict, size = probe(data, at + STAMP_SIZE, stop, table)
+        if verdict != FRAME and at == state[AT_SYNC]:
+            early = overlapping(data, at, table)
+            if early >= 0:
+                at = early
+                verdict, size = probe(data, at + STAMP_SIZE, stop, table)
         if verdict == FRAME:
             end = at + STAMP_SIZE + size
             stamp = big_endian_stamp(data, at)
@@ -285,9 +253,9 @@ def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *
         if verdict != FRAME or claimed != size:
             continue
         first = at + 3
-        heads[0, k], heads[3, k] = data[at + 5], at + _V1_HEAD
-        if data[at] == _V2:
+        heads[0, k], heads[3, k] = data[at + 5], at + V1_HEAD
+        if data[at] == V2:
             first = at + 5
             heads[0, k] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
-            heads[3, k] = at + _V2_HEAD
+            heads[3, k] = at + V2_HEAD
         heads[1, k], heads[2, k], heads[4, k] = data[first], data[first + 1], data[at + 1]

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.adapters.mavlink.kernels import Bytes
+from aerodft.adapters.mavlink.layout import Bytes
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 

@@ -193,6 +193,10 @@ def _zoom(asked: Asked) -> InputError | None:
     trial = asked.trial(asked.found.known, (*asked.names, "focal"))
     if trial is None or not asked.is_better(trial):
         return None
+    index = trial.problem.unknowns.names.index("focal")
+    std_px = math.sqrt(trial.named_covariance[index, index])
+    if abs(trial.camera.fx_px - asked.camera.fx_px) <= _PRIOR_STDS * std_px:
+        return None
     return InputError(
         "the image is not of this camera's mode",
         where=asked.found.path,

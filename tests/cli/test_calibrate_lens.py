@@ -240,4 +240,5 @@ def test_bad_input_is_one_sentence(arguments, code, said, tmp_path, monkeypatch,
 def test_what_cannot_be_written_is_one_sentence(photos, tmp_path, aerodft):
     found = aerodft("calibrate-lens", photos, "--board", CHESS, "-o", tmp_path / "none" / "cam.toml")
     assert found.code == 3
-    assert "the camera file cannot be written" in found.last
+    assert "none/cam.toml: --output: got a folder that is missing; make the folder first" in found.last
+    assert found.out == b""

@@ -245,3 +245,13 @@ def test_the_example_says_what_to_ask_for(tmp_path):
     assert run.json["status"] == "ILL_CONDITIONED"
     assert "--unknowns height,tilt,position,roll,heading, with which all fits to 0." in run.last
     assert not (tmp_path / "bridge.toml").exists()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_noise_five_times_as_large_as_stated_is_nobodys_mistake(tmp_path, seed):
+    field, rng = Field.of(count=8, seed=seed), np.random.default_rng(seed)
+    text = LOCAL + landmarks(field.pixels + rng.normal(0.0, 2.4, field.pixels.shape), field.places)
+    run, output = calibrate(tmp_path, text, "--json")
+    assert run.code == 0, run.err
+    assert output.is_file()
+    assert abs(run.json["parameters"]["tilt_deg"]["value"] - TILT_DEG) < 1.0

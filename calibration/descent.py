@@ -9,8 +9,9 @@ from aerodft.model.arrays import FloatArray
 
 _MOST_STEPS: Final = 60
 _DAMPING, _LEAST, _MOST = 1e-4, 1e-12, 1e10
-_SETTLED: Final = 1e-10
-"""Share of the cost below which a step makes no difference."""
+_SETTLED, _NEARLY, _ROUNDING = 1e-10, 1e-6, 1e-14
+"""Shares of the cost: below which a step makes no difference, or none where observations that stand far off count less
+(what follows goes on from there), and below which numbers cannot tell."""
 
 
 class Normal(Protocol):
@@ -80,35 +81,31 @@ class Loss:
     """
 
     def __init__(self, owner: np.ndarray, scale: float | None = None, kept: np.ndarray | None = None) -> None:
-        self._owner, self._scale, self._kept = owner, scale, kept
+        self._scale = scale
+        used = np.ones(len(owner), dtype=bool) if kept is None else (owner < 0) | kept[owner]
+        self._used: FloatArray = used.astype(np.float64)
+        self._priors, self._seen = np.flatnonzero(owner < 0), np.flatnonzero(owner >= 0)
+        self._owner = owner[self._seen]
 
     def cost(self, residuals: Rows) -> float:
         """Half of what all rows cost."""
-        squares = residuals.values * residuals.values
-        used = self._used()
+        squares = self._used * (residuals.values * residuals.values)
         if self._scale is None:
-            return 0.5 * float(np.sum(squares[used]))
+            return 0.5 * float(np.sum(squares))
         limit = self._scale**2
-        evidence = used & (self._owner >= 0)
-        by_owner = np.bincount(self._owner[evidence], squares[evidence])
-        priors = float(np.sum(squares[self._owner < 0]))
+        by_owner = np.bincount(self._owner, squares[self._seen])
+        priors = float(np.sum(squares[self._priors]))
         return 0.5 * (priors + limit * float(np.sum(np.log1p(by_owner / limit))))
 
     def weights(self, residuals: Rows) -> FloatArray:
         """``(m,)`` weights of the rows, with which plain least squares has this loss's derivative."""
-        used = self._used().astype(np.float64)
         if self._scale is None:
-            return used
-        squares = residuals.values * residuals.values
-        evidence = self._owner >= 0
-        by_owner = np.bincount(self._owner[evidence], squares[evidence])
-        used[evidence] /= 1 + by_owner[self._owner[evidence]] / self._scale**2
-        return used
-
-    def _used(self) -> np.ndarray:
-        if self._kept is None:
-            return np.ones(len(self._owner), dtype=bool)
-        return np.asarray((self._owner < 0) | self._kept[self._owner])
+            return self._used
+        values = residuals.values[self._seen]
+        by_owner = np.bincount(self._owner, values * values)
+        weights = self._used.copy()
+        weights[self._seen] /= 1 + by_owner[self._owner] / self._scale**2
+        return weights
 
 
 def descend(
@@ -125,13 +122,14 @@ def descend(
     state, residuals = start, problem.evaluate(start)
     loss = Loss(residuals.owner, scale, kept)
     cost, damping = loss.cost(residuals), _DAMPING
+    settled = _SETTLED if scale is None else _NEARLY
     for _ in range(_MOST_STEPS):
         found = _better(problem, loss, state, residuals.normal(loss.weights(residuals)), cost, damping)
         if found is None:
             break
         gained, (state, residuals, new_cost, damping) = cost - found[2], found
         cost = new_cost
-        if gained <= _SETTLED * (cost + _SETTLED):
+        if gained <= settled * (cost + _SETTLED):
             break
     return Descent(state, residuals, cost)
 
@@ -148,7 +146,7 @@ def _better(
             new_cost = loss.cost(residuals)
             if new_cost < cost:
                 return moved, residuals, new_cost, max(damping / 10, _LEAST)
-            if float(np.abs(step @ normal.slope)) <= _SETTLED * _SETTLED * (cost + _SETTLED):
+            if float(np.abs(step @ normal.slope)) <= _ROUNDING * (cost + _SETTLED):
                 return None
         damping *= 10
     return None

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION
-from aerodft.geometry.rotation import camera_angles, camera_attitude, from_rotation_vector, matrix, multiply
+from aerodft.geometry.rotation import angles_of_matrix, camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, CameraStd, LensModel
 from aerodft.model.measurement import ProjectionModel
@@ -65,7 +65,7 @@ class State:
     @cached_property
     def angles_rad(self) -> tuple[float, float, float]:
         """Tilt, roll and heading."""
-        tilt, roll, heading = camera_angles(self.wxyz)
+        tilt, roll, heading = angles_of_matrix(self.rotation)
         return float(tilt), float(roll), float(heading)
 
     def value(self, name: str) -> float:

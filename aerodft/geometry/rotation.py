@@ -98,13 +98,12 @@ def yaw_pitch_roll(wxyz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
 
 def camera_attitude(tilt_rad: npt.ArrayLike, roll_rad: npt.ArrayLike, heading_rad: npt.ArrayLike) -> FloatArray:
     """``enu_SO3_cam`` quaternions ``(..., 4)`` from the camera's angles (see ``conventions``), broadcast."""
-    tilt, roll, heading = np.broadcast_arrays(
-        np.asarray(tilt_rad, dtype=np.float64), np.asarray(roll_rad), np.asarray(heading_rad)
-    )
+    tilt, roll, heading = (np.asarray(angle, dtype=np.float64) for angle in (tilt_rad, roll_rad, heading_rad))
     # A turn by the heading, half a turn about x with the tilt, a spin by the roll: multiplied out.
     sine, cosine, more, less = np.sin(tilt / 2), np.cos(tilt / 2), (heading + roll) / 2, (heading - roll) / 2
-    wxyz = np.empty((*tilt.shape, 4))
-    wxyz[..., 0], wxyz[..., 1] = -sine * np.cos(less), cosine * np.cos(more)
+    w = -sine * np.cos(less)
+    wxyz = np.empty((*w.shape, 4))
+    wxyz[..., 0], wxyz[..., 1] = w, cosine * np.cos(more)
     wxyz[..., 2], wxyz[..., 3] = -cosine * np.sin(more), sine * np.sin(less)
     return wxyz
 
@@ -114,7 +113,12 @@ def camera_angles(enu_wxyz_cam: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 
     At nadir (and zenith) roll is 0 and the heading is that of the image's up direction.
     """
-    m = matrix(enu_wxyz_cam)
+    return angles_of_matrix(matrix(enu_wxyz_cam))
+
+
+def angles_of_matrix(enu_r_cam: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """As ``camera_angles``, of rotation matrices ``(..., 3, 3)``."""
+    m = enu_r_cam
     axis = m[..., :, 2]
     horizontal = np.hypot(axis[..., 0], axis[..., 1])
     tilt = np.arctan2(horizontal, -axis[..., 2])

@@ -12,6 +12,7 @@ from aerodft.adapters.mavlink.address import is_link, parse_address
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.findings import document, problems
 from aerodft.adapters.mavlink.link import MavlinkLink
+from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.adapters.mavlink.survey import Survey
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
@@ -36,6 +37,10 @@ def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
     seconds: Annotated[float, typer.Option(min=0.1, max=MOST_SECONDS, help="How long to listen to a link.")] = 10.0,
     system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None,
+    component: Annotated[int | None, typer.Option(min=1, max=255, help="Its autopilot, where it has several.")] = None,
+    gimbal: Annotated[
+        int | None, typer.Option(min=1, max=255, help="Gimbal to follow: 1 to 6 its number, else its component.")
+    ] = None,
     baud: Annotated[int | None, typer.Option(min=1, help="Baud rate of a serial link.")] = None,
     signing_key: Annotated[
         Path | None, typer.Option(help="Key file of a signed link; its time stamps are kept beside it.")
@@ -49,13 +54,14 @@ def doctor(
 
     Example: aerodft doctor udpin:14550 --signing-key vehicle.key
     """
+    followed = Followed(system=system, component=component, gimbal=gimbal)
     if is_link(target):
         signing = None if signing_key is None else SigningSettings(key_file=signing_key)
-        report = survey_link(target, seconds=seconds, system=system, baud=baud, signing=signing)
+        report = survey_link(target, seconds=seconds, followed=followed, baud=baud, signing=signing)
     elif signing_key is not None:
         raise UsageError("--signing-key", got=f"a log ({target})", expected="a link: what a log holds was let in once")
     else:
-        report = survey_log(Path(target), system=system)
+        report = survey_log(Path(target), followed=followed)
     if as_json:
         typer.echo(json.dumps(document(report)))
     else:
@@ -65,14 +71,14 @@ def doctor(
         raise NoAnswerError(f"no source of {missing} could serve", where=target, hint="see the problems listed")
 
 
-def survey_log(path: Path, *, system: int | None = None) -> SurveyReport:
+def survey_log(path: Path, *, followed: Followed | None = None) -> SurveyReport:
     """Survey a whole log.
 
     Raises:
         InputError: It cannot be read.
     """
     source = open_log(path)
-    survey = Survey(str(path), system=system)
+    survey = Survey(str(path), followed=followed)
     for event in source.events():
         if isinstance(event, RawBlock):
             survey.add(event)
@@ -83,7 +89,7 @@ def survey_link(
     address: str,
     *,
     seconds: float,
-    system: int | None = None,
+    followed: Followed | None = None,
     baud: int | None = None,
     signing: SigningSettings | None = None,
 ) -> SurveyReport:
@@ -96,7 +102,7 @@ def survey_link(
     clock = WallClock()
     inbox = Inbox(clock)
     feed = LiveFeed(inbox, clock, _TICK_NS)
-    survey = Survey(address, system=system)
+    survey = Survey(address, followed=followed)
     place = parse_address(address, baud=baud)
     with opened_signing(signing) as check, MavlinkLink(place, inbox, signing=check) as link:
         end_ns = clock.now_ns() + int(seconds * SECOND_NS)

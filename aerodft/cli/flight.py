@@ -12,7 +12,7 @@ from aerodft.adapters.images.clock import OnClock
 from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource
 from aerodft.adapters.images.video import VideoFileSource
-from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
+from aerodft.adapters.mavlink.composite import decoder_of, open_log
 from aerodft.adapters.mavlink.dataflash import DataflashSource
 from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
@@ -78,7 +78,7 @@ def open_flight(
         sources.append(source)
         telemetry = station.pipeline.telemetry or TelemetrySettings()
         with _quiet():
-            span = survey_span(source, CompositeDecoder(telemetry.system))
+            span = survey_span(source, decoder_of(telemetry))
         _check_sources(log, span, telemetry)
     images, stamps = _images(station, span, decode=station.record.image_hz > 0 or bool(lookouts))
     _check_overlap(span, stamps, log, station)

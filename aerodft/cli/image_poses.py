@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.adapters.config.evidence_images import GivenImage
 from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
-from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
+from aerodft.adapters.mavlink.composite import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
@@ -100,14 +100,14 @@ def poses_of(
     Raises:
         InputError: A stamp outside the telemetry, or an index that no image has.
     """
-    span = survey_span(telemetry.source, CompositeDecoder(telemetry.settings.system))
+    span = survey_span(telemetry.source, decoder_of(telemetry.settings))
     stamps = _stamps(telemetry, images)
     for image, stamp_ns in zip(images, stamps, strict=True):
         _check_inside(image, stamp_ns, span, telemetry.path)
     offsets_ns = [round(offset_s * SECOND_NS) for offset_s in offsets_s]
     found: dict[int, tuple[PoseSample, ...]] = {}
     waiting = sorted(set(stamps), reverse=True)
-    poses, decoder = _pose_source(telemetry), CompositeDecoder(telemetry.settings.system)
+    poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
     late_ns = offsets_ns[-1] + span.lateness_ns + 2 * telemetry.settings.height.max_gap_ns
     for batch in MergedFeed([telemetry.source], _TICK_NS, linger_ns=0).batches():
         for block in batch.raw:
@@ -145,7 +145,7 @@ def _stamps(telemetry: Telemetry, images: Sequence[GivenImage]) -> list[int]:
 
 
 def _recorded_stamps(telemetry: Telemetry) -> dict[int, int]:
-    poses, decoder = _pose_source(telemetry), CompositeDecoder(telemetry.settings.system)
+    poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
     stamps = {}
     for event in telemetry.source.events():
         if isinstance(event, Image):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodft.adapters.images.video import VideoFileSource
-from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
+from aerodft.adapters.mavlink.composite import decoder_of, open_log
 from aerodft.cli.output import progress_bar
 from aerodft.cli.wiring import check_size
 from aerodft.errors import NoAnswerError
@@ -54,7 +54,7 @@ def run_sync(
         NoAnswerError: The data do not tell, see ``calibration.sync.align``.
     """
     source = open_log(log)
-    history = attitude_history(source, CompositeDecoder(telemetry.system), telemetry.attitude)
+    history = attitude_history(source, decoder_of(telemetry), telemetry.attitude)
     pairs = _followed(video, camera)
     try:
         alignment = align(pairs, history, telemetry.attitude, max_offset_s)

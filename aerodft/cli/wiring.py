@@ -9,7 +9,7 @@ from pathlib import Path
 from aerodft.adapters.config.ground import COPY_NAME, copy_terrain, travels
 from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.adapters.config.station import StationConfig, TerrainGround
-from aerodft.adapters.mavlink.composite import CompositeDecoder
+from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.cli.output import say
 from aerodft.errors import ConfigError, InputError
@@ -35,7 +35,7 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         hint = "`aerodft import` finds it, `aerodft sync` says it"
         raise ConfigError("images.time_offset_s", got='"auto"', expected="a number", hint=hint)
     telemetry = station.pipeline.telemetry
-    decoder = CompositeDecoder(None if telemetry is None else telemetry.system)
+    decoder = decoder_of(telemetry)
     if station.live is not None:
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live)

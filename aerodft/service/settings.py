@@ -90,12 +90,17 @@ class TelemetrySettings:
 
     Attributes:
         system: MAVLink system id to follow; None for the first vehicle heard.
+        component: Component id of its autopilot, where it has several; None for the first heard.
+        gimbal: Up to 6 the number of a gimbal that the autopilot speaks for, from 7 on a gimbal's component id; None
+            for the first heard.
         height: Height sources.
         attitude: Attitude sources.
         wait_ns: How long after its arrival an image waits for later telemetry before it is called stale.
     """
 
     system: int | None = None
+    component: int | None = None
+    gimbal: int | None = None
     height: HeightSettings = field(default_factory=HeightSettings)
     attitude: AttitudeSettings = field(default_factory=AttitudeSettings)
     wait_ns: int = 2 * SECOND_NS

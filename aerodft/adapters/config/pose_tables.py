@@ -81,6 +81,8 @@ class TelemetryTable(Table):
     baud: Count = 57600
     signing: SigningTable | None = None
     system: Annotated[int, Field(ge=1, le=255)] | None = None
+    component: Annotated[int, Field(ge=1, le=255)] | None = None
+    gimbal: Annotated[int, Field(ge=1, le=255)] | None = None
     wait_s: Duration = 2.0
     horizontal_std_m: NonNegative = 2.0
     height: HeightTable = HeightTable()

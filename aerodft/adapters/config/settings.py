@@ -42,6 +42,8 @@ def telemetry_from(table: TelemetryTable) -> TelemetrySettings:
     """How telemetry becomes a pose."""
     return TelemetrySettings(
         system=table.system,
+        component=table.component,
+        gimbal=table.gimbal,
         height=_height(table.height),
         attitude=attitude_from(table.attitude, table.horizontal_std_m),
         wait_ns=to_ns(table.wait_s),

@@ -8,19 +8,21 @@ from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import HEAD
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.files import map_log
+from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.model.telemetry import RawBlock, Track, WireProtocol
+from aerodft.service.settings import TelemetrySettings
 
 
 class CompositeDecoder:
     """Decodes each block by its protocol; a ``service.ports.TelemetryDecoder``.
 
     Args:
-        system: MAVLink system id to follow; None for the first vehicle heard.
+        followed: The vehicle to follow; None for the first one heard.
     """
 
-    def __init__(self, system: int | None = None) -> None:
-        self.mavlink = MavlinkDecoder(system)
+    def __init__(self, followed: Followed | None = None) -> None:
+        self.mavlink = MavlinkDecoder(followed)
         self.dataflash = DataflashDecoder()
 
     @property
@@ -32,6 +34,13 @@ class CompositeDecoder:
         """The tracks of this block's frames."""
         decoder = self.mavlink if block.protocol is WireProtocol.MAVLINK else self.dataflash
         return decoder.decode(block)
+
+
+def decoder_of(telemetry: TelemetrySettings | None) -> CompositeDecoder:
+    """The decoder that follows the vehicle of a station."""
+    if telemetry is None:
+        return CompositeDecoder()
+    return CompositeDecoder(Followed(system=telemetry.system, component=telemetry.component, gimbal=telemetry.gimbal))
 
 
 def open_log(path: Path) -> TlogSource | DataflashSource:

@@ -41,15 +41,15 @@ class MavlinkDecoder:
     component) gets ``NO_BOOT_TIME``: its time since boot is not the vehicle's.
 
     Args:
-        system: MAVLink system id to follow; None for the first from which an autopilot's HEARTBEAT, an ATTITUDE or a
-            GLOBAL_POSITION_INT comes.
+        followed: The vehicle to follow; what it does not say is the first from which an autopilot's HEARTBEAT, an
+            ATTITUDE or a GLOBAL_POSITION_INT comes.
 
     Attributes:
         rejected: Rows left out, by ``MESSAGE: reason``.
     """
 
-    def __init__(self, system: int | None = None) -> None:
-        self._state = pick.fresh_state(system)
+    def __init__(self, followed: pick.Followed | None = None) -> None:
+        self._state = pick.fresh_state(followed or pick.Followed())
         self.rejected: Counter[str] = Counter()
         self.decode(_EMPTY)  # compiles on the very first run, which takes seconds: not while frames wait
 
@@ -58,6 +58,12 @@ class MavlinkDecoder:
         """The system that is followed; None until one was heard."""
         system = int(self._state[pick.SYSTEM])
         return None if system < 0 else system
+
+    @property
+    def component(self) -> int | None:
+        """The autopilot's component that is followed; None until one was heard."""
+        component = int(self._state[pick.COMPONENT])
+        return None if component < 0 else component
 
     @property
     def damaged(self) -> int:

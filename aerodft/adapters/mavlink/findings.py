@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from aerodft.adapters.mavlink.ambiguity import senders
 from aerodft.adapters.mavlink.signing_words import signing_document, signing_sentences
 from aerodft.adapters.mavlink.survey_report import USED, SurveyReport, ValueSource
 from aerodft.model.telemetry import ReportFrame
@@ -51,10 +52,7 @@ def _missing(report: SurveyReport) -> list[str]:
 
 
 def _doubtful(report: SurveyReport) -> list[str]:
-    sentences = []
-    if len(report.systems) > 1:
-        names = ", ".join(map(str, report.systems))
-        sentences.append(f"more than one vehicle (systems {names}): name the one to follow, or the first is taken")
+    sentences = senders(report)
     measured = [source for source in report.heights if source.name in {"rangefinder", "terrain"}]
     sentences += [
         f"{source.name} says {source.low:.2f} m at its lowest: nothing is measured below the minimum height"
@@ -165,6 +163,7 @@ def document(report: SurveyReport) -> dict[str, Any]:
             "host_minus_utc_s": report.clock.host_minus_utc_s,
         },
         "gaps": [{"message": gap.message, "start_s": gap.start_s, "duration_s": gap.duration_s} for gap in report.gaps],
+        "followed": {"system": report.system, "component": report.component},
         "systems": list(report.systems),
         "rejected": report.rejected,
         "frames": {

@@ -4,6 +4,7 @@ The rules that depend on what came before live in one sequential kernel, so that
 the frames were cut into blocks.
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -30,7 +31,8 @@ WANTED: Final = (
     GIMBAL_DEVICE_ATTITUDE_STATUS,
 )
 # The selection's state: what was decided so far, then each wanted message's component.
-SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS, LOCKS = 0, 1, 2, 3, 4, 5, 6
+SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS = 0, 1, 2, 3, 4, 5
+ASKED_COMPONENT, ASKED_GIMBAL, LOCKS = 6, 7, 8
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
@@ -41,6 +43,8 @@ _ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # typ
 _DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
 _TYPE_GCS, _AUTOPILOT_NONE = 6, 8
+# A gimbal's number: up to 6 one that an autopilot speaks for, from 7 on the component that it is itself.
+_FIRST_GIMBAL_COMPONENT = 7
 # Cameras, gimbals, planners and companion computers send the vehicle's messages about themselves.
 _CAMERA_FIRST, _CAMERA_LAST, _GIMBAL, _OTHER_FIRST, _OTHER_LAST = 100, 105, 154, 171, 199
 
@@ -56,13 +60,37 @@ def _slots() -> npt.NDArray[np.int16]:
 SLOTS: Final = _slots()
 
 
-def fresh_state(system: int | None) -> IntArray:
-    """The state before the first frame; ``system`` None is decided by the first vehicle heard."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Followed:
+    """Who is listened to; None for whoever is heard first.
+
+    Attributes:
+        system: MAVLink system id of the vehicle.
+        component: Component id of its autopilot.
+        gimbal: Up to 6 the number of a gimbal that the autopilot speaks for, from 7 on a gimbal's component id.
+    """
+
+    system: int | None = None
+    component: int | None = None
+    gimbal: int | None = None
+
+
+def fresh_state(followed: Followed) -> IntArray:
+    """The state before the first frame."""
     state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
-    state[SENSOR_SEEN:LOCKS] = 0
-    if system is not None:
-        state[SYSTEM] = system
+    state[SENSOR_SEEN:ASKED_COMPONENT] = 0
+    asked = ((SYSTEM, followed.system), (ASKED_COMPONENT, followed.component), (ASKED_GIMBAL, followed.gimbal))
+    for place, value in asked:
+        state[place] = _UNDECIDED if value is None else value
     return state
+
+
+@njit
+def is_peripheral(component: int) -> bool:
+    """Whether a component is a camera, a gimbal or another companion: what it says of attitude is its own."""
+    return (
+        _CAMERA_FIRST <= component <= _CAMERA_LAST or component == _GIMBAL or _OTHER_FIRST <= component <= _OTHER_LAST
+    )
 
 
 def component_of(state: IntArray, slot: int) -> int:
@@ -73,7 +101,9 @@ def component_of(state: IntArray, slot: int) -> int:
 
 def device_of(state: IntArray, slot: int) -> int:
     """The gimbal's number at that component; 0 where the component is the gimbal."""
-    return max(int(state[LOCKS + slot]), 0) >> _DEVICE_BITS
+    if state[LOCKS + slot] == _UNDECIDED:
+        return max(int(state[ASKED_GIMBAL]), 0)
+    return int(state[LOCKS + slot]) >> _DEVICE_BITS
 
 
 @njit
@@ -85,13 +115,24 @@ def _byte(data: Bytes, payload_at: int, length: int, index: int) -> int:
 @njit
 def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, length: int) -> bool:
     """Whether this frame could only come from an autopilot."""
-    peripheral = (
-        _CAMERA_FIRST <= component <= _CAMERA_LAST or component == _GIMBAL or _OTHER_FIRST <= component <= _OTHER_LAST
-    )
     if message_id == HEARTBEAT:
         kind = _byte(data, payload_at, length, _TYPE_AT)
         return kind != _TYPE_GCS and _byte(data, payload_at, length, _AUTOPILOT_AT) != _AUTOPILOT_NONE
-    return not peripheral and message_id in (ATTITUDE, GLOBAL_POSITION_INT)
+    return not is_peripheral(component) and message_id in (ATTITUDE, GLOBAL_POSITION_INT)
+
+
+@njit
+def _asked_for(state: IntArray, message_id: int, component: int, device: int) -> bool:
+    """Whether a message comes from the gimbal that is asked for, or from no gimbal at all."""
+    asked = state[ASKED_GIMBAL]
+    if asked == _UNDECIDED or message_id not in (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS):
+        return True
+    if asked >= _FIRST_GIMBAL_COMPONENT:
+        return bool(component == asked)
+    if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS and device != asked:
+        state[OTHER_GIMBALS] += 1
+        return False
+    return True
 
 
 @njit
@@ -103,6 +144,8 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
     """
     if message_id in (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT):
         return bool(component == state[COMPONENT])
+    if not _asked_for(state, message_id, component, device):
+        return False
     sender = component | device << _DEVICE_BITS
     if state[LOCKS + slot] == _UNDECIDED:
         state[LOCKS + slot] = sender
@@ -147,7 +190,7 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
         if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, payload_at, length):
             if state[SYSTEM] == _UNDECIDED:
                 state[SYSTEM] = system
-            if state[SYSTEM] == system:
+            if state[SYSTEM] == system and state[ASKED_COMPONENT] in (_UNDECIDED, component):
                 state[COMPONENT] = component
         if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM]:
             continue

@@ -10,6 +10,7 @@ import numpy as np
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Stream, StreamTable, rangefinder_readings_m
 from aerodft.adapters.mavlink.survey_report import USED, ClockSummary, Gap, SurveyReport, ValueSource
@@ -62,12 +63,12 @@ class Survey:
 
     Args:
         target: The file or link, for the report.
-        system: MAVLink system to follow; None for the first vehicle heard.
+        followed: The vehicle to follow; None for the first one heard.
     """
 
-    def __init__(self, target: str, *, system: int | None = None) -> None:
+    def __init__(self, target: str, *, followed: Followed | None = None) -> None:
         self._target = target
-        self._decoder = CompositeDecoder(system)
+        self._decoder = CompositeDecoder(followed)
         self._table = StreamTable()
         self._heights: dict[str, _Range] = {}
         self._attitudes: dict[str, _Range] = {}
@@ -131,6 +132,8 @@ class Survey:
             vehicle_attitude=next(iter(_sources({"vehicle": self._vehicle})), None),
             clock=self._clock_summary(),
             gaps=tuple(gap for stream in streams if stream.name in USED for gap in self._gaps(stream)),
+            system=self._decoder.mavlink.system,
+            component=self._decoder.mavlink.component,
             systems=tuple(sorted(system for system in systems if system is not None)),
             rejected=dict(sorted(self._decoder.rejected.items())),
             rangefinder=next(iter(_sources({"RANGEFINDER": self._rangefinder})), None),

@@ -94,6 +94,8 @@ class SurveyReport:
         vehicle_attitude: The vehicle's own attitude, enough for a camera that is fixed to it.
         clock: UTC.
         gaps: Silences in used streams.
+        system: The system that is followed; None where no vehicle was heard, or in an on-board log.
+        component: Its autopilot's component, likewise.
         systems: Systems that report an attitude or a position of their own.
         rejected: Rows of used messages that hold no value, by ``MESSAGE: reason``.
         counts: What the framer met.
@@ -112,6 +114,8 @@ class SurveyReport:
     vehicle_attitude: ValueSource | None
     clock: ClockSummary
     gaps: tuple[Gap, ...]
+    system: int | None
+    component: int | None
     systems: tuple[int, ...]
     rejected: dict[str, int]
     counts: FrameCounts

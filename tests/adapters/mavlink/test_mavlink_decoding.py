@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.mavlink.selection import Followed
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (
     NO_BOOT_TIME,
@@ -251,7 +252,7 @@ def test_the_first_vehicle_is_followed(pack: Pack, block: MakeBlock) -> None:
     (track,) = decoder.decode(block(frames))
     assert decoder.system == 3
     assert track.arrival_ns.tolist() == [10**18 + 2 * 10**6, 10**18 + 5 * 10**6]
-    chosen = MavlinkDecoder(4)
+    chosen = MavlinkDecoder(Followed(system=4))
     assert len(chosen.decode(block(frames))[0].arrival_ns) == 1
 
 

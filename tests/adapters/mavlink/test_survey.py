@@ -1,4 +1,5 @@
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,10 +11,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.findings import document, problems
 from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.survey import Survey
 from aerodft.adapters.mavlink.survey_report import SurveyReport
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of
+
+MakeBlock = Callable[[list[bytes]], RawBlock]
 
 UTC_US = 1_800_000_000_000_000
 
@@ -138,3 +142,71 @@ def test_the_document_is_json(data_folder: Path) -> None:
     assert found["attitudes"][0]["source"] == "GIMBAL_DEVICE_ATTITUDE_STATUS"
     assert found["attitudes"][0]["low"] == pytest.approx(-90, abs=0.5)
     assert found["first_ns"] == str(report.first_ns)
+
+
+def _surveyed(block: RawBlock, **followed: int) -> SurveyReport:
+    survey = Survey("link", followed=Followed(**followed))
+    survey.add(block)
+    return survey.report(counts=FrameCounts())
+
+
+def test_of_two_vehicles_one_is_followed_and_named(pack: Callable[..., bytes], block: MakeBlock) -> None:
+    frames = [pack(_position(1000 * system), system=system) for system in (3, 4) for _ in range(5)]
+    report = _surveyed(block(frames))
+    assert (report.system, report.component) == (3, 1)
+    assert _says(report, "more than one vehicle (systems 3, 4): system 3 is followed; choose with telemetry.system")
+    chosen = _surveyed(block(frames), system=4)
+    assert [(h.low, h.high) for h in chosen.heights] == [(4.0, 4.0)]
+    assert _says(chosen, "system 4 is followed")
+
+
+def test_of_two_autopilots_with_one_system_id_one_is_followed_and_named(
+    pack: Callable[..., bytes], block: MakeBlock
+) -> None:
+    frames = [pack(_position(1000 * component), component=component) for component in (1, 2) * 5]
+    report = _surveyed(block(frames))
+    assert [(h.count, h.low, h.high) for h in report.heights] == [(5, 1.0, 1.0)]
+    assert _says(report, "system 1 has more than one autopilot (components 1, 2): component 1 is followed")
+    chosen = _surveyed(block(frames), component=2)
+    assert [(h.count, h.low, h.high) for h in chosen.heights] == [(5, 2.0, 2.0)]
+    assert document(chosen)["followed"] == {"system": 1, "component": 2}
+
+
+def test_of_two_gimbals_one_is_followed_and_named(pack: Callable[..., bytes], block: MakeBlock) -> None:
+    mounts = {154: -30.0, 171: -60.0}
+    frames = [pack(_position(1000))]
+    for _ in range(5):
+        frames += [
+            pack(dialect.MAVLink_mount_orientation_message(1000, 0.0, pitch, 0.0), component=component)
+            for component, pitch in mounts.items()
+        ]
+    for followed, pitch in (({}, -30.0), ({"gimbal": 171}, -60.0), ({"gimbal": 154}, -30.0)):
+        report = _surveyed(block(frames), **followed)
+        ((count, low, high),) = [(a.count, a.low, a.high) for a in report.attitudes]
+        assert count == 5
+        assert low == pytest.approx(pitch)
+        assert high == pytest.approx(pitch)
+        assert _says(report, "MOUNT_ORIENTATION comes from more than one gimbal (components 154, 171)")
+
+
+def test_of_two_gimbals_behind_one_autopilot_the_one_asked_for_is_followed(
+    pack: Callable[..., bytes], block: MakeBlock
+) -> None:
+    frames = [pack(_position(1000))]
+    for device, pitch_rad in ((1, -0.5), (2, -1.0)) * 3:
+        q = (math.cos(pitch_rad / 2), 0, math.sin(pitch_rad / 2), 0)
+        message = dialect.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, 4000, 44, q, math.nan, math.nan, math.nan, 0, gimbal_device_id=device
+        )
+        frames.append(pack(message))
+    report = _surveyed(block(frames), gimbal=2)
+    (attitude,) = report.attitudes
+    assert attitude.count == 3
+    assert attitude.high == pytest.approx(math.degrees(-1.0), abs=1e-3)
+    assert report.rejected == {"GIMBAL_DEVICE_ATTITUDE_STATUS: of another gimbal than number 2": 3}
+
+
+def _position(height_mm: int) -> dialect.MAVLink_message:
+    return dialect.MAVLink_global_position_int_message(
+        1000, -353_632_621, 1_491_652_374, 584_090, height_mm, 0, 0, 0, 65535
+    )

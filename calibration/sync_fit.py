@@ -31,7 +31,11 @@ _LEAST_ITERATIONS, _ITERATIONS = 6, 12
 _FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is forgiven, and what is left of it after each iteration
 _CONVERGED = np.array([1e-5, 1e-7, 1e-5])
 _FIXED = 1e18  # precision of what is no unknown
-_CORRELATED_S = 3.0  # residuals farther apart in time have nothing to do with each other
+_FIXED_SHARE = np.array([-0.5324, 0.4160, 2.9694, 1.9600]) / 1.96  # of the whole: their critical values, at 95 %
+_BESIDE = 1.5  # times what residuals tell were the errors over simulated flights with noisy reports
+_WHOLE_MS_STD_S = 0.0005  # of stamps that count milliseconds, with those of the clock map
+_ROUNDING = np.diag([_WHOLE_MS_STD_S**2, 0.0, _WHOLE_MS_STD_S**2, 0.0, 0.0, 0.0])
+_CORRELATED_S = 6.0  # residuals farther apart in time have nothing to do with each other
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,7 +109,7 @@ def fit(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, start: FloatArr
     said = problem.said(values)
     return SyncFit(
         values=values,
-        cov=bread @ (_newey_west(problem.start_s[lines.used], scores) + np.diag(precision)) @ bread,
+        cov=bread @ (_newey_west(problem.start_s[lines.used], scores) + np.diag(precision)) @ bread + _ROUNDING,
         rate_seen_radps=problem.seen(said).rotvec_rad / problem.between_s[:, None],
         rate_said_radps=said.rotvec_rad / problem.between_s[:, None],
         used=lines.used,
@@ -171,11 +175,16 @@ def _whitened(lines: _Lines, doubt_rad2: FloatArray) -> _White:
 
 
 def _newey_west(times_s: FloatArray, scores: FloatArray) -> FloatArray:
-    """Covariance ``(u, u)`` of the sum of scores ``(m, u)``, alike over ``_CORRELATED_S``."""
-    step_s = float(np.median(np.diff(times_s)))
-    reach = max(round(_CORRELATED_S / step_s), 1)
+    """Covariance ``(u, u)`` of the sum of scores ``(m, u)``, which are alike over ``_CORRELATED_S``.
+
+    Of few independent stretches it would come out too small: it is scaled so that 1.96 of its standard deviations hold
+    95 % (Kiefer and Vogelsang, A new asymptotic theory for heteroskedasticity-autocorrelation robust tests, 2005).
+    """
+    span_s = float(times_s[-1] - times_s[0])
+    reach = max(round(_CORRELATED_S * len(scores) / span_s), 1)
     total = scores.T @ scores
-    for lag in range(1, min(reach, len(scores) - 1)):
+    for lag in range(1, min(reach, len(scores))):
         cross = scores[lag:].T @ scores[:-lag]
         total += (1 - lag / reach) * (cross + cross.T)
-    return total * len(scores) / max(len(scores) - _UNKNOWNS, 1)
+    share = min(_CORRELATED_S / span_s, 1.0)
+    return np.asarray(total * (_BESIDE * np.polyval(_FIXED_SHARE, share)) ** 2)

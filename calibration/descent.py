@@ -109,7 +109,11 @@ class Loss:
 
 
 def descend(
-    problem: Task[StateT, RowsT_co], start: StateT, scale: float | None = None, kept: np.ndarray | None = None
+    problem: Task[StateT, RowsT_co],
+    start: StateT,
+    scale: float | None = None,
+    kept: np.ndarray | None = None,
+    known: RowsT_co | None = None,
 ) -> Descent[StateT, RowsT_co]:
     """The minimum next to ``start``.
 
@@ -118,8 +122,9 @@ def descend(
         start: Where from.
         scale: As ``Loss``.
         kept: As ``Loss``.
+        known: Residuals of ``start``, where somebody has them.
     """
-    state, residuals = start, problem.evaluate(start)
+    state, residuals = start, problem.evaluate(start) if known is None else known
     loss = Loss(residuals.owner, scale, kept)
     cost, damping = loss.cost(residuals), _DAMPING
     settled = _SETTLED if scale is None else _NEARLY

@@ -19,6 +19,7 @@ from calibration.state import State
 _FEWEST = 3  # landmarks that place a camera without a guess; three do so in up to four ways
 _FLAT = 0.2  # thickness of a body of points, as a share of its width, below which it may be taken for its mirror image
 _SAME = 0.005  # of rotations and of shares of a distance: two closed forms of one pose, which descents bring together
+_WORSE, _NEAR = 30.0, 0.02  # than a better closed form, and in focal lengths: what is farther off is no mirror image
 _TILTS_RAD = np.radians([8.0, 35.0, 55.0, 70.0, 82.0, 95.0])
 _HEADINGS_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 _HEIGHTS_M = (2.0, 6.0, 20.0, 60.0, 200.0)
@@ -80,12 +81,17 @@ def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[Floa
         try:
             if way == cv2.SOLVEPNP_P3P:
                 _, turns, shifts = cv2.solveP3P(points_m, flat, np.eye(3), None, way)
+                errors: npt.ArrayLike = np.zeros(len(turns))
             else:
                 world = in_plane if way == cv2.SOLVEPNP_IPPE else points_m
-                _, turns, shifts, *_ = cv2.solvePnPGeneric(world, flat, np.eye(3), None, flags=way)
+                _, turns, shifts, errors = cv2.solvePnPGeneric(world, flat, np.eye(3), None, flags=way)
         except cv2.error:  # points in a line, or all in one
             continue
-        yield from zip(turns, shifts, strict=True)
+        off = np.asarray(errors, dtype=np.float64).ravel()
+        near = off <= max(_WORSE * float(np.min(off, initial=np.inf)), _NEAR)
+        for turn, shift, is_near in zip(turns, shifts, near, strict=True):
+            if is_near:
+                yield np.asarray(turn, dtype=np.float64), np.asarray(shift, dtype=np.float64)
 
 
 def _only_unknown(problem: Problem, given: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:

@@ -93,7 +93,7 @@ def without_outliers(
     if _tells_more(unknowns, best.residuals, first):
         kept = first
     for _ in range(_ROUNDS):
-        best = descend(problem, best.state, None, kept)
+        best = descend(problem, best.state, None, kept, best.residuals)
         now = _kept(best.residuals, observations, kept)
         if np.array_equal(now, kept) or not _tells_more(unknowns, best.residuals, now):
             break
@@ -212,7 +212,7 @@ def _rival(problem: Problem, solution: Solution, ends: list[End]) -> State | Non
     for end in ends:
         if _is_hopeless(end.residuals) or not _is_elsewhere(names, solution.state, end.state, stds):
             continue
-        other = descend(problem, end.state, None, solution.kept)
+        other = descend(problem, end.state, None, solution.kept, end.residuals)
         as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.scaled**2
         if as_likely and _is_elsewhere(names, solution.state, other.state, stds):
             return other.state

@@ -1,0 +1,63 @@
+"""Image pairs of points on the ground, projected from true poses: what a tracker would see, without images."""
+
+import numpy as np
+
+from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
+from aerodft.model.camera import Camera
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
+from aerodft.sim.trajectory import Trajectory, heading_wxyz
+from aerodft.vision.matches import ImagePair, Matches, matches_of
+
+CAMERA = Camera(name="views", width_px=640, height_px=360, fx_px=532.0, fy_px=532.0, cx_px=319.5, cy_px=179.5)
+REPORT_HZ = 20.0
+
+
+def seen_pair(
+    earlier: Trajectory, later: Trajectory, rng, *, count=150, noise_px=0.1, flow_m=(0.0, 0.0, 0.0)
+) -> Matches:
+    """Points of the plane at height 0 in two images; those right of the middle moved by ``flow_m`` (ENU) meanwhile."""
+    first, second = matrix(earlier.enu_wxyz_cam[0]), matrix(later.enu_wxyz_cam[0])
+    pixels = rng.uniform([0, 0], [CAMERA.width_px - 1, CAMERA.height_px - 1], (count, 2))
+    rays = np.column_stack([(pixels - [CAMERA.cx_px, CAMERA.cy_px]) / CAMERA.fx_px, np.ones(count)]) @ first.T
+    down = rays[:, 2] < -0.05
+    rays, pixels = rays[down], pixels[down]
+    ground = earlier.position_enu_m[0] - rays * (earlier.position_enu_m[0, 2] / rays[:, 2])[:, None]
+    ground = ground + np.where(pixels[:, :1] > CAMERA.cx_px, 1.0, 0.0) * np.asarray(flow_m)
+    there = (ground - later.position_enu_m[0]) @ second
+    ahead = there[:, 2] > 0.1
+    moved = there[ahead, :2] / there[ahead, 2:] * CAMERA.fx_px + [CAMERA.cx_px, CAMERA.cy_px]
+    moved = moved + noise_px * rng.standard_normal(moved.shape)
+    return matches_of(CAMERA, pixels[ahead], moved)
+
+
+def seen_flight(trajectory: Trajectory, utc_ns: np.ndarray, stamps_ns: np.ndarray, seed: int) -> list[ImagePair]:
+    """Pairs of successive images that were taken at ``utc_ns`` and stamped ``stamps_ns``."""
+    rng = np.random.default_rng([seed, 7])
+    at = [trajectory.sampled([moment]) for moment in utc_ns.tolist()]
+    return [
+        ImagePair(start_ns=int(stamps_ns[k]), end_ns=int(stamps_ns[k + 1]), matches=seen_pair(at[k], at[k + 1], rng))
+        for k in range(len(at) - 1)
+    ]
+
+
+def reported(
+    trajectory: Trajectory, *, lag_s: float, noise_rad: float = 0.0, in_earth: bool = False, seed: int = 0
+) -> AttitudeHistory:
+    """What a log of the flight says: the gimbal ``lag_s`` early, against the vehicle's heading or north."""
+    rng = np.random.default_rng([seed, 8])
+    stamps = np.arange(trajectory.start_ns, trajectory.end_ns, round(1e9 / REPORT_HZ), dtype=np.int64)
+    demand = trajectory.sampled(stamps + round(lag_s * 1e9))
+    gimbal = (
+        multiply(heading_wxyz(demand.ned_wxyz_body), demand.level_wxyz_gimbal) if in_earth else demand.level_wxyz_gimbal
+    )
+    gimbal = multiply(gimbal, from_rotation_vector(noise_rad * rng.standard_normal((len(stamps), 3))))
+    earth = np.full(len(stamps), float(in_earth))
+    return AttitudeHistory(
+        vehicle=AttitudeSeries(
+            stamp_ns=stamps, wxyz=trajectory.sampled(stamps).ned_wxyz_body, yaw_in_earth=np.ones(len(stamps))
+        ),
+        gimbals={GimbalSource.GIMBAL_DEVICE: AttitudeSeries(stamp_ns=stamps, wxyz=gimbal, yaw_in_earth=earth)},
+        frames={GimbalSource.GIMBAL_DEVICE: ReportFrame.EARTH},
+    )

@@ -1,0 +1,86 @@
+"""Alignments against flights whose clocks are known."""
+
+import numpy as np
+import pytest
+
+from aerodft.errors import NoAnswerError
+from aerodft.model.pose import GimbalSource
+from aerodft.service.attitude_history import AttitudeHistory
+from aerodft.service.settings import AttitudeSettings
+from calibration.sync import align
+
+from .sync_flights import Clocks, hovering, wandering
+from .sync_views import reported, seen_flight
+
+SETTINGS = AttitudeSettings()
+CLIP_S, MARGIN_S = 45.0, 15.0
+
+
+def filmed(trajectory, clocks, seed):
+    """Pairs by the video's clock, and the reference at which the offset holds."""
+    start = trajectory.start_ns + round(MARGIN_S * 1e9)
+    utc = start + np.arange(0, round(CLIP_S * 1e9), 200_000_000)
+    middle = int((utc[0] + utc[-1]) // 2)
+    return seen_flight(trajectory, utc, clocks.video_ns(utc, middle), seed), middle - round(clocks.offset_s * 1e9)
+
+
+def errors(found, clocks, reference_ns):
+    offset_s = clocks.offset_s + clocks.drift * (found.reference_ns - reference_ns) / 1e9
+    return np.array([found.offset_s, found.drift, found.lag_s]) - [offset_s, clocks.drift, clocks.lag_s]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_offset_drift_and_lag_are_found_from_far_away(seed):
+    clocks, trajectory = Clocks.drawn(seed), wandering(seed, CLIP_S + 2 * MARGIN_S)
+    pairs, reference_ns = filmed(trajectory, clocks, seed)
+    found = align(pairs, reported(trajectory, lag_s=clocks.lag_s, noise_rad=3e-4, seed=seed), SETTINGS, 20.5)
+    off = errors(found, clocks, reference_ns)
+    assert found.lag_told
+    assert np.all(np.abs(off) < [0.01, 5e-4, 0.01]), off
+    assert np.all(np.abs(off) < 3 * found.stds), off / found.stds
+    rates = found.rates
+    covered = np.isfinite(rates.said_radps[:, 0])
+    assert np.mean(covered) > 0.9
+    left = rates.seen_radps[covered] - rates.said_radps[covered]
+    assert np.median(np.abs(left)) < 0.2 * np.std(rates.seen_radps)
+
+
+def test_reports_against_north_leave_the_lag_open_and_the_camera_aligned():
+    clocks, trajectory = Clocks(3.0, 0.01, 0.22), wandering(4, CLIP_S + 2 * MARGIN_S)
+    pairs, reference_ns = filmed(trajectory, clocks, 4)
+    found = align(pairs, reported(trajectory, lag_s=clocks.lag_s, in_earth=True), SETTINGS, 10.0)
+    offset, _, lag = errors(found, clocks, reference_ns)
+    assert not found.lag_told
+    assert found.stds[0] > 0.05  # the lag's uncertainty is part of it
+    assert abs(offset - lag) < 0.005
+    assert found.attitude_std_s() < 0.01
+
+
+def test_a_hover_with_a_locked_gimbal_is_refused():
+    trajectory = hovering(CLIP_S + 2 * MARGIN_S)
+    pairs, _ = filmed(trajectory, Clocks(1.0, 0.0, 0.1), 1)
+    with pytest.raises(NoAnswerError, match="too little motion to tell"):
+        align(pairs, reported(trajectory, lag_s=0.1, noise_rad=3e-4), SETTINGS, 20.0)
+
+
+def test_a_video_of_another_flight_is_refused():
+    pairs, _ = filmed(wandering(5, CLIP_S + 2 * MARGIN_S), Clocks(0.0, 0.0, 0.1), 5)
+    with pytest.raises(NoAnswerError, match=r"not of this flight|about as well|too little"):
+        align(pairs, reported(wandering(6, CLIP_S + 2 * MARGIN_S), lag_s=0.1), SETTINGS, 20.0)
+
+
+def test_what_is_not_there_is_named():
+    trajectory = wandering(1, CLIP_S + 2 * MARGIN_S)
+    pairs, _ = filmed(trajectory, Clocks(0.0, 0.0, 0.1), 1)
+    with pytest.raises(NoAnswerError, match="at least 25"):
+        align(pairs[:10], reported(trajectory, lag_s=0.1), SETTINGS, 5.0)
+    nothing = AttitudeHistory(vehicle=None, gimbals={}, frames={})
+    with pytest.raises(NoAnswerError, match="no camera attitude in the log"):
+        align(pairs, nothing, SETTINGS, 5.0)
+    mounts = AttitudeSettings(order=(GimbalSource.MOUNT_STATUS,))
+    with pytest.raises(
+        NoAnswerError, match="got GIMBAL_DEVICE_ATTITUDE_STATUS, ATTITUDE, expected one of MOUNT_STATUS"
+    ):
+        align(pairs, reported(trajectory, lag_s=0.1), mounts, 5.0)
+    with pytest.raises(NoAnswerError, match="do not overlap in time"):
+        align(pairs, reported(trajectory.shifted(500_000_000_000), lag_s=0.1), SETTINGS, 5.0)

@@ -146,14 +146,17 @@ def _stamps(telemetry: Telemetry, images: Sequence[GivenImage]) -> list[int]:
 
 def _recorded_stamps(telemetry: Telemetry) -> dict[int, int]:
     poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
-    stamps = {}
+    stamps: dict[int, int] = {}
+    by_host: set[int] = set()
     for event in telemetry.source.events():
         if isinstance(event, Image):
-            by_host = event.clock is StampClock.HOST
-            moved_ns = (poses.clock.utc_minus_host_ns if by_host else 0) - telemetry.offset_ns
-            stamps[event.index] = event.stamp_ns + moved_ns
-        elif isinstance(event, RawBlock):
-            poses.append(decoder.decode(event))
+            stamp_ns = event.stamp_ns
+            if event.clock is StampClock.HOST:
+                by_host.add(event.index)
+                stamp_ns = poses.clock.host_to_utc(stamp_ns)
+            stamps[event.index] = stamp_ns - telemetry.offset_ns
+        elif isinstance(event, RawBlock) and (shift_ns := poses.append(decoder.decode(event))):
+            stamps |= {index: stamps[index] + shift_ns for index in by_host}
     return stamps
 
 

@@ -81,6 +81,12 @@ class AttitudeSources:
             gimbal.clear(self._vehicle)
         self._vehicle.clear()
 
+    def shift(self, by_ns: int) -> None:
+        """Move all samples: what time it was when they were taken is known better now."""
+        for gimbal in self._gimbals.values():
+            gimbal.shift(by_ns, self._vehicle)
+        self._vehicle.shift(by_ns)
+
     def append(self, track: Track, stamps_ns: IntArray) -> None:
         """Take a track in, if it is one of attitude."""
         if isinstance(track, VehicleTrack):

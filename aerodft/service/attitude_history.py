@@ -12,7 +12,7 @@ from aerodft.service.attitude import AttitudeSources
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source, TelemetryDecoder
 from aerodft.service.settings import AttitudeSettings
-from aerodft.service.timing import ClockChange, ClockMap
+from aerodft.service.timing import ClockMap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,6 +51,10 @@ class _Rows:
     wxyz: list[FloatArray] = field(default_factory=list)
     in_earth: list[FloatArray] = field(default_factory=list)
 
+    def shift(self, by_ns: int) -> None:
+        """What time it was is known better now."""
+        self.stamps = [stamps + by_ns for stamps in self.stamps]
+
     def series(self) -> AttitudeSeries | None:
         """What was gathered; of samples with one stamp, or that go back, the first in time."""
         if not self.stamps:
@@ -63,7 +67,7 @@ class _Rows:
 def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeSettings) -> AttitudeHistory:
     """Read through a log once; stamps are those of the clock map, as in a run.
 
-    After a jump of the clock only what follows counts: what came before is on another clock.
+    After a reboot only what follows counts: what came before is on another clock.
 
     Args:
         log: The log.
@@ -74,10 +78,15 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
     vehicle, gimbals = _Rows(), dict[GimbalSource, _Rows]()
     for batch in MergedFeed([log], SECOND_NS, linger_ns=0).batches():
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
-        if clock.update(tracks) is ClockChange.JUMPED:
+        heard = clock.update(tracks)
+        if heard.restarted:
             vehicle, gimbals = _Rows(), {}
             sources.clear()
-        for track in tracks:
+        elif heard.shift_ns:
+            for rows in (vehicle, *gimbals.values()):
+                rows.shift(heard.shift_ns)
+            sources.shift(heard.shift_ns)
+        for track in heard.tracks:
             stamps_ns = clock.to_utc(track)
             sources.append(track, stamps_ns)
             _take(track, stamps_ns, vehicle, gimbals)

@@ -54,6 +54,10 @@ class TrackBuffer:
         """Forget everything, as after a jump of the clock."""
         self._start = self._stop = 0
 
+    def shift(self, by_ns: int) -> None:
+        """Move all stamps, as after a jump of what the time is."""
+        self._stamps[self._start : self._stop] += by_ns
+
     def _trim(self) -> None:
         oldest = int(self._stamps[self._stop - 1]) - self._window_ns
         self._start += int(np.searchsorted(self.stamps_ns, oldest))

@@ -57,6 +57,13 @@ class Gimbal:
         self._weighed_ns = None
         self.stream.clear()
 
+    def shift(self, by_ns: int, vehicle: Stream) -> None:
+        """Move all samples, before the vehicle's are."""
+        self._weigh(vehicle)
+        self._detector.break_off()
+        self._weighed_ns = None if self._weighed_ns is None else self._weighed_ns + by_ns
+        self.stream.shift(by_ns)
+
     def evidence(self, vehicle: Stream) -> FrameEvidence:
         """What is known of the reports' frame."""
         self._weigh(vehicle)

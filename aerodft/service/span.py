@@ -7,7 +7,7 @@ from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, Track, VehicleTrack
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source, TelemetryDecoder
-from aerodft.service.timing import ClockChange, ClockMap
+from aerodft.service.timing import ClockMap
 
 PAUSE_NS = 600 * SECOND_NS
 """Nothing for this long is no gap in a flight: the machine slept, or its clock was set from 1970 to today."""
@@ -56,15 +56,14 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
         for block in batch.raw:
             _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
-        jumped = clock.update(tracks) is ClockChange.JUMPED
-        if jumped:
+        heard = clock.update(tracks)
+        if heard.restarted or heard.shift_ns:
             late.clear()
-        for track in tracks:
+        for track in heard.tracks:
             _note_source(span, track)
-            if not jumped:  # the rows before the jump are on the other clock
-                stamps = clock.to_utc(track)
-                late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
-                _extend(span, int(stamps.min()), int(stamps.max()))
+            stamps = clock.to_utc(track)
+            late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
+            _extend(span, int(stamps.min()), int(stamps.max()))
     span.lateness_ns = max(late, default=0)
     span.jitter_ns = span.lateness_ns - min(late, default=0)
     return span

@@ -61,6 +61,12 @@ class Stream:
         if self._first_ns is not None:
             self._first_ns = _ON_ANOTHER_CLOCK
 
+    def shift(self, by_ns: int) -> None:
+        """Move all samples: what time it was when they were taken is known better now."""
+        self._buffer.shift(by_ns)
+        if self._first_ns is not None and self._first_ns != _ON_ANOTHER_CLOCK:
+            self._first_ns += by_ns
+
     def column(self, name: str) -> FloatArray:
         """``(n, ...)`` values."""
         return self._buffer.column(name)

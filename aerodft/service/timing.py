@@ -1,145 +1,188 @@
 """The vehicle's clock against UTC and against this machine's clock, learned as messages come.
 
-``utc = boot + utc_minus_boot`` from SYSTEM_TIME; until that is known, from the smallest delay seen between a
-message's time since boot and its arrival. A message without a time of its own was sent right after the stamped one
-before it, and takes that one's: the link's delay, which comes and goes by seconds on a radio, is not in it. All
-corrections are made with what had arrived by the current tick, so the map is the same live and recomputed.
+``utc = boot + offset(boot)``, a line through what SYSTEM_TIME says; until that is known, the line below arrival minus
+boot, for this machine's clock. A message without a time of its own was sent right after the stamped one before it, and
+takes that one's: the link's delay, which comes and goes by seconds on a radio, is not in it. All corrections are made
+with what had arrived by the current tick, so the map is the same live and recomputed.
 """
 
-from collections import deque
-from enum import Enum, auto
+from dataclasses import dataclass
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
+from aerodft.service.boot_clock import BootClock
+from aerodft.service.clock_line import JUMP_NS, DelayedLine, StatedLine
 
-JUMP_NS = SECOND_NS // 10
-"""A larger change of an offset is a jump: older stamps are on another clock."""
-
-REBOOT_NS = 2 * SECOND_NS
-"""Time since boot that goes back by more than this is a reboot, not a late message."""
-
-_CONFIRMATIONS = 3  # samples that must agree before a jump is believed
-_SMOOTHED = 51  # samples whose median is the offset; SYSTEM_TIME counts boot time in whole milliseconds
-_ANCHOR_NS = SECOND_NS // 2  # an unstamped message takes the time of a stamped one that came at most this long before
-_DELAY_WINDOW = 10  # seconds over which the smallest delay is taken
+HOST_STD_S = 0.1
+"""Standard deviation of a machine's clock that nobody holds against UTC."""
 
 
-class ClockChange(Enum):
-    """What a tick's messages did to the map."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heard:
+    """One tick's telemetry on the followed clock, and what became of stamps given before.
 
-    NONE = auto()
-    JUMPED = auto()
+    Attributes:
+        tracks: The rows of the followed clock; those of another vehicle or boot are left out.
+        restarted: Older stamps are of another boot: they must be forgotten.
+        shift_ns: To be added to older stamps.
+        host_shift_ns: To be added to UTC that was made of this machine's stamps.
+    """
+
+    tracks: tuple[Track, ...]
+    restarted: bool = False
+    shift_ns: int = 0
+    host_shift_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockHealth:
+    """What happened to the clocks so far.
+
+    Attributes:
+        drift: Seconds that UTC gains on the vehicle's clock per second; None before UTC is known.
+        restarts: Reboots.
+        wraps: How often milliseconds since boot began anew at 32 bits, since the last reboot.
+        jumps_s: By how much the vehicle's UTC jumped.
+        left_out: Rows of another boot or another vehicle.
+        rivals: Whether two clocks were heard at once.
+    """
+
+    drift: float | None
+    restarts: int
+    wraps: int
+    jumps_s: tuple[float, ...]
+    left_out: int
+    rivals: bool
 
 
 class ClockMap:
     """Offsets of one vehicle's clock."""
 
     def __init__(self) -> None:
-        self.utc_minus_boot_ns: int | None = None
-        self._delays: deque[tuple[int, int]] = deque()  # (second, smallest arrival - boot in it)
-        self._last_boot_ns: int | None = None
-        self._recent: deque[int] = deque(maxlen=_SMOOTHED)
-        self._strangers: list[int] = []
-        self._anchors: IntArray = np.empty((2, 0), dtype=np.int64)  # arrival and boot time of stamped messages
+        self._boot = BootClock()
+        self._stated = StatedLine()
+        self._host_minus_boot = DelayedLine()
+        self._host_minus_utc = DelayedLine()  # goes on through reboots
+        self._jumps_ns: list[int] = []
+
+    @property
+    def is_utc_known(self) -> bool:
+        """Whether the vehicle has said what UTC is, in this boot or an earlier one."""
+        return self._stated.line is not None or self._host_minus_utc.line is not None
+
+    @property
+    def utc_minus_boot_ns(self) -> int | None:
+        """UTC minus time since boot at the newest message; None until the vehicle has said what UTC is."""
+        line, now_ns = self._stated.line, self._boot.last_boot_ns
+        return None if line is None or now_ns is None else line.offset_at(now_ns)
 
     @property
     def host_minus_boot_ns(self) -> int | None:
-        """Arrival minus time since boot of the fastest recent message; None before the first."""
-        return min(delay for _, delay in self._delays) if self._delays else None
+        """Arrival minus time since boot of the fastest messages, at the newest one; None before the first."""
+        line, now_ns = self._host_minus_boot.line, self._boot.last_boot_ns
+        return None if line is None or now_ns is None else line.offset_at(now_ns)
 
     @property
-    def utc_minus_host_ns(self) -> int:
-        """UTC minus this machine's clock; 0 as long as the vehicle has not said what UTC is."""
-        host = self.host_minus_boot_ns
-        return 0 if host is None or self.utc_minus_boot_ns is None else self.utc_minus_boot_ns - host
+    def health(self) -> ClockHealth:
+        """What happened so far."""
+        line, jumps_ns = self._stated.line, (*self._jumps_ns, *self._stated.jumps_ns)
+        return ClockHealth(
+            drift=None if line is None else line.drift,
+            restarts=self._boot.restarts,
+            wraps=self._boot.wraps,
+            jumps_s=tuple(jump_ns / SECOND_NS for jump_ns in jumps_ns),
+            left_out=self._boot.left_out,
+            rivals=self._boot.has_rival,
+        )
 
-    def update(self, tracks: tuple[Track, ...]) -> ClockChange:
+    def update(self, tracks: tuple[Track, ...]) -> Heard:
         """Learn from one tick's tracks."""
-        rebooted = self._watch_boot(tracks)
-        self._set_anchors(tracks)
-        before = self._boot_to_utc()
-        for track in tracks:
-            if isinstance(track, ClockTrack):
-                for offset in (track.unix_ns - track.boot_ns).tolist():
-                    self._learn_utc(offset)
-        after = self._boot_to_utc()
-        jumped = before is not None and after is not None and abs(after - before) > JUMP_NS
-        return ClockChange.JUMPED if rebooted or jumped else ClockChange.NONE
+        followed, restarted = self._boot.follow(tracks)
+        if restarted:
+            self._forget()
+        arrived_ns = max((int(track.arrival_ns[-1]) for track in followed), default=0)
+        before_ns, host_before_ns = self._boot_to_utc_ns(), self.host_to_utc(arrived_ns)
+        self._learn(followed)
+        return Heard(
+            tracks=followed,
+            restarted=restarted,
+            shift_ns=0 if restarted else _jump(before_ns, self._boot_to_utc_ns()),
+            host_shift_ns=_jump(host_before_ns, self.host_to_utc(arrived_ns)),
+        )
+
+    def host_to_utc(self, host_ns: int) -> int:
+        """UTC of a stamp of this machine's clock; the same as long as the vehicle has not said what UTC is."""
+        line = self._host_minus_utc.line
+        return host_ns if line is None else host_ns - line.offset_at(host_ns - line.offset_ns)
 
     def to_utc(self, track: Track) -> IntArray:
-        """UTC stamps ``(n,)`` of a track's rows."""
-        by_arrival = track.arrival_ns + self.utc_minus_host_ns
-        offset = self._boot_to_utc()
-        if offset is None:
+        """UTC stamps ``(n,)`` of a track's rows, as ``update`` gave it back."""
+        host = self._host_minus_utc.line
+        by_arrival = track.arrival_ns if host is None else track.arrival_ns - host.offset(track.arrival_ns)
+        boots, bare = track.boot_ns, track.boot_ns == NO_BOOT_TIME
+        if self._stated.line is not None:
+            return np.where(bare, by_arrival, boots + self._stated.line.offset(boots))
+        if self._host_minus_boot.line is None:
             return by_arrival
-        boot_ns = np.where(track.boot_ns == NO_BOOT_TIME, self._anchored(track.arrival_ns), track.boot_ns)
-        return np.where(boot_ns == NO_BOOT_TIME, by_arrival, boot_ns + offset)
+        arrivals = boots + self._host_minus_boot.line.offset(boots)
+        return np.where(bare, by_arrival, arrivals if host is None else arrivals - host.offset(arrivals))
 
-    def _anchored(self, arrival_ns: IntArray) -> IntArray:
-        """Boot times of the stamped messages before these arrivals; ``NO_BOOT_TIME`` where there is none near."""
-        arrivals, boots = self._anchors
-        if len(arrivals) == 0:
-            return np.full_like(arrival_ns, NO_BOOT_TIME)
-        before = np.searchsorted(arrivals, arrival_ns, side="right") - 1
-        near = (before >= 0) & (arrival_ns - arrivals[before] <= _ANCHOR_NS)
-        return np.where(near, boots[before], NO_BOOT_TIME)
+    def unsettled(self) -> str | None:
+        """Why stamps that are UTC by another clock than this machine's cannot be matched now, in a sentence."""
+        jump_ns = self._stated.unsettled_ns
+        if jump_ns is None:
+            return None
+        return f"the vehicle's UTC jumped by {jump_ns / SECOND_NS:+.3f} s, and has not settled yet"
 
-    def _set_anchors(self, tracks: tuple[Track, ...]) -> None:
-        stamped = [track for track in tracks if len(track.boot_ns)]
-        arrivals = np.concatenate([self._anchors[0][-1:], *(track.arrival_ns for track in stamped)])
-        boots = np.concatenate([self._anchors[1][-1:], *(track.boot_ns for track in stamped)])
-        known = boots != NO_BOOT_TIME
-        order = np.lexsort((boots[known], arrivals[known]))
-        self._anchors = np.stack([arrivals[known][order], boots[known][order]])
+    def broken_off(self) -> str | None:
+        """Why telemetry that comes is not believed now, in a sentence."""
+        apart_ns = self._boot.other_apart_ns
+        if apart_ns is None:
+            return None
+        return (
+            f"the vehicle's time since boot jumped by {apart_ns / SECOND_NS:+.1f} s: a reboot, or another autopilot "
+            "with its ids; it is not settled yet which"
+        )
 
-    def _boot_to_utc(self) -> int | None:
-        return self.host_minus_boot_ns if self.utc_minus_boot_ns is None else self.utc_minus_boot_ns
+    def _boot_to_utc_ns(self) -> int | None:
+        """UTC, as far as it is known, minus time since boot at the newest message."""
+        now_ns, host_ns = self._boot.last_boot_ns, self.host_minus_boot_ns
+        if self._stated.line is not None or now_ns is None or host_ns is None:
+            return self.utc_minus_boot_ns
+        return self.host_to_utc(now_ns + host_ns) - now_ns
 
-    def _watch_boot(self, tracks: tuple[Track, ...]) -> bool:
-        rebooted = False
-        for track in tracks:
-            known = track.boot_ns != NO_BOOT_TIME
-            if not np.any(known):
-                continue
-            boot, arrival = track.boot_ns[known], track.arrival_ns[known]
-            if self._last_boot_ns is not None and int(boot[-1]) < self._last_boot_ns - REBOOT_NS:
-                self._forget()
-                rebooted = True
-            self._last_boot_ns = max(self._last_boot_ns or 0, int(boot[-1]))
-            self._note_delay(int(arrival[-1]), int(np.min(arrival - boot)))
-        return rebooted
+    def _learn(self, tracks: tuple[Track, ...]) -> None:
+        known = [track.rows(track.boot_ns != NO_BOOT_TIME, boot_ns=track.boot_ns) for track in tracks]
+        if not sum(len(track.boot_ns) for track in known):
+            return
+        for track in known:
+            if isinstance(track, ClockTrack):
+                for boot_ns, unix_ns in zip(track.boot_ns.tolist(), track.unix_ns.tolist(), strict=True):
+                    self._learn_utc(boot_ns, unix_ns - boot_ns)
+        boots = np.concatenate([track.boot_ns for track in known])
+        arrivals = np.concatenate([track.arrival_ns for track in known])
+        self._host_minus_boot.learn(boots, arrivals)
+        if self._stated.line is not None:
+            self._host_minus_utc.learn(boots + self._stated.line.offset(boots), arrivals)
+
+    def _learn_utc(self, boot_ns: int, offset_ns: int) -> None:
+        before, jumps = self._stated.line, len(self._stated.jumps_ns)
+        self._stated.learn(boot_ns, offset_ns)
+        if before is None and self._host_minus_utc.line is None and self._host_minus_boot.line is not None:
+            self._host_minus_utc = self._host_minus_boot.rebased(offset_ns)
+        if len(self._stated.jumps_ns) > jumps:
+            self._host_minus_utc = self._host_minus_utc.rebased(self._stated.jumps_ns[-1])
 
     def _forget(self) -> None:
-        self.utc_minus_boot_ns = self._last_boot_ns = None
-        self._delays.clear()
-        self._recent.clear()
-        self._strangers.clear()
-        self._anchors = np.empty((2, 0), dtype=np.int64)
+        """A new boot: only how the vehicle's UTC and this machine's clock stand to each other goes on."""
+        self._jumps_ns += self._stated.jumps_ns
+        self._stated, self._host_minus_boot = StatedLine(), DelayedLine()
 
-    def _note_delay(self, arrival_ns: int, delay_ns: int) -> None:
-        second = arrival_ns // SECOND_NS
-        if self._delays and self._delays[-1][0] == second:
-            self._delays[-1] = (second, min(self._delays[-1][1], delay_ns))
-        else:
-            self._delays.append((second, delay_ns))
-        while self._delays[0][0] < second - _DELAY_WINDOW:
-            self._delays.popleft()
 
-    def _learn_utc(self, offset_ns: int) -> None:
-        current = self.utc_minus_boot_ns
-        if current is None or abs(offset_ns - current) <= JUMP_NS:
-            self._strangers.clear()
-            self._recent.append(offset_ns)
-            self.utc_minus_boot_ns = sorted(self._recent)[len(self._recent) // 2]
-            return
-        if self._strangers and abs(offset_ns - self._strangers[-1]) > JUMP_NS:
-            self._strangers.clear()
-        self._strangers.append(offset_ns)
-        if len(self._strangers) >= _CONFIRMATIONS:
-            self._recent.clear()
-            self._recent.extend(self._strangers)
-            self.utc_minus_boot_ns = sorted(self._strangers)[len(self._strangers) // 2]
-            self._strangers.clear()
+def _jump(before_ns: int | None, after_ns: int | None) -> int:
+    """By how much an offset jumped; 0 where it did not."""
+    change_ns = 0 if before_ns is None or after_ns is None else after_ns - before_ns
+    return change_ns if abs(change_ns) > JUMP_NS else 0

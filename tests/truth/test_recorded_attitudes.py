@@ -50,7 +50,7 @@ def flown(name, boots_ms=None, settings=SETTINGS, source=None):
             if offset is None:
                 continue
             if boots_ms is None:
-                arrived_ns = int(block.arrival_ns[start]) + source.clock.utc_minus_host_ns
+                arrived_ns = source.clock.host_to_utc(int(block.arrival_ns[start]))
                 next_ns = next_ns or arrived_ns
                 if arrived_ns > next_ns + 3 * 10**9:
                     samples.append(source.at(next_ns, final=True))

@@ -1,0 +1,83 @@
+"""What the pipeline has yet to answer, and the images that observations may still refer to."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Final
+
+from aerodft.model.image import Image, StampClock
+from aerodft.model.observation import Observation
+from aerodft.model.pose import PoseSample
+
+_REMEMBERED: Final = 512  # an observation comes at most this many images after its own
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """An image or an observation that waits for its telemetry.
+
+    Attributes:
+        stamp_ns: UTC, as far as it is known.
+        deadline_ns: Tick on which it is answered with what there is.
+        subject: With that stamp.
+        clock: Whose stamp it came with.
+        is_landmark: Whether it is learned from, not answered.
+    """
+
+    stamp_ns: int
+    deadline_ns: int
+    subject: Image | Observation
+    clock: StampClock
+    is_landmark: bool = False
+
+    def shifted(self, by_ns: int) -> "Job":
+        """The same where UTC of this machine's stamps has changed."""
+        if self.clock is StampClock.UTC:
+            return self
+        stamp_ns = self.stamp_ns + by_ns
+        return replace(self, stamp_ns=stamp_ns, subject=replace(self.subject, stamp_ns=stamp_ns))
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """A job with its pose as the telemetry has it."""
+
+    job: Job
+    sample: PoseSample
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    index: int
+    stamp_ns: int
+    clock: StampClock
+
+
+class ImageMemory:
+    """The stamps (UTC) of the newest images."""
+
+    def __init__(self) -> None:
+        self._known: deque[_Known] = deque(maxlen=_REMEMBERED)
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last image; None before the first."""
+        return self._known[-1].stamp_ns if self._known else None
+
+    def add(self, index: int, stamp_ns: int, clock: StampClock) -> None:
+        """Remember an image that came with a stamp of that clock."""
+        self._known.append(_Known(index, stamp_ns, clock))
+
+    def shift(self, by_ns: int) -> None:
+        """UTC of this machine's stamps has changed."""
+        for k, known in enumerate(self._known):
+            if known.clock is not StampClock.UTC:
+                self._known[k] = replace(known, stamp_ns=known.stamp_ns + by_ns)
+
+    def stamp_ns(self, index: int) -> int | None:
+        """Stamp of the image with this number; None where it is not remembered."""
+        return next((known.stamp_ns for known in reversed(self._known) if known.index == index), None)
+
+    def nearest(self, stamp_ns: int, tolerance_ns: int) -> int | None:
+        """Number of the image taken closest to a stamp; None where none is close."""
+        near = min(self._known, key=lambda known: abs(known.stamp_ns - stamp_ns), default=None)
+        return near.index if near is not None and abs(near.stamp_ns - stamp_ns) <= tolerance_ns else None

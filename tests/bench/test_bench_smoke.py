@@ -19,6 +19,11 @@ HERE = Path(__file__).parent
             ["--width", "320", "--pixels", "2000", "--runs", "2"],
             r"bent and uncertain: .* with covariances",
         ),
+        (
+            "bench_live.py",
+            ["--rate", "500", "--seconds", "0.5", "--flood", "1000"],
+            r"500 messages/s: 0 of 250 lost[^$]*pymavlink: .* of it[^$]*garbage datagrams/s: 0 of",
+        ),
         ("bench_query.py", ["--queries", "50"], r"p99 \d+\.\d\d ms"),
         ("bench_terrain.py", ["--cells", "64", "--step", "40"], r"tilt 70: .* million rays/s"),
         ("bench_tlog.py", ["--tiles", "1"], r"recv_match of all messages .* times as long"),

@@ -87,6 +87,8 @@ def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[Floa
                 _, turns, shifts, errors = cv2.solvePnPGeneric(world, flat, np.eye(3), None, flags=way)
         except cv2.error:  # points in a line, or all in one
             continue
+        if not turns:  # without poses OpenCV gives no errors either
+            continue
         off = np.asarray(errors, dtype=np.float64).ravel()
         near = off <= max(_WORSE * float(np.min(off, initial=np.inf)), _NEAR)
         for turn, shift, is_near in zip(turns, shifts, near, strict=True):

@@ -184,6 +184,8 @@ def _unusable(sample: PoseSample) -> str | None:
     """Why a pose teaches nothing."""
     if sample.pose is None or sample.status is not Status.OK:
         return "; ".join((f"no pose: {sample.status}", *sample.reasons))
+    if sample.zoom is not None:
+        return "the camera is zoomed, and landmarks are held against its file"
     return "no position, so nobody knows where it should be seen" if sample.origin is None else None
 
 

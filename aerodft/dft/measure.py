@@ -16,6 +16,7 @@ from aerodft.dft.request import Request, Setup
 from aerodft.dft.seen import Seen
 from aerodft.dft.uncertainty import Z95, shared_covariance
 from aerodft.dft.values import FIRST_ORDER_LIMIT, Value, drawn, first_order, has_edge, std_of
+from aerodft.dft.zoomed import zoomed
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
@@ -47,6 +48,7 @@ def measure(
     Returns:
         One measurement a request, in order; without a value, but with a status and its reasons, where there is none.
     """
+    setup, sample = zoomed(setup, sample)
     pose = sample.pose
     records = [Record(setup, sample, request, image) for request in requests]
     if pose is None or sample.status is not Status.OK:
@@ -102,6 +104,7 @@ def _top(pose: Pose, record: Record) -> ObjectTop | Measurement:
 
 def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, ...]:
     """Where one request's uncertainty comes from, the largest part first; empty where it has no scalar or no ground."""
+    setup, sample = zoomed(setup, sample)
     pose, record = sample.pose, Record(setup, sample, request, None)
     if pose is None:
         return ()

@@ -1,7 +1,7 @@
 """The camera: intrinsics, lens distortion, image size, and how well each is known."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 
@@ -104,6 +104,28 @@ class Camera:
             fy_px=height_px / 2 / math.tan(vfov_rad / 2),
             cx_px=(width_px - 1) / 2,
             cy_px=(height_px - 1) / 2,
+        )
+
+    def zoomed(self, magnification: float, std: float) -> "Camera":
+        """The same camera at another focal length: fx and fy times the magnification, the rest as it is.
+
+        Args:
+            magnification: Focal length over this one's.
+            std: Standard deviation of the magnification; it adds to what is known of fx and fy, which it moves alike.
+        """
+        focal_px = math.hypot(magnification * self.std.focal_px, std * self.fx_px)
+        scales = (magnification, magnification, *(1.0 for _ in self.covariance[2:]))
+        moved_px = (std * self.fx_px, std * self.fy_px, *(0.0 for _ in self.covariance[2:]))
+        covariance = tuple(
+            tuple(a * b * value + c * d for b, d, value in zip(scales, moved_px, row, strict=True))
+            for a, c, row in zip(scales, moved_px, self.covariance, strict=False)
+        )
+        return replace(
+            self,
+            fx_px=magnification * self.fx_px,
+            fy_px=magnification * self.fy_px,
+            std=replace(self.std, focal_px=focal_px),
+            covariance=covariance,
         )
 
     @property

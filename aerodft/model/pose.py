@@ -7,6 +7,7 @@ import numpy as np
 
 from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.status import Status
+from aerodft.model.zoom import Zoom
 
 
 def _zeros(*shape: int) -> FloatArray:
@@ -95,6 +96,7 @@ class PoseSample:
     """The camera at one stamp, with where each part came from; ``pose`` is None where ``status`` is not ok.
 
     ``datum_enu_m`` is the ENU height of what the stated height is counted from: not 0 above ground that is not level.
+    ``zoom`` is what the vehicle says of the camera's view, where that is followed; None where its file holds.
     """
 
     stamp_ns: int
@@ -112,3 +114,4 @@ class PoseSample:
     attitude_source: GimbalSource | None = None
     telemetry_age_s: float | None = None
     calibration: str | None = None
+    zoom: Zoom | None = None

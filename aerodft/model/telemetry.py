@@ -4,11 +4,15 @@ One track a message type; rows in order of arrival. Adapters fill them from MAVL
 only these. ``boot_ns`` is the sender's time since boot, or ``NO_BOOT_TIME`` where the message carries none.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from typing import Self
+
+import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.zoom import ZoomSource
 
 NO_BOOT_TIME = -1
 
@@ -68,6 +72,28 @@ class Track:
 
     arrival_ns: IntArray
     boot_ns: IntArray
+
+    def rows(self, good: BoolArray, *, boot_ns: IntArray) -> Self:
+        """The rows where ``good (n,)``, with these times since boot ``(n,)``."""
+        columns = {each.name: getattr(self, each.name) for each in fields(self)}
+        arrays = {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
+        return replace(self, **{name: value[good] for name, value in {**arrays, "boot_ns": boot_ns}.items()})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SyncTrack(Track):
+    """What somebody says that its time since boot is (TIMESYNC); it need not be the vehicle's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FixTrack(Track):
+    """How good the receiver's fix is (GPS_RAW_INT).
+
+    Attributes:
+        vertical_std_m: ``(n,)``, NaN where it does not say.
+    """
+
+    vertical_std_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,3 +167,22 @@ class HeightTrack(Track):
     value_m: FloatArray
     slant: bool
     std_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraTrack(Track):
+    """What one message says of the camera; a row says something at least.
+
+    Attributes:
+        source: The message.
+        device: ``(n,)`` number of the camera or stream that it is of.
+        hfov_rad: ``(n,)`` full horizontal field of view, NaN where not known.
+        level: ``(n,)`` zoom as a share of its range, 0 to 1, NaN where not known.
+        size_px: ``(n, 2)`` width and height of the images, 0 where not known.
+    """
+
+    source: ZoomSource
+    device: IntArray
+    hfov_rad: FloatArray
+    level: FloatArray
+    size_px: IntArray

@@ -11,6 +11,8 @@ from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.probe import Probe
 from aerodft.model.telemetry import ReportFrame
+from aerodft.service.health_settings import HealthSettings
+from aerodft.service.zoom_settings import ZoomSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +97,8 @@ class TelemetrySettings:
             for the first heard.
         height: Height sources.
         attitude: Attitude sources.
+        health: What the vehicle may say of itself.
+        zoom: Reports of the camera's view.
         wait_ns: How long after its arrival an image waits for later telemetry before it is called stale.
     """
 
@@ -103,6 +107,8 @@ class TelemetrySettings:
     gimbal: int | None = None
     height: HeightSettings = field(default_factory=HeightSettings)
     attitude: AttitudeSettings = field(default_factory=AttitudeSettings)
+    health: HealthSettings = field(default_factory=HealthSettings)
+    zoom: ZoomSettings = field(default_factory=ZoomSettings)
     wait_ns: int = 2 * SECOND_NS
 
 

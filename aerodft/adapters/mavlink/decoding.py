@@ -6,11 +6,13 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.mavlink import health_rows as health
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
 from aerodft.adapters.mavlink.dialect import frame_table, message_name, payload_dtype
 from aerodft.adapters.mavlink.kernels import read_headers
 from aerodft.adapters.mavlink.payloads import gather
+from aerodft.adapters.mavlink.sequence import SequenceWatch
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
 
@@ -25,6 +27,13 @@ _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
     pick.RANGEFINDER: to.rangefinder_track,
     pick.MOUNT_ORIENTATION: to.mount_orientation_track,
     pick.GIMBAL_DEVICE_ATTITUDE_STATUS: to.gimbal_device_track,
+    pick.HEARTBEAT: health.heartbeat_track,
+    pick.GPS_RAW_INT: health.gps_track,
+    pick.EKF_STATUS_REPORT: health.ekf_track,
+    pick.ESTIMATOR_STATUS: health.estimator_track,
+    pick.CAMERA_SETTINGS: health.camera_settings_track,
+    pick.VIDEO_STREAM_INFORMATION: health.video_stream_track,
+    pick.CAMERA_FOV_STATUS: health.camera_fov_track,
 }
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
 
@@ -51,6 +60,7 @@ class MavlinkDecoder:
     def __init__(self, followed: pick.Followed | None = None) -> None:
         self._state = pick.fresh_state(followed or pick.Followed())
         self.rejected: Counter[str] = Counter()
+        self._sequence = SequenceWatch()
         self.decode(_EMPTY)  # compiles on the very first run, which takes seconds: not while frames wait
 
     @property
@@ -71,7 +81,7 @@ class MavlinkDecoder:
         return int(self._state[pick.DAMAGED])
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
-        """The tracks of this block's frames, at most one a message, by message id; no frame is an error.
+        """The tracks of this block's frames, at most one a message, and one of the link; no frame is an error.
 
         Raises:
             ValueError: The block is not MAVLink.
@@ -91,7 +101,8 @@ class MavlinkDecoder:
             for slot in np.flatnonzero(np.bincount(slots + 1)[1:]).tolist()
             if pick.WANTED[slot] in _MAKERS
         )
-        return tuple(track for track in tracks if track is not None)
+        link = self._sequence.track(block, data, heads, self._state)
+        return tuple(track for track in (*tracks, link) if track is not None)
 
     def _note_other_gimbals(self, count: int) -> None:
         if count:

@@ -17,6 +17,8 @@ from aerodft.model.arrays import IntArray
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
+GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
+CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
 WANTED: Final = (
     HEARTBEAT,
     SYSTEM_TIME,
@@ -29,6 +31,21 @@ WANTED: Final = (
     RANGEFINDER,
     MOUNT_ORIENTATION,
     GIMBAL_DEVICE_ATTITUDE_STATUS,
+    GPS_RAW_INT,
+    EKF_STATUS_REPORT,
+    ESTIMATOR_STATUS,
+    CAMERA_SETTINGS,
+    VIDEO_STREAM_INFORMATION,
+    CAMERA_FOV_STATUS,
+)
+_OF_AUTOPILOT: Final = (
+    HEARTBEAT,
+    SYSTEM_TIME,
+    ATTITUDE,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    EKF_STATUS_REPORT,
+    ESTIMATOR_STATUS,
 )
 # The selection's state: what was decided so far, then each wanted message's component.
 SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS = 0, 1, 2, 3, 4, 5
@@ -139,10 +156,10 @@ def _asked_for(state: IntArray, message_id: int, component: int, device: int) ->
 def _admit(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
     """Whether a message of the followed system comes from the component that is listened to for it.
 
-    The clock, the attitude and the position come from the autopilot; anything else from whoever sent it first, and of
-    several gimbals that one component speaks for from the first.
+    The clock, the attitude, the position and the vehicle's health come from the autopilot; anything else from whoever
+    sent it first, and of several gimbals that one component speaks for from the first.
     """
-    if message_id in (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT):
+    if message_id in _OF_AUTOPILOT:
         return bool(component == state[COMPONENT])
     if not _asked_for(state, message_id, component, device):
         return False

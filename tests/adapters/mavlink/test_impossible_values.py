@@ -10,6 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.model.health import HeartbeatTrack, LinkTrack
 from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
 
 Decode = Callable[..., tuple[Track, ...]]
@@ -110,7 +111,8 @@ def decode(pack: Callable[..., bytes], block: Callable[[list[bytes]], RawBlock])
     autopilot = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)
 
     def decoded(decoder: MavlinkDecoder, *messages: dialect.MAVLink_message) -> tuple[Track, ...]:
-        return decoder.decode(block([pack(each) for each in (autopilot, *messages)]))
+        tracks = decoder.decode(block([pack(each) for each in (autopilot, *messages)]))
+        return tuple(track for track in tracks if not isinstance(track, HeartbeatTrack | LinkTrack))
 
     return decoded
 

@@ -128,7 +128,7 @@ def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, 
     try:
         return CameraMotion(history, settings, zero_ns, reach_s)
     except LookupError:
-        _check_overlap(history, zero_ns, reach_s)
+        check_overlap(history, zero_ns, reach_s)
         there = ", ".join([*map(str, history.gimbals), *(["ATTITUDE"] if history.vehicle is not None else [])])
         raise NoAnswerError(
             "no camera attitude in the log",
@@ -138,7 +138,17 @@ def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, 
         ) from None
 
 
-def _check_overlap(history: AttitudeHistory, zero_ns: int, reach_s: float) -> None:
+def check_overlap(history: AttitudeHistory, zero_ns: int, reach_s: float) -> None:
+    """Refuse a log that is far from its video.
+
+    Args:
+        history: The log's attitudes; without any there is nothing to refuse.
+        zero_ns: The middle of the video, by its own stamps.
+        reach_s: How far from there the log may be.
+
+    Raises:
+        NoAnswerError: It is farther away.
+    """
     series = [*history.gimbals.values(), *([history.vehicle] if history.vehicle is not None else [])]
     if not series:
         return

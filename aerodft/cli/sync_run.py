@@ -7,13 +7,14 @@ from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.mavlink.composite import decoder_of, open_log
 from aerodft.cli.output import progress_bar
 from aerodft.cli.wiring import check_size
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.model.camera import Camera
 from aerodft.service.attitude_history import attitude_history
 from aerodft.service.settings import TelemetrySettings
 from aerodft.vision.matches import ImagePair
 from aerodft.vision.plane_tracker import PlaneTracker
-from calibration.sync import Alignment, align
+from calibration.sync import Alignment, align, check_overlap
 
 DEFAULT_MAX_OFFSET_S = 20.0
 
@@ -55,13 +56,16 @@ def run_sync(
     """
     source = open_log(log)
     history = attitude_history(source, decoder_of(telemetry), telemetry.attitude)
-    pairs = _followed(video, camera)
+    start_ns, end_ns = video.span_ns or (video.start_ns, video.start_ns)
     try:
+        if end_ns > start_ns:
+            check_overlap(history, (start_ns + end_ns) // 2, max_offset_s + (end_ns - start_ns) / SECOND_NS)
+        pairs = _followed(video, camera)
         alignment = align(pairs, history, telemetry.attitude, max_offset_s)
     except NoAnswerError as error:
         where = f"{video.path} and {log}"
         raise NoAnswerError(error.what, where=where, got=error.got, expected=error.expected, hint=error.hint) from None
-    seconds = (pairs[-1].end_ns - pairs[0].start_ns) / 1e9
+    seconds = (pairs[-1].end_ns - pairs[0].start_ns) / SECOND_NS
     return SyncRun(video=video.path, log=log, seconds=seconds, pairs=len(pairs), alignment=alignment)
 
 

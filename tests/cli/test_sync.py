@@ -1,0 +1,167 @@
+"""``aerodft sync`` and ``import --sync auto`` over rendered flights whose clocks are known."""
+
+import math
+import re
+import tomllib
+
+import numpy as np
+import orjson
+import pytest
+import tomli_w
+
+from aerodft.adapters.config.camera import camera_document
+from aerodft.geometry.rotation import camera_angles
+from replay.recording import Recording
+
+from ..calibration.sync_flights import (  # noqa: TID252 - test folders are no packages that could be named
+    Clocks,
+    hovering,
+    scenario,
+    wandering,
+    write_clip,
+    write_log,
+)
+
+CLOCKS = Clocks(offset_s=-13.2, drift=0.013, lag_s=0.17)
+CLIP_S, MARGIN_S, SIZE = 45.0, 10.0, (320, 180)
+STATION = """
+[station]
+name = "aligned"
+[camera]
+file = "camera.toml"
+[telemetry.height]
+order = ["home"]
+[images]
+video = "video.mp4"
+time_offset_s = "auto"
+[record]
+image_hz = 0
+[[probe]]
+name = "centre"
+kind = "position"
+pixels = [[159.5, 89.5]]
+"""
+
+
+def write_desk(folder, trajectory, clocks, seed):
+    """A flight's files; returns where the offset holds, by the video's clock."""
+    told = scenario(trajectory, seed, clocks, margin_s=MARGIN_S, size=SIZE, fps=8.0)
+    write_log(told, folder / "flight.tlog")
+    (folder / "camera.toml").write_text(tomli_w.dumps(camera_document(told.camera)))
+    (folder / "station.toml").write_text(STATION)
+    return write_clip(told, clocks, folder / "video.mp4")
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("misaligned")
+    trajectory = wandering(1, CLIP_S + 2 * MARGIN_S)
+    return folder, trajectory, write_desk(folder, trajectory, CLOCKS, 1)
+
+
+def test_the_truth_lies_in_the_stated_intervals(desk, aerodft, tmp_path):
+    folder, _, reference_ns = desk
+    found = aerodft(
+        "sync",
+        folder / "video.mp4",
+        folder / "flight.tlog",
+        "--camera",
+        folder / "camera.toml",
+        "-o",
+        tmp_path,
+        "--json",
+    )
+    assert found.code == 0, found.err
+    said = found.json
+    after_s = (int(said["reference_ns"]) - reference_ns) / 1e9
+    truth = {
+        "offset_s": CLOCKS.offset_s + CLOCKS.drift * after_s,
+        "drift": CLOCKS.drift,
+        "lag_s": CLOCKS.lag_s,
+    }
+    for name, most in (("offset_s", 0.01), ("drift", 5e-4), ("lag_s", 0.01)):
+        assert abs(said[name] - truth[name]) < most, name
+        std = said[name.replace("_s", "_std_s") if name.endswith("_s") else f"{name}_std"]
+        assert abs(said[name] - truth[name]) < 3 * std, name
+    attitude_s = truth["offset_s"] - truth["lag_s"]
+    assert abs(said["attitude_offset_s"] - attitude_s) < 3 * said["attitude_offset_std_s"]
+    assert said["lag_told"]
+    assert said["reasons"] == []
+    assert (tmp_path / "sync.png").stat().st_size > 20_000
+    config = tomllib.loads(said["config"])
+    assert config["images"]["time_offset_s"] == pytest.approx(said["offset_s"], abs=1e-6)
+    assert config["telemetry"]["attitude"]["delay_s"] == pytest.approx(said["lag_s"], abs=1e-4)
+
+
+def test_import_with_auto_looks_where_the_camera_looked(desk, aerodft, tmp_path):
+    folder, trajectory, _ = desk
+    done = aerodft("import", folder / "flight.tlog", "-c", folder / "station.toml", "-o", tmp_path / "rec", "--json")
+    assert done.code == 0, done.err
+    assert re.search(
+        r"-13\.2\d\d s \(std 0\.0\d+ s\) and \+1\.3\d+ % .* off the log, the gimbal 0\.1\d+ s late", done.err
+    )
+    again = aerodft("recompute", tmp_path / "rec", "-o", tmp_path / "again")
+    assert again.code == 0, again.err
+    assert aerodft("compare", tmp_path / "rec", tmp_path / "again").code == 0
+    config = tomllib.loads((tmp_path / "rec" / "config.toml").read_text())
+    assert config["images"]["time_drift"] == pytest.approx(CLOCKS.drift, abs=5e-4)
+    assert config["telemetry"]["attitude"]["delay_s"] == pytest.approx(CLOCKS.lag_s, abs=0.01)
+    poses = {}
+    for line in Recording(tmp_path / "rec").measurements():
+        said = orjson.loads(line)
+        if said["pose"] is not None:
+            poses[int(said["stamp_ns"])] = math.radians(said["pose"]["tilt_deg"])
+    tilt_rad, _, _ = camera_angles(trajectory.sampled(list(poses)).enu_wxyz_cam)
+    off_rad = np.array(list(poses.values())) - tilt_rad
+    assert len(poses) > 200
+    # The simulated gimbal has a bias of its own; what varies would be a wrong time.
+    assert np.percentile(np.abs(off_rad - np.median(off_rad)), 95) < math.radians(0.2)
+
+
+def test_a_hover_with_a_locked_gimbal_is_refused(aerodft, tmp_path):
+    write_desk(tmp_path, hovering(20 + 2 * MARGIN_S), Clocks(2.0, 0.0, 0.1), 3)
+    found = aerodft("sync", tmp_path / "video.mp4", tmp_path / "flight.tlog", "--camera", tmp_path / "camera.toml")
+    assert found.code == 4
+    assert "too little motion to tell" in found.err
+    assert found.err.count("\n") <= 2
+    done = aerodft("import", tmp_path / "flight.tlog", "-c", tmp_path / "station.toml", "-o", tmp_path / "rec")
+    assert done.code == 4
+    assert not (tmp_path / "rec").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        ((), 2, "no camera: expected --camera FILE or --config FILE"),
+        (("--camera", "camera.toml", "--max-offset", "0"), 2, "--max-offset: got 0, expected above 0"),
+        (("--camera", "camera.toml", "--video-start", "2020-01-01T00:00:00Z"), 4, "do not overlap in time"),
+        (("--camera", "other.toml"), 3, "images are of another size than the camera file"),
+    ],
+)
+def test_what_cannot_be_aligned_is_refused_in_a_sentence(desk, aerodft, options, code, says):
+    folder, _, _ = desk
+    document = tomllib.loads((folder / "camera.toml").read_text())
+    (folder / "other.toml").write_text(tomli_w.dumps(document | {"width_px": 640, "height_px": 360}))
+    given = [folder / option if option.endswith(".toml") else option for option in options]
+    found = aerodft("sync", folder / "video.mp4", folder / "flight.tlog", *given)
+    assert (found.code, says in found.err) == (code, True), found.err
+
+
+@pytest.mark.parametrize("command", ["serve", "recompute"])
+def test_auto_is_for_import(desk, aerodft, tmp_path, command):
+    folder, _, _ = desk
+    text = STATION.replace('video = "video.mp4"\n', "rate_hz = 5\n")
+    config = folder / "auto.toml"
+    config.write_text(text)
+    if command == "serve":
+        link = '[telemetry]\nconnection = "udpin:127.0.0.1:0"\n[telemetry.height]'
+        config.write_text(text.replace("[telemetry.height]", link))
+        done = aerodft("serve", config, "--seconds", "1")
+    else:
+        plain = folder / "plain.toml"
+        plain.write_text(text.replace('time_offset_s = "auto"\n', ""))
+        recording = tmp_path / "rec"
+        assert aerodft("import", folder / "flight.tlog", "-c", plain, "-o", recording).code == 0
+        done = aerodft("recompute", recording, "-c", config, "-o", tmp_path / "again")
+    assert done.code == 3
+    assert 'images.time_offset_s: got "auto", expected a number' in done.err

@@ -18,8 +18,9 @@ from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
 
-BLOCK_MESSAGES: Final = 4096
-_BLOCK_BYTES: Final = 1 << 20
+BLOCK_MESSAGES: Final = 1 << 15
+_FIRST_MESSAGES: Final = 1 << 12
+_BLOCK_BYTES: Final = 1 << 23
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _FIRST, _SECOND = HEAD
 _TYPES = 256
@@ -125,8 +126,6 @@ class DataflashSource:
         self._path = path
         self._data = map_log(path, _EXPECTED)
         self._state, self._types = _fresh()
-        if not self._describes_itself():
-            raise wrong_type(path, _EXPECTED, got=f"{looks_like(path)} without a valid message")
         self._first_us, self._unix_minus_boot_ns, self._has_gps = self._tie()
 
     @property
@@ -140,7 +139,7 @@ class DataflashSource:
         return len(self._data)
 
     def events(self) -> Iterator[Event]:
-        """All messages in order, in blocks of at most 4096; memory does not grow with the file."""
+        """All messages in order, in blocks of bounded size; memory does not grow with the file."""
         for block in self._scan():
             # What comes before the first stamp (the format's description) arrives with it.
             time_ns = np.maximum(block.arrival_ns, self._first_us * 1000)
@@ -153,10 +152,10 @@ class DataflashSource:
                 data=block.data,
             )
 
-    def _scan(self) -> Iterator[RawBlock]:
-        """Blocks whose arrival is still the time since boot, 0 before the first stamp."""
+    def _scan(self, most: int = BLOCK_MESSAGES) -> Iterator[RawBlock]:
+        """Blocks of at most so many, whose arrival is still the time since boot, 0 before the first stamp."""
         self._state, self._types = _fresh()
-        rows = np.empty((3, BLOCK_MESSAGES), dtype=np.int64)
+        rows = np.empty((3, most), dtype=np.int64)
         at, size, last_us = 0, len(self._data), 0
         while at < size:
             found, at = _scan_dataflash(self._data, at, at + _BLOCK_BYTES, self._types, rows, self._state)
@@ -173,24 +172,24 @@ class DataflashSource:
                     data=self._data[start:stop].tobytes(),
                 )
 
-    def _describes_itself(self) -> bool:
-        """Whether the first block declares the format of any message."""
-        decoder = DataflashDecoder()
-        for block in self._scan():
-            decoder.decode(block)
-            break
-        return bool(decoder.formats)
-
     def _tie(self) -> tuple[int, int, bool]:
-        """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS."""
+        """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS.
+
+        Raises:
+            InputError: The first messages declare no format.
+        """
         decoder = DataflashDecoder()
         first_ns, last_ns = 0, 0
-        for block in self._scan():
+        for block in self._scan(_FIRST_MESSAGES):
             last_ns = int(block.arrival_ns[-1])
             first_ns = first_ns or int(block.arrival_ns[block.arrival_ns > 0].min(initial=last_ns))
             for track in decoder.decode(block):
                 if isinstance(track, ClockTrack):
                     return first_ns // 1000, int(track.unix_ns[0] - track.boot_ns[0]), True
+            if not decoder.formats:
+                break
+        if not decoder.formats:
+            raise wrong_type(self._path, _EXPECTED, got=f"{looks_like(self._path)} without a valid message")
         return first_ns // 1000, self._path.stat().st_mtime_ns - last_ns, False
 
     def warnings(self) -> tuple[str, ...]:

@@ -195,7 +195,8 @@ class DataflashDecoder:
         kinds = np.full(len(whole), -1, dtype=np.int64)
         kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
         self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
-        tracks = (self._track(kind, np.flatnonzero(kinds == kind), data, block) for kind in np.unique(kinds).tolist())
+        wanted = sorted(kind for kind, layout in self.formats.items() if layout.name in _MAKERS)
+        tracks = (self._track(kind, np.flatnonzero(kinds == kind), data, block) for kind in wanted)
         return tuple(track for track in tracks if track is not None)
 
     def _learn(self, block: RawBlock, index: IntArray) -> None:
@@ -206,8 +207,8 @@ class DataflashDecoder:
 
     def _track(self, kind: int, index: IntArray, data: Bytes, block: RawBlock) -> Track | None:
         """The track of one message's rows."""
-        layout = self.formats.get(kind)
-        if layout is None or layout.name not in _MAKERS or "TimeUS" not in layout.scale:
+        layout = self.formats[kind]
+        if not len(index) or "TimeUS" not in layout.scale:
             return None
         raw = np.zeros((len(index), layout.dtype.itemsize), dtype=np.uint8)
         gather(data, np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE]), raw)

@@ -1,5 +1,6 @@
 """ArduPilot's self-describing log format: a FMT message names the fields of every other message."""
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -49,6 +50,7 @@ class MessageFormat:
         self.scale = {column: _CODES[code][2] for code, column in zip(codes, columns, strict=True)}
 
 
+@lru_cache(maxsize=1024)  # every log declares the same few hundred, and is read more than once
 def parse_format(message: bytes) -> tuple[int, MessageFormat] | None:
     """The type number and layout that a FMT message declares.
 

@@ -200,7 +200,14 @@ class _StatusEverySecond:
         }
         last = self._pipeline.last_pose
         text = "no image yet" if last is None else "; ".join((str(last.status), *last.reasons))
-        status = StationStatus(station=self._station, stamp_ns=now_ns, state="running", text=text, counts=counts)
+        status = StationStatus(
+            station=self._station,
+            stamp_ns=now_ns,
+            state="running",
+            text=text,
+            counts=counts,
+            health=self._pipeline.health(now_ns),
+        )
         for receiver in self._receivers:
             receiver.status(status)
 

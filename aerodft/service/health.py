@@ -115,7 +115,7 @@ class HealthSources:
         if health.has_attitude is False:
             faults.append("the autopilot's estimator says that it has no attitude")
         faults += [
-            f"the autopilot's estimator is at fault: its test ratio of {name} is {ratio:.2f}, not below {limits.max_ratio:g}"
+            f"the autopilot's estimator is at fault: its test ratio of {name} is {ratio:.2f} (limit {limits.max_ratio:g})"
             for name, ratio in health.ratios.items()
             if ratio >= limits.max_ratio
         ]

@@ -10,6 +10,7 @@ from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.arrays import read_only
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
+from aerodft.model.zoom import Zoom, ZoomSource
 
 SCHEMA = "aerodft.pose/1"
 
@@ -28,6 +29,7 @@ def encode_pose(sample: PoseSample) -> bytes:
     payload["alt_msl_m"] = sample.alt_msl_m
     payload["attitude_source"] = sample.attitude_source
     payload["calibration"] = sample.calibration
+    payload["zoom"] = None if sample.zoom is None else _zoom_payload(sample.zoom)
     payload["position_enu_m"] = pose.position_enu_m if pose else None
     payload["wxyz"] = pose.wxyz if pose else None
     payload["cov"] = pose.cov if pose else None
@@ -120,6 +122,7 @@ def _sample(payload: wire.Json) -> PoseSample:
         attitude_source=None if payload["attitude_source"] is None else GimbalSource(payload["attitude_source"]),
         telemetry_age_s=payload["telemetry_age_s"],
         calibration=payload["calibration"],
+        zoom=_zoom(payload),
     )
 
 
@@ -133,6 +136,21 @@ def _pose(payload: wire.Json) -> Pose | None:
         velocity_enu_mps=read_only(wire.numbers(payload["velocity_enu_mps"])),
         rate_cam_radps=read_only(wire.numbers(payload["rate_cam_radps"])),
         time_std_s=wire.number(payload["time_std_s"]),
+    )
+
+
+def _zoom_payload(zoom: Zoom) -> wire.Json:
+    return {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source}
+
+
+def _zoom(payload: wire.Json) -> Zoom | None:
+    zoom = payload.get("zoom")  # recordings made before there was one have none
+    if zoom is None:
+        return None
+    return Zoom(
+        magnification=wire.number(zoom["magnification"]),
+        std=wire.number(zoom["std"]),
+        source=ZoomSource(zoom["source"]),
     )
 
 

@@ -11,6 +11,7 @@ from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.steadiness import Steadiness
+from aerodft.model.zoom import ZoomSource
 
 Schema = dict[str, Any]
 
@@ -31,7 +32,9 @@ def _said(schema: Schema, description: str) -> Schema:
 
 
 def _one_of(
-    values: type[ProbeKind | Status | ProjectionModel | HeightSource | GimbalSource | StampClock | Steadiness],
+    values: type[
+        ProbeKind | Status | ProjectionModel | HeightSource | GimbalSource | StampClock | Steadiness | ZoomSource
+    ],
 ) -> Schema:
     return {"enum": [member.value for member in values]}
 
@@ -125,6 +128,10 @@ POSE: Final = _document(
         "alt_msl_m": _NUMBER,
         "attitude_source": _or_null(_one_of(GimbalSource)),
         "calibration": _TEXT_OR_NULL,
+        "zoom": _said(
+            _or_null(_object({"magnification": _NUMBER, "std": _NUMBER, "source": _one_of(ZoomSource)})),
+            "Focal length over that of the camera file, where the vehicle's reports are followed",
+        ),
         "position_enu_m": _or_null(_list(_NUMBER, length=3)),
         "wxyz": _said(_or_null(_list(_NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
         "cov": _said(
@@ -230,6 +237,33 @@ STEADINESS: Final = _document(
     },
 )
 
+_NUMBERS: Final[Schema] = {"type": "object", "additionalProperties": _NUMBER}
+_HEALTH = _object(
+    {
+        "heartbeat_age_s": _NUMBER,
+        "gps": _object(
+            {
+                "fix": _said(_INTEGER, "GPS_FIX_TYPE: 3 and more are three-dimensional"),
+                "age_s": _NUMBER,
+                "satellites": _INTEGER,
+                "horizontal_std_m": _NUMBER,
+                "vertical_std_m": _NUMBER,
+            }
+        ),
+        "estimator": _object(
+            {
+                "has_attitude": {"type": ["boolean", "null"]},
+                "test_ratios": _said(_NUMBERS, "Innovations over their gates: from 1 on the estimator refuses them"),
+            }
+        ),
+        "link": _said(
+            _object({"received": {"type": "integer"}, "lost": {"type": "integer"}}),
+            "The autopilot's frames over the last 10 s",
+        ),
+        "ages_s": _said(_NUMBERS, "Since the newest telemetry of each kind"),
+    }
+)
+
 STATUS: Final = _document(
     status.SCHEMA,
     "What a station is doing",
@@ -239,6 +273,7 @@ STATUS: Final = _document(
         "state": {"enum": list(status.STATES)},
         "text": _TEXT,
         "counts": {"type": "object", "additionalProperties": {"type": "integer"}},
+        "health": _said(_or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
     },
 )
 

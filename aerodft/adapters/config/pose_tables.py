@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.attitude import AttitudeTable
 from aerodft.adapters.config.bias_tables import BiasTable, check_lens_covariance
 from aerodft.adapters.config.calibration import check_local, check_position
+from aerodft.adapters.config.health_tables import HealthTable, ZoomTable
 from aerodft.adapters.config.tables import (
     Count,
     Duration,
@@ -87,6 +88,8 @@ class TelemetryTable(Table):
     horizontal_std_m: NonNegative = 2.0
     height: HeightTable = HeightTable()
     attitude: AttitudeTable = AttitudeTable()
+    health: HealthTable = HealthTable()
+    zoom: ZoomTable = ZoomTable()
     calibration: Text | None = None
     bias: TelemetryBiasTable | None = None
 

@@ -11,6 +11,7 @@ from aerodft.adapters.config.attitude import attitude_document
 from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.config.ground import ground_document, made_ground
+from aerodft.adapters.config.health_tables import health_document, zoom_document
 from aerodft.adapters.config.live_tables import live_document
 from aerodft.adapters.config.marker_tables import marker_landmarks, markers_document
 from aerodft.adapters.config.settings import placed, pose_sample
@@ -165,6 +166,8 @@ def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str,
         horizontal_std_m=settings.attitude.std.horizontal_m,
         height=_height(settings.height),
         attitude=attitude_document(settings.attitude),
+        health=health_document(settings.health),
+        zoom=zoom_document(settings.zoom),
         bias=None if calibration is None else {"calibration_id": calibration.id, **bias_document(calibration)},
     )
 

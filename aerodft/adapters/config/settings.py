@@ -8,6 +8,7 @@ import numpy as np
 
 from aerodft.adapters.config.attitude import attitude_from
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
+from aerodft.adapters.config.health_tables import health_from, zoom_from
 from aerodft.adapters.config.pose_tables import HeightTable, PoseStdTable, PoseTable, TelemetryTable
 from aerodft.adapters.config.station import (
     Device,
@@ -46,6 +47,8 @@ def telemetry_from(table: TelemetryTable) -> TelemetrySettings:
         gimbal=table.gimbal,
         height=_height(table.height),
         attitude=attitude_from(table.attitude, table.horizontal_std_m),
+        health=health_from(table.health),
+        zoom=zoom_from(table.zoom),
         wait_ns=to_ns(table.wait_s),
     )
 

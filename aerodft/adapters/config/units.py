@@ -34,3 +34,9 @@ def to_ns(duration_s: float) -> int:
 def to_s(duration_ns: int) -> float:
     """Nanoseconds to seconds; exact both ways below eleven days."""
     return duration_ns / SECOND_NS
+
+
+def to_percent(share: float) -> float:
+    """The shortest number of percent that is a hundred times ``share`` and, divided, gives it back exactly."""
+    percent = 100 * share
+    return next((each for digits in range(16) if (each := round(percent, digits)) / 100 == share), percent)

@@ -51,6 +51,7 @@ bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_dense.py
 	$(BIN)/python tests/bench/bench_terrain.py
 	$(BIN)/python tests/bench/bench_calibration.py
+	$(BIN)/python tests/bench/bench_sync.py
 
 # Needs the network once: the peer is installed in an environment of its own.
 bench-peer: $(INSTALLED)

@@ -25,6 +25,11 @@ HERE = Path(__file__).parent
             r"500 messages/s: 0 of 250 lost[^$]*pymavlink: .* of it[^$]*garbage datagrams/s: 0 of",
         ),
         ("bench_query.py", ["--queries", "50"], r"p99 \d+\.\d\d ms"),
+        (
+            "bench_sync.py",
+            ["--seeds", "1", "--first", "1", "--seconds", "12", "--width", "320"],
+            r"of 1 within 20 ms[^$]*95 % intervals: offset",
+        ),
         ("bench_terrain.py", ["--cells", "64", "--step", "40"], r"tilt 70: .* million rays/s"),
         ("bench_tlog.py", ["--tiles", "1"], r"recv_match of all messages .* times as long"),
     ],

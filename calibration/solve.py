@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc, chdtri, ndtri, stdtrit
 
 from aerodft.model.arrays import FloatArray
 from calibration.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend
@@ -22,7 +22,12 @@ ROBUST: Final = 3.0
 _CHANCE: Final = 1e-5
 """An observation is an outlier if chance alone puts one in 100,000 so far off."""
 
+_ANYWHERE, _LARGER = 17.0, 6.0
+"""What it takes to believe that a number of an observation is anywhere in the image, and that all stds are larger than
+stated: twice the negative logarithm of their odds."""
+
 _BEST, _ENOUGH, _SUBSETS, _ROUNDS = 4, 3.0, 60, 10
+_FORGIVABLE = 8  # observations; more that were wrongly left out would have shown in the scatter of the rest
 _FEW, _FAR = 4, 50.0
 _SINGULAR = 1e-13  # least eigenvalue beside a largest of about 1
 _SAME = 1e-6  # share of the cost, and cost, that makes no difference
@@ -98,7 +103,27 @@ def without_outliers(
         if np.array_equal(now, kept) or not _tells_more(unknowns, best.residuals, now):
             break
         kept = now
-    return best, kept
+    return _with_forgiven(problem, best, kept)
+
+
+def _with_forgiven(
+    problem: Task[StateT, RowsT_co], best: Descent[StateT, RowsT_co], kept: np.ndarray
+) -> tuple[Descent[StateT, RowsT_co], np.ndarray]:
+    """Take back what was left out, the nearest first, where larger stds explain it better than so many outliers.
+
+    Of few observations some always agree by chance, and the others look wrong beside them.
+    """
+    squares, _ = _by_owner(best.residuals)
+    left_out = np.flatnonzero(~kept)
+    chosen, least = (best, kept), _unlikeliness(best.residuals, kept)
+    for count in range(len(left_out), 0, -1) if len(left_out) <= _FORGIVABLE else ():
+        with_more = kept.copy()
+        with_more[left_out[np.argsort(squares[left_out])][:count]] = True
+        other = descend(problem, best.state, None, with_more)
+        unlikely = _unlikeliness(other.residuals, with_more)
+        if unlikely <= least:
+            chosen, least = (other, with_more), unlikely
+    return chosen
 
 
 def _tells_more(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
@@ -182,11 +207,27 @@ def _kept(residuals: Rows, count: int, before: np.ndarray | None = None) -> np.n
     return np.asarray(squares <= max(scatter, 1.0) * chdtri(sizes, _CHANCE)[size])
 
 
+def _unlikeliness(residuals: Rows, kept: np.ndarray) -> float:
+    """How little to believe that what is kept is normal, as stated or with larger stds, and the rest is anywhere.
+
+    Twice the negative logarithm of the likelihood.
+    """
+    squares, rows = _by_owner(residuals)
+    chi2, count = float(np.sum(squares[kept])), float(np.sum(rows[kept]))
+    if chi2 > count:
+        chi2 = min(chi2, count * (1 + math.log(chi2 / count)) + _LARGER)
+    return chi2 + _ANYWHERE * float(np.sum(rows[~kept]))
+
+
 def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
-    """Chance of so large a chi-square, None without degrees of freedom; and by how much stated stds are too small."""
+    """Chance of so large a chi-square, None without degrees of freedom; and by how much stated stds are too small.
+
+    Found from few residuals, that is itself uncertain: 1.96 stds then hold what Student's distribution says.
+    """
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
-    is_unlikely = p_value is not None and p_value < 0.01  # noqa: PLR2004 - 1 %
-    return p_value, math.sqrt(chi2 / dof) if is_unlikely else 1.0
+    if p_value is None or p_value >= 0.01:  # noqa: PLR2004 - 1 %
+        return p_value, 1.0
+    return p_value, math.sqrt(chi2 / dof) * float(stdtrit(dof, 0.975) / ndtri(0.975))
 
 
 def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:

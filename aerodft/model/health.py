@@ -11,7 +11,13 @@ RATIOS = ("velocity", "horizontal position", "vertical position", "compass")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeartbeatTrack(Track):
-    """The autopilot is alive (HEARTBEAT)."""
+    """The autopilot is alive (HEARTBEAT).
+
+    Attributes:
+        autopilot: ``(n,)`` MAV_AUTOPILOT.
+    """
+
+    autopilot: IntArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

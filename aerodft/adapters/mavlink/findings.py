@@ -29,6 +29,8 @@ def problems(report: SurveyReport) -> list[str]:
         *_clock(report),
         *_interruptions(report),
         *_damage(report),
+        *report.health.sentences(report.camera),
+        *(request.sentence() for request in report.requests),
         *([] if report.signing is None else signing_sentences(report.signing)),
         *report.warnings,
     ]
@@ -174,6 +176,8 @@ def document(report: SurveyReport) -> dict[str, Any]:
             "truncated": report.counts.truncated,
         },
         "signing": None if report.signing is None else signing_document(report.signing),
+        "health": report.health.document(),
+        "requests": [request.document() for request in report.requests],
         "problems": problems(report),
     }
 

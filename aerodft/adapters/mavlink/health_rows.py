@@ -23,7 +23,7 @@ _MOST_RATIO: Final = 1e6
 
 def heartbeat_track(rows: Rows, _rejected: Counter[str]) -> Track:
     """HEARTBEAT of the autopilot."""
-    return HeartbeatTrack(**rows.stamps())
+    return HeartbeatTrack(autopilot=rows.payload["autopilot"].astype(np.int64), **rows.stamps())
 
 
 def gps_track(rows: Rows, rejected: Counter[str]) -> Track | None:

@@ -1,6 +1,7 @@
 """A live MAVLink link: a thread that reads, frames per sender, and hands whole frames on."""
 
 import logging
+import queue
 import threading
 import time
 from collections.abc import Sequence
@@ -22,8 +23,8 @@ _LOG: Final = logging.getLogger(__name__)
 _WAIT_S: Final = 0.1
 _HEARTBEAT_S: Final = 1.0
 _STOP_S: Final = 2.0
-_OWN_SYSTEM: Final = 255
-_OWN_COMPONENT: Final = 190
+OWN_SYSTEM: Final = 255
+OWN_COMPONENT: Final = 190
 
 
 class FrameInbox(Protocol):
@@ -58,6 +59,7 @@ class MavlinkLink:
         StreamFramer().push(_heartbeat())  # compiles on the very first run, which takes seconds: not while bytes wait
         self._transport: Transport = open_transport(self.address)
         self._stop = threading.Event()
+        self._outbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         _LOG.info("%s: opened %s", self.address.text, self.place)
         self._thread = threading.Thread(target=self._run, name=f"mavlink {self.address.text}", daemon=True)
         self._thread.start()
@@ -93,6 +95,15 @@ class MavlinkLink:
     ) -> None:
         self.close()
 
+    def send(self, sender: str, frame: bytes) -> None:
+        """Send an own MAVLink 2 frame to one of the senders, signed where the link is; within a tenth of a second.
+
+        Args:
+            sender: As the inbox knows it.
+            frame: Unsigned, whole.
+        """
+        self._outbox.put((sender, frame))
+
     def close(self) -> None:
         """Stop the thread and give the port back, within half a second."""
         if self._stop.is_set():
@@ -106,8 +117,11 @@ class MavlinkLink:
         talks = self.address.kind is not LinkKind.UDP_IN
         due_s = time.monotonic()
         while not self._stop.is_set():
+            while not self._outbox.empty():
+                sender, frame = self._outbox.get()
+                self._transport.write_to(sender, self._signed(frame))
             if talks and time.monotonic() >= due_s:
-                self._transport.write(heartbeat if self._signing is None else self._signing.sign(heartbeat))
+                self._transport.write(self._signed(heartbeat))
                 due_s = time.monotonic() + _HEARTBEAT_S
             try:
                 reads = self._transport.read(_WAIT_S)
@@ -116,6 +130,9 @@ class MavlinkLink:
                 self._stop.wait(_HEARTBEAT_S / 4)
                 continue
             self._take(reads)
+
+    def _signed(self, frame: bytes) -> bytes:
+        return frame if self._signing is None else self._signing.sign(frame)
 
     def _take(self, reads: Reads) -> None:
         for sender, data in reads:
@@ -130,7 +147,7 @@ class MavlinkLink:
 
 def _heartbeat() -> bytes:
     """A ground station's HEARTBEAT, MAVLink 2."""
-    mav = ardupilotmega.MAVLink(None, srcSystem=_OWN_SYSTEM, srcComponent=_OWN_COMPONENT)
+    mav = ardupilotmega.MAVLink(None, srcSystem=OWN_SYSTEM, srcComponent=OWN_COMPONENT)
     message = ardupilotmega.MAVLink_heartbeat_message(
         type=ardupilotmega.MAV_TYPE_GCS,
         autopilot=ardupilotmega.MAV_AUTOPILOT_INVALID,

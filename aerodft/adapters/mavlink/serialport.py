@@ -53,6 +53,10 @@ class SerialTransport:
             with contextlib.suppress(OSError):
                 self._port.write(data)
 
+    def write_to(self, sender: str, data: bytes) -> None:  # noqa: ARG002 - there is but one at the other end
+        """Send, if the device is there."""
+        self.write(data)
+
     def close(self) -> None:
         """Give the device back."""
         if self._port is not None:

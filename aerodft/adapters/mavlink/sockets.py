@@ -84,6 +84,12 @@ class UdpTransport:
             with contextlib.suppress(OSError):
                 self._socket.sendto(data, self._peer)
 
+    def write_to(self, sender: str, data: bytes) -> None:
+        """Send to one of the senders, also on a listening link."""
+        host, _, port = sender.rpartition(":")
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, (host, int(port)))
+
     def close(self) -> None:
         """Give the port back."""
         self._selector.close()
@@ -124,12 +130,20 @@ class _TcpPeers:
     def write(self, data: bytes) -> None:
         """Send to all; one that does not take it is dropped."""
         for peer in tuple(self.names):
-            try:
-                peer.send(data)
-            except BlockingIOError:
-                continue
-            except OSError:
-                self.drop(peer)
+            self._send(peer, data)
+
+    def write_to(self, name: str, data: bytes) -> None:
+        """Send to one; where it does not take it, it is dropped."""
+        for peer in [each for each, own in self.names.items() if own == name]:
+            self._send(peer, data)
+
+    def _send(self, peer: socket.socket, data: bytes) -> None:
+        try:
+            peer.send(data)
+        except BlockingIOError:
+            return
+        except OSError:
+            self.drop(peer)
 
     def close(self) -> None:
         """Close all."""
@@ -183,6 +197,10 @@ class TcpListener:
         """Send to all peers."""
         self._peers.write(data)
 
+    def write_to(self, sender: str, data: bytes) -> None:
+        """Send to one peer, if it is still connected."""
+        self._peers.write_to(sender, data)
+
     def close(self) -> None:
         """Give the port back."""
         self._peers.selector.unregister(self._listener)
@@ -233,6 +251,10 @@ class TcpClient:
     def write(self, data: bytes) -> None:
         """Send to the peer, if connected."""
         self._peers.write(data)
+
+    def write_to(self, sender: str, data: bytes) -> None:
+        """Send to one peer, if it is still connected."""
+        self._peers.write_to(sender, data)
 
     def close(self) -> None:
         """Close the connection."""

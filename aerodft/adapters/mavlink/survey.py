@@ -10,6 +10,8 @@ import numpy as np
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.health_survey import HealthSurvey
+from aerodft.adapters.mavlink.requests import wanted
 from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Stream, StreamTable, rangefinder_readings_m
@@ -76,6 +78,7 @@ class Survey:
         self._frames = PoseSource(TelemetrySettings(), origin=None, time_std_s=0.0)
         self._rangefinder = _Range("m")
         self._clock = _Clock()
+        self._health = HealthSurvey()
         self._first_ns: int | None = None
         self._last_ns: int | None = None
 
@@ -95,6 +98,7 @@ class Survey:
         self._rangefinder.add(rangefinder_readings_m(block))
 
     def _add_track(self, track: Track) -> None:
+        self._health.add(track)
         match track:
             case ClockTrack():
                 if self._clock.first_ns is None:
@@ -120,6 +124,7 @@ class Survey:
             signing: The counters of a signed link.
         """
         streams = self._table.streams()
+        vehicle = self._decoder.mavlink
         systems = {s.system for s in streams if s.name in {"ATTITUDE", "GLOBAL_POSITION_INT"}}
         return SurveyReport(
             target=self._target,
@@ -132,14 +137,18 @@ class Survey:
             vehicle_attitude=next(iter(_sources({"vehicle": self._vehicle})), None),
             clock=self._clock_summary(),
             gaps=tuple(gap for stream in streams if stream.name in USED for gap in self._gaps(stream)),
-            system=self._decoder.mavlink.system,
-            component=self._decoder.mavlink.component,
+            system=vehicle.system,
+            component=vehicle.component,
             systems=tuple(sorted(system for system in systems if system is not None)),
             rejected=dict(sorted(self._decoder.rejected.items())),
             rangefinder=next(iter(_sources({"RANGEFINDER": self._rangefinder})), None),
             counts=counts,
             warnings=warnings,
             signing=signing,
+            health=self._health,
+            requests=wanted(
+                streams, system=vehicle.system, component=vehicle.component, autopilot=self._health.autopilot
+            ),
         )
 
     def _clock_summary(self) -> ClockSummary:

@@ -1,12 +1,15 @@
 """What a survey of a log or link reports."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.health_survey import HealthSurvey
+from aerodft.adapters.mavlink.requests import MessageRequest
 from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Stream
 from aerodft.conventions import SECOND_NS
+from aerodft.model.camera import Camera
 from aerodft.service.gimbal_frame import FrameEvidence
 
 # Messages that poses are made of; only their gaps matter.
@@ -102,6 +105,9 @@ class SurveyReport:
         rangefinder: RANGEFINDER as it came, used or not.
         warnings: What the reader says.
         signing: What became of the frames of a signed link; None without keys.
+        health: What the vehicle says of itself.
+        requests: What it should send more often.
+        camera: What the vehicle's reports are held against; None for nothing.
     """
 
     target: str
@@ -122,6 +128,9 @@ class SurveyReport:
     rangefinder: ValueSource | None = None
     warnings: tuple[str, ...] = ()
     signing: SigningCounts | None = None
+    health: HealthSurvey = field(default_factory=HealthSurvey)
+    requests: tuple[MessageRequest, ...] = ()
+    camera: Camera | None = None
 
     @property
     def usable(self) -> bool:

@@ -25,6 +25,10 @@ class Transport(Protocol):
         """Send to whoever is at the other end, if anybody is."""
         ...
 
+    def write_to(self, sender: str, data: bytes) -> None:
+        """Send to one of those that ``read`` named, if it is still there."""
+        ...
+
     def close(self) -> None:
         """Give the port back."""
         ...

@@ -13,6 +13,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, GroundLines, Horizon, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from calibration.errors_left import Leftover, leftovers, rms_px
+from calibration.lens_share import with_lens
 from calibration.observability import Observability, observability
 from calibration.residuals import Problem
 from calibration.solve import Solution, solve
@@ -56,7 +57,7 @@ class Result:
 
     @property
     def camera(self) -> Camera:
-        """The camera with what was found of its lens, and how well."""
+        """The camera with its lens as found or known, and how well."""
         lens, joint = self.solution.state.camera, self.solution.joint[INTRINSICS, INTRINSICS]
         covariance = tuple(map(tuple, joint.tolist())) if np.any(joint) else ()
         return Camera(
@@ -136,7 +137,7 @@ def calibrate(
 
     Args:
         known: Observations and priors. A prior with a std of 0 is exact, or where to start from if it is asked for.
-        camera: The camera; what is not asked for is taken as exact.
+        camera: The camera; what is not asked for stays, and is as uncertain as the camera says.
         names: What is asked for, see ``said``; also ``position`` and ``principal_point``.
         model: Projection model.
 
@@ -149,8 +150,9 @@ def calibrate(
     start = start_state(known.priors, camera, model)
     guessed = set(unknowns.names) <= {*known.priors, "focal", "fx", "fy", "cx", "cy", *coefficient_names(camera)}
     solution = solve(problem, start, guess_is_good=guessed)
-    left = leftovers(problem, solution)
-    return Result(problem, solution, left, rms_px(known.evidence, left), observability(problem, solution))
+    left, weakest = leftovers(problem, solution), observability(problem, solution)
+    solution = with_lens(problem, solution, camera, frozenset(known.priors))
+    return Result(problem, solution, left, rms_px(known.evidence, left), weakest)
 
 
 def start_state(priors: dict[str, Prior], camera: Camera, model: ProjectionModel) -> State:

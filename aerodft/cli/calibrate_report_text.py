@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
+import numpy as np
+
 from aerodft import __version__
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import takes_degrees
 from aerodft.cli.calibrate_report_rows import Row
 from aerodft.cli.calibrate_words import document
+from aerodft.dft.projection import INTRINSICS
 from aerodft.model.measurement import ProjectionModel
 from calibration.images_result import ImagesResult
 from calibration.observability import LIMIT
@@ -87,7 +90,7 @@ def markdown(
         parameter_table(about),
         _place(about),
         *([correlation_table(about)] if len(about["order"]) > 1 else []),
-        f"Taken as exact: {'; '.join(_exact(result, found))}.",
+        f"Taken as known: {'; '.join(_known(result, found))}.",
         "## How well it fits",
         bullets([*fit_words(result), _observability(result), *(f"{plain(note)}." for note in about["notes"])]),
         f"![Residuals]({residuals})",
@@ -155,18 +158,20 @@ def correlation_table(about: dict[str, Any]) -> str:
     return table(["correlation", *map(plain, names)], rows)
 
 
-def _exact(result: Result, found: EvidenceFile) -> list[str]:
-    """Everything that was not solved for, with its value."""
+def _known(result: Result, found: EvidenceFile) -> list[str]:
+    """Everything that was not solved for, with its value, and its std where the camera file has one."""
     state, unknowns = result.solution.state, result.problem.unknowns.names
     lens = ["fx", "fy", "cx", "cy", *coefficient_names(state.camera)]
+    stds = dict(zip(lens, np.sqrt(np.diag(result.solution.joint)[INTRINSICS]).tolist(), strict=True))
     asked = {*unknowns, *(("fx", "fy") if "focal" in unknowns else ())}
     words = []
     for name in [*_POSE, *lens]:
         if name not in asked:
             key, scale = said(name)
             value = scale * state.value(name) - (state.elevation_m if name == "height" else 0.0)
+            std = f" ± {stds[name]:.3g}" if stds.get(name) else ""
             why = ", as stated" if name in found.fixed else ""
-            words.append(f"{plain(key)} {value:.8g}{why}")
+            words.append(f"{plain(key)} {value:.8g}{std}{why}")
     return words
 
 

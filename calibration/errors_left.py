@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from calibration.leave_one_out import landmarks_off_m, moves_the_lens, steps_wit
 from calibration.residuals import Problem
 from calibration.solve import Solution
 from calibration.state import State
+
+_NO_IMAGE_PX: Final = 1e6  # in the plane of the camera itself, where distances in the image have no meaning
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,7 @@ def leftovers(problem: Problem, solution: Solution) -> tuple[Leftover, ...]:
         np.sqrt(np.bincount(residuals.owner[seen], np.square(values[seen])))
         for values in (residuals.px, residuals.values)
     )
+    px[px > _NO_IMAGE_PX] = np.inf
     sigma[~np.isfinite(px)] = np.inf
     return tuple(
         map(
@@ -80,9 +84,14 @@ def _on_the_ground(problem: Problem, solution: Solution, steps: FloatArray) -> l
 
 
 def rms_px(evidence: tuple[Evidence, ...], left: tuple[Leftover, ...]) -> float | None:
-    """Root mean square of the landmarks' 2-D distances, px, outliers apart; None without landmarks."""
+    """Root mean square of the landmarks' 2-D distances, px, those apart that are outliers or out of sight.
+
+    None without landmarks.
+    """
     squares = [
-        one.px**2 for one, each in zip(left, evidence, strict=True) if isinstance(each, Landmark) and not one.is_outlier
+        one.px**2
+        for one, each in zip(left, evidence, strict=True)
+        if isinstance(each, Landmark) and not one.is_outlier and math.isfinite(one.px)
     ]
     return math.sqrt(sum(squares) / len(squares)) if squares else None
 

@@ -62,7 +62,8 @@ class Alignment:
         drift: To be added to it per second since then.
         lag_s: How much the camera was behind the gimbal's reports.
         cov: ``(3, 3)`` of offset, drift and lag.
-        lag_told: Whether the data told the lag; else it is a typical one, and part of the offset's std.
+        lag_told: Whether the lag is known, by the data or because there is none; else it is a typical one, and part of
+            the offset's std.
         peak_ratio: Score of the best other offset over that of this one; 0 where there is no other.
         source: The report of the camera's attitude.
         rates: What it was made of.
@@ -205,7 +206,7 @@ def _alignment(found: SyncFit, motion: PlaneMotion, camera: CameraMotion, refere
         drift=drift,
         lag_s=lag,
         cov=cov,
-        lag_told=camera.has_lag and float(np.sqrt(cov[LAG, LAG])) < _LAG_TOLD * LAG_PRIOR_S[1],
+        lag_told=float(np.sqrt(cov[LAG, LAG])) < _LAG_TOLD * LAG_PRIOR_S[1],
         peak_ratio=ratio,
         source=camera.source,
         rates=Rates(

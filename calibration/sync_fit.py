@@ -101,7 +101,7 @@ def fit(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, start: FloatArr
         information = np.einsum("nui,nuj->ij", white.jac, white.jac) + np.diag(precision)
         gradient = np.einsum("nui,nu->i", white.jac, white.off) + precision * (mean - values)
         step = np.linalg.solve(information, gradient)
-        values = values + step
+        values = np.where(fixed, 0.0, values + step)
         if round_ >= _LEAST_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
             break
     scores = np.einsum("nui,nu->ni", white.jac, white.off)

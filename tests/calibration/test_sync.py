@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from aerodft.errors import NoAnswerError
+from aerodft.geometry.rotation import inverse, multiply
 from aerodft.model.pose import GimbalSource
-from aerodft.service.attitude_history import AttitudeHistory
-from aerodft.service.settings import AttitudeSettings
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
+from aerodft.service.settings import AttitudeSettings, FixedMount
+from aerodft.sim.trajectory import heading_wxyz
 from calibration.sync import align
 
 from .sync_flights import Clocks, hovering, wandering
@@ -84,3 +87,42 @@ def test_what_is_not_there_is_named():
         align(pairs, reported(trajectory, lag_s=0.1), mounts, 5.0)
     with pytest.raises(NoAnswerError, match="do not overlap in time"):
         align(pairs, reported(trajectory.shifted(500_000_000_000), lag_s=0.1), SETTINGS, 5.0)
+
+
+def true_attitudes(trajectory):
+    """Stamps at 20 Hz, ``ned_SO3_body`` and ``ned_SO3_gimbal`` there."""
+    stamps = np.arange(trajectory.start_ns, trajectory.end_ns, 50_000_000, dtype=np.int64)
+    at = trajectory.sampled(stamps)
+    return stamps, at.ned_wxyz_body, multiply(heading_wxyz(at.ned_wxyz_body), at.level_wxyz_gimbal)
+
+
+def series(stamps, wxyz, *, in_earth):
+    return AttitudeSeries(stamp_ns=stamps, wxyz=wxyz, yaw_in_earth=np.full(len(stamps), float(in_earth)))
+
+
+def test_a_camera_that_is_bolted_to_the_vehicle_has_no_lag():
+    clocks, trajectory = Clocks(-6.0, 0.004, 0.0), wandering(7, CLIP_S + 2 * MARGIN_S)
+    pairs, reference_ns = filmed(trajectory, clocks, 7)
+    stamps, _, gimbal = true_attitudes(trajectory)
+    bolted = AttitudeHistory(vehicle=series(stamps, gimbal, in_earth=True), gimbals={}, frames={})
+    mount = FixedMount(yaw_rad=0.0, pitch_rad=0.0, roll_rad=0.0)
+    found = align(pairs, bolted, AttitudeSettings(order=(GimbalSource.FIXED_MOUNT,), fixed_mount=mount), 10.0)
+    offset, drift, lag = errors(found, clocks, reference_ns)
+    assert (found.lag_s, lag, found.lag_told) == (0.0, 0.0, True)
+    assert abs(offset) < 0.005
+    assert abs(drift) < 2e-4
+
+
+def test_reports_against_the_vehicle_are_read_as_such():
+    clocks, trajectory = Clocks(4.0, -0.012, 0.0), wandering(9, CLIP_S + 2 * MARGIN_S)
+    pairs, reference_ns = filmed(trajectory, clocks, 9)
+    stamps, body, gimbal = true_attitudes(trajectory)
+    history = AttitudeHistory(
+        vehicle=series(stamps, body, in_earth=True),
+        gimbals={GimbalSource.MOUNT_STATUS: series(stamps, multiply(inverse(body), gimbal), in_earth=False)},
+        frames={GimbalSource.MOUNT_STATUS: ReportFrame.BODY},
+    )
+    offset, drift, lag = errors(align(pairs, history, SETTINGS, 10.0), clocks, reference_ns)
+    assert abs(offset) < 0.005
+    assert abs(lag) < 0.005
+    assert abs(drift) < 2e-4

@@ -54,13 +54,19 @@ def telemetry_from(table: TelemetryTable) -> TelemetrySettings:
 
 
 def _height(table: HeightTable) -> HeightSettings:
+    measured = HeightSettings().order
+    by_default = measured if table.manual_m is None else (*measured, HeightSource.MANUAL)
     return HeightSettings(
-        order=tuple(HeightSource(name) for name in table.order),
+        order=by_default if table.order is None else tuple(map(HeightSource, table.order)),
         std_m={HeightSource(name): std_m for name, std_m in table.std_m.model_dump().items()},
         home_above_plane_m=table.home_above_plane_m,
         manual_m=table.manual_m,
         min_m=table.min_m,
         max_gap_ns=to_ns(table.max_gap_s),
+        rangefinder_gap_ns=to_ns(table.rangefinder_gap_s),
+        terrain_gap_ns=to_ns(table.terrain_gap_s),
+        terrain_max_distance_m=table.terrain_max_distance_m,
+        lean_std_rad=math.radians(table.lean_std_deg),
     )
 
 
@@ -209,13 +215,12 @@ def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
     """Where images come from; relative paths start from ``folder``."""
-    is_auto = table.time_offset_s == "auto"
     return ImageSettings(
         source=_image_input(table, folder),
-        time_offset_s=0.0 if table.time_offset_s == "auto" else table.time_offset_s,
+        time_offset_s=table.time_offset_s or 0.0,
         time_drift=table.time_drift,
         time_reference_ns=table.time_reference,
-        is_auto=is_auto,
+        is_auto=table.time_offset_s is None,
     )
 
 

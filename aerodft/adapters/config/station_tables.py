@@ -1,7 +1,7 @@
 """The tables of a station's configuration file, with their defaults and checks."""
 
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -45,6 +45,15 @@ def _instant(value: object) -> object:
     return value
 
 
+def _seconds_or_auto(value: object) -> object:
+    """A number as it is; None for ``auto``."""
+    if value == "auto":
+        return None
+    if isinstance(value, str):
+        raise impossible("", got=f'"{value}"', expected='a number of seconds, or "auto"')
+    return value
+
+
 def _offset(value: str) -> str:
     try:
         parse_offset(value)
@@ -80,7 +89,7 @@ class ImagesTable(Table):
     stream: Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')] | None = None
     device: Text | None = None
     rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
-    time_offset_s: TimeOffset | Literal["auto"] = 0.0
+    time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto)] = 0.0
     time_drift: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
     time_reference: Annotated[int | None, BeforeValidator(_instant)] = None
     time_std_s: Duration = 0.0
@@ -96,7 +105,7 @@ class ImagesTable(Table):
         if self.time_drift and self.time_reference is None:
             expected = "time_reference beside it, the instant of the camera's clock at which time_offset_s holds"
             raise impossible("time_drift", got="it without time_reference", expected=expected)
-        if self.time_offset_s == "auto" and (self.time_drift or self.time_reference is not None):
+        if self.time_offset_s is None and (self.time_drift or self.time_reference is not None):
             raise impossible("time_offset_s", got='"auto" beside a drift', expected="a number, or no drift")
         return self
 

@@ -227,6 +227,12 @@ def test_everything_about_telemetry_reaches_the_settings() -> None:
         (FLIGHT + 'calibration = "c"\n[telemetry.bias]\n', "telemetry.bias: got it beside calibration, expected one"),
         (FLIGHT + "wait_s = 1e300\n", "x.toml: telemetry.wait_s: got 1e+300, expected at most 1e+06"),
         (FLIGHT + "[telemetry.height]\nmax_gap_s = 1e-300\n", "max_gap_s: got 1e-300, expected at least 0.001"),
+        (FLIGHT + "[images]\ntime_drift = 0.01\n", "images.time_drift: got it without time_reference, expected"),
+        (FLIGHT + '[images]\ntime_offset_s = "soon"\n', 'images.time_offset_s: got "soon", expected'),
+        (
+            FLIGHT + '[images]\ntime_offset_s = "auto"\ntime_reference = "2026-11-21T10:00:00Z"\n',
+            'images.time_offset_s: got "auto" beside a drift, expected a number',
+        ),
         (FLIGHT + "[observations]\ntime_offset_s = 1e10\n", "time_offset_s: got 10000000000.0, expected at most 1e+09"),
         (FLIGHT + PROBE.replace('"p"', '"p\\nq"'), 'probe[0].name: got "p\\nq", expected letters, digits'),
         ("a = " + 5000 * "[", "x.toml: TOML syntax: too many brackets within each other"),

@@ -8,14 +8,16 @@ from typing import cast
 
 import zenoh
 
-from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness
+from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.service.ports import Clock
 from replay.pixels import IMAGE_SCHEMA, jpeg_of
 from replay.recording import Recording
 
-_PUBLISHED = frozenset({measurement.SCHEMA, pose.SCHEMA, status.SCHEMA, estimate.SCHEMA, steadiness.SCHEMA})
+_PUBLISHED = frozenset(
+    {measurement.SCHEMA, pose.SCHEMA, status.SCHEMA, height.SCHEMA, estimate.SCHEMA, steadiness.SCHEMA}
+)
 _READ = _PUBLISHED | {events.IMAGE_SCHEMA, IMAGE_SCHEMA}
 _POLL_S = 0.02
 

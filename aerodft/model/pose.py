@@ -111,6 +111,7 @@ class PoseSample:
     height_source: HeightSource | None = None
     height_datum: str | None = None
     datum_enu_m: float = 0.0
+    height_age_s: float | None = None
     attitude_source: GimbalSource | None = None
     telemetry_age_s: float | None = None
     calibration: str | None = None

@@ -161,12 +161,14 @@ class HeightTrack(Track):
         value_m: ``(n,)`` a distance along the body's down axis (``slant``) or a vertical height.
         slant: Whether ``value_m`` must be multiplied by cos(roll) cos(pitch) of the vehicle.
         std_m: ``(n,)`` reported standard deviation, NaN where not reported.
+        lat_lon_rad: ``(n, 2)`` the place that it is the height above, where the message says it; else None.
     """
 
     source: HeightSource
     value_m: FloatArray
     slant: bool
     std_m: FloatArray
+    lat_lon_rad: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,23 +1,33 @@
 """The height above the measured plane at a stamp, from the first source in the configured order that has one."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.rotation import matrix
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.interpolation import Bracket
 from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import HeightSource
-from aerodft.model.telemetry import HeightTrack, PositionTrack, Track
+from aerodft.model.telemetry import FixTrack, HeightTrack, PositionTrack, Track
+from aerodft.service.height_samples import HeightSamples
 from aerodft.service.settings import HeightSettings
-from aerodft.service.streams import Missing, Stream
+from aerodft.service.streams import END_OF_TIME, Missing, Stream
 
-_DATUM = {
+VehicleAt = Callable[[int], FloatArray | Missing]
+"""``ned_SO3_body (4,)`` at a stamp."""
+
+DATUM: Final = {
     HeightSource.RANGEFINDER: "surface",
     HeightSource.TERRAIN: "terrain",
     HeightSource.HOME: "home",
     HeightSource.MANUAL: "manual",
 }
+_FIX_AGE_NS: Final = 5 * SECOND_NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +35,7 @@ class Height:
     """A height above the measured plane, its standard deviation, source, datum and age.
 
     ``foot_m`` is east and north, from the vehicle, of the surface that was measured to: a rangefinder that is bolted to
-    a vehicle which leans does not look straight down.
+    a vehicle which leans does not look straight down. ``reasons`` say which other sources it disagrees with.
     """
 
     height_agl_m: float
@@ -34,6 +44,7 @@ class Height:
     datum: str
     age_s: float
     foot_m: tuple[float, float] = (0.0, 0.0)
+    reasons: tuple[str, ...] = ()
 
 
 class HeightSources:
@@ -41,57 +52,147 @@ class HeightSources:
 
     def __init__(self, settings: HeightSettings) -> None:
         self._settings = settings
-        measured: list[HeightSource] = [source for source in settings.order if source is not HeightSource.MANUAL]
-        self._streams = {source: Stream(settings.max_gap_ns) for source in measured}
+        self._samples = {
+            source: HeightSamples(settings, source) for source in settings.order if source is not HeightSource.MANUAL
+        }
+        self._fixes = Stream(_FIX_AGE_NS)
 
     def streams(self) -> tuple[Stream, ...]:
-        """All streams, for the watermark."""
-        return tuple(self._streams.values())
+        """The streams of the sources, for the watermark."""
+        return tuple(samples.stream for samples in self._samples.values())
+
+    def remarks(self) -> tuple[Stream, ...]:
+        """Streams that nothing waits for."""
+        return (self._fixes,)
 
     def append(self, track: Track, stamps_ns: IntArray) -> None:
-        """Take a track in, if it carries a height."""
-        if isinstance(track, PositionTrack) and HeightSource.HOME in self._streams:
+        """Take a track in, if it carries a height, or how good one is."""
+        if isinstance(track, FixTrack):
+            self._fixes.append(stamps_ns, std_m=track.vertical_std_m)
+        elif isinstance(track, PositionTrack) and HeightSource.HOME in self._samples:
             height = track.height_home_m + self._settings.home_above_plane_m
-            self._streams[HeightSource.HOME].append(
-                stamps_ns, value_m=height, std_m=np.full_like(height, np.nan), slant=np.zeros_like(height)
+            self._samples[HeightSource.HOME].append(stamps_ns, height, np.full_like(height, np.nan))
+        elif isinstance(track, HeightTrack) and track.source in self._samples:
+            self._samples[track.source].append(
+                stamps_ns, track.value_m, track.std_m, is_slant=track.slant, lat_lon_rad=track.lat_lon_rad
             )
-        elif isinstance(track, HeightTrack) and track.source in self._streams:
-            slant = np.full_like(track.value_m, float(track.slant))
-            self._streams[track.source].append(stamps_ns, value_m=track.value_m, std_m=track.std_m, slant=slant)
 
-    def at(self, stamp_ns: int, watermark_ns: int, vehicle_wxyz: FloatArray | Missing) -> Height | Missing:
+    def at(
+        self,
+        stamp_ns: int,
+        watermark_ns: int,
+        vehicle_at: VehicleAt,
+        lat_lon_rad: tuple[float, float] | None = None,
+    ) -> Height | Missing:
         """The height at the stamp.
 
         Args:
             stamp_ns: UTC.
             watermark_ns: See ``Stream.find``.
-            vehicle_wxyz: ``ned_SO3_body (4,)``, which slant ranges along the body need.
+            vehicle_at: The vehicle's attitude, which slant ranges along the body need.
+            lat_lon_rad: Where the vehicle is, for the distance to what a terrain report is about; None skips that.
         """
         worst = Missing.NEVER
         for source in self._settings.order:
-            if source is HeightSource.MANUAL:
-                if self._settings.manual_m is not None:
-                    return Height(self._settings.manual_m, self._settings.std_m[source], source, _DATUM[source], 0.0)
-                continue
-            found = self._measured(source, stamp_ns, watermark_ns, vehicle_wxyz)
-            if not isinstance(found, Missing) or found is Missing.PENDING:
+            found = self._found(source, stamp_ns, watermark_ns, vehicle_at, lat_lon_rad)
+            if isinstance(found, Height):
+                against = [self._difference(source, other, stamp_ns, vehicle_at) for other in self._samples]
+                return replace(found, reasons=_remarks([each for each in against if each is not None]))
+            if found is Missing.PENDING:
                 return found
             worst = Missing.STALE if Missing.STALE in (worst, found) else worst
         return worst
 
-    def _measured(
-        self, source: HeightSource, stamp_ns: int, watermark_ns: int, vehicle_wxyz: FloatArray | Missing
+    def differences(self, stamp_ns: int, vehicle_at: VehicleAt) -> list[HeightDifference]:
+        """What every two sources said last, by a stamp, where both spoke of the same time."""
+        pairs = combinations(self._settings.order, 2)
+        found = (self._difference(first, second, stamp_ns, vehicle_at) for first, second in pairs)
+        return [each for each in found if each is not None]
+
+    def switch(self, before: HeightSource, after: HeightSource, stamp_ns: int, vehicle_at: VehicleAt) -> HeightSwitch:
+        """That one source follows another at a stamp, with the step between the two when both last spoke."""
+        step = self._difference(before, after, stamp_ns, vehicle_at, max_age_ns=END_OF_TIME)
+        if step is None and before in self._samples:
+            turned = self._difference(after, before, stamp_ns, vehicle_at, max_age_ns=END_OF_TIME)
+            step = None if turned is None else turned.turned()
+        return HeightSwitch(stamp_ns=stamp_ns, before=before, after=after, step=step)
+
+    def _found(
+        self,
+        source: HeightSource,
+        stamp_ns: int,
+        watermark_ns: int,
+        vehicle_at: VehicleAt,
+        lat_lon_rad: tuple[float, float] | None,
     ) -> Height | Missing:
-        stream = self._streams[source]
-        found = stream.find(stamp_ns, watermark_ns)
+        if source is HeightSource.MANUAL:
+            manual_m = self._settings.manual_m
+            return Missing.NEVER if manual_m is None else self._height(manual_m, math.nan, source, stamp_ns)
+        samples = self._samples[source]
+        found = samples.stream.find(stamp_ns, watermark_ns)
         if isinstance(found, Missing):
             return found
-        value, foot_m = float(found.linear(stream.column("value_m"))), (0.0, 0.0)
-        if stream.column("slant")[found.before]:
-            if isinstance(vehicle_wxyz, Missing):
-                return vehicle_wxyz
-            north, east, down = (value * matrix(vehicle_wxyz)[:, 2]).tolist()
-            value, foot_m = down, (east, north)
-        reported = float(found.linear(stream.column("std_m")))
-        std = max(self._settings.std_m[source], reported) if math.isfinite(reported) else self._settings.std_m[source]
-        return Height(value, std, source, _DATUM[source], stream.age_s(stamp_ns) or 0.0, foot_m)
+        if lat_lon_rad is not None and samples.is_far(found, lat_lon_rad):
+            return Missing.STALE
+        vertical = samples.vertical(found, stamp_ns, vehicle_at)
+        if isinstance(vertical, Missing):
+            return vertical
+        height = self._height(vertical.height_m, vertical.std_m, source, stamp_ns)
+        return replace(height, age_s=samples.stream.age_s(stamp_ns) or 0.0, foot_m=vertical.foot_m)
+
+    def _height(self, value_m: float, reported_m: float, source: HeightSource, stamp_ns: int) -> Height:
+        """The larger of the stated and the reported standard deviation counts."""
+        if source is HeightSource.HOME:
+            reported_m = self._fix_std_m(stamp_ns)
+        std_m = self._settings.std_m[source]
+        return Height(value_m, max(std_m, reported_m) if reported_m > std_m else std_m, source, DATUM[source], 0.0)
+
+    def _fix_std_m(self, stamp_ns: int) -> float:
+        """What the receiver said of its vertical accuracy by then; NaN where it did not."""
+        stamps = self._fixes.stamps_ns
+        row = int(np.searchsorted(stamps, stamp_ns, side="right")) - 1
+        if row < 0 or stamp_ns - int(stamps[row]) > _FIX_AGE_NS:
+            return math.nan
+        return float(self._fixes.column("std_m")[row])
+
+    def _difference(
+        self,
+        source: HeightSource,
+        other: HeightSource,
+        stamp_ns: int,
+        vehicle_at: VehicleAt,
+        max_age_ns: int | None = None,
+    ) -> HeightDifference | None:
+        """``other`` against ``source`` when ``other`` last spoke; None: long ago, or the source was silent."""
+        if source is other or other is HeightSource.MANUAL:
+            return None
+        stream = self._samples[other].stream
+        row = int(np.searchsorted(stream.stamps_ns, stamp_ns, side="right")) - 1
+        limit_ns = stream.max_gap_ns if max_age_ns is None else max_age_ns
+        if row < 0 or stamp_ns - int(stream.stamps_ns[row]) > limit_ns:
+            return None
+        when_ns = int(stream.stamps_ns[row])
+        vertical = self._samples[other].vertical(Bracket(row, row, 0.0, 0), when_ns, vehicle_at)
+        own = self._found(source, when_ns, END_OF_TIME, vehicle_at, None)
+        if isinstance(vertical, Missing) or isinstance(own, Missing):
+            return None
+        theirs = self._height(vertical.height_m, vertical.std_m, other, when_ns)
+        return HeightDifference(
+            stamp_ns=when_ns,
+            source=source,
+            other=other,
+            height_m=own.height_agl_m,
+            other_m=theirs.height_agl_m,
+            std_m=math.hypot(own.std_m, theirs.std_m),
+        )
+
+
+def _remarks(differences: list[HeightDifference]) -> tuple[str, ...]:
+    """Which sources a height disagrees with, in sentences."""
+    beyond = [each for each in differences if each.is_beyond]
+    sentences = [each.sentence() for each in beyond]
+    for first, second in combinations(beyond, 2):
+        between_m = abs(first.step_m - second.step_m)
+        if between_m <= min(abs(first.step_m), abs(second.step_m)):
+            sentences.append(f"{first.source} is alone: {first.other} and {second.other} are {between_m:.2f} m apart")
+    return tuple(sentences)

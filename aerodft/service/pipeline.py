@@ -16,32 +16,18 @@ from aerodft.dft.projection import shared_count
 from aerodft.dft.request import linked
 from aerodft.dft.sampling import standard_draws
 from aerodft.model.batch import Batch
+from aerodft.model.health import Health
 from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
+from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.probe import PixelSource, takes_pixels
 from aerodft.model.status import Status
 from aerodft.service.feed import tick_after
 from aerodft.service.ports import Calibrator, LandmarkObserver, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
-
-_REMEMBERED_IMAGES = 512  # an observation comes at most this many images after its own
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    stamp_ns: int
-    deadline_ns: int
-    subject: Image | Observation
-    is_landmark: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class _Ready:
-    job: _Job
-    sample: PoseSample  # as the telemetry has it
+from aerodft.service.waiting import ImageMemory, Job, Ready
 
 
 @dataclass(slots=True)
@@ -89,11 +75,16 @@ class Pipeline:
         telemetry = settings.telemetry or TelemetrySettings()
         self._wait_ns = telemetry.wait_ns
         self._poses = PoseSource(
-            telemetry, origin=settings.origin, time_std_s=settings.time_std_s, ground=settings.ground
+            telemetry,
+            origin=settings.origin,
+            time_std_s=settings.time_std_s,
+            ground=settings.ground,
+            camera=settings.camera,
         )
-        self._jobs: deque[_Job] = deque()
-        self._images: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED_IMAGES)
+        self._jobs: deque[Job] = deque()
+        self._images = ImageMemory()
         self._last_pose: PoseSample | None = None
+        self._height_source: HeightSource | None = None
         standard_draws(shared_count(settings.camera) + 2)  # loads now what would hold up a measurement near the horizon
         self._lock = threading.Lock()  # between the ticks and the questions from outside
 
@@ -115,12 +106,18 @@ class Pipeline:
     def _step(self, batch: Batch) -> list[Output]:
         outputs = self._wait_until(batch.now_ns)
         for block in batch.raw:
-            self._poses.append(self._decoder.decode(block))
+            self._shift(self._poses.append(self._decoder.decode(block)))
         for image in batch.images:
             self._accept_image(image)
         for observation in batch.observations:
             self._accept_observation(observation)
         return outputs + self._finish(batch.now_ns)
+
+    def _shift(self, by_ns: int) -> None:
+        """What UTC is became known better: stamps made of this machine's are made anew."""
+        if by_ns:
+            self._jobs = deque(job.shifted(by_ns) for job in self._jobs)
+            self._images.shift(by_ns)
 
     def finish(self) -> tuple[Output, ...]:
         """The end of the input: what still waits is answered with what there is."""
@@ -150,6 +147,13 @@ class Pipeline:
             sample = self._pose(stamp_ns, final=True)
         return sample or PoseSample(stamp_ns=stamp_ns, status=Status.STALE_TELEMETRY)
 
+    def health(self, host_ns: int) -> Health | None:
+        """What the vehicle had said of itself by this machine's time; None of a fixed camera."""
+        if self._settings.telemetry is None:
+            return None
+        with self._lock:
+            return self._poses.health_at(self._utc(host_ns, StampClock.HOST))
+
     def in_utc(self, image: Image) -> Image:
         """The image with its stamp in UTC as it is known now, from any thread; what an observer's answer refers to."""
         with self._lock:
@@ -159,9 +163,10 @@ class Pipeline:
         self.counts.images += 1
         stamp_ns = self._utc(image.stamp_ns, image.clock)
         if image.width_px is not None:
-            self._images.append((image.index, stamp_ns))
+            self._images.add(image.index, stamp_ns, image.clock)
         known = replace(image, stamp_ns=stamp_ns, clock=StampClock.UTC, pixels=None)
-        self._jobs.append(_Job(stamp_ns, tick_after(image.arrival_ns + self._wait_ns, self._settings.tick_ns), known))
+        deadline_ns = tick_after(image.arrival_ns + self._wait_ns, self._settings.tick_ns)
+        self._jobs.append(Job(stamp_ns, deadline_ns, known, image.clock))
 
     def _accept_observation(self, observation: Observation) -> None:
         self.counts.observations += 1
@@ -179,19 +184,20 @@ class Pipeline:
         known = replace(observation, stamp_ns=stamp_ns, clock=StampClock.UTC)
         deadline = tick_after(observation.arrival_ns + self._wait_ns, self._settings.tick_ns)
         if is_measured:
-            self._jobs.append(_Job(stamp_ns, deadline, known))
+            self._jobs.append(Job(stamp_ns, deadline, known, observation.clock))
         if is_landmark:
-            self._jobs.append(_Job(stamp_ns, deadline, known, is_landmark=True))
+            self._jobs.append(Job(stamp_ns, deadline, known, observation.clock, is_landmark=True))
 
     def _seen_ns(self, observation: Observation) -> int:
         """UTC of an observation: on the host's clock its image's own, though the clocks are known better by now."""
         stamp_ns = self._utc(observation.stamp_ns, observation.clock)
         if observation.clock is StampClock.UTC or observation.image is None:
             return stamp_ns
-        return next((known_ns for index, known_ns in reversed(self._images) if index == observation.image), stamp_ns)
+        own_ns = self._images.stamp_ns(observation.image)
+        return stamp_ns if own_ns is None else own_ns
 
     def _utc(self, stamp_ns: int, clock: StampClock) -> int:
-        return stamp_ns if clock is StampClock.UTC else stamp_ns + self._poses.clock.utc_minus_host_ns
+        return stamp_ns if clock is StampClock.UTC else self._poses.clock.host_to_utc(stamp_ns)
 
     def _wait_until(self, now_ns: int | None) -> list[Output]:
         """What the empty ticks before ``now_ns`` would have answered, whether they came or were left out."""
@@ -199,9 +205,10 @@ class Pipeline:
         return [output for deadline_ns in sorted(deadlines_ns) for output in self._finish(deadline_ns)]
 
     def _finish(self, now_ns: int) -> list[Output]:
-        ready: list[_Ready] = []
-        waiting: deque[_Job] = deque()
-        found: dict[tuple[int, bool], PoseSample | None] = {}  # an image and all that was seen in it share their pose
+        ready: list[Ready] = []
+        waiting: deque[Job] = deque()
+        # An image and all that was seen in it share their pose.
+        found: dict[tuple[int, StampClock, bool], PoseSample | None] = {}
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
             final = job.deadline_ns <= now_ns
@@ -209,18 +216,19 @@ class Pipeline:
                 waiting.append(job)
                 continue
             look = final or blocked_ns is None or job.stamp_ns < blocked_ns
-            if look and (job.stamp_ns, final) not in found:
-                found[job.stamp_ns, final] = self._telemetry_pose(job.stamp_ns, final=final)
-            sample = found[job.stamp_ns, final] if look else None
+            key = (job.stamp_ns, job.clock, final)
+            if look and key not in found:
+                found[key] = self._telemetry_pose(job.stamp_ns, final=final, by_utc=job.clock is StampClock.UTC)
+            sample = found[key] if look else None
             if sample is None:
                 waiting.append(job)
                 blocked_ns = min(job.stamp_ns, blocked_ns or job.stamp_ns)
             else:
-                ready.append(_Ready(job, sample))
+                ready.append(Ready(job, sample))
         self._jobs = waiting
         return self._done(ready)
 
-    def _done(self, ready: list[_Ready]) -> list[Output]:
+    def _done(self, ready: list[Ready]) -> list[Output]:
         """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
         outputs: list[Output] = []
         landmarks = sorted((each for each in ready if each.job.is_landmark), key=lambda each: each.job.stamp_ns)
@@ -232,7 +240,7 @@ class Pipeline:
             outputs += [*self._learn(earlier), *self._answer(each.job, self._refined(each.sample))]
         return outputs + self._learn(landmarks)
 
-    def _learn(self, seen: list[_Ready]) -> list[Output]:
+    def _learn(self, seen: list[Ready]) -> list[Output]:
         """Learn from landmarks in order of their stamps, those of one image at once."""
         if self._observer is None:
             return []
@@ -247,32 +255,40 @@ class Pipeline:
         sample = self._telemetry_pose(stamp_ns, final=final)
         return None if sample is None else self._refined(sample)
 
-    def _telemetry_pose(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
+    def _telemetry_pose(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
         fixed = self._settings.fixed_pose
-        return replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final)
+        return replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final, by_utc=by_utc)
 
     def _refined(self, sample: PoseSample) -> PoseSample:
         return self._calibrator.refine(sample) if self._calibrator else sample
 
-    def _answer(self, job: _Job, sample: PoseSample) -> list[Output]:
+    def _answer(self, job: Job, sample: PoseSample) -> list[Output]:
         if isinstance(job.subject, Image):
-            self._last_pose = sample
+            switch, self._last_pose = self._height_switch(sample), sample
             index = None if job.subject.width_px is None else job.subject.index
-            return [job.subject, sample, *measure(self._setup, sample, self._fixed, index)]
+            return [job.subject, *switch, sample, *measure(self._setup, sample, self._fixed, index)]
         observation = self._linked(job.subject)
         probe = self._observed[observation.name]
         request = Request(probe=probe, pixels=observation.pixels, std_px=observation.std_px or probe.std_px)
         return [observation, *measure(self._setup, sample, linked([request], self._fixed), observation.image)]
 
-    def _awaits_image(self, job: _Job) -> bool:
+    def _height_switch(self, sample: PoseSample) -> list[Output]:
+        """Whether an image's height is of another source than the last one's."""
+        before, after = self._height_source, sample.height_source
+        self._height_source = after or before
+        if before is None or after is None or before is after:
+            return []
+        return [self._poses.height_switch(before, after, sample.stamp_ns)]
+
+    def _awaits_image(self, job: Job) -> bool:
         """Whether an observation was faster than the image that it was made in."""
-        if isinstance(job.subject, Image) or not self._images or job.subject.image is not None:
+        last_ns = self._images.last_ns
+        if isinstance(job.subject, Image) or last_ns is None or job.subject.image is not None:
             return False
-        return self._images[-1][1] < job.stamp_ns - self._settings.match_tolerance_ns
+        return last_ns < job.stamp_ns - self._settings.match_tolerance_ns
 
     def _linked(self, observation: Observation) -> Observation:
-        if observation.image is not None or not self._images:
+        if observation.image is not None:
             return observation
-        index, stamp_ns = min(self._images, key=lambda known: abs(known[1] - observation.stamp_ns))
-        near = abs(stamp_ns - observation.stamp_ns) <= self._settings.match_tolerance_ns
-        return replace(observation, image=index) if near else observation
+        index = self._images.nearest(observation.stamp_ns, self._settings.match_tolerance_ns)
+        return observation if index is None else replace(observation, image=index)

@@ -5,6 +5,7 @@ from typing import Protocol
 
 from aerodft.model.batch import Batch, Event
 from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
@@ -103,4 +104,4 @@ class Sink(Protocol):
         ...
 
 
-Output = Measurement | PoseSample | Observation | Image | Estimate
+Output = Measurement | PoseSample | Observation | Image | Estimate | HeightSwitch

@@ -1,36 +1,35 @@
 """Telemetry tracks in, the camera's pose at an image's stamp out; interpolated, never the nearest sample."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.geodesy import east_north
 from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera
+from aerodft.model.health import Health, LinkTrack
+from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
 from aerodft.service.footing import footing
 from aerodft.service.gimbal_frame import FrameEvidence
+from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
+from aerodft.service.places import Place, Places
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
-from aerodft.service.timing import ClockChange, ClockMap
+from aerodft.service.timing import HOST_STD_S, ClockMap
+from aerodft.service.zoom import ZoomSources
 
 _DEMAND_TILT_STD_RAD: Final = math.radians(1)
 """A gimbal that only says what it was told is known no better."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    east_north_m: FloatArray
-    velocity_enu_mps: FloatArray
-    lat_lon_alt: tuple[float, float, float]
 
 
 class PoseSource:
@@ -41,6 +40,7 @@ class PoseSource:
         origin: The station's ENU origin; None takes the first fix.
         time_std_s: Standard deviation of image stamps against telemetry stamps.
         ground: What heights that are measured from the surface below are counted from; None for the level plane at 0.
+        camera: What reports of a zoom are held against; None where nobody asks for one.
     """
 
     def __init__(
@@ -50,49 +50,84 @@ class PoseSource:
         origin: GeoOrigin | None,
         time_std_s: float,
         ground: Ground | None = None,
+        camera: Camera | None = None,
     ) -> None:
         self.clock = ClockMap()
-        self.origin = origin
         self._settings = settings
         self._time_std_s = time_std_s
         self._ground = ground
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
-        self._position = Stream(settings.height.max_gap_ns)
+        self._places = Places(settings.height, origin)
+        self._health = HealthSources(settings.health)
+        self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 
-    def append(self, tracks: tuple[Track, ...]) -> None:
-        """Take in the tracks of one tick."""
-        if self.clock.update(tracks) is ClockChange.JUMPED:
+    def append(self, tracks: tuple[Track, ...]) -> int:
+        """Take in the tracks of one tick.
+
+        Returns:
+            What must be added to UTC that was made of this machine's stamps before (ns).
+        """
+        links = tuple(track for track in tracks if isinstance(track, LinkTrack))  # every frame: too many for the clock
+        heard = self.clock.update(tuple(track for track in tracks if not isinstance(track, LinkTrack)))
+        if heard.restarted:
             self._attitude.clear()
-            for stream in (self._position, *self._height.streams()):
+        elif heard.shift_ns:
+            self._attitude.shift(heard.shift_ns)
+        for stream in (self._places.stream, *self._height.streams(), *self._remarks()):
+            if heard.restarted:
                 stream.clear()
-        for track in tracks:
+            elif heard.shift_ns:
+                stream.shift(heard.shift_ns)
+        for track in (*heard.tracks, *links):
             stamps = self.clock.to_utc(track)
             self._attitude.append(track, stamps)
             self._height.append(track, stamps)
+            self._health.append(track, stamps)
+            if self._zoom is not None:
+                self._zoom.append(track, stamps)
             if isinstance(track, PositionTrack) and len(stamps):
-                self._take_position(track, stamps)
+                self._places.append(track, stamps)
+        return heard.host_shift_ns
 
-    def at(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
+    def at(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
         """The pose at a stamp.
 
         Args:
             stamp_ns: UTC.
             final: No more telemetry will be waited for.
+            by_utc: Whether it is UTC by another clock than this machine's, which waits until the vehicle's is known.
 
         Returns:
             None as long as telemetry that matters may still come.
         """
-        watermark = END_OF_TIME if final else max((stream.last_ns or 0 for stream in self._streams()), default=0)
-        vehicle = self._attitude.vehicle_at(stamp_ns, watermark)
-        height = self._height.at(stamp_ns, watermark, vehicle)
-        attitude = self._attitude.at(stamp_ns, watermark)
-        place = self._place(stamp_ns, watermark)
+        sample = self._by_telemetry(stamp_ns, final=final, by_utc=by_utc)
+        if sample is None:
+            return None
+        judged = self._health.judged(sample)
+        return judged if self._zoom is None else self._zoom.seen(judged, self._watermark_ns(), final=final)
+
+    def health_at(self, stamp_ns: int) -> Health:
+        """What the vehicle had said of itself by a stamp (UTC)."""
+        return self._health.at(stamp_ns)
+
+    def _by_telemetry(self, stamp_ns: int, *, final: bool, by_utc: bool) -> PoseSample | None:
+        is_guess, unsettled = by_utc and not self.clock.is_utc_known, self.clock.unsettled() if by_utc else None
+        if not final and (is_guess or unsettled is not None):
+            return None
+        if unsettled is not None:
+            return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(unsettled,))
+        watermark = END_OF_TIME if final else self._watermark_ns()
+        attitude, place = self._attitude.at(stamp_ns, watermark), self._places.at(stamp_ns, watermark)
+        lat_lon_rad = None if isinstance(place, Missing) else place.lat_lon_alt[:2]
+        height = self._height.at(stamp_ns, watermark, partial(self._vehicle_at, watermark), lat_lon_rad)
         if Missing.PENDING in (height, attitude, place):
             return None
         if isinstance(height, Missing) or isinstance(attitude, Missing | Refused):
             return self._miss(stamp_ns, height, attitude)
         sample = self._sample(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
+        if is_guess:
+            sample = _by_guess(sample)
         if self._ground is not None:
             sample = self._over_ground(sample, self._ground, height, place)
         minimum = self._settings.height.min_m
@@ -101,40 +136,33 @@ class PoseSource:
             return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(reason,))
         return sample
 
+    def height_switch(self, before: HeightSource, after: HeightSource, stamp_ns: int) -> HeightSwitch:
+        """That heights are of another source from a stamp on, and by how much the two differ."""
+        return self._height.switch(before, after, stamp_ns, partial(self._vehicle_at, END_OF_TIME))
+
+    def height_differences(self) -> list[HeightDifference]:
+        """What the sources of the height said last, two by two."""
+        return self._height.differences(self._watermark_ns(), partial(self._vehicle_at, END_OF_TIME))
+
+    def _vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:
+        return self._attitude.vehicle_at(stamp_ns, watermark_ns)
+
     def gimbal_frames(self) -> dict[GimbalSource, FrameEvidence]:
         """What the gimbals that reported are against, as far as it is known."""
         return self._attitude.evidence()
 
+    def _watermark_ns(self) -> int:
+        """The newest stamp of any telemetry."""
+        return max((stream.last_ns or 0 for stream in self._streams()), default=0)
+
+    def _remarks(self) -> tuple[Stream, ...]:
+        """What no pose is made of, and is held against."""
+        return (*self._height.remarks(), *self._health.streams(), *(() if self._zoom is None else self._zoom.streams()))
+
     def _streams(self) -> tuple[Stream, ...]:
-        return (self._position, *self._attitude.streams(), *self._height.streams())
+        return (self._places.stream, *self._attitude.streams(), *self._height.streams())
 
-    def _take_position(self, track: PositionTrack, stamps: np.ndarray) -> None:
-        columns = {"lat_rad": track.lat_rad, "lon_rad": track.lon_rad, "alt_msl_m": track.alt_msl_m}
-        self._position.append(stamps, **columns)
-        if self.origin is None:
-            above_plane = float(track.height_home_m[0]) + self._settings.height.home_above_plane_m
-            self.origin = GeoOrigin(
-                lat_rad=float(track.lat_rad[0]),
-                lon_rad=float(track.lon_rad[0]),
-                alt_msl_m=float(track.alt_msl_m[0]) - above_plane,
-            )
-
-    def _place(self, stamp_ns: int, watermark_ns: int) -> _Place | Missing:
-        found = self._position.find(stamp_ns, watermark_ns)
-        if isinstance(found, Missing) or self.origin is None:
-            return found if isinstance(found, Missing) else Missing.NEVER
-        lat, lon, alt = (self._position.column(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
-        ends = [found.before, found.after]
-        corners = np.column_stack([east_north(self.origin, lat[ends], lon[ends]), alt[ends]])
-        apart = corners[1] - corners[0]
-        velocity = apart * (SECOND_NS / found.gap_ns) if found.gap_ns else np.zeros(3)
-        return _Place(
-            corners[0, :2] + found.weight * apart[:2],
-            velocity,
-            (float(found.linear(lat)), float(found.linear(lon)), float(found.linear(alt))),
-        )
-
-    def _sample(self, stamp_ns: int, height: Height, attitude: CameraAttitude, place: _Place | None) -> PoseSample:
+    def _sample(self, stamp_ns: int, height: Height, attitude: CameraAttitude, place: Place | None) -> PoseSample:
         stated, report = self._settings.attitude.std, attitude.report_std_rad
         tilt_rad = max(stated.tilt_rad, _DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
         std = replace(
@@ -158,20 +186,21 @@ class PoseSource:
         return PoseSample(
             stamp_ns=stamp_ns,
             status=Status.OK,
-            reasons=attitude.reasons,
+            reasons=(*attitude.reasons, *height.reasons),
             pose=pose,
             std=std,
-            origin=None if place is None else self.origin,
+            origin=None if place is None else self._places.origin,
             lat_rad=lat,
             lon_rad=lon,
             alt_msl_m=alt,
             height_source=height.source,
             height_datum=height.datum,
             attitude_source=attitude.source,
+            height_age_s=height.age_s,
             telemetry_age_s=max(height.age_s, attitude.age_s),
         )
 
-    def _over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: _Place | Missing) -> PoseSample:
+    def _over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: Place | Missing) -> PoseSample:
         """The sample in ENU, where its height may be counted from the surface below; or why it has no place there."""
         from_zero, pose = height.source is HeightSource.HOME, sample.pose
         if pose is None:
@@ -197,6 +226,9 @@ class PoseSource:
             reasons.append(_sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
         if isinstance(attitude, Refused):
             reasons.append(attitude.reason)
+        broken_off = self.clock.broken_off()
+        if broken_off is not None:
+            return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(broken_off, *reasons))
         if not any(stream.began_by(stamp_ns) for stream in self._streams()):
             status = Status.NO_TELEMETRY
         elif Missing.STALE in (height, attitude):
@@ -204,6 +236,15 @@ class PoseSource:
         else:
             status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
         return PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons))
+
+
+def _by_guess(sample: PoseSample) -> PoseSample:
+    """A sample whose stamp is held against a clock that nobody vouches for."""
+    reason = "the vehicle has not said what UTC is: the receiving machine's clock is taken for it"
+    time_s = math.hypot(sample.std.time_s, HOST_STD_S)
+    pose = None if sample.pose is None else replace(sample.pose, time_std_s=time_s)
+    std = replace(sample.std, time_s=time_s)
+    return replace(sample, pose=pose, std=std, reasons=(*sample.reasons, reason))
 
 
 def _unplaced(sample: PoseSample, missing: Missing, max_gap_ns: int) -> PoseSample:

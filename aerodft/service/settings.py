@@ -25,7 +25,11 @@ class HeightSettings:
         home_above_plane_m: Height of the home point above the measured plane; added to home-relative heights.
         manual_m: The height, where ``manual`` is in the order.
         min_m: Below it the status is ``BELOW_MIN_HEIGHT``.
-        max_gap_ns: Longest gap between two samples that is interpolated over.
+        max_gap_ns: Longest gap between two samples that is interpolated over, of positions and home-relative heights.
+        rangefinder_gap_ns: The same of a rangefinder.
+        terrain_gap_ns: The same of a terrain database.
+        terrain_max_distance_m: From the vehicle to what a terrain report is about, at most.
+        lean_std_rad: Standard deviation of the vehicle's roll and pitch, and of the rangefinder on it.
     """
 
     order: tuple[HeightSource, ...] = (HeightSource.RANGEFINDER, HeightSource.TERRAIN, HeightSource.HOME)
@@ -41,6 +45,15 @@ class HeightSettings:
     manual_m: float | None = None
     min_m: float = 1.0
     max_gap_ns: int = 2 * SECOND_NS
+    rangefinder_gap_ns: int = SECOND_NS
+    terrain_gap_ns: int = 5 * SECOND_NS
+    terrain_max_distance_m: float = 150.0
+    lean_std_rad: float = math.radians(0.2)
+
+    def gap_ns(self, source: HeightSource) -> int:
+        """The longest gap between two samples of a source that is interpolated over."""
+        gaps_ns = {HeightSource.RANGEFINDER: self.rangefinder_gap_ns, HeightSource.TERRAIN: self.terrain_gap_ns}
+        return gaps_ns.get(source, self.max_gap_ns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -253,7 +253,7 @@ def test_the_wire_form_is_the_one_that_the_design_shows() -> None:
         " range_m stamp_ns image model camera calibration config software pose"
     )
     assert " ".join(got["pose"]) == (
-        "height_agl_m height_source height_datum tilt_deg roll_deg heading_deg lat lon telemetry_age_s std"
+        "height_agl_m height_source height_datum height_age_s tilt_deg roll_deg heading_deg lat lon telemetry_age_s std"
     )
     assert got["stamp_ns"] == "1795221278868833000"
     assert got["status"] == "ok"

@@ -36,11 +36,20 @@ def home(ms, values_m):
     return PositionTrack(**stamps(*ms), lat_rad=zero, lon_rad=zero, alt_msl_m=zero + 600.0, height_home_m=values)
 
 
+class Heights:
+    """Sources under a vehicle that keeps its attitude."""
+
+    def __init__(self, tracks, settings):
+        self.sources = HeightSources(HeightSettings(**settings))
+        for track in tracks:
+            self.sources.append(track, track.boot_ns)
+
+    def at(self, stamp_ns, watermark_ns, wxyz, place=None):
+        return self.sources.at(stamp_ns, watermark_ns, lambda _: wxyz, place)
+
+
 def sources(*tracks, **settings):
-    heights = HeightSources(HeightSettings(**settings))
-    for track in tracks:
-        heights.append(track, track.boot_ns)
-    return heights
+    return Heights(tracks, settings)
 
 
 RANGEFINDER = measured(HeightSource.RANGEFINDER, (0, 100), (40.0, 42.0))
@@ -84,8 +93,8 @@ def test_when_a_source_dies_the_next_one_takes_over_once_that_is_certain():
         max_gap_ns=2 * SECOND,
     )
     stamp_ns = 1000 * MS
-    assert heights.at(stamp_ns, 2000 * MS, LEVEL) is Missing.PENDING
-    found = heights.at(stamp_ns, 2101 * MS, LEVEL)
+    assert heights.at(stamp_ns, 1000 * MS, LEVEL) is Missing.PENDING
+    found = heights.at(stamp_ns, 1101 * MS, LEVEL)
     assert (found.source, found.height_agl_m) == (HeightSource.HOME, 50.0)
 
 
@@ -96,8 +105,8 @@ def test_all_sources_dead_is_stale_and_none_ever_is_never():
 
 
 def test_never_across_a_gap():
-    heights = sources(measured(HeightSource.TERRAIN, (0, 2001), (38.0, 39.0)))
-    assert heights.at(1000 * MS, 2001 * MS, LEVEL) is Missing.STALE
+    heights = sources(measured(HeightSource.TERRAIN, (0, 5001), (38.0, 39.0)))
+    assert heights.at(1000 * MS, 5001 * MS, LEVEL) is Missing.STALE
 
 
 def test_home_lies_above_the_plane_by_what_the_configuration_says():

@@ -225,15 +225,15 @@ def test_the_height_falls_through_to_the_next_source_when_one_dies():
     assert fallen.pose.position_enu_m[2] == pytest.approx(24.0)
 
 
-def test_after_a_jump_of_the_clock_old_samples_are_not_mixed_with_new_ones():
+def test_after_a_reboot_old_samples_are_not_mixed_with_new_ones():
     poses = source(position(0, SECOND), gimbal(0, SECOND), vehicle(0, SECOND))
     rebooted = PositionTrack(
-        arrival_ns=np.array([UTC0 + 60 * SECOND]),
-        boot_ns=np.array([0]),
-        lat_rad=np.array([LAT0]),
-        lon_rad=np.array([LON0]),
-        alt_msl_m=np.array([ALT0]),
-        height_home_m=np.array([0.0]),
+        arrival_ns=UTC0 + np.array([60, 61, 62]) * SECOND,
+        boot_ns=np.array([0, 1, 2]) * SECOND,
+        lat_rad=np.full(3, LAT0),
+        lon_rad=np.full(3, LON0),
+        alt_msl_m=np.full(3, ALT0),
+        height_home_m=np.zeros(3),
     )
     poses.append((position(30 * SECOND, 31 * SECOND),))
     poses.append((rebooted,))

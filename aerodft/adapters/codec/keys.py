@@ -17,6 +17,7 @@ class Keys:
         self.image = f"{self.root}/image"
         self.jpeg = f"{self.root}/image/jpeg"
         self.camera = f"{self.root}/camera"
+        self.height = f"{self.root}/height"
         self.location = f"{self.root}/location"
         self.calibration = f"{self.root}/calibration"
         self.steadiness = f"{self.root}/steadiness"

@@ -61,6 +61,7 @@ def summary(sample: PoseSample) -> wire.Json:
         "height_agl_m": height_m,
         "height_source": sample.height_source,
         "height_datum": sample.height_datum,
+        "height_age_s": sample.height_age_s,
         "tilt_deg": tilt_deg,
         "roll_deg": roll_deg,
         "heading_deg": heading_deg,
@@ -101,6 +102,7 @@ def sample_of_summary(payload: wire.Json, stamp_ns: int, status: Status) -> Pose
         lon_rad=wire.radians(payload["lon"]),
         height_source=_height_source(payload["height_source"]),
         height_datum=payload["height_datum"],
+        height_age_s=payload.get("height_age_s"),
         telemetry_age_s=payload["telemetry_age_s"],
     )
 
@@ -119,6 +121,7 @@ def _sample(payload: wire.Json) -> PoseSample:
         alt_msl_m=payload["alt_msl_m"],
         height_source=_height_source(payload["height_source"]),
         height_datum=payload["height_datum"],
+        height_age_s=payload.get("height_age_s"),
         attitude_source=None if payload["attitude_source"] is None else GimbalSource(payload["attitude_source"]),
         telemetry_age_s=payload["telemetry_age_s"],
         calibration=payload["calibration"],

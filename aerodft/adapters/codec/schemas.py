@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness
+from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
 from aerodft.model.image import StampClock
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GimbalSource, HeightSource
@@ -78,6 +78,7 @@ _SUMMARY = {
     ),
     "height_source": _or_null(_one_of(HeightSource)),
     "height_datum": _TEXT_OR_NULL,
+    "height_age_s": _said(_NUMBER, "From the stamp to the nearest sample of that source"),
     "tilt_deg": _said(_NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
     "roll_deg": _said(_NUMBER, "About the optical axis; above 0 with the camera's right side down"),
     "heading_deg": _said(_NUMBER, "Clockwise from true north"),
@@ -264,6 +265,21 @@ _HEALTH = _object(
     }
 )
 
+HEIGHT_SWITCH: Final = _document(
+    height.SCHEMA,
+    "From this stamp on heights are of another source",
+    {
+        "stamp_ns": _said(_STAMP, "Of the first pose with the new source"),
+        "before": _one_of(HeightSource),
+        "after": _one_of(HeightSource),
+        "step_m": _said(_NUMBER, "The new source minus the old one; null where they never spoke at one time"),
+        "std_m": _said(_NUMBER, "Of the step, by what is stated of the two"),
+        "before_m": _said(_NUMBER, "What the old source said then"),
+        "after_m": _said(_NUMBER, "What the new source said then"),
+        "compared_ns": _said(_STAMP_OR_NULL, "When the two were compared: the last time that the old one spoke"),
+    },
+)
+
 STATUS: Final = _document(
     status.SCHEMA,
     "What a station is doing",
@@ -282,6 +298,7 @@ SCHEMAS: Final[dict[str, Schema]] = {
     pose.SCHEMA: POSE,
     events.IMAGE_SCHEMA: IMAGE,
     events.OBSERVATION_SCHEMA: OBSERVATION,
+    height.SCHEMA: HEIGHT_SWITCH,
     estimate.SCHEMA: CALIBRATION_ESTIMATE,
     steadiness.SCHEMA: STEADINESS,
     status.SCHEMA: STATUS,

@@ -42,18 +42,22 @@ class HeightStdTable(Table):
 
 
 class HeightTable(Table):
-    """Which height is believed."""
+    """Which height is believed; without an order a manual one is the last."""
 
-    order: Order[HeightName] = ("rangefinder", "terrain", "home")
+    order: Order[HeightName] | None = None
     home_above_plane_m: Real = 0.0
     manual_m: Positive | None = None
     min_m: NonNegative = 1.0
     max_gap_s: Gap = 2.0
+    rangefinder_gap_s: Gap = 1.0
+    terrain_gap_s: Gap = 5.0
+    terrain_max_distance_m: Positive = 150.0
+    lean_std_deg: Annotated[float, Field(ge=0, le=45)] = 0.2
     std_m: HeightStdTable = HeightStdTable()
 
     @model_validator(mode="after")
     def _manual_height_is_there(self) -> Self:
-        if "manual" in self.order and self.manual_m is None:
+        if "manual" in (self.order or ()) and self.manual_m is None:
             raise impossible("manual_m", got="nothing", expected='metres, because "manual" is in order')
         return self
 

@@ -189,6 +189,10 @@ def _height(settings: HeightSettings) -> dict[str, Any]:
         manual_m=settings.manual_m,
         min_m=settings.min_m,
         max_gap_s=to_s(settings.max_gap_ns),
+        rangefinder_gap_s=to_s(settings.rangefinder_gap_ns),
+        terrain_gap_s=to_s(settings.terrain_gap_ns),
+        terrain_max_distance_m=settings.terrain_max_distance_m,
+        lean_std_deg=to_deg(settings.lean_std_rad),
     )
 
 

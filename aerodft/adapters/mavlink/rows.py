@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -238,7 +238,9 @@ def terrain_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     good = rows.kept(rejected, faults)
     if good is None:
         return None
-    return _height_track(HeightSource.TERRAIN, good, good.column("current_height"), slant=False)
+    lat_lon_rad = np.radians(1e-7 * np.stack([good.column("lat"), good.column("lon")], axis=-1))
+    track = _height_track(HeightSource.TERRAIN, good, good.column("current_height"), slant=False)
+    return replace(track, lat_lon_rad=lat_lon_rad)
 
 
 def altitude_track(rows: Rows, rejected: Counter[str]) -> Track | None:
@@ -264,7 +266,7 @@ def altitude_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     return _height_track(HeightSource.TERRAIN, good, value_m, slant=False)
 
 
-def _height_track(source: HeightSource, rows: Rows, value_m: FloatArray, *, slant: bool) -> Track:
+def _height_track(source: HeightSource, rows: Rows, value_m: FloatArray, *, slant: bool) -> HeightTrack:
     return HeightTrack(
         source=source, value_m=value_m, slant=slant, std_m=np.full(len(value_m), np.nan), **rows.stamps()
     )

@@ -28,6 +28,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
 from aerodft.model.camera import Camera
+from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
@@ -159,7 +160,7 @@ class McapRecorder:
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
         """Record poses, measurements and estimates; images and observations are inputs and recorded as such."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | Estimate))
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | Estimate | HeightSwitch))
         if kept:
             self._put(_Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * len(kept))
 
@@ -240,6 +241,8 @@ class McapRecorder:
                 elif isinstance(item, PoseSample):
                     for record in self._records.of_pose(item, work.now_ns):
                         self._write(record)
+                elif isinstance(item, HeightSwitch):
+                    self._write(self._records.of_height_switch(item, work.now_ns))
                 elif isinstance(item, Estimate):
                     self._write(self._records.of_estimate(item, work.now_ns))
 

@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
-from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness
+from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
 from aerodft.conventions import SECOND_NS
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.height import HeightSwitch
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.model.steadiness import SteadinessEstimate
@@ -48,6 +49,7 @@ class Records:
         self._pose = json_channel(keys.pose, pose.SCHEMA)
         self._calibration = json_channel(keys.calibration, estimate.SCHEMA)
         self._steadiness = json_channel(keys.steadiness, steadiness.SCHEMA)
+        self._height = json_channel(keys.height, height.SCHEMA)
         self._status = json_channel(keys.status, status.SCHEMA)
         self._location = protobuf_channel(keys.location, LocationFix)
         self._measurements = measurement.MeasurementEncoder()
@@ -94,6 +96,10 @@ class Records:
         if isinstance(value, SteadinessEstimate):
             return Record(now_ns, self._steadiness, steadiness.encode_steadiness(value))
         return Record(now_ns, self._calibration, estimate.encode_estimate(value))
+
+    def of_height_switch(self, value: HeightSwitch, now_ns: int) -> Record:
+        """That heights are of another source, at the tick that it was found on."""
+        return Record(now_ns, self._height, height.encode_height_switch(value))
 
     def of_status(self, value: status.StationStatus) -> Record:
         """A station's state."""

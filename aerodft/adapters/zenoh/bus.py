@@ -12,6 +12,7 @@ import zenoh
 
 from aerodft.adapters.codec import events
 from aerodft.adapters.codec.estimate import encode_estimate
+from aerodft.adapters.codec.height import encode_height_switch
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.codec.measurement import MeasurementEncoder, encode_measurements
 from aerodft.adapters.codec.observations import parse_observation
@@ -33,6 +34,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
@@ -142,7 +144,7 @@ class ZenohBus:
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
         """Publish one tick's poses, measurements and estimates."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | Estimate))
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | Estimate | HeightSwitch))
         if kept:
             self._shed_outputs += not self._lane.put(kept)
 
@@ -172,6 +174,8 @@ class ZenohBus:
                 self._publishers.json(self._keys.measurement(item.name), payload)
             elif isinstance(item, PoseSample):
                 self._publishers.json(self._keys.pose, encode_pose(item))
+            elif isinstance(item, HeightSwitch):
+                self._publishers.json(self._keys.height, encode_height_switch(item))
             elif isinstance(item, CalibrationEstimate):
                 self._publishers.json(self._keys.calibration, encode_estimate(item))
             elif isinstance(item, SteadinessEstimate):

@@ -1,0 +1,82 @@
+"""One height source's samples, and the vertical height that they come to."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from aerodft.geometry.interpolation import Bracket
+from aerodft.geometry.rotation import matrix
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import HeightSource
+from aerodft.service.settings import HeightSettings
+from aerodft.service.streams import Missing, Stream
+
+_EARTH_M: Final = 6_371_008.8
+
+
+@dataclass(frozen=True, slots=True)
+class Vertical:
+    """A height, how good its source says it is (NaN: it does not), and the foot of the beam: east and north, metres."""
+
+    height_m: float
+    std_m: float
+    foot_m: tuple[float, float] = (0.0, 0.0)
+
+
+class HeightSamples:
+    """The samples of one source."""
+
+    def __init__(self, settings: HeightSettings, source: HeightSource) -> None:
+        self.stream = Stream(settings.gap_ns(source))
+        self._lean_std_rad = settings.lean_std_rad
+        self._max_distance_m = settings.terrain_max_distance_m
+        self._default_std_m = settings.std_m[source]
+
+    def append(
+        self,
+        stamps_ns: IntArray,
+        value_m: FloatArray,
+        std_m: FloatArray,
+        *,
+        is_slant: bool = False,
+        lat_lon_rad: FloatArray | None = None,
+    ) -> None:
+        """Take in values ``(n,)``; slant ones are along the vehicle's down axis, places ``(n, 2)`` what they are of."""
+        places = np.full((len(value_m), 2), np.nan) if lat_lon_rad is None else lat_lon_rad
+        slant = np.full_like(value_m, float(is_slant))
+        self.stream.append(stamps_ns, value_m=value_m, std_m=std_m, slant=slant, lat_lon_rad=places)
+
+    def is_far(self, found: Bracket, lat_lon_rad: tuple[float, float]) -> bool:
+        """Whether one of the samples is of another place than the vehicle's; unknown places are not far."""
+        ends = self.stream.column("lat_lon_rad")[[found.before, found.after]]
+        apart = (ends - lat_lon_rad) * (1.0, math.cos(lat_lon_rad[0]))
+        return bool(np.any(_EARTH_M * np.linalg.norm(apart, axis=-1) > self._max_distance_m))
+
+    def vertical(
+        self, found: Bracket, stamp_ns: int, vehicle_at: Callable[[int], FloatArray | Missing]
+    ) -> Vertical | Missing:
+        """The vertical height between two samples.
+
+        Each slant range is turned by the vehicle's attitude of its own moment (of ``stamp_ns`` where that one is not
+        known), so that over level ground a swaying vehicle keeps its height.
+        """
+        value_m, std_m = self.stream.column("value_m"), float(found.linear(self.stream.column("std_m")))
+        if not self.stream.column("slant")[found.before]:
+            return Vertical(float(found.linear(value_m)), std_m)
+        now = vehicle_at(stamp_ns)
+        if isinstance(now, Missing):
+            return now
+        beams = np.empty((2, 3))
+        for end, row in enumerate((found.before, found.after)):
+            then = vehicle_at(int(self.stream.stamps_ns[row]))
+            if then is Missing.PENDING:
+                return then
+            beams[end] = value_m[row] * matrix(now if isinstance(then, Missing) else then)[:, 2]
+        north, east, down = (beams[0] + found.weight * (beams[1] - beams[0])).tolist()
+        if down <= 0:
+            return Missing.STALE  # it looks up
+        known_m = max(self._default_std_m, std_m)
+        return Vertical(down, math.hypot(known_m, math.hypot(north, east) * self._lean_std_rad), (east, north))

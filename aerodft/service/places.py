@@ -1,0 +1,67 @@
+"""Where the vehicle is, in the station's ENU frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.geodesy import east_north
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import GeoOrigin
+from aerodft.model.telemetry import PositionTrack
+from aerodft.service.settings import HeightSettings
+from aerodft.service.streams import Missing, Stream
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A position: ``(2,)`` metres, ``(3,)`` m/s, and latitude, longitude (rad) and altitude (m MSL)."""
+
+    east_north_m: FloatArray
+    velocity_enu_mps: FloatArray
+    lat_lon_alt: tuple[float, float, float]
+
+
+class Places:
+    """The position stream.
+
+    Attributes:
+        stream: Its samples.
+        origin: The station's ENU origin; None before the first fix.
+
+    Args:
+        settings: How far its samples may be apart, and where home is.
+        origin: None takes the first fix, on the measured plane.
+    """
+
+    def __init__(self, settings: HeightSettings, origin: GeoOrigin | None) -> None:
+        self.stream = Stream(settings.max_gap_ns)
+        self.origin = origin
+        self._home_above_plane_m = settings.home_above_plane_m
+
+    def append(self, track: PositionTrack, stamps_ns: IntArray) -> None:
+        """Take positions in, at least one."""
+        self.stream.append(stamps_ns, lat_rad=track.lat_rad, lon_rad=track.lon_rad, alt_msl_m=track.alt_msl_m)
+        if self.origin is None:
+            above_plane = float(track.height_home_m[0]) + self._home_above_plane_m
+            self.origin = GeoOrigin(
+                lat_rad=float(track.lat_rad[0]),
+                lon_rad=float(track.lon_rad[0]),
+                alt_msl_m=float(track.alt_msl_m[0]) - above_plane,
+            )
+
+    def at(self, stamp_ns: int, watermark_ns: int) -> Place | Missing:
+        """Position and velocity at the stamp; ``watermark_ns`` as in ``Stream.find``."""
+        found = self.stream.find(stamp_ns, watermark_ns)
+        if isinstance(found, Missing) or self.origin is None:
+            return found if isinstance(found, Missing) else Missing.NEVER
+        lat, lon, alt = (self.stream.column(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
+        ends = [found.before, found.after]
+        corners = np.column_stack([east_north(self.origin, lat[ends], lon[ends]), alt[ends]])
+        apart = corners[1] - corners[0]
+        velocity = apart * (SECOND_NS / found.gap_ns) if found.gap_ns else np.zeros(3)
+        return Place(
+            corners[0, :2] + found.weight * apart[:2],
+            velocity,
+            (float(found.linear(lat)), float(found.linear(lon)), float(found.linear(alt))),
+        )

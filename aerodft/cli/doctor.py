@@ -1,32 +1,27 @@
 """``aerodft doctor``: what a telemetry log or link holds, and what it is good for."""
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.adapters.mavlink.address import is_link, parse_address
-from aerodft.adapters.mavlink.composite import open_log
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.mavlink.address import is_link
 from aerodft.adapters.mavlink.findings import document, problems
-from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.adapters.mavlink.survey import Survey
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
+from aerodft.cli.doctor_survey import Fixed, survey_link, survey_log
 from aerodft.cli.output import tables
-from aerodft.cli.signed import opened_signing
 from aerodft.cli.times import MOST_SECONDS
-from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.model.telemetry import RawBlock, ReportFrame
-from aerodft.service.clock import WallClock
-from aerodft.service.feed import Inbox, LiveFeed
+from aerodft.model.telemetry import ReportFrame
 from aerodft.service.gimbal_frame import FrameEvidence
-
-_TICK_NS: Final = 50_000_000
 
 
 def doctor(
@@ -45,73 +40,64 @@ def doctor(
     signing_key: Annotated[
         Path | None, typer.Option(help="Key file of a signed link; its time stamps are kept beside it.")
     ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Camera file that the vehicle's reports of its camera are held against.")
+    ] = None,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Ask the vehicle for the messages that are missing or too slow.")
+    ] = False,
 ) -> None:
-    """Say which messages there are, which heights and attitudes they give, and what is wrong.
+    """Say what there is, what is wrong with it, which messages to request, and which parameters to set.
 
-    Example: aerodft doctor flight.tlog
+    What is missing, stale, contradictory or set wrongly is said in a sentence each. With --fix every message that is
+    missing or too slow is requested from the chosen vehicle (MAV_CMD_SET_MESSAGE_INTERVAL, signed where the link is),
+    one after the other, with its answer: accepted, denied, unsupported or none; without --fix nothing is asked.
+
+    A measurement has no answer 5 s after the last HEARTBEAT, or while the autopilot's estimator has no attitude or
+    refuses what it is told (test ratios from 1 on); a poor GPS fix, ratios from 0.8 on and more than 10 % of frames
+    lost are said with it.
+
+    Example: aerodft doctor flight.tlog --camera camera.toml
 
     Example: aerodft doctor udpin:14550 --seconds 5 --json
+
+    Example: aerodft doctor udpin:14550 --fix --system 1
 
     Example: aerodft doctor udpin:14550 --signing-key vehicle.key
     """
     followed = Followed(system=system, component=component, gimbal=gimbal)
+    reference = None if camera is None else load_camera(camera)
+    fixed: tuple[Fixed, ...] = ()
     if is_link(target):
         signing = None if signing_key is None else SigningSettings(key_file=signing_key)
-        report = survey_link(target, seconds=seconds, followed=followed, baud=baud, signing=signing)
-    elif signing_key is not None:
-        raise UsageError("--signing-key", got=f"a log ({target})", expected="a link: what a log holds was let in once")
+        report, fixed = survey_link(target, seconds=seconds, followed=followed, baud=baud, signing=signing, fix=fix)
     else:
+        _check_for_log(target, signing_key, fix=fix)
         report = survey_log(Path(target), followed=followed)
+    report = replace(report, camera=reference)
     if as_json:
-        typer.echo(json.dumps(document(report)))
+        asked = {"fix": [each.document() for each in fixed]} if fix else {}
+        typer.echo(json.dumps({**document(report), **asked}))
     else:
         _print(report, tables())
+        _print_fixed(fixed)
     if not report.usable:
         missing = "height" if not report.heights else "attitude"
         raise NoAnswerError(f"no source of {missing} could serve", where=target, hint="see the problems listed")
 
 
-def survey_log(path: Path, *, followed: Followed | None = None) -> SurveyReport:
-    """Survey a whole log.
-
-    Raises:
-        InputError: It cannot be read.
-    """
-    source = open_log(path)
-    survey = Survey(str(path), followed=followed)
-    for event in source.events():
-        if isinstance(event, RawBlock):
-            survey.add(event)
-    return survey.report(counts=source.counts, warnings=source.warnings())
+def _check_for_log(target: str, signing_key: Path | None, *, fix: bool) -> None:
+    if signing_key is not None:
+        raise UsageError("--signing-key", got=f"a log ({target})", expected="a link: what a log holds was let in once")
+    if fix:
+        raise UsageError("--fix", got=f"a log ({target})", expected="a link such as udpin:14550: a log cannot be asked")
 
 
-def survey_link(
-    address: str,
-    *,
-    seconds: float,
-    followed: Followed | None = None,
-    baud: int | None = None,
-    signing: SigningSettings | None = None,
-) -> SurveyReport:
-    """Listen to a link for a while.
-
-    Raises:
-        LinkError: It cannot be opened.
-        ConfigError: Its signing key cannot be used.
-    """
-    clock = WallClock()
-    inbox = Inbox(clock)
-    feed = LiveFeed(inbox, clock, _TICK_NS)
-    survey = Survey(address, followed=followed)
-    place = parse_address(address, baud=baud)
-    with opened_signing(signing) as check, MavlinkLink(place, inbox, signing=check) as link:
-        end_ns = clock.now_ns() + int(seconds * SECOND_NS)
-        for batch in feed.batches():
-            for block in batch.raw:
-                survey.add(block)
-            if batch.now_ns >= end_ns:
-                feed.stop()
-        return survey.report(counts=link.counts, signing=link.signing)
+def _print_fixed(fixed: Sequence[Fixed]) -> None:
+    for each in fixed:
+        request = each.outcome.request
+        rates = f"{request.now_hz:.1f} Hz before, {each.after_hz:.1f} Hz now"
+        typer.echo(f"- {request.name} at {request.rate_hz:g} Hz: {each.outcome.answer} ({rates})")
 
 
 def _print(report: SurveyReport, console: Console) -> None:

@@ -76,7 +76,7 @@ def calibrate(
     check_unknowns(names, found.known, lens, model)
     result = solve_for(found.known, lens, names, model)
     asked = Asked(found, lens, names, model, result)
-    why_not = cause_of_misfit(asked) or refusal(result, found.path)
+    why_not = cause_of_misfit(asked) or refusal(result, found)
     if json:
         print_json(document(result, found, why_not))
     else:
@@ -143,7 +143,7 @@ def _sha256(path: Path) -> str:
 
 def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:
     """The pose as stations take it: on the map with true north where the file's coordinates are on one."""
-    state, cov = result.solution.state, result.pose_covariance.copy()
+    state, cov, lens = result.solution.state, result.pose_covariance.copy(), result.lens_covariance.copy()
     tilt_deg, roll_deg, heading_deg = angles_deg(state)
     place, heading_rad = found.frame.wgs84(state.position_m), math.radians(heading_deg)
     true_rad = found.frame.true_heading_rad(heading_rad)
@@ -152,11 +152,12 @@ def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:
         from_grid = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
         cov[:2] = from_grid @ cov[:2]
         cov[:, :2] = cov[:, :2] @ from_grid.T
+        lens[:2] = from_grid @ lens[:2]
         heading_rad = true_rad
     stds = np.sqrt(np.maximum(np.diag(cov), 0.0))
     names, named = result.problem.unknowns.names, np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0))
     by_name = dict(zip(names, named.tolist(), strict=True))
-    lens = result.lens_covariance
+    here_m = state.position_m if place is not None else found.frame.file_coordinates(state.position_m)
     return FixedPose(
         height_agl_m=float(state.position_m[2]) - state.elevation_m,
         tilt_rad=math.radians(tilt_deg),
@@ -174,6 +175,6 @@ def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:
         ),
         covariance=tuple(map(tuple, cov.tolist())),
         lens_covariance=tuple(map(tuple, lens.tolist())) if np.any(lens) else (),
-        east_m=float(state.position_m[0]),
-        north_m=float(state.position_m[1]),
+        east_m=float(here_m[0]),
+        north_m=float(here_m[1]),
     )

@@ -14,12 +14,12 @@ from aerodft import __version__
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import takes_degrees
 from aerodft.cli.calibrate_report_rows import Row
-from aerodft.cli.calibrate_words import document
+from aerodft.cli.calibrate_words import decimals, document, values_of
 from aerodft.dft.projection import INTRINSICS
 from aerodft.model.measurement import ProjectionModel
 from calibration.images_result import ImagesResult
 from calibration.observability import LIMIT
-from calibration.result import Result, said
+from calibration.result import Result
 from calibration.state import coefficient_names
 
 COLUMNS: Final = (
@@ -45,7 +45,7 @@ LAST_COLUMN: Final = (
 )
 _POSE = ("east", "north", "height", "tilt", "roll", "heading", "elevation")
 _UNLIKELY, _TOO_GOOD, _TINY = 0.01, 0.99, 1e-6
-_DEGREE_DIGITS, _MOST_DIGITS = 8, 6
+_DEGREE_DIGITS = 8
 _ESCAPED = re.compile(r"([\\`*_{}\[\]<>#|~$&!()])")
 
 
@@ -133,7 +133,7 @@ def parameter_table(about: dict[str, Any]) -> str:
     rows = []
     for key, each in about["parameters"].items():
         value, std = each["value"], each["std"]
-        digits = _MOST_DIGITS if not std else max(0, 1 - math.floor(math.log10(std)))
+        digits = decimals(std or 0.0)
         shown = (f"{value:.{digits}f}", "unknown" if std is None else f"{std:.{digits}f}")
         low, high = ("", "") if std is None else (f"{value + sign * 1.96 * std:.{digits}f}" for sign in (-1, 1))
         rows.append((plain(key), *shown, f"{low} to {high}" if std is not None else ""))
@@ -164,14 +164,12 @@ def _known(result: Result, found: EvidenceFile) -> list[str]:
     lens = ["fx", "fy", "cx", "cy", *coefficient_names(state.camera)]
     stds = dict(zip(lens, np.sqrt(np.diag(result.solution.joint)[INTRINSICS]).tolist(), strict=True))
     asked = {*unknowns, *(("fx", "fy") if "focal" in unknowns else ())}
+    others = [name for name in [*_POSE, *lens] if name not in asked]
     words = []
-    for name in [*_POSE, *lens]:
-        if name not in asked:
-            key, scale = said(name)
-            value = scale * state.value(name) - (state.elevation_m if name == "height" else 0.0)
-            std = f" ± {stds[name]:.3g}" if stds.get(name) else ""
-            why = ", as stated" if name in found.fixed else ""
-            words.append(f"{plain(key)} {value:.8g}{std}{why}")
+    for name, (key, value) in zip(others, values_of(state, others, found.frame).items(), strict=True):
+        std = f" ± {stds[name]:.3g}" if stds.get(name) else ""
+        why = ", as stated" if name in found.fixed else ""
+        words.append(f"{plain(key)} {value:.10g}{std}{why}")
     return words
 
 

@@ -1,6 +1,7 @@
 """A calibration in words, tables and JSON."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.adapters.config.evidence_frame import LocalFrame, takes_degrees
 from aerodft.cli.output import tables
 from aerodft.errors import AerodftError, NoAnswerError
 from calibration.errors_left import Leftover
@@ -17,30 +19,31 @@ from calibration.result import Result, said
 from calibration.state import State
 
 _SUSPICIOUS_P = 1e-4
+_MOST_DECIMALS = 6
 _LINE, _NARROW = 3, 0.01  # landmarks that make one, and how narrow it is for its length
 _MOST_SCALED = 30.0  # of residuals, in stated stds; beyond that no scaling makes them true
 _MOST_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
 
 
-def refusal(result: Result, path: Path) -> NoAnswerError | None:
+def refusal(result: Result, found: EvidenceFile) -> NoAnswerError | None:
     """Why there is no calibration; None where there is one.
 
     Args:
         result: The calibration.
-        path: The file of evidence, for the sentence.
+        found: The file of evidence, for the sentence.
     """
-    why_not = _why_not(result)
-    return NoAnswerError("no calibration", where=path, got=why_not) if why_not else None
+    why_not = _why_not(result, found.frame)
+    return NoAnswerError("no calibration", where=found.path, got=why_not) if why_not else None
 
 
-def _why_not(result: Result) -> str:
-    solution = result.solution
+def _why_not(result: Result, frame: LocalFrame) -> str:
+    solution, names = result.solution, result.problem.unknowns.names
     if result.weakest.std_share > LIMIT * solution.scaled:
         return f"{result.weakest.sentence}{_in_line(result)}"
     if contradiction := _contradiction(result):
         return contradiction
     if solution.rival is not None:
-        other = ", ".join(f"{key} {value:.4g}" for key, value in _values(result, solution.rival).items())
+        other = ", ".join(f"{key} {value:.4g}" for key, value in values_of(solution.rival, names, frame).items())
         return (
             f"the observations fit another camera as well ({other}): add a landmark, or what you know of the camera"
             " under [camera]"
@@ -115,17 +118,17 @@ def fit_sentences(result: Result | ImagesResult) -> list[str]:
 
 def document(result: Result, found: EvidenceFile, error: AerodftError | None) -> dict[str, Any]:
     """The whole result as JSON; nothing that is not finite."""
-    solution, names = result.solution, result.problem.unknowns.names
+    solution, names, frame = result.solution, result.problem.unknowns.names, found.frame
     keys, scales = zip(*(said(name) for name in names), strict=True)
     covariance = result.named_covariance * np.outer(scales, scales)
-    place = found.frame.wgs84(solution.state.position_m)
+    place = frame.wgs84(solution.state.position_m)
     return {
         "schema": "aerodft.calibration/1",
         "status": "ok" if error is None else "ILL_CONDITIONED",
         "reasons": [] if error is None else [error.got if isinstance(error, NoAnswerError) else str(error)],
         "parameters": {
             key: {"value": value, "std": finite(math.sqrt(max(covariance[index, index], 0.0)))}
-            for index, (key, value) in enumerate(_values(result, solution.state).items())
+            for index, (key, value) in enumerate(values_of(solution.state, names, frame).items())
         },
         "order": list(keys),
         "covariance": rows(covariance),
@@ -136,12 +139,13 @@ def document(result: Result, found: EvidenceFile, error: AerodftError | None) ->
             "weakest": result.weakest.combination,
             "std_share": finite(result.weakest.std_share),
             "sentence": result.weakest.sentence,
-            "rival": None if solution.rival is None else _values(result, solution.rival),
+            "rival": None if solution.rival is None else values_of(solution.rival, names, frame),
         },
-        "position": found.frame.file_coordinates(solution.state.position_m).tolist(),
+        "origin": list(frame.origin),
+        "position": frame.file_coordinates(solution.state.position_m).tolist(),
         "lat_deg": None if place is None else math.degrees(place[0]),
         "lon_deg": None if place is None else math.degrees(place[1]),
-        "crs": found.frame.crs,
+        "crs": frame.crs,
         "model": str(solution.state.model),
         "notes": sentences(result, found),
     }
@@ -173,22 +177,28 @@ def fit_document(result: Result | ImagesResult) -> dict[str, Any]:
 
 def print_result(result: Result, found: EvidenceFile) -> None:
     """Two tables: the unknowns, and what is left of each observation."""
-    solution = result.solution
+    solution, names, frame = result.solution, result.problem.unknowns.names, found.frame
     table = Table("unknown", "value", "std")
     stds = np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0))
-    for (key, value), name, std in zip(
-        _values(result, solution.state).items(), result.problem.unknowns.names, stds, strict=True
-    ):
-        table.add_row(key, f"{value:.6g}", f"{std * said(name)[1]:.3g}")
+    for (key, value), name, std in zip(values_of(solution.state, names, frame).items(), names, stds, strict=True):
+        scaled = std * said(name)[1]
+        table.add_row(key, f"{value:.{decimals(scaled)}f}", f"{scaled:.3g}")
     tables().print(table)
     tables().print(residual_table(result.left))
     rms = "" if result.rms_px is None else f"rms {result.rms_px:.2f} px, "
-    place = ", ".join(f"{value:.3f}" for value in found.frame.file_coordinates(solution.state.position_m))
+    place = ", ".join(f"{value:.3f}" for value in frame.file_coordinates(solution.state.position_m))
     fit = f"{rms}chi-square {solution.chi2:.1f} with {solution.dof} degrees of freedom"
-    tables().print(f"{fit}; camera at {place} ({found.frame.crs})")
-    if {"east", "north"} & set(result.problem.unknowns.names) and any(found.frame.origin[:2]):
-        origin = ", ".join(f"{value:.10g}" for value in found.frame.origin[:2])
+    tables().print(f"{fit}; camera at {place} ({frame.crs})")
+    if {"east", "north"} & set(names) and takes_degrees(frame.crs):
+        origin = ", ".join(f"{value:.10g}" for value in frame.origin[:2])
         tables().print(f"east_m and north_m count from {origin}")
+
+
+def decimals(std: float) -> int:
+    """Places after the point that a value with this std deserves: those of the std's two leading digits."""
+    if not 0 < std < math.inf:
+        return _MOST_DECIMALS
+    return max(0, 1 - math.floor(math.log10(std)))
 
 
 def residual_table(leftovers: tuple[Leftover, ...]) -> Table:
@@ -201,14 +211,16 @@ def residual_table(leftovers: tuple[Leftover, ...]) -> Table:
     return rest
 
 
-def _values(result: Result, state: State) -> dict[str, float]:
-    """A camera's values by the names that people see, in the order of the unknowns; a height is above the ground."""
-    values = {}
-    for name in result.problem.unknowns.names:
-        key, scale = said(name)
-        value = state.value(name) - (state.elevation_m if name == "height" else 0.0)
-        values[key] = scale * value
-    return values
+def values_of(state: State, names: Sequence[str], frame: LocalFrame) -> dict[str, float]:
+    """A camera's values by the names that people see, in the order of the unknowns.
+
+    Heights are above the ground; east, north and the ground's elevation are in the file's coordinates, but where these
+    are degrees east and north count from the frame's origin.
+    """
+    places_m = dict(zip(("east", "north"), frame.file_coordinates(state.position_m).tolist(), strict=False))
+    own = {"height": state.value("height") - state.elevation_m, "elevation": state.elevation_m + frame.origin[2]}
+    own |= {} if takes_degrees(frame.crs) else places_m
+    return {said(name)[0]: said(name)[1] * own.get(name, state.value(name)) for name in names}
 
 
 def finite(value: float) -> float | None:

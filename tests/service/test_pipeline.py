@@ -137,7 +137,6 @@ def test_host_stamps_are_looked_up_on_the_vehicles_clock(bench):
 def test_the_numbers_are_those_of_the_flight(bench):
     outputs = bench.run_events(*bench.blocks(bench.flight(3.0)), bench.image(0, 1_050))
     (sample,) = bench.poses(outputs)
-    k = 10.5
     ends_m = [(50.0 + 0.01 * end) * math.cos(0.02) * math.cos(-0.1 + 0.01 * math.sin(end)) for end in (10, 11)]
     height_m = sum(ends_m) / 2
     assert sample.height_source is HeightSource.RANGEFINDER

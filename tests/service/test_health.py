@@ -1,0 +1,150 @@
+"""What a vehicle says of itself, and the statuses, stds and remarks that follow by the stated rules."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from aerodft.model.status import Status
+from aerodft.service.health_settings import HealthSettings
+
+MS = 1_000_000
+SECONDS = 14.0
+
+
+def _heartbeat():
+    return dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)
+
+
+def _gps(fix=3, h_acc=800, v_acc=1200):
+    return dialect.MAVLink_gps_raw_int_message(
+        5_000_000, fix, -353_600_000, 1_491_600_000, 0, 80, 120, 0, 0, 14, 0, h_acc, v_acc
+    )
+
+
+def _ekf(flags=831, **ratios):
+    values = {"velocity": 0.1, "horizontal": 0.1, "vertical": 0.1, "compass": 0.1} | ratios
+    return dialect.MAVLink_ekf_status_report_message(flags, *values.values(), 0.1)
+
+
+def _px4(vertical):
+    return dialect.MAVLink_estimator_status_message(5_000_000, 831, 0.1, 0.1, vertical, 0.1, 0.1, 0.1, 1.0, 1.0)
+
+
+@pytest.fixture
+def fly(bench):
+    """Poses every 500 ms of a flight in which the vehicle says ``(boot_ms, message)``; frames are numbered."""
+
+    def flown(said, *, drop=None, health=None):
+        mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        said = [(bench.host0_ns + ms * MS + 2 * MS, bytes(message.pack(mav))) for ms, message in said]
+        frames = sorted([*bench.flight(SECONDS)[1:], *said])
+        frames = [(bench.host0_ns, bytes(_heartbeat().pack(mav))), *frames]
+        numbered = [(at, _numbered(raw, k % 256)) for k, (at, raw) in enumerate(frames) if drop is None or not drop(k)]
+        telemetry = replace(bench.settings.telemetry, health=health or HealthSettings())
+        images = [bench.image(k, 1000 + 500 * k) for k in range(int(2 * SECONDS) - 4)]
+        outputs = bench.run_events(*bench.blocks(numbered), *images, made=bench.pipeline(telemetry=telemetry))
+        return {(each.stamp_ns - bench.utc0_ns) // MS: each for each in bench.poses(outputs)}
+
+    return flown
+
+
+def _numbered(raw, sequence):
+    """A MAVLink 2 frame with another sequence number."""
+    message = dialect.MAVLink(None).parse_char(raw)
+    mav = dialect.MAVLink(None, srcSystem=message.get_srcSystem(), srcComponent=message.get_srcComponent())
+    mav.seq = sequence
+    return bytes(message.pack(mav))
+
+
+def _every(step_ms, message, until_ms=int(SECONDS * 1000)):
+    return [(ms, message() if callable(message) else message) for ms in range(0, until_ms, step_ms)]
+
+
+BEATS = _every(1000, _heartbeat)
+
+
+def test_a_healthy_vehicle_is_believed_without_a_word(fly):
+    poses = fly([*BEATS, *_every(500, _gps()), *_every(500, _ekf())])
+    assert {each.status for each in poses.values()} == {Status.OK}
+    assert not [r for each in poses.values() for r in each.reasons if "GPS" in r or "estimator" in r or "HEART" in r]
+
+
+def test_without_a_heartbeat_for_five_seconds_telemetry_is_stale(fly):
+    poses = fly(_every(1000, _heartbeat, until_ms=4001))
+    for ms, each in poses.items():
+        if ms <= 8950:
+            assert each.status is Status.OK, ms
+        elif ms > 9050:
+            assert each.status is Status.STALE_TELEMETRY, ms
+            assert each.reasons[0].startswith("no HEARTBEAT of the autopilot for ")
+
+
+@pytest.mark.parametrize("which", ["velocity", "horizontal", "vertical", "compass"])
+def test_an_estimator_at_fault_has_no_answer(fly, which):
+    said = [*BEATS, *_every(500, _ekf(), until_ms=5000)]
+    said += [(ms, _ekf(**{which: 1.3})) for ms in range(5000, 9000, 500)]
+    said += [(ms, _ekf(**{which: 0.85})) for ms in range(9000, 14000, 500)]
+    poses = fly(said)
+    assert {each.status for ms, each in poses.items() if ms < 4900} == {Status.OK}
+    at_fault = [each for ms, each in poses.items() if 5100 < ms < 8900]
+    assert {each.status for each in at_fault} == {Status.UNHEALTHY}
+    assert all(which in each.reasons[0] and "1.30" in each.reasons[0] for each in at_fault)
+    near = [each for ms, each in poses.items() if ms > 9100]
+    assert {each.status for each in near} == {Status.OK}
+    assert all(any("near its limit" in reason and which in reason for reason in each.reasons) for each in near)
+
+
+def test_the_estimator_of_px4_is_heard_too(fly):
+    poses = fly([*BEATS, *_every(500, _px4(1.2))])
+    assert poses[6000].status is Status.UNHEALTHY
+    assert "vertical position is 1.20" in poses[6000].reasons[0]
+
+
+def test_an_estimator_without_attitude_has_no_answer(fly):
+    poses = fly([*BEATS, *_every(500, _ekf(flags=1024))])
+    assert poses[6000].status is Status.UNHEALTHY
+    assert poses[6000].reasons[0] == "the autopilot's estimator says that it has no attitude"
+
+
+def test_without_a_fix_no_place_is_stated(fly):
+    poses = fly([*BEATS, *_every(500, _gps(), until_ms=5000), *((ms, _gps(fix=1)) for ms in range(5000, 14000, 500))])
+    assert poses[4000].lat_rad is not None
+    assert poses[7000].status is Status.OK
+    assert poses[7000].lat_rad is None
+    assert poses[7000].origin is None
+    assert any("no 3D fix" in reason for reason in poses[7000].reasons)
+
+
+def test_a_poor_fix_widens_the_place(fly):
+    good, poor = fly([*BEATS, *_every(500, _gps())]), fly([*BEATS, *_every(500, _gps(h_acc=12_000))])
+    assert poor[7000].std.horizontal_m == 12.0
+    assert poor[7000].pose.cov[0, 0] == pytest.approx(144.0)
+    assert poor[7000].pose.cov[1, 1] == pytest.approx(144.0)
+    np.testing.assert_allclose(good[7000].pose.cov[2:, 2:], poor[7000].pose.cov[2:, 2:], atol=1e-15)
+    assert any("accurate to 12.0 m horizontally" in reason for reason in poor[7000].reasons)
+
+
+def test_a_silent_receiver_is_said(fly):
+    poses = fly([*BEATS, *_every(500, _gps(), until_ms=4001)])
+    assert not any("silent" in reason for reason in poses[7500].reasons)
+    assert any("GPS is silent for 6" in reason for reason in poses[10500].reasons)
+
+
+@pytest.mark.parametrize(("share", "is_said"), [(0.3, True), (0.02, False)])
+def test_a_lossy_link_is_said(fly, share, is_said):
+    lost = np.random.default_rng(3).random(2000) < share
+    poses = fly(BEATS, drop=lambda k: k > 20 and lost[k])
+    said = [reason for reason in poses[11000].reasons if "the link lost" in reason]
+    assert bool(said) is is_said
+    if is_said:
+        percent = int(re.search(r"lost (\d+) % of the autopilot's frames over 10 s", said[0])[1])
+        assert percent == pytest.approx(30, abs=6)
+
+
+def test_limits_are_configured(fly):
+    limits = HealthSettings(max_ratio=2.0, heartbeat_ns=60_000_000_000)
+    poses = fly([(0, _heartbeat()), *_every(500, _ekf(compass=1.3))], health=limits)
+    assert poses[12000].status is Status.OK

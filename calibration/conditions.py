@@ -8,7 +8,17 @@ from typing import TypeAlias
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION, project
+from aerodft.dft import equations
+from aerodft.dft.projection import (
+    ELEVATION,
+    FOCAL,
+    INTRINSICS,
+    POSITION,
+    PRINCIPAL_POINT,
+    ROTATION,
+    project,
+    shared_count,
+)
 from aerodft.dft.seen import Seen, dependence
 from aerodft.dft.values import scalar_with_gradient
 from aerodft.geometry.intrinsics import rays_by_intrinsics
@@ -222,20 +232,45 @@ def _lines(evidence: GroundLines, state: State) -> Found:
 
 def _horizon(evidence: Horizon, state: State) -> Found:
     """Each of its rays is level, or as far below as the sea's horizon."""
-    rays = _rays(state, evidence.pixels)
-    dip = by_height = 0.0
-    if evidence.is_sea:
-        above = max(float(state.position_m[2]) - state.elevation_m, 1e-3)
-        dip = math.sqrt(2 * above * (1 - STANDARD_REFRACTION) / EARTH_RADIUS_M)
-        by_height = math.cos(dip) * dip / (2 * above)
-    length = np.linalg.norm(rays.enu, axis=-1)
-    off = rays.enu[:, 2] / length + math.sin(dip)
-    by_rays = np.array([0.0, 0.0, 1.0]) / length[:, None] - (rays.enu[:, 2] / length**3)[:, None] * rays.enu
-    shared = np.einsum("ki,kij->kj", by_rays, rays.by_shared)
+    dip, by_height = _dip(evidence, state)
+    if state.model is ProjectionModel.DFT:
+        psi_rad, shared, own = _row_angles(state, evidence.pixels)
+        off = psi_rad - math.pi / 2 + dip
+    else:
+        rays = _rays(state, evidence.pixels)
+        length = np.linalg.norm(rays.enu, axis=-1)
+        off = rays.enu[:, 2] / length + math.sin(dip)
+        by_rays = np.array([0.0, 0.0, 1.0]) / length[:, None] - (rays.enu[:, 2] / length**3)[:, None] * rays.enu
+        shared = np.einsum("ki,kij->kj", by_rays, rays.by_shared)
+        own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+        by_height *= math.cos(dip)
     shared[:, 2] += by_height
     shared[:, ELEVATION] -= by_height
-    own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
     return Found(off, shared, np.diag(evidence.std_px**2 * np.sum(own * own, axis=-1)), evidence.std_px)
+
+
+def _row_angles(state: State, pixels: tuple[Px, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The paper's Eq. 3 ``(k,)``, by the shared errors ``(k, s)`` and by the pixels ``(k, 2)``."""
+    camera, (tilt, _, _) = state.camera, state.angles_rad
+    down_px = np.array(pixels, dtype=np.float64)[:, 1]
+    psi_rad = equations.vertical_angle(down_px, tilt, camera.height_px, camera.vfov_rad)
+    own = np.zeros((len(pixels), 2))
+    own[:, 1] = -camera.vfov_rad / camera.height_px
+    shared = np.zeros((len(pixels), shared_count(camera)))
+    shared[:, ROTATION.start] = 1.0
+    half_px = camera.height_px / 2
+    shared[:, FOCAL.stop - 1] = -(half_px - down_px) / (camera.fy_px**2 + half_px**2)  # field of view: 2 atan(H / 2 f)
+    shared[:, PRINCIPAL_POINT] = -own
+    return psi_rad, shared, own
+
+
+def _dip(evidence: Horizon, state: State) -> tuple[float, float]:
+    """How far the sea's horizon lies below level (rad), and that by the camera's height; 0 for a level horizon."""
+    if not evidence.is_sea:
+        return 0.0, 0.0
+    above = max(float(state.position_m[2]) - state.elevation_m, 1e-3)
+    dip = math.sqrt(2 * above * (1 - STANDARD_REFRACTION) / EARTH_RADIUS_M)
+    return dip, dip / (2 * above)
 
 
 _CONDITIONS: dict[type, Callable[..., Found]] = {

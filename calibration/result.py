@@ -10,7 +10,7 @@ from aerodft.dft.projection import INTRINSICS
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, GroundLines, Horizon, Prior, Vertical
+from aerodft.model.evidence import EvidenceSet, GroundLines, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from calibration.errors_left import Leftover, leftovers, rms_px
 from calibration.lens_share import with_lens
@@ -118,10 +118,10 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
             raise ValueError(f"got {name}, expected some of {', '.join(possible)}")
     if "focal" in asked and {"fx", "fy"} & set(asked):
         raise ValueError("got focal beside fx or fy, expected one of the two")
-    apart = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines | Horizon)]
+    apart = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines)]
     if model is ProjectionModel.DFT and apart:
         raise ValueError(
-            f"got {apart[0]} for the dft model, which has no rays: expected ranges, lengths, landmarks, ..."
+            f"got {apart[0]} for the dft model, which has no rays: expected ranges, lengths, landmarks, a horizon, ..."
         )
     lens_only = [name for name in asked if name in ("cx", "cy", "roll", *coefficient_names(camera))]
     if model is ProjectionModel.DFT and lens_only:

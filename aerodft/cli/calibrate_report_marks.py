@@ -1,6 +1,6 @@
 """Where a calibrated camera would see what was observed: the pixels of every observation and the ones it should have.
 
-Angles between lines, verticals and the horizon are those of the lens under both models, as the solver takes them.
+Angles between lines and verticals are those of the lens, as the solver takes them: the paper's model has none.
 """
 
 import itertools
@@ -236,10 +236,14 @@ def _turned(points_m: FloatArray, angle_rad: float) -> FloatArray:
 
 
 def _horizon(state: State, evidence: Horizon) -> FloatArray:
-    """Straight above or below, on the horizon."""
-    rays = _rays(state, evidence.pixels)
+    """Straight above or below, on the horizon; the paper's is a row of the image (its Eq. 3)."""
     above_m = max(float(state.position_m[2]) - state.elevation_m, 0.0)
     dip = math.sqrt(2 * above_m * (1 - STANDARD_REFRACTION) / EARTH_RADIUS_M) if evidence.is_sea else 0.0
+    if state.model is ProjectionModel.DFT:
+        camera, (tilt, _, _) = state.camera, state.angles_rad
+        row_px = camera.height_px * (0.5 - (math.pi / 2 - dip - tilt) / camera.vfov_rad)
+        return np.array([(u, row_px) for u, _ in evidence.pixels])
+    rays = _rays(state, evidence.pixels)
     rays[:, 2] = -math.tan(dip) * np.linalg.norm(rays[:, :2], axis=-1)
     return _pixels_along(state, rays)
 

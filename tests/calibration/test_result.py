@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 from aerodft.dft.projection import project
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.camera import LensModel
-from aerodft.model.evidence import EvidenceSet, Horizon, Prior
+from aerodft.model.camera import Camera, LensModel
+from aerodft.model.evidence import EvidenceSet, Horizon, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from calibration.descent import descend
@@ -118,11 +118,41 @@ def test_unknowns_that_there_are_not(names, model, says):
         calibrate(known, world.camera, names, model)
 
 
-def test_the_papers_model_has_no_horizon():
+def test_the_papers_model_has_no_verticals():
     world = World.random(np.random.default_rng(9))
-    known = EvidenceSet(evidence=(Horizon(name="sky", pixels=((0.0, 100.0), (900.0, 110.0))),))
-    with pytest.raises(ValueError, match="got sky for the dft model, which has no rays"):
+    known = EvidenceSet(evidence=(Vertical(name="mast", pixels=((900.0, 100.0), (910.0, 700.0))),))
+    with pytest.raises(ValueError, match="got mast for the dft model, which has no rays"):
         calibrate(known, world.camera, ("tilt",), ProjectionModel.DFT)
+
+
+@pytest.mark.parametrize(("is_sea", "dip_rad"), [(False, 0.0), (True, math.sqrt(2 * 50.0 * 0.87 / 6_371_000.0))])
+def test_the_papers_horizon_is_the_row_at_a_right_angle_to_straight_down(is_sea, dip_rad):
+    """Eq. 3: ``psi = theta + (H/2 - j) FOV_V / H``, which is 90 degrees there, or less by the sea's dip."""
+    camera = Camera.from_fov(name="paper", width_px=3888, height_px=2592, hfov_rad=64.3 * DEG, vfov_rad=45.3 * DEG)
+    rows, tilt_rad = (np.array([-300.2, -299.6]), 70.0 * DEG)
+    exact = camera.height_px * (0.5 - (math.pi / 2 - dip_rad - tilt_rad) / camera.vfov_rad)
+    pixels = tuple((u, exact + v - rows.mean()) for u, v in zip((0.0, 3000.0), rows.tolist(), strict=True))
+    known = EvidenceSet(
+        evidence=(Horizon(name="sky", pixels=pixels, is_sea=is_sea, std_px=2.0),),
+        priors={"height": Prior(value=50.0, std=0.0)},
+    )
+    found = calibrate(known, camera, ("tilt",), ProjectionModel.DFT)
+    assert_allclose(found.solution.state.value("tilt"), tilt_rad, atol=1e-9)
+    assert_allclose(found.left[0].px, np.ptp(rows) / math.sqrt(2), rtol=1e-6)
+    std_rad = 2.0 * camera.vfov_rad / camera.height_px / math.sqrt(2)
+    assert_allclose(math.sqrt(found.solution.covariance[0, 0]), std_rad, rtol=1e-6)
+
+
+def test_the_papers_field_of_view_follows_from_a_horizon_and_a_tilt():
+    """A wrong derivative by the focal length would stop beside it."""
+    camera = Camera.from_fov(name="paper", width_px=3888, height_px=2592, hfov_rad=64.3 * DEG, vfov_rad=45.3 * DEG)
+    row_px = camera.height_px * (0.5 - (math.pi / 2 - 70.0 * DEG) / camera.vfov_rad)
+    known = EvidenceSet(
+        evidence=(Horizon(name="sky", pixels=((100.0, row_px), (3500.0, row_px))),),
+        priors={"tilt": Prior(value=70.0 * DEG, std=0.0), "focal": Prior(value=1.1 * camera.fx_px, std=0.0)},
+    )
+    found = calibrate(known, camera, ("focal",), ProjectionModel.DFT)
+    assert_allclose(found.camera.vfov_rad, 45.3 * DEG, rtol=1e-8)
 
 
 def test_a_fisheyes_coefficients_are_its_own():

@@ -123,10 +123,11 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
         raise ValueError(
             f"got {apart[0]} for the dft model, which has no rays: expected ranges, lengths, landmarks, a horizon, ..."
         )
-    lens_only = [name for name in asked if name in ("cx", "cy", "roll", *coefficient_names(camera))]
-    if model is ProjectionModel.DFT and lens_only:
-        raise ValueError(f"got {lens_only[0]} for the dft model, expected height, tilt, heading, position or focal")
-    more = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in asked)
+    not_there = ("cx", "cy", "roll", *coefficient_names(camera)) if model is ProjectionModel.DFT else ()
+    wrong = next((name for name in asked if name in not_there), None)
+    if wrong is not None:
+        raise ValueError(f"got {wrong} for the dft model, expected height, tilt, heading, position or focal")
+    more = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in not_there)
     return Unknowns(tuple(dict.fromkeys((*asked, *more))))
 
 

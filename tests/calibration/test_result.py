@@ -118,6 +118,14 @@ def test_unknowns_that_there_are_not(names, model, says):
         calibrate(known, world.camera, names, model)
 
 
+def test_a_roll_that_somebody_knows_is_no_unknown_of_the_papers_model():
+    """Its pixels do not depend on it: a std of it would be made up."""
+    world, known = seen(Task(("height", "tilt"), ranges(4, 4)), 3)
+    priors = {name: Prior(value=0.01, std=2 * DEG) for name in ("roll", "tilt")}
+    found = unknowns_of(("height",), replace(known, priors=priors), world.camera, ProjectionModel.DFT)
+    assert found.names == ("height", "tilt")
+
+
 def test_the_papers_model_has_no_verticals():
     world = World.random(np.random.default_rng(9))
     known = EvidenceSet(evidence=(Vertical(name="mast", pixels=((900.0, 100.0), (910.0, 700.0))),))

@@ -11,6 +11,7 @@ from aerodft.cli.times import parse_instant
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Setup
+from aerodft.dft.zoomed import zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
@@ -130,7 +131,8 @@ def recorded_setup(folder: Path, at: str) -> tuple[Setup, PoseSample]:
         max_range_m=settings.max_range_m,
         config_id=settings.config_id,
     )
-    return setup, _pose_at(recording, station, stamp_ns)
+    setup, sample = zoomed(setup, _pose_at(recording, station, stamp_ns))
+    return setup, replace(sample, zoom=None)
 
 
 def _pose_at(recording: Recording, station: StationConfig, stamp_ns: int) -> PoseSample:

@@ -15,6 +15,7 @@ from aerodft.service.zoom_settings import ZoomSettings
 _PERCENT = 100.0
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
 Percent = Annotated[float, Field(ge=0, le=100)]
+ZoomPoint = Annotated[tuple[Percent, Positive], Field(strict=False)]
 FovDeg = Annotated[float, Field(gt=0, lt=180)]
 
 
@@ -34,7 +35,7 @@ class ZoomTable(Table):
 
     order: Many[ZoomName] = ("CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION")
     at_percent: Percent = 0.0
-    curve: Many[tuple[Percent, Positive]] = ()
+    curve: Many[ZoomPoint] = ()
     reported_hfov_deg: FovDeg | None = None
     hfov_std_deg: NonNegative = 0.5
     std_percent_per_doubling: NonNegative = 2.0

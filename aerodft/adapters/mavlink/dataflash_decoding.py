@@ -11,7 +11,7 @@ from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat, parse_format
 from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
 from aerodft.adapters.mavlink.layout import MAX_STAMP_US, Bytes
-from aerodft.adapters.mavlink.payloads import gather
+from aerodft.adapters.mavlink.loops import gather
 from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray

@@ -10,8 +10,7 @@ from aerodft.adapters.mavlink import health_rows as health
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
 from aerodft.adapters.mavlink.dialect import frame_table, message_name, payload_dtype
-from aerodft.adapters.mavlink.kernels import read_headers
-from aerodft.adapters.mavlink.payloads import gather
+from aerodft.adapters.mavlink.loops import gather, read_headers, select
 from aerodft.adapters.mavlink.sequence import SequenceWatch
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
@@ -94,7 +93,7 @@ class MavlinkDecoder:
         frames = np.stack([block.offset, block.length])
         read_headers(data, frames, frame_table(), heads, checked=block.checked)
         others = int(self._state[pick.OTHER_GIMBALS])
-        pick.select(data, heads, pick.SLOTS, self._state, slots)
+        select(data, heads, pick.SLOTS, self._state, slots)
         self._note_other_gimbals(int(self._state[pick.OTHER_GIMBALS]) - others)
         tracks = (
             self._track(slot, np.flatnonzero(slots == slot), heads, block)

@@ -82,7 +82,7 @@ def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, in
     message_id = int(data[at + 5])
     if magic == V2:
         message_id = int(data[at + 7]) | int(data[at + 8]) << 8 | int(data[at + 9]) << 16
-        flags = data[at + 2]
+        flags = int(data[at + 2])
         if flags & ~SIGNED:
             return NOTHING, 0, 0  # the protocol forbids to read on under a flag that one does not know
         if flags & SIGNED:

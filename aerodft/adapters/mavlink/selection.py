@@ -50,6 +50,7 @@ _OF_AUTOPILOT: Final = (
 # The selection's state: what was decided so far, then each wanted message's component.
 SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS = 0, 1, 2, 3, 4, 5
 ASKED_COMPONENT, ASKED_GIMBAL, LOCKS = 6, 7, 8
+COUNTERS: Final = (DAMAGED, OTHER_GIMBALS)
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
@@ -58,6 +59,12 @@ _TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # s
 _AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
 _ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
 _DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
+# The payload bytes that what is decided depends on, by message.
+LOOKED_AT: Final = {
+    HEARTBEAT: (_TYPE_AT, _AUTOPILOT_AT),
+    DISTANCE_SENSOR: (_ORIENTATION_AT,),
+    GIMBAL_DEVICE_ATTITUDE_STATUS: (_DEVICE_AT,),
+}
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
 _TYPE_GCS, _AUTOPILOT_NONE = 6, 8
 # A gimbal's number: up to 6 one that an autopilot speaks for, from 7 on the component that it is itself.

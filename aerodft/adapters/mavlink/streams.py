@@ -6,8 +6,7 @@ import numpy as np
 
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat
 from aerodft.adapters.mavlink.dialect import frame_table, message_name
-from aerodft.adapters.mavlink.kernels import read_headers
-from aerodft.adapters.mavlink.payloads import gather
+from aerodft.adapters.mavlink.loops import gather, read_headers
 from aerodft.adapters.mavlink.selection import RANGEFINDER
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray, IntArray

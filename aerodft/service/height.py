@@ -127,7 +127,8 @@ class HeightSources:
     ) -> Height | Missing:
         if source is HeightSource.MANUAL:
             manual_m = self._settings.manual_m
-            return Missing.NEVER if manual_m is None else self._height(manual_m, math.nan, source, stamp_ns)
+            std_m = self._settings.std_m[source]
+            return Missing.NEVER if manual_m is None else Height(manual_m, std_m, source, DATUM[source], 0.0)
         samples = self._samples[source]
         found = samples.stream.find(stamp_ns, watermark_ns)
         if isinstance(found, Missing):
@@ -140,20 +141,18 @@ class HeightSources:
         height = self._height(vertical.height_m, vertical.std_m, source, stamp_ns)
         return replace(height, age_s=samples.stream.age_s(stamp_ns) or 0.0, foot_m=vertical.foot_m)
 
-    def _height(self, value_m: float, reported_m: float, source: HeightSource, stamp_ns: int) -> Height:
-        """The larger of the stated and the reported standard deviation counts."""
-        if source is HeightSource.HOME:
-            reported_m = self._fix_std_m(stamp_ns)
-        std_m = self._settings.std_m[source]
-        return Height(value_m, max(std_m, reported_m) if reported_m > std_m else std_m, source, DATUM[source], 0.0)
+    def _height(self, value_m: float, std_m: float, source: HeightSource, stamp_ns: int) -> Height:
+        """With the receiver's own opinion, where a height comes with the position and it is the worse one."""
+        receivers_m = self._fix_std_m(stamp_ns) if source is HeightSource.HOME else 0.0
+        return Height(value_m, max(std_m, receivers_m), source, DATUM[source], 0.0)
 
     def _fix_std_m(self, stamp_ns: int) -> float:
-        """What the receiver said of its vertical accuracy by then; NaN where it did not."""
+        """What the receiver said of its vertical accuracy by then; 0 where it did not."""
         stamps = self._fixes.stamps_ns
         row = int(np.searchsorted(stamps, stamp_ns, side="right")) - 1
         if row < 0 or stamp_ns - int(stamps[row]) > _FIX_AGE_NS:
-            return math.nan
-        return float(self._fixes.column("std_m")[row])
+            return 0.0
+        return float(np.nan_to_num(self._fixes.column("std_m")[row]))
 
     def _difference(
         self,

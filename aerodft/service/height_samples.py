@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.geometry.interpolation import Bracket
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray, IntArray
@@ -15,11 +16,12 @@ from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import Missing, Stream
 
 _EARTH_M: Final = 6_371_008.8
+_CLIMB_MPS: Final = 10.0  # faster is no flight of a vehicle that measures
 
 
 @dataclass(frozen=True, slots=True)
 class Vertical:
-    """A height, how good its source says it is (NaN: it does not), and the foot of the beam: east and north, metres."""
+    """A height, its standard deviation, and the foot of the beam: east and north, all in metres."""
 
     height_m: float
     std_m: float
@@ -63,7 +65,7 @@ class HeightSamples:
         Each slant range is turned by the vehicle's attitude of its own moment (of ``stamp_ns`` where that one is not
         known), so that over level ground a swaying vehicle keeps its height.
         """
-        value_m, std_m = self.stream.column("value_m"), float(found.linear(self.stream.column("std_m")))
+        value_m, std_m = self.stream.column("value_m"), self._std_m(found)
         if not self.stream.column("slant")[found.before]:
             return Vertical(float(found.linear(value_m)), std_m)
         now = vehicle_at(stamp_ns)
@@ -78,5 +80,17 @@ class HeightSamples:
         north, east, down = (beams[0] + found.weight * (beams[1] - beams[0])).tolist()
         if down <= 0:
             return Missing.STALE  # it looks up
-        known_m = max(self._default_std_m, std_m)
-        return Vertical(down, math.hypot(known_m, math.hypot(north, east) * self._lean_std_rad), (east, north))
+        lean_m = math.hypot(north, east) * self._lean_std_rad
+        return Vertical(down, math.hypot(std_m, lean_m), (east, north))
+
+    def _std_m(self, found: Bracket) -> float:
+        """The larger of the stated and the reported one, and what a step between two samples adds.
+
+        Whatever no vehicle climbs, an edge below or a correction, happened at any time between the two: a share ``w``
+        into the gap the interpolation is then off by ``step sqrt(w (1 - w))``.
+        """
+        reported_m, value_m = float(found.linear(self.stream.column("std_m"))), self.stream.column("value_m")
+        known_m = max(self._default_std_m, reported_m) if math.isfinite(reported_m) else self._default_std_m
+        climb_m = _CLIMB_MPS * found.gap_ns / SECOND_NS
+        step_m = max(0.0, abs(float(value_m[found.after] - value_m[found.before])) - climb_m)
+        return math.hypot(known_m, step_m * math.sqrt(found.weight * (1 - found.weight)))

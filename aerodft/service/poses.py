@@ -23,7 +23,7 @@ from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.settings import TelemetrySettings
+from aerodft.service.settings import HeightSettings, TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import HOST_STD_S, ClockMap
 from aerodft.service.zoom import ZoomSources
@@ -220,7 +220,7 @@ class PoseSource:
     ) -> PoseSample:
         reasons = []
         if isinstance(height, Missing):
-            reasons.append(_sentence("height", height, self._settings.height.order, self._settings.height.max_gap_ns))
+            reasons.append(_no_height(height, self._settings.height))
         if isinstance(attitude, Missing):
             limits = self._settings.attitude
             reasons.append(_sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
@@ -253,6 +253,13 @@ def _unplaced(sample: PoseSample, missing: Missing, max_gap_ns: int) -> PoseSamp
     if missing is Missing.STALE:
         status, when = Status.STALE_TELEMETRY, f"on both sides of the stamp within {max_gap_ns / SECOND_NS:g} s"
     return replace(sample, pose=None, status=status, reasons=(f"no position {when}, and the ground is uneven",))
+
+
+def _no_height(missing: Missing, settings: HeightSettings) -> str:
+    if missing is Missing.NEVER:
+        return _sentence("height", missing, settings.order, settings.max_gap_ns)
+    within = ", ".join(f"{settings.gap_ns(source) / SECOND_NS:g} s from {source}" for source in settings.order)
+    return f"no height on both sides of the stamp within {within}"
 
 
 def _sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:

@@ -26,6 +26,7 @@ _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
     pick.RANGEFINDER: to.rangefinder_track,
     pick.MOUNT_ORIENTATION: to.mount_orientation_track,
     pick.GIMBAL_DEVICE_ATTITUDE_STATUS: to.gimbal_device_track,
+    pick.TIMESYNC: to.sync_track,
     pick.HEARTBEAT: health.heartbeat_track,
     pick.GPS_RAW_INT: health.gps_track,
     pick.EKF_STATUS_REPORT: health.ekf_track,
@@ -92,9 +93,9 @@ class MavlinkDecoder:
         data = np.frombuffer(block.data, dtype=np.uint8)
         frames = np.stack([block.offset, block.length])
         read_headers(data, frames, frame_table(), heads, checked=block.checked)
-        others = int(self._state[pick.OTHER_GIMBALS])
+        before = self._state.copy()
         select(data, heads, pick.SLOTS, self._state, slots)
-        self._note_other_gimbals(int(self._state[pick.OTHER_GIMBALS]) - others)
+        self._note_others(before)
         tracks = (
             self._track(slot, np.flatnonzero(slots == slot), heads, block)
             for slot in np.flatnonzero(np.bincount(slots + 1)[1:]).tolist()
@@ -103,11 +104,16 @@ class MavlinkDecoder:
         link = self._sequence.track(block, data, heads, self._state)
         return tuple(track for track in (*tracks, link) if track is not None)
 
-    def _note_other_gimbals(self, count: int) -> None:
-        if count:
-            slot = pick.WANTED.index(pick.GIMBAL_DEVICE_ATTITUDE_STATUS)
-            words = f"of another gimbal than number {pick.device_of(self._state, slot)}"
-            self.rejected[f"{message_name(pick.GIMBAL_DEVICE_ATTITUDE_STATUS)}: {words}"] += count
+    def _note_others(self, before: IntArray) -> None:
+        """Count what came of other gimbals and sensors since the state was that."""
+        for counter, message_id, what in (
+            (pick.OTHER_GIMBALS, pick.GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal"),
+            (pick.OTHER_SENSORS, pick.DISTANCE_SENSOR, "sensor"),
+        ):
+            count = int(self._state[counter] - before[counter])
+            if count:
+                number = pick.device_of(self._state, pick.WANTED.index(message_id))
+                self.rejected[f"{message_name(message_id)}: of another {what} than number {number}"] += count
 
     def _track(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Track | None:
         """The track of one message's rows."""

@@ -17,6 +17,7 @@ from aerodft.model.telemetry import (
     GimbalTrack,
     HeightTrack,
     PositionTrack,
+    SyncTrack,
     Track,
     VehicleTrack,
 )
@@ -46,6 +47,7 @@ _QUALITY_INVALID = 1
 _COVARIANCE_UNKNOWN = 255
 _DISTANCE_CLIPPED_CM = 65535
 _TERRAIN_UNKNOWN_M = -1000.0
+_UNDERGROUND_M = -20.0  # a database without the tile that the vehicle is above
 _QUATERNION_NORM_SLACK = 0.1
 _MAX_LAT_DEGE7, _MAX_LON_DEGE7 = 9e8, 1.8e9
 _MAX_BOOT_US = 10**15  # 31 years; more is a Unix time
@@ -108,6 +110,16 @@ def clock_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     if good is None:
         return None
     return ClockTrack(unix_ns=good.payload["time_unix_usec"].astype(np.int64) * 1000, **good.stamps())
+
+
+def sync_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """TIMESYNC: its sender's own time, in a request (tc1 is 0) as in an answer; the rest is somebody else's."""
+    asked, answered = rows.payload["ts1"], rows.payload["tc1"]
+    own_ns = np.where(answered == 0, asked, answered)
+    impossible = (own_ns < 0) | (own_ns >= _MAX_BOOT_US * 1000)
+    timed = Rows(rows.name, rows.payload, rows.arrival_ns, own_ns.astype(np.int64))
+    good = timed.kept(rejected, {"no time since boot": impossible})
+    return None if good is None else SyncTrack(**good.stamps())
 
 
 def vehicle_track(rows: Rows, rejected: Counter[str]) -> Track | None:
@@ -192,16 +204,14 @@ def _vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Tr
 
 
 def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track | None:
-    """DISTANCE_SENSOR that looks down, centimetres along the body's down axis; what it cannot see is no value.
-
-    A reading below its minimum stays one: it says that the vehicle stands on the ground.
-    """
-    distance = rows.payload["current_distance"]
+    """DISTANCE_SENSOR that looks down, centimetres along the body's down axis; what it cannot see is no value."""
+    distance, limit = rows.payload["current_distance"], rows.payload["max_distance"]
     faults = {
         "signal quality is invalid": rows.payload["signal_quality"] == _QUALITY_INVALID,
         "distance is zero": distance == 0,
         "distance is clipped": distance == _DISTANCE_CLIPPED_CM,
-        "above the sensor's maximum": distance > rows.payload["max_distance"],
+        "below the sensor's minimum": distance < rows.payload["min_distance"],
+        "at the sensor's maximum or above": (limit > 0) & (distance >= limit),
     }
     good = rows.kept(rejected, faults)
     if good is None:
@@ -234,6 +244,7 @@ def terrain_track(rows: Rows, rejected: Counter[str]) -> Track | None:
         "spacing is 0": rows.payload["spacing"] == 0,
         "no position yet": (rows.payload["lat"] == 0) & (rows.payload["lon"] == 0),
         **no_height(rows, "current_height"),
+        "far below the ground": rows.payload["current_height"] < _UNDERGROUND_M,
     }
     good = rows.kept(rejected, faults)
     if good is None:

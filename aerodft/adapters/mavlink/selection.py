@@ -19,6 +19,7 @@ HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
 GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
 CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
+TIMESYNC = 111
 WANTED: Final = (
     HEARTBEAT,
     SYSTEM_TIME,
@@ -37,6 +38,7 @@ WANTED: Final = (
     CAMERA_SETTINGS,
     VIDEO_STREAM_INFORMATION,
     CAMERA_FOV_STATUS,
+    TIMESYNC,
 )
 _OF_AUTOPILOT: Final = (
     HEARTBEAT,
@@ -46,11 +48,12 @@ _OF_AUTOPILOT: Final = (
     GPS_RAW_INT,
     EKF_STATUS_REPORT,
     ESTIMATOR_STATUS,
+    TIMESYNC,
 )
 # The selection's state: what was decided so far, then each wanted message's component.
 SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS = 0, 1, 2, 3, 4, 5
-ASKED_COMPONENT, ASKED_GIMBAL, LOCKS = 6, 7, 8
-COUNTERS: Final = (DAMAGED, OTHER_GIMBALS)
+ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOCKS = 6, 7, 8, 9
+COUNTERS: Final = (DAMAGED, OTHER_GIMBALS, OTHER_SENSORS)
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
@@ -59,10 +62,11 @@ _TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # s
 _AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
 _ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
 _DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
+_SENSOR_AT = payload_dtype(DISTANCE_SENSOR).fields["id"][1]  # type: ignore[index] # as above
 # The payload bytes that what is decided depends on, by message.
 LOOKED_AT: Final = {
     HEARTBEAT: (_TYPE_AT, _AUTOPILOT_AT),
-    DISTANCE_SENSOR: (_ORIENTATION_AT,),
+    DISTANCE_SENSOR: (_ORIENTATION_AT, _SENSOR_AT),
     GIMBAL_DEVICE_ATTITUDE_STATUS: (_DEVICE_AT,),
 }
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
@@ -102,7 +106,7 @@ class Followed:
 def fresh_state(followed: Followed) -> IntArray:
     """The state before the first frame."""
     state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
-    state[SENSOR_SEEN:ASKED_COMPONENT] = 0
+    state[SENSOR_SEEN:ASKED_COMPONENT] = state[OTHER_SENSORS] = 0
     asked = ((SYSTEM, followed.system), (ASKED_COMPONENT, followed.component), (ASKED_GIMBAL, followed.gimbal))
     for place, value in asked:
         state[place] = _UNDECIDED if value is None else value
@@ -124,7 +128,7 @@ def component_of(state: IntArray, slot: int) -> int:
 
 
 def device_of(state: IntArray, slot: int) -> int:
-    """The gimbal's number at that component; 0 where the component is the gimbal."""
+    """The gimbal's or sensor's number at that component; 0 where the component is the gimbal."""
     if state[LOCKS + slot] == _UNDECIDED:
         return max(int(state[ASKED_GIMBAL]), 0)
     return int(state[LOCKS + slot]) >> _DEVICE_BITS
@@ -164,7 +168,7 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
     """Whether a message of the followed system comes from the component that is listened to for it.
 
     The clock, the attitude, the position and the vehicle's health come from the autopilot; anything else from whoever
-    sent it first, and of several gimbals that one component speaks for from the first.
+    sent it first, and of several gimbals or sensors that one component speaks for from the first.
     """
     if message_id in _OF_AUTOPILOT:
         return bool(component == state[COMPONENT])
@@ -174,16 +178,25 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
     if state[LOCKS + slot] == _UNDECIDED:
         state[LOCKS + slot] = sender
     if component == state[LOCKS + slot] & _COMPONENT_MASK and sender != state[LOCKS + slot]:
-        state[OTHER_GIMBALS] += 1
+        state[OTHER_SENSORS if message_id == DISTANCE_SENSOR else OTHER_GIMBALS] += 1
     return bool(sender == state[LOCKS + slot])
 
 
 @njit
-def _superseded(state: IntArray, message_id: int, orientation: int) -> bool:
-    """Whether a better message of the same height is known (notes it where this is the one), or it looks elsewhere."""
+def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
+    """The number of the gimbal or sensor that a message is of; -1 of a sensor that does not look down."""
+    if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
+        return _byte(data, payload_at, length, _DEVICE_AT)
     if message_id == DISTANCE_SENSOR:
-        if orientation != ORIENTATION_DOWN:
-            return True
+        looks_down = _byte(data, payload_at, length, _ORIENTATION_AT) == ORIENTATION_DOWN
+        return _byte(data, payload_at, length, _SENSOR_AT) if looks_down else -1
+    return 0
+
+
+@njit
+def _superseded(state: IntArray, message_id: int) -> bool:
+    """Whether a better message of the same height is known (notes it where this is the one)."""
+    if message_id == DISTANCE_SENSOR:
         state[SENSOR_SEEN] = 1
     elif message_id == TERRAIN_REPORT:
         state[TERRAIN_SEEN] = 1
@@ -218,9 +231,6 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
                 state[COMPONENT] = component
         if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM]:
             continue
-        is_gimbal = message_id == GIMBAL_DEVICE_ATTITUDE_STATUS
-        device = _byte(data, payload_at, length, _DEVICE_AT) if is_gimbal else 0
-        if not _admit(state, message_id, slot, component, device):
-            continue
-        if not _superseded(state, message_id, _byte(data, payload_at, length, _ORIENTATION_AT)):
+        device = _device(data, message_id, payload_at, length)
+        if device >= 0 and _admit(state, message_id, slot, component, device) and not _superseded(state, message_id):
             rows[k] = slot

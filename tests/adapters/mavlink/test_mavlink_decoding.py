@@ -18,6 +18,7 @@ from aerodft.model.telemetry import (
     HeightTrack,
     PositionTrack,
     RawBlock,
+    SyncTrack,
     Track,
     VehicleTrack,
     WireProtocol,
@@ -43,14 +44,14 @@ def _gimbal(
 
 
 def _sensor(current_cm: int, **other: int) -> dialect.MAVLink_message:
-    values = {"least": 20, "most": 6000, "orientation": 25, "covariance": 255, "quality": 0} | other
+    values = {"least": 20, "most": 6000, "orientation": 25, "covariance": 255, "quality": 0, "number": 0} | other
     return dialect.MAVLink_distance_sensor_message(
         3000,
         values["least"],
         values["most"],
         current_cm,
         0,
-        0,
+        values["number"],
         values["orientation"],
         values["covariance"],
         signal_quality=values["quality"],
@@ -204,17 +205,37 @@ def test_position_rows(decode: Decode) -> None:
 
 
 def test_distance_sensor_rows(decode: Decode) -> None:
-    bad = [_sensor(0), _sensor(6001), _sensor(65535, most=65535), _sensor(500, quality=1)]
+    bad = [_sensor(0), _sensor(4), _sensor(6000), _sensor(6001), _sensor(65535, most=65535), _sensor(500, quality=1)]
     decoder = MavlinkDecoder()
     (track,) = decode(
-        *bad, _sensor(700, orientation=0), _sensor(500, covariance=4), _sensor(4, covariance=0), decoder=decoder
+        *bad, _sensor(700, orientation=0), _sensor(500, covariance=4), _sensor(5999, covariance=0), decoder=decoder
     )
     assert isinstance(track, HeightTrack)
     assert track.source is HeightSource.RANGEFINDER
     assert track.slant
-    np.testing.assert_array_equal(track.value_m, [5.0, 0.04])  # less than its minimum: it stands on the ground
+    np.testing.assert_array_equal(track.value_m, [5.0, 59.99])
     np.testing.assert_array_equal(track.std_m, [0.02, NAN])
     assert decoder.rejected.total() == len(bad)
+
+
+def test_of_two_sensors_that_look_down_the_first_is_followed(decode: Decode) -> None:
+    """A forward-looking one, whoever sends it, is no such sensor."""
+    decoder = MavlinkDecoder()
+    sensors = [_sensor(300, number=4, orientation=0), _sensor(5000, number=1), _sensor(650, number=2), _sensor(5001)]
+    (track,) = decode(*sensors, _sensor(5002, number=1), decoder=decoder)
+    assert isinstance(track, HeightTrack)
+    np.testing.assert_array_equal(track.value_m, [50.0, 50.02])
+    assert decoder.rejected == {"DISTANCE_SENSOR: of another sensor than number 1": 2}
+
+
+def test_timesync_says_its_senders_own_time(decode: Decode) -> None:
+    """In a request it is ts1, in an answer tc1; a companion's Unix time is no time since boot."""
+    decoder = MavlinkDecoder()
+    pairs = [(0, 5_000_000_123), (6_000_000_456, 17), (0, 1_795_221_168 * 10**9), (-5, 3)]
+    (track,) = decode(*(dialect.MAVLink_timesync_message(tc1, ts1) for tc1, ts1 in pairs), decoder=decoder)
+    assert isinstance(track, SyncTrack)
+    assert track.boot_ns.tolist() == [5_000_000_123, 6_000_000_456]
+    assert decoder.rejected == {"TIMESYNC: no time since boot": 2}
 
 
 def test_rangefinder_gives_way_to_the_distance_sensor(decode: Decode) -> None:

@@ -132,7 +132,8 @@ def test_clock_attitude_and_position_are_pymavlinks(flight: tuple[dict[str, list
 def test_heights_are_pymavlinks(flight: tuple[dict[str, list[Any]], list[RawBlock]]) -> None:
     theirs, blocks = flight
     tracks = _tracks(blocks)
-    good = [m for m in theirs["DISTANCE_SENSOR"] if m.orientation == 25 and 1 <= m.current_distance <= m.max_distance]
+    down = [m for m in theirs["DISTANCE_SENSOR"] if m.orientation == 25]
+    good = [m for m in down if max(m.min_distance, 1) <= m.current_distance < m.max_distance]
     sensor = tracks.get("HeightTrackrangefinder")
     if good:
         assert isinstance(sensor, HeightTrack)
@@ -141,7 +142,7 @@ def test_heights_are_pymavlinks(flight: tuple[dict[str, list[Any]], list[RawBloc
         np.testing.assert_array_equal(sensor.boot_ns, [m.time_boot_ms * 10**6 for m in good])
     else:
         assert sensor is None
-    reports = [m for m in theirs["TERRAIN_REPORT"] if m.spacing and (m.lat or m.lon)]
+    reports = [m for m in theirs["TERRAIN_REPORT"] if m.spacing and (m.lat or m.lon) and m.current_height >= -20]
     terrain = tracks.get("HeightTrackterrain")
     assert (terrain is None) == (not reports)
     if isinstance(terrain, HeightTrack):

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.loading import load_station
 from aerodft.adapters.mavlink.address import is_link
 from aerodft.adapters.mavlink.findings import document, problems
 from aerodft.adapters.mavlink.selection import Followed
@@ -43,6 +44,9 @@ def doctor(
     camera: Annotated[
         Path | None, typer.Option(help="Camera file that the vehicle's reports of its camera are held against.")
     ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="Station configuration that is held against what comes.")
+    ] = None,
     fix: Annotated[
         bool, typer.Option("--fix", help="Ask the vehicle for the messages that are missing or too slow.")
     ] = False,
@@ -57,7 +61,7 @@ def doctor(
     refuses what it is told (test ratios from 1 on); a poor GPS fix, ratios from 0.8 on and more than 10 % of frames
     lost are said with it.
 
-    Example: aerodft doctor flight.tlog --camera camera.toml
+    Example: aerodft doctor flight.tlog --config station.toml
 
     Example: aerodft doctor udpin:14550 --seconds 5 --json
 
@@ -66,7 +70,8 @@ def doctor(
     Example: aerodft doctor udpin:14550 --signing-key vehicle.key
     """
     followed = Followed(system=system, component=component, gimbal=gimbal)
-    reference = None if camera is None else load_camera(camera)
+    station = None if config is None else load_station(config).pipeline
+    reference = load_camera(camera) if camera is not None else None if station is None else station.camera
     fixed: tuple[Fixed, ...] = ()
     if is_link(target):
         signing = None if signing_key is None else SigningSettings(key_file=signing_key)
@@ -74,7 +79,7 @@ def doctor(
     else:
         _check_for_log(target, signing_key, fix=fix)
         report = survey_log(Path(target), followed=followed)
-    report = replace(report, camera=reference)
+    report = replace(report, camera=reference, settings=None if station is None else station.telemetry)
     if as_json:
         asked = {"fix": [each.document() for each in fixed]} if fix else {}
         typer.echo(json.dumps({**document(report), **asked}))

@@ -150,6 +150,23 @@ def test_a_report_now_and_then_holds_until_the_next(fly, bench):
     np.testing.assert_allclose([each.value for each in found], [each.value for each in twice], rtol=1e-6)
 
 
+def test_answers_do_not_depend_on_how_frames_are_cut(bench):
+    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    reports = [(ms, _settings_message(ms, min(ms / 60, 100.0))) for ms in range(0, 6000, 270)]
+    extra = [(bench.host0_ns + ms * MS + 5 * MS, bytes(each.pack(mav))) for ms, each in reports]
+    frames = sorted([*bench.flight(6.0), *extra])
+    images = [bench.image(k, 500 + 150 * k) for k in range(30)]
+    telemetry = replace(bench.settings.telemetry, zoom=ZoomSettings(curve=CURVE))
+
+    def encoded(cuts):
+        made = bench.pipeline(telemetry=telemetry, probes=(WIDTH,))
+        return bench.encoded(bench.run_events(*bench.blocks(frames, cuts), *images, made=made))
+
+    whole = encoded(None)
+    assert any(b'"source":"CAMERA_SETTINGS"' in each for each in whole)
+    assert encoded([10, 50, 51, 200]) == whole
+
+
 def test_a_zoomed_camera_scales_its_covariance():
     """Linear propagation of f' = m f, m uncertain and independent of f, against the definition."""
     camera = Camera.from_fov(name="c", width_px=1920, height_px=1080, hfov_rad=1.1, vfov_rad=0.66)

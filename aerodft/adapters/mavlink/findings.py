@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 from aerodft.adapters.mavlink.ambiguity import senders
+from aerodft.adapters.mavlink.configured import contradictions
 from aerodft.adapters.mavlink.signing_words import signing_document, signing_sentences
 from aerodft.adapters.mavlink.survey_report import USED, SurveyReport, ValueSource
 from aerodft.model.telemetry import ReportFrame
@@ -30,6 +31,7 @@ def problems(report: SurveyReport) -> list[str]:
         *_interruptions(report),
         *_damage(report),
         *report.health.sentences(report.camera),
+        *([] if report.settings is None else contradictions(report, report.settings)),
         *(request.sentence() for request in report.requests),
         *([] if report.signing is None else signing_sentences(report.signing)),
         *report.warnings,

@@ -11,6 +11,7 @@ from aerodft.adapters.mavlink.streams import Stream
 from aerodft.conventions import SECOND_NS
 from aerodft.model.camera import Camera
 from aerodft.service.gimbal_frame import FrameEvidence
+from aerodft.service.settings import TelemetrySettings
 
 # Messages that poses are made of; only their gaps matter.
 USED: Final = frozenset(
@@ -108,6 +109,7 @@ class SurveyReport:
         health: What the vehicle says of itself.
         requests: What it should send more often.
         camera: What the vehicle's reports are held against; None for nothing.
+        settings: What the configuration asks of the telemetry, likewise.
     """
 
     target: str
@@ -131,6 +133,7 @@ class SurveyReport:
     health: HealthSurvey = field(default_factory=HealthSurvey)
     requests: tuple[MessageRequest, ...] = ()
     camera: Camera | None = None
+    settings: TelemetrySettings | None = None
 
     @property
     def usable(self) -> bool:

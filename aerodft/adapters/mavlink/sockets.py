@@ -12,7 +12,7 @@ from aerodft.adapters.mavlink.address import LinkAddress, LinkKind
 from aerodft.adapters.mavlink.datagrams import BatchReader, Reads, read_each, sender_name
 
 _LOG: Final = logging.getLogger(__name__)
-_RECEIVE_BUFFER: Final = 4 << 20
+_RECEIVE_BUFFER: Final = 16 << 20
 _READ: Final = 1 << 16
 _SMALL_BUFFER: Final = 1 << 20
 _RECEIVE_BUFFER_FORCE: Final = 33  # Linux: beyond what the system allows everybody, for who may

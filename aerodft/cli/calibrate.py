@@ -16,7 +16,7 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
 from aerodft.adapters.config.station import FixedPose
 from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
-from aerodft.cli.calibrate_unknowns import check_unknowns, names_from
+from aerodft.cli.calibrate_unknowns import check_unknowns, names_from, unstated
 from aerodft.cli.calibrate_words import document, print_result, refusal, sentences
 from aerodft.cli.camera_mode import check_mode
 from aerodft.cli.output import check_output, print_json, say
@@ -76,7 +76,8 @@ def calibrate(
     check_unknowns(names, found.known, lens, model)
     result = solve_for(found.known, lens, names, model)
     asked = Asked(found, lens, names, model, result)
-    why_not = cause_of_misfit(asked) or refusal(result, found)
+    missing = unstated(result, found.known, found.path, is_written=output is not None)
+    why_not = cause_of_misfit(asked) or missing or refusal(result, found)
     if json:
         print_json(document(result, found, why_not))
     else:

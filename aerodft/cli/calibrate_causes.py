@@ -121,7 +121,7 @@ def _unasked(asked: Asked) -> NoAnswerError | None:
     return NoAnswerError(
         "no calibration",
         where=asked.found.path,
-        got=f"neither {' nor '.join(more)} stated or asked for, and taken as 0",
+        got=f"neither {' nor '.join(more)} stated or asked for",
         expected=f"--unknowns {every}, with which all fits{_fit(trial)}",
     )
 

@@ -1,14 +1,17 @@
 """``--unknowns``: what is to be found, as people write it."""
 
 import difflib
+from pathlib import Path
 from typing import Final
 
-from aerodft.errors import UsageError
+import numpy as np
+
+from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet
 from aerodft.model.measurement import ProjectionModel
-from calibration.result import possible_unknowns, unknowns_of
-from calibration.state import expanded
+from calibration.result import Result, possible_unknowns, said, unknowns_of
+from calibration.state import Unknowns, expanded
 
 _OPTION: Final = "--unknowns"
 _UNITS: Final = ("_agl_m", "_m", "_deg", "_px")
@@ -56,6 +59,34 @@ def check_unknowns(names: tuple[str, ...], known: EvidenceSet, camera: Camera, m
         unknowns_of(names, known, camera, model)
     except ValueError as error:
         raise UsageError(_OPTION, got=str(error).removeprefix("got ")) from None
+
+
+def unstated(result: Result, known: EvidenceSet, where: Path, *, is_written: bool) -> NoAnswerError | None:
+    """A height or tilt that nobody stated or asked for; None where nothing needs it.
+
+    A roll, a heading or a place may be taken as 0, but nobody hangs at no height and looks in no direction.
+
+    Args:
+        result: The calibration, made with a guess of it.
+        known: What is known beforehand, with what is stated as exact.
+        where: The file of evidence, for the sentence.
+        is_written: The pose goes into a file, which needs both.
+    """
+    names = result.problem.unknowns.names
+    for name in ("height", "tilt"):
+        if name in names or name in known.priors:
+            continue
+        state = result.solution.state
+        found = result.problem.observed(state, Unknowns((name,)).by_unknowns(state))
+        if is_written or (found is not None and np.any(found.by_unknowns)):
+            every = ",".join((*names, name))
+            return NoAnswerError(
+                "no calibration",
+                where=where,
+                got=f"a {name} that is neither stated nor asked for",
+                expected=f"{said(name)[0]} under [camera], or --unknowns {every}",
+            )
+    return None
 
 
 def _suggestion(wrong: str, possible: tuple[str, ...]) -> str:

@@ -255,3 +255,33 @@ def test_noise_five_times_as_large_as_stated_is_nobodys_mistake(tmp_path, seed):
     assert run.code == 0, run.err
     assert output.is_file()
     assert abs(run.json["parameters"]["tilt_deg"]["value"] - TILT_DEG) < 1.0
+
+
+RANGES = "".join(
+    f"[[range]]\npixel = [{u}.0, {v}.0]\nrange_m = {range_m}\nstd_m = 0.05\n"
+    for u, v, range_m in ((960, 500, 24.9), (960, 800, 17.9), (500, 800, 18.6))
+)
+HORIZON = "[[horizon]]\npixels = [[0.0, -300.0], [1919.0, -320.0]]\n"
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "sentence"),
+    [
+        ("height", "got a tilt that is neither stated nor asked for, expected tilt_deg under [camera]"),
+        ("tilt", "got a height that is neither stated nor asked for, expected height_agl_m under [camera]"),
+    ],
+)
+def test_no_height_and_no_tilt_is_made_up(tmp_path, unknowns, sentence):
+    refused(tmp_path, LOCAL + RANGES, 4, sentence, f"--unknowns {unknowns}", unknowns=unknowns)
+
+
+def test_a_horizon_tells_tilt_and_roll_at_any_height_but_no_pose_for_a_file(tmp_path):
+    refused(tmp_path, LOCAL + HORIZON, 4, "got a height that is neither stated", unknowns="tilt,roll")
+    evidence, lens = tmp_path / "evidence.toml", tmp_path / "camera.toml"
+    run = run_aerodft("calibrate", evidence, "--camera", lens, "--unknowns", "tilt,roll", "--json")
+    assert run.code == 0, run.err
+    assert set(run.json["parameters"]) == {"tilt_deg", "roll_deg"}
+    stated = camera("height_agl_m = 12.0")
+    run, output = calibrate(tmp_path, LOCAL + HORIZON + stated, unknowns="tilt,roll")
+    assert run.code == 0, run.err
+    assert output.is_file()

@@ -105,8 +105,8 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG00
     raise SystemExit(128 + number)
 
 
-def _run(arguments: list[str]) -> None:
-    """Run a command line, with its misuse as one sentence."""
+def _run(arguments: list[str]) -> NoReturn:
+    """Run a command line and exit, with its misuse as one sentence."""
     try:
         code = build_app(arguments)(arguments, standalone_mode=False)
     except TyperException as error:
@@ -117,8 +117,7 @@ def _run(arguments: list[str]) -> None:
         raise misuse from None
     except typer.Abort:
         raise SystemExit(_INTERRUPTED) from None
-    if code:
-        raise SystemExit(code)
+    raise SystemExit(code or 0)
 
 
 def main() -> None:

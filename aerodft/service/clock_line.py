@@ -15,6 +15,8 @@ JUMP_NS: Final = SECOND_NS // 10
 _CONFIRMATIONS: Final = 3  # samples that must agree before a jump is believed
 _UTC_SAMPLES: Final = 64
 _MIN_DRIFT_SPAN_NS: Final = 3 * SECOND_NS  # SYSTEM_TIME counts boot time in whole milliseconds
+_WHOLE_NS: Final = 2_000_000  # that is no outlier
+_FAR: Final = 4.5  # times the median deviation: three standard deviations
 _WINDOW_S: Final = 120  # over which the fastest messages are looked for
 _MIN_DELAY_SPAN_S: Final = 30  # a radio's fastest messages in shorter times differ by more than clocks drift
 _MAX_DELAY_DRIFT: Final = 5e-4  # more is a link that becomes slower or faster, not a clock
@@ -41,13 +43,20 @@ class Line:
 
 
 def robust_line(own_ns: IntArray, offset_ns: IntArray) -> Line:
-    """The line through samples ``(n,)``, of which up to a quarter may be wrong (Theil 1950, Sen 1968)."""
-    x, y = own_ns - own_ns[-1], offset_ns - offset_ns[-1]
-    drift = 0.0
-    if x[-1] - x[0] >= _MIN_DRIFT_SPAN_NS:
-        before, after = np.triu_indices(len(x), 1)
-        drift = float(np.median((y[after] - y[before]) / (x[after] - x[before])))
-    return Line(int(own_ns[-1]), int(offset_ns[-1]) + round(float(np.median(y - drift * x))), drift)
+    """The line through samples ``(n,)``, of which up to a quarter may be wrong.
+
+    Medians (Theil 1950, Sen 1968) find those that agree, and least squares go through these: medians alone stick to the
+    whole milliseconds of the samples.
+    """
+    x, y = (own_ns - own_ns[-1]).astype(np.float64), (offset_ns - offset_ns[-1]).astype(np.float64)
+    if x[-1] - x[0] < _MIN_DRIFT_SPAN_NS:
+        return Line(int(own_ns[-1]), int(offset_ns[-1]) + round(float(np.median(y))))
+    before, after = np.triu_indices(len(x), 1)
+    drift = float(np.median((y[after] - y[before]) / (x[after] - x[before])))
+    off = np.abs(y - drift * x - np.median(y - drift * x))
+    near = off <= max(_WHOLE_NS, _FAR * float(np.median(off)))
+    drift, offset = np.polynomial.polynomial.polyfit(x[near], y[near], 1)[::-1].tolist()
+    return Line(int(own_ns[-1]), int(offset_ns[-1]) + round(offset), drift)
 
 
 def line_below(own_ns: FloatArray, offset_ns: FloatArray) -> tuple[float, float]:

@@ -80,8 +80,9 @@ class HeightSamples:
         north, east, down = (beams[0] + found.weight * (beams[1] - beams[0])).tolist()
         if down <= 0:
             return Missing.STALE  # it looks up
-        lean_m = math.hypot(north, east) * self._lean_std_rad
-        return Vertical(down, math.hypot(std_m, lean_m), (east, north))
+        level_m = math.hypot(north, east)
+        upright = down / math.hypot(level_m, down)
+        return Vertical(down, math.hypot(upright * std_m, level_m * self._lean_std_rad), (east, north))
 
     def _std_m(self, found: Bracket) -> float:
         """The larger of the stated and the reported one, and what a step between two samples adds.

@@ -105,12 +105,14 @@ class ClockMap:
             self._forget()
         arrived_ns = max((int(track.arrival_ns[-1]) for track in followed), default=0)
         before_ns, host_before_ns = self._boot_to_utc_ns(), self.host_to_utc(arrived_ns)
+        was_known = self.is_utc_known
         self._learn(followed)
+        least_ns = JUMP_NS if was_known or not self.is_utc_known else 0
         return Heard(
             tracks=followed,
             restarted=restarted,
-            shift_ns=0 if restarted else _jump(before_ns, self._boot_to_utc_ns()),
-            host_shift_ns=_jump(host_before_ns, self.host_to_utc(arrived_ns)),
+            shift_ns=0 if restarted else _change(before_ns, self._boot_to_utc_ns(), least_ns),
+            host_shift_ns=_change(host_before_ns, self.host_to_utc(arrived_ns), least_ns),
         )
 
     def host_to_utc(self, host_ns: int) -> int:
@@ -182,7 +184,7 @@ class ClockMap:
         self._stated, self._host_minus_boot = StatedLine(), DelayedLine()
 
 
-def _jump(before_ns: int | None, after_ns: int | None) -> int:
-    """By how much an offset jumped; 0 where it did not."""
+def _change(before_ns: int | None, after_ns: int | None, least_ns: int) -> int:
+    """By how much an offset changed; 0 where that is not more than ``least_ns``."""
     change_ns = 0 if before_ns is None or after_ns is None else after_ns - before_ns
-    return change_ns if abs(change_ns) > JUMP_NS else 0
+    return change_ns if abs(change_ns) > least_ns else 0

@@ -33,7 +33,7 @@ def test_people_get_tables_and_sentences(flight: Path) -> None:
     result = CliRunner().invoke(app, [str(flight)])
     assert result.exit_code == 0
     assert "GIMBAL_DEVICE_ATTITUDE_STATUS" in result.stdout
-    assert "rangefinder says 0.02 m at its lowest" in result.stdout
+    assert "rangefinder says 0.22 m at its lowest" in result.stdout
 
 
 def test_unreadable_and_useless_input(tmp_path: Path) -> None:

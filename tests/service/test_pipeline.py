@@ -12,6 +12,7 @@ from aerodft.dft.measure import Request
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.batch import Batch
 from aerodft.model.calibration import Calibration
+from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
@@ -192,3 +193,25 @@ def test_a_batch_is_the_same_whatever_order_its_events_are_given_in(bench):
 def frames_of(block):
     spans = zip(block.offset, block.length, strict=True)
     return [block.data[start : start + size] for start, size in spans]
+
+
+def test_a_switch_of_the_heights_source_is_an_event_with_its_step(bench):
+    """The rangefinder (50 m, slant on a vehicle that leans) falls silent; home-relative heights say 50 m too."""
+    silent_ns, distance_sensor = bench.host0_ns + 2_000 * MS, b"\x84\x00\x00"
+    frames = [(at, raw) for at, raw in bench.flight(6.0) if raw[7:10] != distance_sensor or at < silent_ns]
+    images = [bench.image(k, 500 * k + 40) for k in range(11)]
+    outputs = bench.run_events(*bench.blocks(frames), *images)
+    (switch,) = [item for item in outputs if isinstance(item, HeightSwitch)]
+    sources = [sample.height_source for sample in bench.poses(outputs) if sample.height_source]
+    assert sources == sorted(sources, key=lambda source: source is HeightSource.HOME)
+    first = next(sample for sample in bench.poses(outputs) if sample.height_source is HeightSource.HOME)
+    assert (switch.stamp_ns, switch.before, switch.after) == (
+        first.stamp_ns,
+        HeightSource.RANGEFINDER,
+        HeightSource.HOME,
+    )
+    k = (switch.step.stamp_ns - bench.utc0_ns) // (100 * MS)
+    slant_m, home_m = 50.0 + 0.01 * k, 50.0 + 0.01 * k
+    leaning = math.cos(0.02) * math.cos(-0.1 + 0.01 * math.sin(k))
+    assert switch.step.step_m == pytest.approx(home_m - slant_m * leaning, abs=1e-4)
+    assert outputs.index(switch) < outputs.index(first)

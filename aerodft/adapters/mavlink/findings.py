@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from aerodft.adapters.mavlink.ambiguity import senders
 from aerodft.adapters.mavlink.configured import contradictions
+from aerodft.adapters.mavlink.contradictions import clock_document, clock_sentences
 from aerodft.adapters.mavlink.signing_words import signing_document, signing_sentences
 from aerodft.adapters.mavlink.survey_report import USED, SurveyReport, ValueSource
 from aerodft.model.telemetry import ReportFrame
@@ -27,7 +28,9 @@ def problems(report: SurveyReport) -> list[str]:
         *_missing(report),
         *_doubtful(report),
         *_frames(report),
+        *report.height_pairs.sentences(),
         *_clock(report),
+        *clock_sentences(report.clock_health),
         *_interruptions(report),
         *_damage(report),
         *report.health.sentences(report.camera),
@@ -165,7 +168,9 @@ def document(report: SurveyReport) -> dict[str, Any]:
         "clock": {
             "utc_known_after_s": report.clock.known_after_s,
             "host_minus_utc_s": report.clock.host_minus_utc_s,
+            **clock_document(report.clock_health),
         },
+        "height_differences": report.height_pairs.documents(),
         "gaps": [{"message": gap.message, "start_s": gap.start_s, "duration_s": gap.duration_s} for gap in report.gaps],
         "followed": {"system": report.system, "component": report.component},
         "systems": list(report.systems),

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
+from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
 from aerodft.adapters.mavlink.requests import wanted
@@ -76,6 +77,7 @@ class Survey:
         self._attitudes: dict[str, _Range] = {}
         self._vehicle = _Range("deg")
         self._frames = PoseSource(TelemetrySettings(), origin=None, time_std_s=0.0)
+        self._pairs = HeightPairs()
         self._rangefinder = _Range("m")
         self._clock = _Clock()
         self._health = HealthSurvey()
@@ -92,6 +94,7 @@ class Survey:
         for rows in _short(block):
             tracks = self._decoder.decode(rows)
             self._frames.append(tracks)
+            self._pairs.add(self._frames.height_differences())
             for track in tracks:
                 self._add_track(track)
         self._table.add(block, self._decoder.dataflash.formats)
@@ -136,6 +139,8 @@ class Survey:
             frames={str(source): evidence for source, evidence in self._frames.gimbal_frames().items()},
             vehicle_attitude=next(iter(_sources({"vehicle": self._vehicle})), None),
             clock=self._clock_summary(),
+            clock_health=self._frames.clock.health,
+            height_pairs=self._pairs,
             gaps=tuple(gap for stream in streams if stream.name in USED for gap in self._gaps(stream)),
             system=vehicle.system,
             component=vehicle.component,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Final
 
+from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
 from aerodft.adapters.mavlink.requests import MessageRequest
@@ -12,6 +13,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.camera import Camera
 from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.settings import TelemetrySettings
+from aerodft.service.timing import ClockHealth
 
 # Messages that poses are made of; only their gaps matter.
 USED: Final = frozenset(
@@ -97,6 +99,8 @@ class SurveyReport:
         frames: What each of those is against, told from its reports, by its name.
         vehicle_attitude: The vehicle's own attitude, enough for a camera that is fixed to it.
         clock: UTC.
+        clock_health: Jumps, reboots and second clocks.
+        height_pairs: Sources of the height against each other.
         gaps: Silences in used streams.
         system: The system that is followed; None where no vehicle was heard, or in an on-board log.
         component: Its autopilot's component, likewise.
@@ -121,6 +125,8 @@ class SurveyReport:
     frames: dict[str, FrameEvidence]
     vehicle_attitude: ValueSource | None
     clock: ClockSummary
+    clock_health: ClockHealth
+    height_pairs: HeightPairs
     gaps: tuple[Gap, ...]
     system: int | None
     component: int | None

@@ -38,11 +38,11 @@ imports: $(INSTALLED)
 	$(BIN)/lint-imports
 
 unit: $(INSTALLED)
-	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist worksteal --benchmark-disable -q
+	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
 
 # Twice as slow as without.
 coverage: $(INSTALLED)
-	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist worksteal --benchmark-disable --cov --cov-report=term:skip-covered -q
+	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable --cov --cov-report=term:skip-covered -q
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_query.py

@@ -1,10 +1,25 @@
 """The JSON Schemas (draft 2020-12) of all payloads; ``docs/schema`` holds them as files, MCAP channels carry them."""
 
-from typing import Any, Final
+from typing import Final
 
 import orjson
 
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
+from aerodft.adapters.codec.schema_parts import (
+    INTEGER,
+    NUMBER,
+    STAMP,
+    STAMP_OR_NULL,
+    TEXT,
+    TEXT_OR_NULL,
+    Schema,
+    document,
+    list_of,
+    object_of,
+    one_of,
+    or_null,
+    said,
+)
 from aerodft.model.image import StampClock
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GimbalSource, HeightSource
@@ -13,204 +28,149 @@ from aerodft.model.status import Status
 from aerodft.model.steadiness import Steadiness
 from aerodft.model.zoom import ZoomSource
 
-Schema = dict[str, Any]
-
-_NUMBER: Final[Schema] = {"type": ["number", "null"]}
-_INTEGER: Final[Schema] = {"type": ["integer", "null"]}
-_TEXT: Final[Schema] = {"type": "string"}
-_TEXT_OR_NULL: Final[Schema] = {"type": ["string", "null"]}
-_STAMP: Final[Schema] = {
-    "type": "string",
-    "pattern": "^-?[0-9]+$",
-    "description": "Nanoseconds UTC as a decimal string, because 64 bits do not survive other languages' numbers",
-}
-_STAMP_OR_NULL: Final[Schema] = {**_STAMP, "type": ["string", "null"]}
-
-
-def _said(schema: Schema, description: str) -> Schema:
-    return {**schema, "description": description}
-
-
-def _one_of(
-    values: type[
-        ProbeKind | Status | ProjectionModel | HeightSource | GimbalSource | StampClock | Steadiness | ZoomSource
-    ],
-) -> Schema:
-    return {"enum": [member.value for member in values]}
-
-
-def _or_null(schema: Schema) -> Schema:
-    if "enum" in schema:
-        return {**schema, "enum": [*schema["enum"], None]}
-    return {**schema, "type": [schema["type"], "null"]}
-
-
-def _list(items: Schema, *, length: int | None = None) -> Schema:
-    size = {} if length is None else {"minItems": length, "maxItems": length}
-    return {"type": "array", "items": items, **size}
-
-
-def _object(properties: Schema) -> Schema:
-    return {
-        "type": "object",
-        "properties": properties,
-        "required": list(properties),
-        "additionalProperties": False,
-    }
-
-
-def _document(name: str, title: str, properties: Schema) -> Schema:
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": f"urn:{name.replace('/', ':')}",
-        "title": title,
-        **_object({"schema": {"const": name}, **properties, "software": _TEXT}),
-    }
-
-
-_PIXELS = _said(_list(_list(_NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
-_POINTS = _or_null(_list(_list(_NUMBER, length=3)))
-_GEO = {"lat": _NUMBER, "lon": _NUMBER, "alt_msl_m": _NUMBER}
-_SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), _NUMBER)
+_PIXELS = said(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
+_POINTS = or_null(list_of(list_of(NUMBER, length=3)))
+_GEO = {"lat": NUMBER, "lon": NUMBER, "alt_msl_m": NUMBER}
+_SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), NUMBER)
 _SUMMARY = {
-    "height_agl_m": _said(
-        _NUMBER, "Above what height_datum says: the measured plane, or the ground right below the camera"
+    "height_agl_m": said(
+        NUMBER, "Above what height_datum says: the measured plane, or the ground right below the camera"
     ),
-    "height_source": _or_null(_one_of(HeightSource)),
-    "height_datum": _TEXT_OR_NULL,
-    "height_age_s": _said(_NUMBER, "From the stamp to the nearest sample of that source"),
-    "tilt_deg": _said(_NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
-    "roll_deg": _said(_NUMBER, "About the optical axis; above 0 with the camera's right side down"),
-    "heading_deg": _said(_NUMBER, "Clockwise from true north"),
-    "lat": _NUMBER,
-    "lon": _NUMBER,
-    "telemetry_age_s": _NUMBER,
+    "height_source": or_null(one_of(HeightSource)),
+    "height_datum": TEXT_OR_NULL,
+    "height_age_s": said(NUMBER, "From the stamp to the nearest sample of that source"),
+    "tilt_deg": said(NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
+    "roll_deg": said(NUMBER, "About the optical axis; above 0 with the camera's right side down"),
+    "heading_deg": said(NUMBER, "Clockwise from true north"),
+    "lat": NUMBER,
+    "lon": NUMBER,
+    "telemetry_age_s": NUMBER,
 }
 
-MEASUREMENT: Final = _document(
+MEASUREMENT: Final = document(
     measurement.SCHEMA,
     "One measurement, or why there is none",
     {
-        "name": _said(_TEXT, "The probe"),
-        "kind": _one_of(ProbeKind),
-        "value": _said(_NUMBER, "Null unless the status is ok"),
-        "unit": _TEXT,
-        "std": _NUMBER,
-        "ci95": _or_null(_list(_NUMBER, length=2)),
-        "ellipse95": _or_null(_object({"semi_major_m": _NUMBER, "semi_minor_m": _NUMBER, "azimuth_deg": _NUMBER})),
-        "status": _one_of(Status),
-        "reasons": _list(_TEXT),
+        "name": said(TEXT, "The probe"),
+        "kind": one_of(ProbeKind),
+        "value": said(NUMBER, "Null unless the status is ok"),
+        "unit": TEXT,
+        "std": NUMBER,
+        "ci95": or_null(list_of(NUMBER, length=2)),
+        "ellipse95": or_null(object_of({"semi_major_m": NUMBER, "semi_minor_m": NUMBER, "azimuth_deg": NUMBER})),
+        "status": one_of(Status),
+        "reasons": list_of(TEXT),
         "pixels": _PIXELS,
-        "std_px": _NUMBER,
-        "ground_m": _said(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
-        "enu_m": _said(_POINTS, "East, north, up of the station's origin"),
-        "cov_enu_m2": _said(_or_null(_list(_list(_NUMBER, length=3), length=3)), "Of the first point"),
-        "geo": _or_null(_list(_object(_GEO))),
-        "range_m": _or_null(_list(_NUMBER)),
-        "stamp_ns": _STAMP,
-        "image": _INTEGER,
-        "model": _one_of(ProjectionModel),
-        "camera": _TEXT,
-        "calibration": _TEXT_OR_NULL,
-        "config": _TEXT_OR_NULL,
-        "pose": _object({**_SUMMARY, "std": _object(_SUMMARY_STD)}),
+        "std_px": NUMBER,
+        "ground_m": said(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
+        "enu_m": said(_POINTS, "East, north, up of the station's origin"),
+        "cov_enu_m2": said(or_null(list_of(list_of(NUMBER, length=3), length=3)), "Of the first point"),
+        "geo": or_null(list_of(object_of(_GEO))),
+        "range_m": or_null(list_of(NUMBER)),
+        "stamp_ns": STAMP,
+        "image": INTEGER,
+        "model": one_of(ProjectionModel),
+        "camera": TEXT,
+        "calibration": TEXT_OR_NULL,
+        "config": TEXT_OR_NULL,
+        "pose": object_of({**_SUMMARY, "std": object_of(_SUMMARY_STD)}),
     },
 )
 
-POSE: Final = _document(
+POSE: Final = document(
     pose.SCHEMA,
     "The camera's pose at one stamp, or why there is none",
     {
-        "stamp_ns": _STAMP,
-        "status": _one_of(Status),
-        "reasons": _list(_TEXT),
+        "stamp_ns": STAMP,
+        "status": one_of(Status),
+        "reasons": list_of(TEXT),
         **_SUMMARY,
-        "std": _object({**_SUMMARY_STD, "horizontal_m": _NUMBER, "time_s": _NUMBER}),
-        "alt_msl_m": _NUMBER,
-        "attitude_source": _or_null(_one_of(GimbalSource)),
-        "calibration": _TEXT_OR_NULL,
-        "zoom": _said(
-            _or_null(_object({"magnification": _NUMBER, "std": _NUMBER, "source": _one_of(ZoomSource)})),
+        "std": object_of({**_SUMMARY_STD, "horizontal_m": NUMBER, "time_s": NUMBER}),
+        "alt_msl_m": NUMBER,
+        "attitude_source": or_null(one_of(GimbalSource)),
+        "calibration": TEXT_OR_NULL,
+        "zoom": said(
+            or_null(object_of({"magnification": NUMBER, "std": NUMBER, "source": one_of(ZoomSource)})),
             "Focal length over that of the camera file, where the vehicle's reports are followed",
         ),
-        "position_enu_m": _or_null(_list(_NUMBER, length=3)),
-        "wxyz": _said(_or_null(_list(_NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
-        "cov": _said(
-            _or_null(_list(_list(_NUMBER, length=6), length=6)),
+        "position_enu_m": or_null(list_of(NUMBER, length=3)),
+        "wxyz": said(or_null(list_of(NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
+        "cov": said(
+            or_null(list_of(list_of(NUMBER, length=6), length=6)),
             "Position (ENU, m^2), then a small rotation in camera axes (rad^2)",
         ),
-        "velocity_enu_mps": _or_null(_list(_NUMBER, length=3)),
-        "rate_cam_radps": _or_null(_list(_NUMBER, length=3)),
-        "time_std_s": _NUMBER,
-        "origin": _or_null(_object(_GEO)),
+        "velocity_enu_mps": or_null(list_of(NUMBER, length=3)),
+        "rate_cam_radps": or_null(list_of(NUMBER, length=3)),
+        "time_std_s": NUMBER,
+        "origin": or_null(object_of(_GEO)),
     },
 )
 
-IMAGE: Final = _document(
+IMAGE: Final = document(
     events.IMAGE_SCHEMA,
     "An image's stamps and size",
     {
         "index": {"type": "integer"},
-        "stamp_ns": _STAMP,
-        "arrival_ns": _STAMP,
-        "clock": _said(_one_of(StampClock), "Whose clock the stamp is from"),
-        "width_px": _INTEGER,
-        "height_px": _INTEGER,
+        "stamp_ns": STAMP,
+        "arrival_ns": STAMP,
+        "clock": said(one_of(StampClock), "Whose clock the stamp is from"),
+        "width_px": INTEGER,
+        "height_px": INTEGER,
     },
 )
 
-OBSERVATION: Final = _document(
+OBSERVATION: Final = document(
     events.OBSERVATION_SCHEMA,
     "One probe's pixels at one stamp",
     {
-        "name": _said(_TEXT, "The probe"),
-        "stamp_ns": _STAMP,
-        "arrival_ns": _STAMP,
-        "clock": _one_of(StampClock),
+        "name": said(TEXT, "The probe"),
+        "stamp_ns": STAMP,
+        "arrival_ns": STAMP,
+        "clock": one_of(StampClock),
         "pixels": _PIXELS,
-        "std_px": _NUMBER,
-        "image": _INTEGER,
-        "source": _TEXT,
+        "std_px": NUMBER,
+        "image": INTEGER,
+        "source": TEXT,
     },
 )
 
-_BIAS = _object({"value": _NUMBER, "std": _NUMBER})
-_PAIR = _or_null(_list(_NUMBER, length=2))
+_BIAS = object_of({"value": NUMBER, "std": NUMBER})
+_PAIR = or_null(list_of(NUMBER, length=2))
 
-CALIBRATION_ESTIMATE: Final = _document(
+CALIBRATION_ESTIMATE: Final = document(
     estimate.SCHEMA,
     "What is to be added to the telemetry, after the landmarks of one image",
     {
-        "stamp_ns": _said(_STAMP, "Of the image that they were seen in"),
-        "calibration": _said(_TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
-        "height_source": _or_null(_one_of(HeightSource)),
-        "bias": _object(
+        "stamp_ns": said(STAMP, "Of the image that they were seen in"),
+        "calibration": said(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+        "height_source": or_null(one_of(HeightSource)),
+        "bias": object_of(
             {
-                "height_m": _said(_BIAS, "Of the height source in use"),
+                "height_m": said(_BIAS, "Of the height source in use"),
                 "east_m": _BIAS,
                 "north_m": _BIAS,
-                "tilt_deg": _said(_BIAS, "About the camera's x axis; raises the tilt"),
-                "pan_deg": _said(_BIAS, "About its y axis"),
-                "roll_deg": _said(_BIAS, "About its z axis"),
-                "heading_deg": _said(_BIAS, "About the vertical, clockwise"),
-                "time_s": _said(_BIAS, "Of the images' stamps"),
+                "tilt_deg": said(_BIAS, "About the camera's x axis; raises the tilt"),
+                "pan_deg": said(_BIAS, "About its y axis"),
+                "roll_deg": said(_BIAS, "About its z axis"),
+                "heading_deg": said(_BIAS, "About the vertical, clockwise"),
+                "time_s": said(_BIAS, "Of the images' stamps"),
             }
         ),
-        "innovations": _list(
-            _object(
+        "innovations": list_of(
+            object_of(
                 {
-                    "name": _said(_TEXT, "The landmark"),
-                    "px": _said(_PAIR, "Observed minus expected pixel"),
-                    "sigma_px": _said(_PAIR, "Standard deviations of the two"),
-                    "chi2": _said(_NUMBER, "Squared distance in standard deviations, of two degrees of freedom"),
+                    "name": said(TEXT, "The landmark"),
+                    "px": said(_PAIR, "Observed minus expected pixel"),
+                    "sigma_px": said(_PAIR, "Standard deviations of the two"),
+                    "chi2": said(NUMBER, "Squared distance in standard deviations, of two degrees of freedom"),
                     "accepted": {"type": "boolean"},
-                    "reason": _said(_TEXT_OR_NULL, "Why it was refused"),
+                    "reason": said(TEXT_OR_NULL, "Why it was refused"),
                 }
             )
         ),
-        "updates": _said({"type": "integer"}, "Landmarks used since the start"),
-        "refused": _said({"type": "integer"}, "Landmarks refused since the start"),
-        "restarts": _said({"type": "integer"}, "How often nearly all were refused, and the estimate began anew"),
+        "updates": said({"type": "integer"}, "Landmarks used since the start"),
+        "refused": said({"type": "integer"}, "Landmarks refused since the start"),
+        "restarts": said({"type": "integer"}, "How often nearly all were refused, and the estimate began anew"),
     },
 )
 
@@ -220,76 +180,76 @@ _TURN = {
     "roll_deg": "About its z axis; clockwise, seen from behind",
 }
 
-STEADINESS: Final = _document(
+STEADINESS: Final = document(
     steadiness.SCHEMA,
     "Whether a fixed camera still looks where it looked, after one look at its steady points",
     {
-        "stamp_ns": _said(_STAMP, "Of the image that was looked at"),
-        "state": _one_of(Steadiness),
-        "since_ns": _said(_STAMP, "The first look in this state"),
-        "moved_ns": _said(_STAMP_OR_NULL, "The first look that saw the camera where it rests by now, beyond the limit"),
-        "angle_deg": _said(_NUMBER, "By how much it has turned, about whichever axis"),
-        "turn": _object({name: _said(_BIAS, what) for name, what in _TURN.items()}),
-        "look": _said(_or_null(_object(dict.fromkeys(_TURN, _NUMBER))), "This look alone; null where it did not tell"),
-        "points": _said({"type": "integer"}, "Found again"),
-        "agreeing": _said({"type": "integer"}, "Those that the turn explains"),
-        "std_px": _said(_NUMBER, "Of one coordinate of these"),
-        "calibration": _said(_TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+        "stamp_ns": said(STAMP, "Of the image that was looked at"),
+        "state": one_of(Steadiness),
+        "since_ns": said(STAMP, "The first look in this state"),
+        "moved_ns": said(STAMP_OR_NULL, "The first look that saw the camera where it rests by now, beyond the limit"),
+        "angle_deg": said(NUMBER, "By how much it has turned, about whichever axis"),
+        "turn": object_of({name: said(_BIAS, what) for name, what in _TURN.items()}),
+        "look": said(or_null(object_of(dict.fromkeys(_TURN, NUMBER))), "This look alone; null where it did not tell"),
+        "points": said({"type": "integer"}, "Found again"),
+        "agreeing": said({"type": "integer"}, "Those that the turn explains"),
+        "std_px": said(NUMBER, "Of one coordinate of these"),
+        "calibration": said(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
     },
 )
 
-_NUMBERS: Final[Schema] = {"type": "object", "additionalProperties": _NUMBER}
-_HEALTH = _object(
+_NUMBERS: Final[Schema] = {"type": "object", "additionalProperties": NUMBER}
+_HEALTH = object_of(
     {
-        "heartbeat_age_s": _NUMBER,
-        "gps": _object(
+        "heartbeat_age_s": NUMBER,
+        "gps": object_of(
             {
-                "fix": _said(_INTEGER, "GPS_FIX_TYPE: 3 and more are three-dimensional"),
-                "age_s": _NUMBER,
-                "satellites": _INTEGER,
-                "horizontal_std_m": _NUMBER,
-                "vertical_std_m": _NUMBER,
+                "fix": said(INTEGER, "GPS_FIX_TYPE: 3 and more are three-dimensional"),
+                "age_s": NUMBER,
+                "satellites": INTEGER,
+                "horizontal_std_m": NUMBER,
+                "vertical_std_m": NUMBER,
             }
         ),
-        "estimator": _object(
+        "estimator": object_of(
             {
                 "has_attitude": {"type": ["boolean", "null"]},
-                "test_ratios": _said(_NUMBERS, "Innovations over their gates: from 1 on the estimator refuses them"),
+                "test_ratios": said(_NUMBERS, "Innovations over their gates: from 1 on the estimator refuses them"),
             }
         ),
-        "link": _said(
-            _object({"received": {"type": "integer"}, "lost": {"type": "integer"}}),
+        "link": said(
+            object_of({"received": {"type": "integer"}, "lost": {"type": "integer"}}),
             "The autopilot's frames over the last 10 s",
         ),
-        "ages_s": _said(_NUMBERS, "Since the newest telemetry of each kind"),
+        "ages_s": said(_NUMBERS, "Since the newest telemetry of each kind"),
     }
 )
 
-HEIGHT_SWITCH: Final = _document(
+HEIGHT_SWITCH: Final = document(
     height.SCHEMA,
     "From this stamp on heights are of another source",
     {
-        "stamp_ns": _said(_STAMP, "Of the first pose with the new source"),
-        "before": _one_of(HeightSource),
-        "after": _one_of(HeightSource),
-        "step_m": _said(_NUMBER, "The new source minus the old one; null where they never spoke at one time"),
-        "std_m": _said(_NUMBER, "Of the step, by what is stated of the two"),
-        "before_m": _said(_NUMBER, "What the old source said then"),
-        "after_m": _said(_NUMBER, "What the new source said then"),
-        "compared_ns": _said(_STAMP_OR_NULL, "When the two were compared: the last time that the old one spoke"),
+        "stamp_ns": said(STAMP, "Of the first pose with the new source"),
+        "before": one_of(HeightSource),
+        "after": one_of(HeightSource),
+        "step_m": said(NUMBER, "The new source minus the old one; null where they never spoke at one time"),
+        "std_m": said(NUMBER, "Of the step, by what is stated of the two"),
+        "before_m": said(NUMBER, "What the old source said then"),
+        "after_m": said(NUMBER, "What the new source said then"),
+        "compared_ns": said(STAMP_OR_NULL, "When the two were compared: the last time that the old one spoke"),
     },
 )
 
-STATUS: Final = _document(
+STATUS: Final = document(
     status.SCHEMA,
     "What a station is doing",
     {
-        "station": _TEXT,
-        "stamp_ns": _STAMP,
+        "station": TEXT,
+        "stamp_ns": STAMP,
         "state": {"enum": list(status.STATES)},
-        "text": _TEXT,
+        "text": TEXT,
         "counts": {"type": "object", "additionalProperties": {"type": "integer"}},
-        "health": _said(_or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
+        "health": said(or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
     },
 )
 

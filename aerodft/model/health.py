@@ -64,7 +64,7 @@ class Health:
     """What is known at one stamp; None for what was never said.
 
     Attributes:
-        heartbeat_age_s: Since the autopilot's last HEARTBEAT.
+        heartbeat_age_s: Since the autopilot's last HEARTBEAT, or since the link spoke again after a silence.
         gps_fix: GPS_FIX_TYPE.
         gps_age_s: Since it was said.
         satellites: Number of satellites.

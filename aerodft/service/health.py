@@ -44,13 +44,17 @@ class HealthSources:
         self._kinds: dict[str, Stream] = {}
         self._heartbeat, self._gps = Stream(settings.heartbeat_ns), Stream(settings.gps_ns)
         self._estimator, self._link = Stream(settings.heartbeat_ns), Stream(settings.window_ns)
+        self._resumed = Stream(settings.heartbeat_ns)  # when all had been silent before
+        self._newest_ns: int | None = None
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, to be forgotten or moved when clocks jump."""
-        return (self._heartbeat, self._gps, self._estimator, self._link, *self._kinds.values())
+        return (self._heartbeat, self._gps, self._estimator, self._link, self._resumed, *self._kinds.values())
 
     def append(self, track: Track, stamps_ns: IntArray) -> None:
         """Take a track in, whatever it is of."""
+        if len(stamps_ns):
+            self._note_silence(stamps_ns)
         match track:
             case HeartbeatTrack():
                 self._heartbeat.append(stamps_ns)
@@ -70,6 +74,13 @@ class HealthSources:
                 return
         self._kinds.setdefault(_name(track), Stream(self._settings.heartbeat_ns)).append(stamps_ns)
 
+    def _note_silence(self, stamps_ns: IntArray) -> None:
+        """A link that was dead, or a clock that was set, is no autopilot without heartbeat: that counts from there."""
+        first_ns = int(stamps_ns[0])
+        if self._newest_ns is not None and first_ns > self._newest_ns + self._settings.heartbeat_ns:
+            self._resumed.append(stamps_ns[:1])
+        self._newest_ns = max(int(stamps_ns[-1]), self._newest_ns or 0)
+
     def at(self, stamp_ns: int) -> Health:
         """What was known at a stamp: nothing later than it."""
         gps, estimator = _last(self._gps, stamp_ns), _last(self._estimator, stamp_ns)
@@ -77,8 +88,9 @@ class HealthSources:
         fix = None if gps is None else int(self._gps.column("fix")[gps.row])
         ratios = self._estimator.column("ratios")[estimator.row].tolist() if fresh and estimator else ()
         received, lost = self._link_counts(stamp_ns)
+        silent = [_age_s(stream, stamp_ns) for stream in (self._heartbeat, self._resumed)]
         return Health(
-            heartbeat_age_s=_age_s(self._heartbeat, stamp_ns),
+            heartbeat_age_s=None if silent[0] is None else min(age for age in silent if age is not None),
             gps_fix=fix,
             gps_age_s=None if gps is None else gps.age_ns / SECOND_NS,
             satellites=None if gps is None else _known(self._gps.column("satellites")[gps.row]),
@@ -115,7 +127,8 @@ class HealthSources:
         if health.has_attitude is False:
             faults.append("the autopilot's estimator says that it has no attitude")
         faults += [
-            f"the autopilot's estimator is at fault: its test ratio of {name} is {ratio:.2f} (limit {limits.max_ratio:g})"
+            f"the autopilot's estimator is at fault: its test ratio of {name} is {ratio:.2f}, below"
+            f" {limits.max_ratio:g} is wanted"
             for name, ratio in health.ratios.items()
             if ratio >= limits.max_ratio
         ]

@@ -186,7 +186,7 @@ class PoseSource:
         return PoseSample(
             stamp_ns=stamp_ns,
             status=Status.OK,
-            reasons=(*attitude.reasons, *height.reasons),
+            reasons=(*attitude.reasons, *height.reasons, *self.clock.remarks()),
             pose=pose,
             std=std,
             origin=None if place is None else self._places.origin,

@@ -139,6 +139,12 @@ class ClockMap:
             return None
         return f"the vehicle's UTC jumped by {jump_ns / SECOND_NS:+.3f} s, and has not settled yet"
 
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be known of the clock behind every pose, in sentences."""
+        if not self._boot.has_rival:
+            return ()
+        return ("a second autopilot speaks with the vehicle's ids: the one that was heard first is followed",)
+
     def broken_off(self) -> str | None:
         """Why telemetry that comes is not believed now, in a sentence."""
         apart_ns = self._boot.other_apart_ns

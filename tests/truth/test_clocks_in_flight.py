@@ -121,6 +121,7 @@ def test_two_autopilots_with_the_same_ids_are_not_mixed(booted_s):
     assert places == {149.16}
     assert np.max(np.abs(off_s(taken, after_s=1.0))) < BY_UTC_S
     assert health.rivals
+    assert all("a second autopilot speaks" in each.sample.reasons[-1] for each in good(taken, 2.0))
 
 
 def test_stamps_are_utc_whatever_this_machines_clock_says():

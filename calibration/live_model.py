@@ -54,7 +54,7 @@ class BiasModel:
         cls, live: LiveCalibration, telemetry: TelemetrySettings, time_std_s: float, start: Calibration | None
     ) -> "BiasModel":
         """The model of a station; ``start`` is a calibration whose biases and covariance are where it begins."""
-        heights, stated = telemetry.height.order, telemetry.attitude.std
+        heights, stated = telemetry.height.order, telemetry.attitude.lasting_std
         stated_heights = tuple(telemetry.height.std_m[source] for source in heights)
         share, noise, initial = live.noise_share, live.noise, live.initial
         shared = math.sqrt(1 - share**2)

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 
@@ -23,13 +22,10 @@ from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.settings import HeightSettings, TelemetrySettings
+from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import HOST_STD_S, ClockMap
 from aerodft.service.zoom import ZoomSources
-
-_DEMAND_TILT_STD_RAD: Final = math.radians(1)
-"""A gimbal that only says what it was told is known no better."""
 
 
 class PoseSource:
@@ -164,7 +160,7 @@ class PoseSource:
 
     def _sample(self, stamp_ns: int, height: Height, attitude: CameraAttitude, place: Place | None) -> PoseSample:
         stated, report = self._settings.attitude.std, attitude.report_std_rad
-        tilt_rad = max(stated.tilt_rad, _DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
+        tilt_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
         std = replace(
             stated,
             height_agl_m=height.std_m,

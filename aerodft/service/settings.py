@@ -1,7 +1,8 @@
 """What a station is configured to do, in SI units; ``adapters.config`` makes it from TOML."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground
@@ -65,6 +66,10 @@ class FixedMount:
     roll_rad: float
 
 
+DEMAND_TILT_STD_RAD: Final = math.radians(1)
+"""A gimbal that only says what it was told is known no better."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeSettings:
     """Which attitude is believed, and how much.
@@ -97,6 +102,13 @@ class AttitudeSettings:
     slew_radps: float = math.radians(60)
     std: PoseStd = field(default_factory=PoseStd)
     max_gap_ns: int = SECOND_NS
+
+    @property
+    def lasting_std(self) -> PoseStd:
+        """``std``, with the tilt that a demand hides where reports may be demands: it lasts, as a bias does."""
+        if self.is_demand is False:
+            return self.std
+        return replace(self.std, tilt_rad=max(self.std.tilt_rad, DEMAND_TILT_STD_RAD))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -70,6 +70,11 @@ class Descent(Generic[StateT, RowsT_co]):
     cost: float
 
 
+def used_rows(owner: np.ndarray, kept: np.ndarray | None) -> np.ndarray:
+    """``(m,)`` whether a row counts: priors, and observations that are kept ``(k,)``; None for all of them."""
+    return np.ones(len(owner), dtype=bool) if kept is None else np.asarray((owner < 0) | kept[owner])
+
+
 class Loss:
     """What an observation costs whose squared residual is ``s``.
 
@@ -82,8 +87,7 @@ class Loss:
 
     def __init__(self, owner: np.ndarray, scale: float | None = None, kept: np.ndarray | None = None) -> None:
         self._scale = scale
-        used = np.ones(len(owner), dtype=bool) if kept is None else (owner < 0) | kept[owner]
-        self._used: FloatArray = used.astype(np.float64)
+        self._used: FloatArray = used_rows(owner, kept).astype(np.float64)
         self._priors, self._seen = np.flatnonzero(owner < 0), np.flatnonzero(owner >= 0)
         self._owner = owner[self._seen]
 

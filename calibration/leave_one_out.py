@@ -9,6 +9,7 @@ from aerodft.geometry.ground import meet_level
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
+from calibration.descent import used_rows
 from calibration.residuals import Problem
 from calibration.solve import Solution, inverse
 
@@ -24,7 +25,7 @@ def steps_without_each(solution: Solution) -> FloatArray:
     """
     residuals, kept = solution.residuals, solution.kept
     steps = np.where(kept[:, None], np.nan, np.zeros((len(kept), residuals.by_unknowns.shape[1])))
-    used = (residuals.owner < 0) | kept[np.maximum(residuals.owner, 0)]
+    used = used_rows(residuals.owner, kept)
     jac, values = residuals.by_unknowns[used], residuals.values[used]
     cov = inverse(jac.T @ jac)
     if not np.all(np.isfinite(cov)):

@@ -12,6 +12,7 @@ import numpy as np
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
+from calibration.descent import used_rows
 from calibration.residuals import Problem
 from calibration.solve import Solution
 from calibration.state import Unknowns, coefficient_names
@@ -54,7 +55,7 @@ def _steps(problem: Problem, solution: Solution, by_lens: FloatArray) -> FloatAr
     found = problem.observed(solution.state, by_lens)
     if found is not None:
         by_considered[seen] = found.by_unknowns
-    used = ~seen | solution.kept[np.maximum(residuals.owner, 0)]
+    used = used_rows(residuals.owner, solution.kept)
     return np.asarray(-np.linalg.pinv(residuals.by_unknowns[used]) @ by_considered[used])
 
 

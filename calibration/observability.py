@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.model.arrays import FloatArray
+from calibration.descent import used_rows
 from calibration.residuals import Problem
 from calibration.solve import Solution
 from calibration.state import State
@@ -80,7 +81,7 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     where roll and heading are anything, its attitude is known all the same.
     """
     names = problem.unknowns.names
-    jac = solution.residuals.by_unknowns[_used(solution)]
+    jac = solution.residuals.by_unknowns[used_rows(solution.residuals.owner, solution.kept)]
     above_m = _above(problem, solution.state)
     sizes = np.array([natural_size(name, solution.state, above_m) for name in names])
     _, singular, directions = np.linalg.svd(np.linalg.qr(jac * sizes, mode="r"))
@@ -108,11 +109,6 @@ def combined(
     parts = {names[index]: float(each[index]) for index in np.argsort(-each, kind="stable") if each[index] > _PART}
     apart = len(parts) == len(weak) and min(parts.values()) > _ALONE
     return Observability(parts, share, "" if share <= LIMIT else advice(set(parts)), apart)
-
-
-def _used(solution: Solution) -> np.ndarray:
-    owner = solution.residuals.owner
-    return np.asarray((owner < 0) | solution.kept[np.maximum(owner, 0)])
 
 
 def _above(problem: Problem, state: State) -> float:

@@ -1,7 +1,7 @@
 """A whole calibration: from what is known and what is asked, to numbers that people and files can take."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.dft.projection import INTRINSICS
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.evidence import EvidenceSet, GroundLines, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from calibration.errors_left import Leftover, leftovers, rms_px
@@ -60,18 +60,7 @@ class Result:
         """The camera with its lens as found or known, and how well."""
         lens, joint = self.solution.state.camera, self.solution.joint[INTRINSICS, INTRINSICS]
         covariance = tuple(map(tuple, joint.tolist())) if np.any(joint) else ()
-        return Camera(
-            name=lens.name,
-            width_px=lens.width_px,
-            height_px=lens.height_px,
-            fx_px=lens.fx_px,
-            fy_px=lens.fy_px,
-            cx_px=lens.cx_px,
-            cy_px=lens.cy_px,
-            lens=lens.lens,
-            distortion=lens.distortion,
-            covariance=covariance,
-        )
+        return replace(lens, std=CameraStd(), covariance=covariance)
 
     @property
     def named_covariance(self) -> FloatArray:
@@ -163,17 +152,7 @@ def start_state(priors: dict[str, Prior], camera: Camera, model: ProjectionModel
         return priors[name].value if name in priors else otherwise
 
     focal = stated("focal", camera.fx_px)
-    zoomed = Camera(
-        name=camera.name,
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        fx_px=focal,
-        fy_px=camera.fy_px * focal / camera.fx_px,
-        cx_px=camera.cx_px,
-        cy_px=camera.cy_px,
-        lens=camera.lens,
-        distortion=camera.distortion,
-    )
+    zoomed = replace(camera, fx_px=focal, fy_px=camera.fy_px * focal / camera.fx_px)
     elevation = stated("elevation", 0.0)
     position = np.array([stated("east", 0.0), stated("north", 0.0), stated("height", elevation + _FIRST_HEIGHT_M)])
     angles = (stated("tilt", _FIRST_TILT_RAD), stated("roll", 0.0), stated("heading", 0.0))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri, ndtri, stdtrit
 
 from aerodft.model.arrays import FloatArray
-from calibration.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend
+from calibration.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend, used_rows
 from calibration.residuals import Problem, Residuals
 from calibration.starts import placed, scattered, zooms
 from calibration.state import State
@@ -70,7 +70,7 @@ def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Sol
     Args:
         problem: Evidence and unknowns.
         given: What is known; where to start for what is not.
-        guess_is_good: ``given`` is near the truth in every unknown: nothing else is tried if it fits.
+        guess_is_good: ``given`` is near the truth in every unknown: a start among those that the evidence gives.
 
     Returns:
         The best of all descents. Whether it can be trusted is for ``observability`` to say.
@@ -128,8 +128,7 @@ def _with_forgiven(
 
 def _tells_more(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
     """Whether what is kept could contradict a fit: with as many rows as unknowns, anything fits."""
-    rows = np.count_nonzero((residuals.owner < 0) | kept[np.maximum(residuals.owner, 0)])
-    return int(rows) > unknowns
+    return int(np.count_nonzero(used_rows(residuals.owner, kept))) > unknowns
 
 
 def _ends(problem: Problem, given: State, *, guess_is_good: bool) -> list[End]:
@@ -137,8 +136,9 @@ def _ends(problem: Problem, given: State, *, guess_is_good: bool) -> list[End]:
     ends = [descend(problem, given, ROBUST)] if guess_is_good else []
     for zoom in zooms(problem):
         for start in placed(problem, given, zoom):
-            if not (_some_fit(ends) and _is_hopeless(problem.evaluate(start))):
-                ends.append(descend(problem, start, ROBUST))
+            residuals = problem.evaluate(start)
+            if not (_some_fit(ends) and _is_hopeless(residuals)):
+                ends.append(descend(problem, start, ROBUST, known=residuals))
         if _some_fit(ends):
             return ends
     candidates = [given, *scattered(problem, given), *_from_subsets(problem, given)]
@@ -212,11 +212,11 @@ def _unlikeliness(residuals: Rows, kept: np.ndarray) -> float:
 
     Twice the negative logarithm of the likelihood.
     """
-    squares, rows = _by_owner(residuals)
-    chi2, count = float(np.sum(squares[kept])), float(np.sum(rows[kept]))
+    used = residuals.values[used_rows(residuals.owner, kept)]
+    chi2, count = float(used @ used), len(used)
     if chi2 > count:
         chi2 = min(chi2, count * (1 + math.log(chi2 / count)) + _LARGER)
-    return chi2 + _ANYWHERE * float(np.sum(rows[~kept]))
+    return chi2 + _ANYWHERE * (len(residuals.values) - count)
 
 
 def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
@@ -232,7 +232,7 @@ def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
 
 def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     residuals = end.residuals
-    used = Loss(residuals.owner, None, kept).weights(residuals) > 0
+    used = used_rows(residuals.owner, kept)
     jac, values = residuals.by_unknowns[used], residuals.values[used]
     chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
     p_value, scaled = goodness(chi2, dof)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from aerodft.dft.projection import project
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.camera import Camera, LensModel
+from aerodft.model.camera import Camera, CameraMode, LensModel
 from aerodft.model.evidence import EvidenceSet, Horizon, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
@@ -87,6 +87,14 @@ def test_a_lens_comes_with_its_covariance_and_with_that_of_the_pose():
     assert_allclose(np.array(exact.camera.covariance), exact.solution.joint[7:, 7:])
     stds = np.sqrt(np.diag(by @ exact.solution.joint @ by.T))
     assert_allclose(stds, np.std(points, axis=0), rtol=4 / math.sqrt(2 * 300))
+
+
+def test_a_lens_that_is_found_is_still_of_its_mode():
+    """Else images of another zoom would pass beside a calibrated lens."""
+    world, known = seen(TASKS["a lens from landmarks"], 4)
+    mode = CameraMode(device="Canon 1000D", focal_mm=18.0)
+    found = calibrate(known, replace(world.camera, mode=mode), TASKS["a lens from landmarks"].unknowns)
+    assert found.camera.mode == mode
 
 
 def ground(state, pixel, elevation_m):

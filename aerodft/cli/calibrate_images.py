@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from aerodft import __version__
-from aerodft.adapters.config.bias_file import write_biases
+from aerodft.adapters.config.calibration_file import write_biases
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.calibrate_words import (
     finite,

@@ -6,10 +6,12 @@ from typing import Any
 
 import tomli_w
 
+from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.config.station import FixedPose
 from aerodft.adapters.config.units import to_deg
 from aerodft.errors import InputError
+from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 
@@ -29,20 +31,31 @@ def write_calibration(
     Raises:
         InputError: The file cannot be written.
     """
+    _write(path, {"pose": _pose(pose)}, camera, model, provenance)
+
+
+def write_biases(
+    path: Path, found: Calibration, camera: Camera | None, model: ProjectionModel, provenance: dict[str, Any]
+) -> None:
+    """Write what telemetry is off by; as :func:`write_calibration`, which writes a pose."""
+    _write(path, {"bias": bias_document(found)}, camera, model, provenance)
+
+
+def _write(
+    path: Path, found: dict[str, Any], camera: Camera | None, model: ProjectionModel, provenance: dict[str, Any]
+) -> None:
     document: dict[str, Any] = {
         "model": str(model),
         "provenance": {key: value for key, value in provenance.items() if value is not None},
+        **found,
     }
-    document["pose"] = _pose(pose)
     if camera is not None:
         document["camera"] = camera_document(camera)
     try:
         write_whole(path, tomli_w.dumps(document).encode())
     except OSError as error:
-        expected = "a file to write to"
-        raise InputError(
-            "the calibration cannot be written", where=path, got=error.strerror, expected=expected
-        ) from error
+        what, expected = "the calibration cannot be written", "a file to write to"
+        raise InputError(what, where=path, got=error.strerror, expected=expected) from error
 
 
 def write_whole(path: Path, data: bytes) -> None:

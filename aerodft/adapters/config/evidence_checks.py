@@ -83,11 +83,12 @@ def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None, wher
 
 def _are_places_wider(placed: Sequence[Stated]) -> bool:
     """Whether places are farther apart than pixels, as pixels are than metres."""
-    pixels = np.array([each.pixels[0] for each in placed])
-    places = np.array([each.place[:2] for each in placed if each.place], dtype=np.float64)  # None is no number
-    return len(placed) == 1 or bool(
-        np.max(np.nanmax(places, axis=0) - np.nanmin(places, axis=0)) > np.max(np.ptp(pixels, axis=0))
-    )
+    if len(placed) == 1:
+        return True
+    places = [[each.place[axis] for each in placed if each.place] for axis in (0, 1)]
+    known = [[value for value in axis if value is not None] for axis in places]
+    wide = max(max(axis) - min(axis) for axis in known if axis)
+    return wide > float(np.max(np.ptp([each.pixels[0] for each in placed], axis=0)))
 
 
 def _larger_image(outside: Sequence[tuple[Stated, Px]], size_px: tuple[int, int]) -> str:

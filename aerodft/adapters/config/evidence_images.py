@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.evidence_priors import CameraPriorTable, Known, camera_priors
-from aerodft.adapters.config.live_tables import ErrorStdTable
+from aerodft.adapters.config.live_tables import ErrorStdTable, errors_from
 from aerodft.adapters.config.pose_tables import TelemetryTable
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.settings import origin_from, telemetry_from
@@ -196,12 +196,9 @@ def flight_tables(document: dict[str, Any], where: str) -> tuple[FlightTables | 
             got = f'"{entry.name}", which image[{first[entry.name]}] has'
             raise ConfigError(f"image[{index}].name", where=where, got=got, expected="a name of its own")
     tables = FlightTables(entries, validated(FlightTable, document.get("telemetry", {}), where, "telemetry."))
-    if len(set(tables.sizes_px)) > 1:
-        (width, height), other = (
-            tables.sizes_px[0],
-            next(size for size in tables.sizes_px if size != tables.sizes_px[0]),
-        )
-        got = f"{width} x {height} and {other[0]} x {other[1]} pixels"
+    if len(sizes := dict.fromkeys(tables.sizes_px)) > 1:
+        (width, height), (other_width, other_height), *_ = sizes
+        got = f"{width} x {height} and {other_width} x {other_height} pixels"
         raise ConfigError("image", where=where, got=got, expected="images of one size: one camera in one mode")
     rest = {key: value for key, value in document.items() if key not in ("image", "telemetry")}
     camera = rest.get("camera", {})
@@ -228,21 +225,14 @@ def flight_from(tables: FlightTables, evidence: dict[str, list[Evidence]], frame
         if not evidence.get(name):
             expected, hint = f'an observation with image = "{name}"', "or remove it"
             raise ConfigError(f"image[{index}]", where=path, got="no observation in it", expected=expected, hint=hint)
-    offset, noise = telemetry.time_offset_s, telemetry.noise
+    offset = telemetry.time_offset_s
     return Flight(
         images=tuple(_image(entry, tuple(evidence[entry.name]), frame) for entry in tables.entries),
         log=None if telemetry.log is None else path.parent / telemetry.log,
         settings=telemetry_from(telemetry),
         says_settings=bool(telemetry.model_fields_set - set(_OWN)),
         noise_share=telemetry.noise_share,
-        noise=ErrorStd(
-            height_m=noise.height_m,
-            horizontal_m=noise.horizontal_m,
-            tilt_rad=_rad(noise.tilt_deg),
-            pan_rad=_rad(noise.pan_deg),
-            roll_rad=_rad(noise.roll_deg),
-            heading_rad=_rad(noise.heading_deg),
-        ),
+        noise=errors_from(telemetry.noise, ErrorStd()),
         time=None if offset is None else Prior(value=offset.value, std=offset.std or 0.0),
         origin=origin_from(telemetry.origin),
     )
@@ -258,7 +248,3 @@ def _image(entry: ImageEntry, evidence: tuple[Evidence, ...], frame: LocalFrame)
     return GivenImage(
         name=entry.name, file=entry.file, evidence=evidence, pose=pose, stamp_ns=entry.stamp_ns, index=entry.index
     )
-
-
-def _rad(angle_deg: float | None) -> float | None:
-    return None if angle_deg is None else math.radians(angle_deg)

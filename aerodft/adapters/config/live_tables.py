@@ -112,9 +112,9 @@ def live_from(
     return LiveCalibration(
         landmarks=(*(_landmark(each, origin, where) for each in landmarks), *markers),
         noise_share=table.noise_share,
-        noise=_errors(table.noise, ErrorStd()),
-        initial=_errors(table.initial, ErrorStd()),
-        drift=_errors(table.drift, DRIFT),
+        noise=errors_from(table.noise, ErrorStd()),
+        initial=errors_from(table.initial, ErrorStd()),
+        drift=errors_from(table.drift, DRIFT),
         gate_probability=table.gate_probability,
         outlier_share=table.outlier_share,
     )
@@ -176,7 +176,8 @@ def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float,
     return east_m, north_m, (table.alt_msl_m or 0.0) - origin.alt_msl_m
 
 
-def _errors(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
+def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
+    """The errors that a validated table describes; ``default`` applies to what it leaves out."""
     lengths = {f"{name}_m": getattr(table, f"{name}_m") for name in _LENGTHS}
     angles = {f"{name}_rad": getattr(table, f"{name}_deg") for name in _ANGLES}
     given = {

@@ -58,3 +58,9 @@ def test_what_was_mixed_up_is_guessed(tmp_path, text, sentence):
 def test_metres_that_could_be_pixels_are_not_called_interchanged_for_it(tmp_path):
     text = point("[2500, 1300]", "position_m = [3, 4, 5]") + point("[2100, 90]", "position_m = [9, 5, 5]")
     assert "interchanged" not in sentence_of(tmp_path, text, camera=CAMERA)
+
+
+def test_pixels_outside_are_named_where_no_landmark_has_an_easting(tmp_path):
+    places = ('position_m = ["?", 4, 5]', 'position_m = ["?", 5, 5]')
+    text = point("[2500, 1300]", places[0]) + point("[2100, 90]", places[1])
+    assert "an image of 2880 x 1620?" in sentence_of(tmp_path, text, camera=CAMERA)

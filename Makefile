@@ -52,6 +52,9 @@ bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_terrain.py
 	$(BIN)/python tests/bench/bench_calibration.py
 	$(BIN)/python tests/bench/bench_sync.py
+	$(BIN)/python tests/bench/bench_full_disk.py
+	$(BIN)/python tests/bench/bench_replay.py
+	$(BIN)/python tests/bench/bench_batch.py
 
 # Needs the network once: the peer is installed in an environment of its own.
 bench-peer: $(INSTALLED)

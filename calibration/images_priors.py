@@ -9,6 +9,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Prior
 from aerodft.model.pose import PoseStd
 from aerodft.service.settings import ErrorStd
+from calibration.live_model import excess
 
 _OWN = ("horizontal_m", "horizontal_m", "height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _SHARED = {
@@ -41,7 +42,7 @@ def shared_and_new(
     stated = {name: getattr(noise, "height_m" if name == "height_agl_m" else name) for name in best}
     least = {name: share * best[name] if given is None else given for name, given in stated.items()}
     return priors, tuple(
-        np.array([math.hypot(least[name], _excess(getattr(std, name), best[name])) for name in _OWN]) for std in stds
+        np.array([math.hypot(least[name], excess(getattr(std, name), best[name])) for name in _OWN]) for std in stds
     )
 
 
@@ -51,7 +52,3 @@ def typical_noise(noises: Sequence[FloatArray]) -> PoseStd:
     return PoseStd(
         height_agl_m=height, horizontal_m=east, tilt_rad=tilt, pan_rad=pan, roll_rad=roll, heading_rad=heading
     )
-
-
-def _excess(now: float, best: float) -> float:
-    return math.sqrt(max(now**2 - best**2, 0.0))

@@ -14,7 +14,7 @@ from calibration.images_problem import ImagesProblem
 from calibration.images_solve import ImagesSolution, images_leftovers, images_observability, solve_images
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
 from calibration.observability import Observability
-from calibration.result import said, start_state
+from calibration.result import above_ground, each_possible, said, start_state
 from calibration.state import coefficient_names, expanded
 
 _GROUND = ("elevation", "focal", "fx", "fy", "cx", "cy")
@@ -73,16 +73,13 @@ class ImagesResult:
     @property
     def named_covariance(self) -> FloatArray:
         """``(n, n)`` of the same, in SI units."""
-        above = self._above_ground(self.names)
-        with np.errstate(invalid="ignore"):
-            cov = above @ self.solution.covariance @ above.T
-        return np.asarray(np.where(np.isnan(cov), np.inf, cov))
+        return above_ground(self.names, self.solution.covariance)
 
     @property
     def bias_covariance(self) -> FloatArray:
         """``(8, 8 + m)`` of the biases, as ``BIASES`` and above the ground, and with the intrinsics."""
         to = self.problem.unknowns.to_shared(self.solution.state)
-        if {"height", "elevation"} <= set(self.names):
+        if "elevation" in self.names:
             to[BIASES.index("height"), self.names.index("elevation")] = -1.0
         return np.asarray((to @ self.solution.covariance @ to.T)[: len(BIASES)])
 
@@ -93,12 +90,6 @@ class ImagesResult:
         joint = to @ self.solution.covariance @ to.T
         covariance = tuple(map(tuple, joint.tolist())) if np.any(joint) else ()
         return replace(self.solution.state.base.camera, std=CameraStd(), covariance=covariance)
-
-    def _above_ground(self, names: tuple[str, ...]) -> FloatArray:
-        above = np.eye(len(names))
-        if {"height", "elevation"} <= set(names):
-            above[names.index("height"), names.index("elevation")] = -1.0
-        return above
 
 
 def said_of_images(name: str) -> tuple[str, float]:
@@ -117,12 +108,7 @@ def shared_unknowns(
     is_paper = model is ProjectionModel.DFT
     lens = _LENS_OF_THE_PAPER if is_paper else (*_GROUND, *coefficient_names(camera))
     possible = (*(name for name in BIASES if not (is_paper and name == "roll")), *lens)
-    asked = expanded(names)
-    for name in asked:
-        if name not in possible:
-            raise ValueError(f"got {name}, expected some of {', '.join((*possible, 'position'))}")
-    if "focal" in asked and {"fx", "fy"} & set(asked):
-        raise ValueError("got focal beside fx or fy, expected one of the two")
+    asked = each_possible(names, (*possible, "position"))
     more = tuple(name for name, prior in priors.items() if prior.std > 0)
     return SharedUnknowns(tuple(dict.fromkeys((*asked, *more))))
 

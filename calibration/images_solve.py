@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES
-from aerodft.model.evidence import Evidence
+from aerodft.model.evidence import Evidence, Landmark
 from calibration.descent import Loss, descend
 from calibration.errors_left import Leftover, ground_error_m
 from calibration.images_normal import Arrow, eliminated, own_steps
@@ -159,7 +159,7 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked
 
 def _above_m(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
     heights = [float(camera.position_m[2]) - camera.elevation_m for camera in solution.cameras]
-    places = [getattr(each, "position_m", (None,) * 3)[2] for each in evidence]
+    places = [each.position_m[2] for each in evidence if isinstance(each, Landmark)]
     known = [place for place in places if place is not None]
     below = float(np.median(known)) - solution.state.base.elevation_m if known else 0.0
     return max(abs(float(np.median(heights)) - below), 1e-3)

@@ -1,5 +1,6 @@
 """Many images of one camera, as a calibration moves them: what they share, and what is new in each of them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -148,7 +149,7 @@ class SharedUnknowns:
         by[_ROTATION, -1] = found.by_own @ found.down_cam * view.noise[6]
         return Placed(found.camera, by)
 
-    def _columns(self, names: "tuple[str, ...] | list[str]") -> list[int]:
+    def _columns(self, names: Sequence[str]) -> list[int]:
         return [self.names.index(name) for name in names]
 
 

@@ -6,7 +6,6 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import Calibration
@@ -45,7 +44,7 @@ class LiveCalibrator:
         telemetry = pipeline.telemetry or TelemetrySettings()
         self._model = BiasModel.of(live, telemetry, pipeline.time_std_s, start)
         self._filter = BiasFilter(self._model, pipeline.camera, live.landmarks, live.outlier_share)
-        self._gate = float(chi2.ppf(live.gate_probability, df=2))
+        self._gate = -2.0 * math.log1p(-live.gate_probability)  # the quantile of chi-square with two degrees of freedom
         self._id = _identity(pipeline.config_id, start)
         self._has_start = start is not None
         self._updates = self._refused = self._restarts = 0

@@ -100,10 +100,10 @@ class BiasModel:
         """What is new in one image: the model's noise, and by how much the sample is worse than stated."""
         column = self.height_column(sample)
         grown = {
-            each: math.hypot(getattr(self.noise, each), _excess(getattr(sample.std, each), getattr(self.stated, each)))
+            each: math.hypot(getattr(self.noise, each), excess(getattr(sample.std, each), getattr(self.stated, each)))
             for each in (*ANGLES, "horizontal_m")
         }
-        excess_m = _excess(sample.std.height_agl_m, self.stated_height_m[column])
+        excess_m = excess(sample.std.height_agl_m, self.stated_height_m[column])
         return PoseStd(height_agl_m=math.hypot(self.noise_height_m[column], excess_m), **grown)
 
     def noise_covariance(self, sample: PoseSample, wxyz: FloatArray) -> FloatArray:
@@ -174,7 +174,8 @@ def _or(given: float | None, default: float) -> float:
     return default if given is None else given
 
 
-def _excess(now: float, stated: float) -> float:
+def excess(now: float, stated: float) -> float:
+    """What is new in a standard deviation that is larger than the stated one; 0 in any other."""
     return math.sqrt(max(now**2 - stated**2, 0.0))
 
 

@@ -64,14 +64,8 @@ class Result:
 
     @property
     def named_covariance(self) -> FloatArray:
-        """``(n, n)`` of the unknowns as people see them: a height is above the ground, which may be unknown too."""
-        names = self.problem.unknowns.names
-        above = np.eye(len(names))
-        if {"height", "elevation"} <= set(names):
-            above[names.index("height"), names.index("elevation")] = -1.0
-        with np.errstate(invalid="ignore"):
-            cov = above @ self.solution.covariance @ above.T
-        return np.asarray(np.where(np.isnan(cov), np.inf, cov))
+        """``(n, n)`` of the unknowns as people see them, see :func:`above_ground`."""
+        return above_ground(self.problem.unknowns.names, self.solution.covariance)
 
     @property
     def pose_covariance(self) -> FloatArray:
@@ -82,6 +76,16 @@ class Result:
     def lens_covariance(self) -> FloatArray:
         """``(6, m)`` as ``Pose.lens_cov``."""
         return np.asarray(self.solution.joint[:6, INTRINSICS])
+
+
+def above_ground(names: tuple[str, ...], covariance: FloatArray) -> FloatArray:
+    """The covariance ``(n, n)`` where a height is above the ground, which may be unknown too."""
+    above = np.eye(len(names))
+    if {"height", "elevation"} <= set(names):
+        above[names.index("height"), names.index("elevation")] = -1.0
+    with np.errstate(invalid="ignore"):
+        cov = above @ covariance @ above.T
+    return np.asarray(np.where(np.isnan(cov), np.inf, cov))
 
 
 def said(name: str) -> tuple[str, float]:
@@ -100,13 +104,7 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    possible = possible_unknowns(camera)
-    asked = expanded(names)
-    for name in asked:
-        if name not in possible:
-            raise ValueError(f"got {name}, expected some of {', '.join(possible)}")
-    if "focal" in asked and {"fx", "fy"} & set(asked):
-        raise ValueError("got focal beside fx or fy, expected one of the two")
+    asked = each_possible(names, possible_unknowns(camera))
     apart = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines)]
     if model is ProjectionModel.DFT and apart:
         raise ValueError(
@@ -118,6 +116,21 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
         raise ValueError(f"got {wrong} for the dft model, expected height, tilt, heading, position or focal")
     more = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in not_there)
     return Unknowns(tuple(dict.fromkeys((*asked, *more))))
+
+
+def each_possible(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[str, ...]:
+    """The names with groups taken apart.
+
+    Raises:
+        ValueError: An unknown that there is not, or that excludes another.
+    """
+    asked = expanded(names)
+    for name in asked:
+        if name not in possible:
+            raise ValueError(f"got {name}, expected some of {', '.join(possible)}")
+    if "focal" in asked and {"fx", "fy"} & set(asked):
+        raise ValueError("got focal beside fx or fy, expected one of the two")
+    return asked
 
 
 def calibrate(

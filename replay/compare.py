@@ -1,173 +1,123 @@
 """Two recordings side by side: the same measurements, and how far apart they are."""
 
-import hashlib
-import math
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from statistics import median
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 
-import orjson
+import numpy as np
 
-from aerodft.errors import InputError
-from aerodft.model.status import Status
+from aerodft.conventions import SECOND_NS
+from replay.differences import Difference, Pairs, paired, summarise, together
+from replay.pairing import PairBy, Pairing, pairing
 from replay.recording import Recording
+from replay.series import ProbeKey, read_side
+from replay.tolerance import Tolerance
 
-Key = tuple[str, str, int]
-
-
-@dataclass(frozen=True, slots=True)
-class _Value:
-    value: float | None
-    std: float | None
-    status: str
-    unit: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Difference:
-    """How far apart the numbers of one probe (or of all) are; None where no two numbers could be compared.
-
-    Attributes:
-        count: Pairs of numbers.
-        unit: Of the differences; empty where probes of several units are put together.
-        max_abs: Largest difference of two values.
-        median_abs: Median of them.
-        max_std_abs: Largest difference of two standard deviations.
-        max_sigmas: Largest difference over the root of the summed variances.
-        median_sigmas: Median of them.
-    """
-
-    count: int
-    unit: str
-    max_abs: float | None
-    median_abs: float | None
-    max_std_abs: float | None
-    max_sigmas: float | None
-    median_sigmas: float | None
+WITHIN_S = 0.01
+"""Stamps that are farther apart are not of one image, unless the images say so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Two recordings' measurements, matched by probe and stamp.
+    """Two recordings' measurements, matched by probe and image or stamp.
 
     Attributes:
         is_identical: Every payload is the same, byte by byte, in the same order.
+        paired_by: What made the pairs.
+        is_same_input: Whether both are of the same images: pixels and telemetry are shared.
+        shift_s: Median of the second's stamps minus the first's; None without a pair.
         common: Measurements in both.
         only_first: Measurements in the first alone.
         only_second: Measurements in the second alone.
         status_changes: How many changed from which status to which, as ``"ok -> NO_HEIGHT"``.
+        beyond: Pairs of numbers that are farther apart than the tolerance.
         total: Over all probes.
         probes: By probe.
     """
 
     is_identical: bool
+    paired_by: PairBy
+    is_same_input: bool
+    shift_s: float | None
     common: int
     only_first: int
     only_second: int
     status_changes: dict[str, int]
+    beyond: int
     total: Difference
     probes: dict[str, Difference]
 
-    def differs(self, tolerance: float) -> bool:
-        """Whether something is missing, has another status, or a value or std more than ``tolerance`` away."""
-        farthest = max(self.total.max_abs or 0.0, self.total.max_std_abs or 0.0)
-        return bool(self.only_first or self.only_second or self.status_changes) or farthest > tolerance
+    @property
+    def differs(self) -> bool:
+        """Whether something is missing, has another status, or is farther apart than the tolerance."""
+        return bool(self.only_first or self.only_second or self.status_changes or self.beyond)
 
 
-@dataclass(slots=True)
-class _Differences:
-    units: set[str] = field(default_factory=set)
-    values: list[float] = field(default_factory=list)
-    stds: list[float] = field(default_factory=list)
-    sigmas: list[float] = field(default_factory=list)
+class Comparing:
+    """Two sides, read and paired; asked for the figures, or for the differences themselves.
 
-    def add(self, first: _Value, second: _Value) -> None:
-        if first.value is None or second.value is None:
-            return
-        self.units |= {first.unit, second.unit}
-        difference = abs(first.value - second.value)
-        if first.unit == "deg":
-            difference = min(difference, 360.0 - difference)
-        self.values.append(difference)
-        if first.std is not None and second.std is not None:
-            self.stds.append(abs(first.std - second.std))
-            if (combined := math.hypot(first.std, second.std)) > 0:
-                self.sigmas.append(difference / combined)
+    Args:
+        first: A recording, or a table that was exported from one.
+        second: Another.
+        by: What makes a pair.
+        within_s: How far apart stamps of one image may be, where stamps make the pairs.
 
-    def extend(self, other: "_Differences") -> None:
-        self.units |= other.units
-        self.values += other.values
-        self.stds += other.stds
-        self.sigmas += other.sigmas
+    Raises:
+        InputError: One of them is neither, or damaged.
+        NoAnswerError: A recording holds nothing.
+    """
 
-    def summary(self) -> Difference:
-        return Difference(
-            count=len(self.values),
-            unit=next(iter(self.units)) if len(self.units) == 1 else "",
-            max_abs=max(self.values, default=None),
-            median_abs=median(self.values) if self.values else None,
-            max_std_abs=max(self.stds, default=None),
-            max_sigmas=max(self.sigmas, default=None),
-            median_sigmas=median(self.sigmas) if self.sigmas else None,
+    def __init__(self, first: Path, second: Path, *, by: PairBy = PairBy.AUTO, within_s: float = WITHIN_S) -> None:
+        self._first, self._second = read_side(first), read_side(second)
+        self.pairing: Pairing = pairing(self._first, self._second, by, within_s)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether neither side holds a measurement."""
+        return not self._first.count and not self._second.count
+
+    @cached_property
+    def pairs(self) -> dict[str, Pairs]:
+        """The pairs of every probe, in order of their names."""
+        keys = sorted(self._first.series.keys() | self._second.series.keys())
+        names = Counter(key.name for key in keys)
+        return {
+            key.name if names[key.name] == 1 else f"{key.name} ({key.kind}, {key.unit})": self._pairs(key)
+            for key in keys
+        }
+
+    def comparison(self, tolerance: Tolerance) -> Comparison:
+        """The figures."""
+        pairs = self.pairs
+        probes = {
+            name: summarise(each, tolerance, same_input=self.pairing.is_same_input) for name, each in pairs.items()
+        }
+        total = together(list(pairs.values()), list(probes.values()), same_input=self.pairing.is_same_input)
+        shifts = np.concatenate([np.zeros(0), *(each.shift_ns for each in pairs.values())])
+        return Comparison(
+            is_identical=self._first.digest == self._second.digest,
+            paired_by=self.pairing.by,
+            is_same_input=self.pairing.is_same_input,
+            shift_s=float(np.median(shifts)) / SECOND_NS if len(shifts) else None,
+            common=total.paired,
+            only_first=total.only_first,
+            only_second=total.only_second,
+            status_changes=total.status_changes,
+            beyond=total.beyond,
+            total=total,
+            probes=probes,
         )
 
-
-class _Side:
-    """One recording's measurements, read once; knows the digest of all payloads when it is through."""
-
-    def __init__(self, recording: Recording) -> None:
-        self._recording = recording
-        self._digest = hashlib.sha256()
-
-    def values(self) -> Iterator[tuple[Key, _Value]]:
-        seen: Counter[tuple[str, str]] = Counter()
-        for payload in self._recording.measurements():
-            self._digest.update(len(payload).to_bytes(8, "little") + payload)
-            try:
-                item = orjson.loads(payload)
-                key = (item["name"], item["stamp_ns"])
-                value = _Value(item["value"], item["std"], item["status"], item["unit"])
-            except (orjson.JSONDecodeError, KeyError, TypeError) as error:
-                raise InputError(
-                    "a recorded measurement is none", where=self._recording.folder, got=repr(payload[:60])
-                ) from error
-            yield (*key, seen[key]), value
-            seen[key] += 1
-
-    def digest(self) -> bytes:
-        return self._digest.digest()
+    def _pairs(self, key: ProbeKey) -> Pairs:
+        one, other = self._first.series.get(key), self._second.series.get(key)
+        return paired(key, one, other, self.pairing)
 
 
-def compare_recordings(first: Recording, second: Recording) -> Comparison:
-    """Compare the measurements of two recordings.
+def compare_recordings(first: Recording, second: Recording, tolerance: Tolerance | None = None) -> Comparison:
+    """Compare the measurements of two recordings, paired by image or stamp.
 
     Raises:
         InputError: A recorded measurement is damaged.
     """
-    one, other = _Side(first), _Side(second)
-    rest = dict(one.values())
-    by_probe: dict[str, _Differences] = {}
-    changes: Counter[str] = Counter()
-    common = only_second = 0
-    for key, value in other.values():
-        found = rest.pop(key, None)
-        if found is None:
-            only_second += 1
-            continue
-        common += 1
-        if found.status != value.status:
-            changes[f"{Status(found.status)} -> {Status(value.status)}"] += 1
-        by_probe.setdefault(key[0], _Differences()).add(found, value)
-    total = _Differences()
-    for differences in by_probe.values():
-        total.extend(differences)
-    return Comparison(
-        is_identical=one.digest() == other.digest(),
-        common=common,
-        only_first=len(rest),
-        only_second=only_second,
-        status_changes=dict(changes),
-        total=total.summary(),
-        probes={name: differences.summary() for name, differences in sorted(by_probe.items())},
-    )
+    return Comparing(first.folder, second.folder).comparison(tolerance or Tolerance())

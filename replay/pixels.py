@@ -1,19 +1,23 @@
-"""The recorded JPEGs, found by an image's arrival and decoded when somebody asks."""
+"""The recorded pixels, found by an image's arrival and decoded when somebody asks: JPEGs one by one, video in order."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
+from aerodft.adapters.images.packets import PacketDecoder
+from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.jpeg import decode_jpeg
-from aerodft.adapters.mcap.reading import ChunkReader
+from aerodft.adapters.mcap.places import ChunkPlace, SegmentScan
+from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage
 from aerodft.adapters.mcap.records import image_sequence
-from aerodft.adapters.mcap.scanning import ChunkPlace, SegmentScan
+from aerodft.adapters.mcap.scanning import log_times
 from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
-from replay.recording import Recording
-
-IMAGE_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
+from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.segments import channels_of
 
 
 def jpeg_of(data: bytes) -> bytes:
@@ -34,13 +38,13 @@ class RecordedPixels:
 
     Attributes:
         place: The chunk that holds it.
-        first: The file's first chunk, which names the channels.
+        segment: Its file.
         log_ns: Its log time.
         sequence: Its sequence number.
     """
 
     place: ChunkPlace
-    first: ChunkPlace
+    segment: SegmentScan
     log_ns: int
     sequence: int
 
@@ -50,46 +54,111 @@ class RecordedPixels:
         Raises:
             InputError: The recording is damaged there.
         """
-        chunks = (self.place,) if self.place.offset == self.first.offset else (self.first, self.place)
         where = f"{self.place.path}, image at {self.log_ns} ns"
-        for message in ChunkReader().messages(chunks):
+        for message in _messages_at(self.segment, self.place):
             found = message.log_ns == self.log_ns and message.sequence == self.sequence
             if found and message.channel.schema == IMAGE_SCHEMA:
                 return decode_jpeg(jpeg_of(message.data), where)
         raise InputError("the recorded image is gone", where=where)
 
 
-class JpegStore:
+class _Video:
+    """A recording's video packets, decoded in order; going back begins at the start again."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._packets: Iterator[ReadMessage] = iter(())
+        self._decoder: PacketDecoder | None = None
+        self._last: tuple[int, FramePixels | None] = (0, None)
+
+    def at(self, log_ns: int) -> ImageArray:
+        """The pixels of the packet with this log time.
+
+        Raises:
+            InputError: It is damaged, or refers to images that are missing.
+        """
+        if log_ns < self._last[0] or self._decoder is None:
+            self._packets, self._decoder = self._recording.image_messages(), None
+        while self._last[0] != log_ns or self._decoder is None:
+            message = next(self._packets, None)
+            if message is None or message.log_ns > log_ns:
+                break
+            if message.channel.schema == VIDEO_SCHEMA:
+                self._last = (message.log_ns, self._decoded(message))
+        stamp_ns, pixels = self._last
+        if pixels is None or stamp_ns != log_ns:
+            where = f"{self._recording.folder}, image at {log_ns} ns"
+            raise InputError("the recorded video cannot be decoded there", where=where)
+        return pixels()
+
+    def _decoded(self, message: ReadMessage) -> FramePixels | None:
+        try:
+            packet = CompressedVideo.FromString(message.data)
+            self._decoder = self._decoder or PacketDecoder(packet.format)
+            frame = self._decoder.decode(packet.data)
+        except (DecodeError, ValueError) as error:
+            raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error
+        return None if frame is None else FramePixels(frame)
+
+
+@dataclass(frozen=True, slots=True)
+class _VideoPixels:
+    """One image's pixels out of the video."""
+
+    video: _Video
+    log_ns: int
+
+    def __call__(self) -> ImageArray:
+        """``(height, width, 3)`` uint8 BGR."""
+        return self.video.at(self.log_ns)
+
+
+class PixelStore:
     """Which images of a recording have pixels."""
 
     def __init__(self, recording: Recording) -> None:
-        self._places: dict[int, tuple[ChunkPlace, ChunkPlace]] = {}
+        self._stills: dict[int, tuple[ChunkPlace, SegmentScan]] = {}
+        self._packets: set[int] = set()
+        self._video = _Video(recording)
         for segment in recording.images:
+            schemas = {number: channel.schema for number, channel in channels_of(segment).items()}
             for place in segment.chunks:
-                for log_ns in _log_times(segment, place):
-                    self._places[log_ns] = (place, segment.chunks[0])
+                for schema, log_ns in _pictures(segment, place, schemas):
+                    if schema == VIDEO_SCHEMA:
+                        self._packets.add(log_ns)
+                    else:
+                        self._stills[log_ns] = (place, segment)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._stills) + len(self._packets)
 
-    def pixels(self, arrival_ns: int, index: int) -> RecordedPixels | None:
+    def pixels(self, arrival_ns: int, index: int) -> RecordedPixels | _VideoPixels | None:
         """The pixels of an image; None where none were recorded."""
-        found = self._places.get(arrival_ns)
-        if found is None:
-            return None
-        place, first = found
-        return RecordedPixels(place=place, first=first, log_ns=arrival_ns, sequence=image_sequence(index))
+        found = self._stills.get(arrival_ns)
+        if found is not None:
+            place, segment = found
+            return RecordedPixels(place=place, segment=segment, log_ns=arrival_ns, sequence=image_sequence(index))
+        return _VideoPixels(self._video, arrival_ns) if arrival_ns in self._packets else None
 
 
-def _log_times(segment: SegmentScan, place: ChunkPlace) -> list[int]:
-    """The log times of a chunk's images: from its indexes, or where a killed recorder left none from itself."""
-    is_first = place.offset == segment.chunks[0].offset
-    if place.log_ns is not None and not is_first:
-        return [log_ns for times in place.log_ns.values() for log_ns in times]
-    chunks = (place,) if is_first else (segment.chunks[0], place)
-    messages = ChunkReader().messages(chunks)
-    return [
-        message.log_ns
-        for message in messages
-        if message.channel.schema == IMAGE_SCHEMA and place.start_ns <= message.log_ns <= place.end_ns
-    ]
+def _pictures(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:
+    """Schema and log time of a chunk's pictures: from its indexes, or where it has none from itself."""
+    times = log_times(place)
+    if times is None:
+        for message in _messages_at(segment, place):
+            if message.channel.schema in PICTURE_SCHEMAS:
+                yield message.channel.schema, message.log_ns
+        return
+    for number, each in times.items():
+        if schemas.get(number) in PICTURE_SCHEMAS:
+            yield from ((schemas[number], log_ns) for log_ns in each)
+
+
+def _messages_at(segment: SegmentScan, place: ChunkPlace) -> Iterator[ReadMessage]:
+    """The messages of one chunk; where no index names the channels, the first chunk does."""
+    first = segment.chunks[0]
+    reader = ChunkReader(segment.channels.copy())
+    if not segment.is_indexed and place.offset != first.offset:
+        for _ in reader.messages((first,)):
+            pass
+    return reader.messages((place,))

@@ -1,25 +1,45 @@
-"""A recording on the bus again: original payloads on original keys, in order, at the pace that is asked for."""
+"""Recordings on the bus again: original payloads on original keys; stamps as they were, or all moved alike."""
 
-import heapq
+import logging
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import cast
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final, cast
 
 import zenoh
 
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
-from aerodft.adapters.codec.keys import Keys
-from aerodft.adapters.mcap.reading import ReadMessage
-from aerodft.service.ports import Clock
-from replay.pixels import IMAGE_SCHEMA, jpeg_of
-from replay.recording import Recording
+from aerodft.adapters.codec.keys import Keys, key_part
+from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, Kind, kind_of
+from aerodft.adapters.foreign.pictures import read_picture
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.model.image import Image, StampClock
+from replay.pixels import jpeg_of
+from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.shift import Shift, shift_of, shifted
+from replay.stills import VideoStills
+from replay.timeline import AnyRecording, Item
 
-_PUBLISHED = frozenset(
-    {measurement.SCHEMA, pose.SCHEMA, status.SCHEMA, height.SCHEMA, estimate.SCHEMA, steadiness.SCHEMA}
+_PUBLISHED: Final = frozenset(
+    {
+        measurement.SCHEMA,
+        measurement.IMAGE_SCHEMA,
+        pose.SCHEMA,
+        status.SCHEMA,
+        height.SCHEMA,
+        estimate.SCHEMA,
+        steadiness.SCHEMA,
+    }
 )
-_READ = _PUBLISHED | {events.IMAGE_SCHEMA, IMAGE_SCHEMA}
-_POLL_S = 0.02
+_POLL_S: Final = 0.02
+_LOOK_EVERY: Final = 64  # messages, until somebody has subscribed
+_ENCODINGS: Final = {
+    JSON: zenoh.Encoding.APPLICATION_JSON,
+    PROTOBUF: zenoh.Encoding.APPLICATION_PROTOBUF,
+    CDR: zenoh.Encoding.APPLICATION_CDR,
+}
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -31,99 +51,152 @@ class Published:
     images: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Republisher:
-    """Publishes recordings; a slow subscriber slows it down, nothing is dropped.
+def is_published(recording: AnyRecording, channel: ReadChannel) -> bool:
+    """Whether a channel is published: of aerodft's own what was made of the input, and of the input the images.
 
-    Inputs other than images are not published: a station that is live would take them for its own.
+    A station that is live would take other inputs for its own.
+    """
+    return not isinstance(recording, Recording) or channel.schema in _PUBLISHED or channel.schema in PICTURE_SCHEMAS
+
+
+def keys_of(recording: AnyRecording) -> Keys:
+    """The keys of the station that made a recording; another tool's is called as its file is."""
+    return Keys(recording.station if isinstance(recording, Recording) else recording.path.stem)
+
+
+class Republisher:
+    """Publishes; an outlet of the player. A slow subscriber slows it down, nothing is dropped.
 
     Attributes:
+        published: What went out so far.
+
+    Args:
         session: Where to.
-        clock: Paces it.
-        rate: Times real time; None for as fast as it goes.
     """
 
-    session: zenoh.Session
-    clock: Clock
-    rate: float | None
-    _publishers: dict[str, zenoh.Publisher] = field(default_factory=dict)
+    def __init__(self, session: zenoh.Session) -> None:
+        self.published = Published()
+        self._session = session
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._image_stamps: dict[int, tuple[int, bytes]] = {}
+        self._shifts: dict[str, Shift | None] = {}
+        self._videos: dict[int, VideoStills] = {}
+        self._sent, self._was_heard = 0, False
 
-    def wait_for_subscriber(self, recording: Recording, timeout_s: float) -> bool:
-        """Wait until somebody subscribes to the recording's measurements; False after ``timeout_s``."""
-        key = f"{Keys(recording.station).root}/measurement/*"
-        end_s = time.monotonic() + timeout_s
-        with self.session.declare_publisher(key) as publisher:
-            while not _matches(publisher):
-                if time.monotonic() >= end_s:
-                    return False
-                time.sleep(_POLL_S)
-        return True
+    def wait_for_link(self, timeout_s: float) -> bool:
+        """Wait until another peer or a router is connected; False after ``timeout_s``."""
+        info = self._session.info
+        return _awaited(lambda: bool(info.peers_zid() or info.routers_zid()), timeout_s)
 
-    def publish(
-        self,
-        recording: Recording,
-        *,
-        from_ns: int | None = None,
-        to_ns: int | None = None,
-        on_time: Callable[[int], None] | None = None,
-    ) -> Published:
-        """Publish log times in ``[from_ns, to_ns)``.
-
-        Args:
-            recording: What.
-            from_ns: None for the start.
-            to_ns: None for the end.
-            on_time: Called with each log time that has been reached.
-
-        Returns:
-            What went out.
-
-        Raises:
-            InputError: The recording is damaged in a way that cannot be left out.
-        """
-        totals = Published()
-        keys = Keys(recording.station)
-        start_ns = self.clock.now_ns()
-        first_ns: int | None = None
-        image_stamps: dict[int, bytes] = {}
+    def wait_for_subscriber(self, recordings: Iterable[AnyRecording], timeout_s: float) -> bool:
+        """Wait until somebody subscribes to anything of a recording's station; False after ``timeout_s``."""
+        publishers = [self._session.declare_publisher(f"{keys_of(each).root}/**") for each in recordings]
         try:
-            for message in _merged(recording, from_ns, to_ns):
-                first_ns = message.log_ns if first_ns is None else first_ns
-                if self.rate is not None:
-                    self.clock.sleep_until(start_ns + int((message.log_ns - first_ns) / self.rate))
-                if message.channel.schema == events.IMAGE_SCHEMA:
-                    image_stamps = {message.sequence: message.data}
-                elif message.channel.schema == IMAGE_SCHEMA:
-                    self._publish_jpeg(keys.image, message, image_stamps)
-                    totals.images += 1
-                else:
-                    self._publisher(message.channel.topic, zenoh.Encoding.APPLICATION_JSON).put(message.data)
-                    is_measurement = message.channel.schema == measurement.SCHEMA
-                    totals.measurements += is_measurement
-                    totals.others += not is_measurement
-                if on_time is not None:
-                    on_time(message.log_ns)
+            return _awaited(lambda: any(map(_matches, publishers)), timeout_s)
         finally:
-            self._withdraw()
-        return totals
+            for publisher in publishers:
+                _undeclare(publisher)
 
-    def _publish_jpeg(self, key: str, message: ReadMessage, image_stamps: dict[int, bytes]) -> None:
-        publisher = self._publisher(key, zenoh.Encoding.IMAGE_JPEG)
-        publisher.put(jpeg_of(message.data), attachment=image_stamps.get(message.sequence))
+    @property
+    def has_listeners(self) -> bool:
+        """Whether anybody has subscribed to something that was published."""
+        self._was_heard = self._was_heard or any(map(_matches, self._publishers.values()))
+        return self._was_heard
+
+    def send(self, item: Item, shift_ns: int) -> None:
+        """Publish a message, if it is one to be published."""
+        self._sent += 1
+        if self._sent % _LOOK_EVERY == 0 and not self._was_heard:
+            self._was_heard = self.has_listeners
+        if not isinstance(item.recording, Recording):
+            self._send_foreign(item, shift_ns)
+            return
+        message, keys = item.message, keys_of(item.recording)
+        schema = message.channel.schema
+        if schema == events.IMAGE_SCHEMA:
+            self._image_stamps[id(item.recording)] = (message.sequence, shifted(message.data, shift_ns))
+        elif schema == IMAGE_SCHEMA:
+            sequence, stamps = self._image_stamps.get(id(item.recording), (None, None))
+            self._put_jpeg(keys.image, jpeg_of(message.data), stamps if sequence == message.sequence else None)
+        elif schema == VIDEO_SCHEMA:
+            still = self._videos.setdefault(id(item.recording), VideoStills()).still(message)
+            sequence, stamps = self._image_stamps.get(id(item.recording), (None, None))
+            if still is not None and sequence == message.sequence:
+                self._put_jpeg(keys.image, still, stamps)
+        elif schema == measurement.IMAGE_SCHEMA:
+            for name, payload in measurement.split_measurements(message.data):
+                self._put_json(keys.measurement(name), shifted(payload, shift_ns))
+                self.published.measurements += 1
+        elif schema in _PUBLISHED:
+            self._put_json(message.channel.topic, shifted(message.data, shift_ns))
+            is_measurement = schema == measurement.SCHEMA
+            self.published.measurements += is_measurement
+            self.published.others += not is_measurement
+
+    def close(self) -> None:
+        """Withdraw what was declared."""
+        for publisher in self._publishers.values():
+            _undeclare(publisher)
+        self._publishers.clear()
+
+    def _send_foreign(self, item: Item, shift_ns: int) -> None:
+        """Another tool's message on its own topic as it was recorded, and a JPEG as a station's image beside it."""
+        channel, data = item.message.channel, item.message.data
+        is_frames = not isinstance(item.recording, Recording) and channel.topic in item.recording.roles.mavlink
+        if shift_ns and not is_frames:  # frames stay as they were
+            shift = self._shift(channel)
+            data = data if shift is None else shift(data, shift_ns)
+        key = "/".join(key_part(part) for part in channel.topic.split("/") if part) or "%"
+        self._publisher(key, _ENCODINGS.get(channel.encoding, zenoh.Encoding.ZENOH_BYTES)).put(data)
+        if item.is_mark and kind_of(channel) is Kind.IMAGES:
+            self._put_foreign_image(item, data, shift_ns)
+        else:
+            self.published.others += 1
+
+    def _put_foreign_image(self, item: Item, data: bytes, shift_ns: int) -> None:
+        try:
+            picture = read_picture(item.message.channel, data)
+        except ValueError as error:
+            _log.warning("%s: %s", item.message.channel.topic, error)
+            return
+        stamp_ns = picture.stamp_ns or item.log_ns + shift_ns
+        image = Image(
+            index=item.message.sequence, stamp_ns=stamp_ns, arrival_ns=item.log_ns + shift_ns, clock=StampClock.HOST
+        )
+        if picture.data.startswith(b"\xff\xd8"):
+            self._put_jpeg(keys_of(item.recording).image, picture.data, events.encode_image(image))
+
+    def _shift(self, channel: ReadChannel) -> Shift | None:
+        if channel.topic not in self._shifts:
+            found = self._shifts[channel.topic] = shift_of(channel)
+            if found is None:
+                _log.warning("%s: nobody knows where its stamps are; published as recorded", channel.topic)
+        return self._shifts[channel.topic]
+
+    def _put_json(self, key: str, payload: bytes) -> None:
+        self._publisher(key, zenoh.Encoding.APPLICATION_JSON).put(payload)
+
+    def _put_jpeg(self, key: str, jpeg: bytes, stamps: bytes | None) -> None:
+        self._publisher(key, zenoh.Encoding.IMAGE_JPEG).put(jpeg, attachment=stamps)
+        self.published.images += 1
 
     def _publisher(self, key: str, encoding: zenoh.Encoding) -> zenoh.Publisher:
         publisher = self._publishers.get(key)
         if publisher is None:
-            publisher = self.session.declare_publisher(
+            publisher = self._session.declare_publisher(
                 key, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK
             )
             self._publishers[key] = publisher
         return publisher
 
-    def _withdraw(self) -> None:
-        for publisher in self._publishers.values():
-            publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
-        self._publishers.clear()
+
+def _awaited(is_so: Callable[[], bool], timeout_s: float) -> bool:
+    end_s = time.monotonic() + timeout_s
+    while not is_so():
+        if time.monotonic() >= end_s:
+            return False
+        time.sleep(_POLL_S)
+    return True
 
 
 def _matches(publisher: zenoh.Publisher) -> bool:
@@ -131,9 +204,5 @@ def _matches(publisher: zenoh.Publisher) -> bool:
     return cast("zenoh.MatchingStatus", publisher.matching_status).matching
 
 
-def _merged(recording: Recording, from_ns: int | None, to_ns: int | None) -> Iterator[ReadMessage]:
-    """What is published, and the images' stamps, by log time; a JPEG comes after its image's stamps."""
-    data = recording.messages(from_ns=from_ns, to_ns=to_ns)
-    images = recording.image_messages(from_ns=from_ns, to_ns=to_ns)
-    merged = heapq.merge(data, images, key=lambda message: message.log_ns)
-    return (message for message in merged if message.channel.schema in _READ)
+def _undeclare(publisher: zenoh.Publisher) -> None:
+    publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part

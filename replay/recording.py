@@ -1,13 +1,25 @@
-"""A recording: a folder of MCAP segments with the configuration that it was made with."""
+"""A recording: a folder of MCAP segments with the configuration that it was made with, or one file with all of it."""
 
 import logging
 from collections.abc import Iterator
 from pathlib import Path
 
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+
 from aerodft.adapters.codec import measurement
-from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage
-from aerodft.adapters.mcap.scanning import SegmentScan, scan_segment
+from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
+from aerodft.adapters.mcap.reading import ReadMessage
+from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError, NoAnswerError
+from replay.segments import Wanted, is_mcap, messages_of, numbered
+
+_SHOWN = 3
+IMAGE_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
+VIDEO_SCHEMA = str(CompressedVideo.DESCRIPTOR.full_name)
+PICTURE_SCHEMAS = frozenset({IMAGE_SCHEMA, VIDEO_SCHEMA})
+_MEASURED = frozenset({measurement.SCHEMA, measurement.IMAGE_SCHEMA})
 
 _log = logging.getLogger(__name__)
 
@@ -16,7 +28,7 @@ class Recording:
     """A recording, open for reading; holds no file open.
 
     Attributes:
-        folder: Where it is.
+        folder: Where it is: a folder, or a file.
         station: The station that made it.
         data: Its data segments, in order.
         images: Its image segments, in order; empty where there are none.
@@ -25,7 +37,7 @@ class Recording:
         is_whole: Whether every segment was finished; else a recorder was killed and the end may be missing.
 
     Args:
-        folder: The recording's folder.
+        folder: The recording's folder; or one of its files, or one file that they were put together in.
 
     Raises:
         InputError: There is no recording there, or it cannot be read.
@@ -34,8 +46,12 @@ class Recording:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.data = _segments(folder, "data")
-        self.images = _segments(folder, "images")
+        self._is_file = folder.is_file()
+        if self._is_file and not is_mcap(folder):
+            expected = "a recording's folder, or an MCAP file"
+            raise InputError("there is no recording", where=folder, got=looks_like(folder), expected=expected)
+        self.data = (scan_segment(folder),) if self._is_file else _segments(folder, "data")
+        self.images = self.data if self._is_file else _segments(folder, "images")
         chunks = [chunk for segment in self.data for chunk in segment.chunks]
         if not chunks:
             raise NoAnswerError("the recording holds nothing", where=folder)
@@ -54,39 +70,52 @@ class Recording:
         """
         path = self.folder / name
         try:
-            return path.read_text(encoding="utf-8") if path.is_file() else None
+            return path.read_text(encoding="utf-8") if path.is_file() else self.data[0].texts.get(name)
         except (OSError, UnicodeDecodeError) as error:
             raise InputError("the file cannot be read", where=path, got=error) from error
 
-    def messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ReadMessage]:
-        """All messages of the data segments as they were written, log times in ``[from_ns, to_ns)``."""
-        return _messages(self.data, from_ns, to_ns)
+    def messages(
+        self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: Wanted | None = None
+    ) -> Iterator[ReadMessage]:
+        """The messages of the data segments as they were written, log times in ``[from_ns, to_ns)``.
+
+        Args:
+            from_ns: None for the start.
+            to_ns: None for the end.
+            wanted: Whose messages; None for everybody's.
+        """
+
+        def is_data(channel: ReadChannel) -> bool:
+            return channel.schema not in PICTURE_SCHEMAS and (wanted is None or wanted(channel))
+
+        return messages_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=is_data if self._is_file else wanted)
 
     def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ReadMessage]:
-        """All messages of the image segments, likewise."""
-        return _messages(self.images, from_ns, to_ns)
+        """The images and video packets of the image segments, likewise."""
+        return messages_of(self.images, from_ns=from_ns, to_ns=to_ns, wanted=_is_picture)
 
     def measurements(self) -> Iterator[bytes]:
-        """The payloads of all measurements, in the order in which they were made."""
-        for message in self.messages():
+        """The payloads of all measurements, in the order in which they were made.
+
+        Raises:
+            InputError: Some of them cannot be told apart.
+        """
+        for message in messages_of(self.data, wanted=lambda channel: channel.schema in _MEASURED):
             if message.channel.schema == measurement.SCHEMA:
                 yield message.data
+            else:
+                yield from (payload for _, payload in measurement.split_measurements(message.data))
 
 
-def _messages(segments: tuple[SegmentScan, ...], from_ns: int | None, to_ns: int | None) -> Iterator[ReadMessage]:
-    for segment in segments:
-        # Chunks before the start are read all the same: they may define channels.
-        wanted = (chunk for chunk in segment.chunks if to_ns is None or chunk.start_ns < to_ns)
-        for message in ChunkReader().messages(wanted):
-            if (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns):
-                yield message
+def _is_picture(channel: ReadChannel) -> bool:
+    return channel.schema in PICTURE_SCHEMAS
 
 
 def _segments(folder: Path, stem: str) -> tuple[SegmentScan, ...]:
     if not folder.is_dir():
         got = "a file" if folder.exists() else "nothing"
         raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
-    paths = sorted(folder.glob(f"{stem}_*.mcap"))
+    paths = sorted(folder.glob(f"{stem}_*.mcap"), key=numbered)
     if not paths and stem == "data":
         found = next((path.name for path in folder.iterdir()), None)
         raise InputError(
@@ -95,4 +124,15 @@ def _segments(folder: Path, stem: str) -> tuple[SegmentScan, ...]:
             got=f"{found} and no data_*.mcap" if found else "an empty folder",
             expected="a folder with data_000.mcap",
         )
+    _say_missing(folder, stem, [path.stem for path in paths])
     return tuple(map(scan_segment, paths))
+
+
+def _say_missing(folder: Path, stem: str, names: list[str]) -> None:
+    """Warn of numbers that are left out: a segment was lost or not copied."""
+    numbers = [int(name.removeprefix(f"{stem}_")) for name in names if name.removeprefix(f"{stem}_").isdecimal()]
+    gone = sorted(set(range(max(numbers, default=-1) + 1)) - set(numbers))
+    if gone:
+        shown = ", ".join(f"{stem}_{number:03d}.mcap" for number in gone[:_SHOWN])
+        more = f" and {len(gone) - _SHOWN} more" if len(gone) > _SHOWN else ""
+        _log.warning("%s: without %s%s; read as far as it is there", folder, shown, more)

@@ -5,14 +5,15 @@ from dataclasses import replace
 
 from aerodft.adapters.codec import events
 from aerodft.adapters.mcap.channels import SENDER_KEY
-from aerodft.adapters.mcap.reading import ReadChannel, ReadMessage
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of, first_arrival_ns
-from replay.pixels import JpegStore
+from replay.pixels import PixelStore
 from replay.recording import Recording
 
 _BLOCK_FRAMES = 4096
@@ -36,7 +37,7 @@ class RecordingSource:
         self._recording = recording
         self._from_ns = from_ns
         self._to_ns = to_ns
-        self._jpegs = JpegStore(recording) if pixels else None
+        self._pixels = PixelStore(recording) if pixels else None
 
     def events(self) -> Iterator[Event]:
         """All events, (first) arrivals not decreasing; at most a second of telemetry is held in memory.
@@ -73,9 +74,9 @@ class RecordingSource:
 
     def _image(self, data: bytes) -> Image:
         image = events.decode_image(data)
-        if self._jpegs is None:
+        if self._pixels is None:
             return image
-        return replace(image, pixels=self._jpegs.pixels(image.arrival_ns, image.index))
+        return replace(image, pixels=self._pixels.pixels(image.arrival_ns, image.index))
 
 
 class _Blocks:

@@ -31,7 +31,7 @@ class Lane(Generic[T]):
         *,
         capacity: int,
         lossless: bool = False,
-        period_s: float = 0.25,
+        period_s: float = 0.1,
     ) -> None:
         self._work = work
         self._tend = tend

@@ -7,72 +7,136 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from aerodft.cli.output import print_json, say, tables
+from aerodft.adapters.whole_file import whole_file
+from aerodft.cli.compare_plot import plot_differences
+from aerodft.cli.output import check_output, print_json, say, tables
 from aerodft.errors import NoAnswerError
-from replay.compare import Comparison, Difference, compare_recordings
-from replay.recording import Recording
+from replay.compare import WITHIN_S, Comparing, Comparison
+from replay.differences import Difference
+from replay.pairing import PairBy
+from replay.tolerance import parse_tolerance
 
 _DIFFERENT = 5
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(help="A recording's folder.")],
-    second: Annotated[Path, typer.Argument(help="Another recording's folder.")],
+    first: Annotated[Path, typer.Argument(help="A recording's folder, or a CSV or Parquet file exported from one.")],
+    second: Annotated[Path, typer.Argument(help="Another.")],
     tolerance: Annotated[
-        float, typer.Option(help="Largest difference of values and stds that counts as equal, in their unit.", min=0)
-    ] = 0.0,
+        list[str] | None,
+        typer.Option(
+            help="What counts as equal: 0.01m, 0.1deg (of values and of stds), 0.5std (combined), 1% (of the first"
+            " value), 0.01 (in each one's unit). Several, with commas or repeated: each holds. None: 0."
+        ),
+    ] = None,
+    pair: Annotated[
+        PairBy,
+        typer.Option(help="What makes a pair: auto is image where both are of the same images, else stamp."),
+    ] = PairBy.AUTO,
+    within: Annotated[
+        float, typer.Option(help="Stamps of a pair are at most so far apart, s, where stamps make pairs.", min=0)
+    ] = WITHIN_S,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Plot the differences: PNG, SVG or PDF, by its ending.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the plot where there is one.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
-    r"""Compare two recordings measurement by measurement; exit 5 where they differ.
+    r"""Compare two recordings measurement by measurement; docs/compare.md says what the figures are.
+
+    Exit code 0: equal within the tolerance. 5: something is farther apart, missing in one, or of another status. 3: not
+    readable. 4: no measurement in either.
 
     \b
     Example:
-      aerodft compare flights/2026-11-21 recomputed --tolerance 0.01
+      aerodft compare flights/2026-11-21 recomputed --tolerance 0.01m,0.5std
+      aerodft compare flights/2026-11-21 expected.parquet --tolerance 1e-9 --json
     """
-    comparison = compare_recordings(Recording(first), Recording(second))
-    if not (comparison.common or comparison.only_first or comparison.only_second):
+    limits = parse_tolerance(tolerance or ())
+    check_output(output, (first, second))
+    comparing = Comparing(first, second, by=pair, within_s=within)
+    if comparing.is_empty:
         raise NoAnswerError("no measurements in either recording", where=f"{first}, {second}")
-    differs = comparison.differs(tolerance)
+    comparison = comparing.comparison(limits)
+    if output is not None:
+        with whole_file(output, overwrite=overwrite) as partial:
+            plot_differences(comparing.pairs, comparison, partial, output.suffix)
     if json:
-        document = asdict(comparison)
-        document["identical"] = document.pop("is_identical")
-        print_json({"first": str(first), "second": str(second), "differs": differs, **document})
+        print_json(_document(first, second, comparison))
     else:
-        _show(comparison, differs=differs)
-    if differs:
+        _show(comparison)
+    if comparison.differs:
         raise typer.Exit(_DIFFERENT)
 
 
-def _show(comparison: Comparison, *, differs: bool) -> None:
-    table = Table("probe", "pairs", "max", "median", "max std change", "max in stds", "median in stds")
+def _document(first: Path, second: Path, comparison: Comparison) -> dict[str, object]:
+    document = asdict(comparison)
+    document["identical"] = document.pop("is_identical")
+    document["same_input"] = document.pop("is_same_input")
+    return {"first": str(first), "second": str(second), "differs": comparison.differs, **document}
+
+
+def _show(comparison: Comparison) -> None:
+    table = Table("probe", "pairs", "mean", "median", "95 %", "max", "rms", "max std change", "in stds: median", "max")
     for name, difference in comparison.probes.items():
         table.add_row(name, *_cells(difference))
     table.add_row("all", *_cells(comparison.total))
     console = tables()
     console.print(table)
-    for change, count in comparison.status_changes.items():
-        console.print(f"status {change}: {count}")
-    say(
-        f"{comparison.common} in both, {comparison.only_first} in the first alone,"
-        f" {comparison.only_second} in the second alone: {_verdict(comparison, differs=differs)}"
+    for name, difference in comparison.probes.items():
+        for line in _changes(difference):
+            console.print(f"{name}: {line}")
+    for sentence in _sentences(comparison):
+        say(sentence)
+
+
+def _changes(difference: Difference) -> list[str]:
+    """What else changed of one probe."""
+    lines = [f"status {change}: {count}" for change, count in difference.status_changes.items()]
+    counts = (
+        (difference.only_first, "in the first alone"),
+        (difference.only_second, "in the second alone"),
+        (difference.beyond, f"of {difference.count} past the tolerance"),
     )
+    return lines + [f"{count} {what}" for count, what in counts if count]
 
 
-def _verdict(comparison: Comparison, *, differs: bool) -> str:
+def _sentences(comparison: Comparison) -> list[str]:
+    shift = "" if not comparison.shift_s else f"; the second's stamps are {comparison.shift_s:+.6f} s off the first's"
+    what = "image" if comparison.paired_by is PairBy.IMAGE else "stamp"
+    sentences = [f"paired by {what}{shift}"]
+    total = comparison.total
+    if total.max_sigmas is not None:
+        sentences.append("stds are combined as if the two were independent (root of the summed variances)")
+    if comparison.is_same_input and total.max_abs != 0 and total.median_shared_sigmas is not None:
+        sentences.append(
+            "both are of the same pixels and telemetry: with shared errors the differences are"
+            f" {total.median_shared_sigmas:.3g} stds in the median, {total.p95_shared_sigmas:.3g} at 95 %"
+        )
+    if not comparison.common:
+        sentences.append("nothing is paired: --pair image takes the same index, --within more time between stamps")
+    sentences.append(
+        f"{comparison.common} in both, {comparison.only_first} in the first alone,"
+        f" {comparison.only_second} in the second alone: {_verdict(comparison)}"
+    )
+    return sentences
+
+
+def _verdict(comparison: Comparison) -> str:
     if comparison.is_identical:
         return "identical to the byte"
-    return "different" if differs else "equal within the tolerance"
+    return "different" if comparison.differs else "equal within the tolerance"
 
 
 def _cells(difference: Difference) -> tuple[str, ...]:
     def shown(value: float | None, unit: str = "") -> str:
-        return "" if value is None else f"{value:.6g}{unit and ' ' + unit}"
+        return "" if value is None else f"{value:.4g}{unit and ' ' + unit}"
 
+    in_units = (difference.mean, difference.median_abs, difference.p95_abs, difference.max_abs, difference.rms)
     return (
         str(difference.count),
-        shown(difference.max_abs, difference.unit),
-        shown(difference.median_abs, difference.unit),
+        *(shown(value, difference.unit) for value in in_units),
         shown(difference.max_std_abs, difference.unit),
-        shown(difference.max_sigmas),
         shown(difference.median_sigmas),
+        shown(difference.max_sigmas),
     )

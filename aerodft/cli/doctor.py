@@ -12,14 +12,17 @@ from rich.table import Table
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.loading import load_station
-from aerodft.adapters.mavlink.address import is_link
-from aerodft.adapters.mavlink.findings import document, problems
-from aerodft.adapters.mavlink.selection import Followed
+from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.mavlink.address import is_link, parse_address
+from aerodft.adapters.mavlink.composite import followed_by
+from aerodft.adapters.mavlink.findings import notes, problems
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
+from aerodft.adapters.mavlink.survey_document import document
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
-from aerodft.cli.doctor_survey import Fixed, survey_link, survey_log
+from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
 from aerodft.cli.output import tables
 from aerodft.cli.times import MOST_SECONDS
+from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.gimbal_frame import FrameEvidence
@@ -27,10 +30,11 @@ from aerodft.service.gimbal_frame import FrameEvidence
 
 def doctor(
     target: Annotated[
-        str, typer.Argument(metavar="LOG|LINK", help="A .tlog or .bin log, or a link such as udpin:14550.")
+        str, typer.Argument(metavar="LOG|LINK", help="A .tlog or .bin log, a recording, or a link such as udpin:14550.")
     ],
     *,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
+    topic: TopicOption = None,
     seconds: Annotated[float, typer.Option(min=0.1, max=MOST_SECONDS, help="How long to listen to a link.")] = 10.0,
     system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None,
     component: Annotated[int | None, typer.Option(min=1, max=255, help="Its autopilot, where it has several.")] = None,
@@ -45,7 +49,12 @@ def doctor(
         Path | None, typer.Option(help="Camera file that the vehicle's reports of its camera are held against.")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="Station configuration that is held against what comes.")
+        Path | None,
+        typer.Option(
+            "--config",
+            "-c",
+            help="Station configuration that is held against what comes; its vehicle and signing key count.",
+        ),
     ] = None,
     fix: Annotated[
         bool, typer.Option("--fix", help="Ask the vehicle for the messages that are missing or too slow.")
@@ -54,12 +63,16 @@ def doctor(
     """Say what there is, what is wrong with it, which messages to request, and which parameters to set.
 
     What is missing, stale, contradictory or set wrongly is said in a sentence each. With --fix every message that is
-    missing or too slow is requested from the chosen vehicle (MAV_CMD_SET_MESSAGE_INTERVAL, signed where the link is),
-    one after the other, with its answer: accepted, denied, unsupported or none; without --fix nothing is asked.
+    missing or too slow is requested from the chosen vehicle (MAV_CMD_SET_MESSAGE_INTERVAL; what a camera says of its
+    view once, MAV_CMD_REQUEST_MESSAGE; signed where the link is), one after the other, with its answer: accepted,
+    denied, unsupported or none; without --fix nothing is asked.
 
     A measurement has no answer 5 s after the last HEARTBEAT, or while the autopilot's estimator has no attitude or
     refuses what it is told (test ratios from 1 on); a poor GPS fix, ratios from 0.8 on and more than 10 % of frames
     lost are said with it.
+
+    Exit codes: 0 some image could be measured, with the configuration or the defaults; 2 wrong usage; 3 unreadable
+    log, link, key or configuration; 4 no image could be measured, or no vehicle could be asked.
 
     Example: aerodft doctor flight.tlog --config station.toml
 
@@ -69,17 +82,24 @@ def doctor(
 
     Example: aerodft doctor udpin:14550 --signing-key vehicle.key
     """
-    followed = Followed(system=system, component=component, gimbal=gimbal)
-    station = None if config is None else load_station(config).pipeline
+    loaded = None if config is None else load_station(config)
+    station = None if loaded is None else loaded.pipeline
+    topics = parse_topics(topic, None if loaded is None else loaded.topics)
+    settings = None if station is None else station.telemetry
+    options = {"system": system, "component": component, "gimbal": gimbal}
+    named = {key: value for key, value in options.items() if value is not None}
+    followed = replace(followed_by(settings), **named)
     reference = load_camera(camera) if camera is not None else None if station is None else station.camera
     fixed: tuple[Fixed, ...] = ()
     if is_link(target):
-        signing = None if signing_key is None else SigningSettings(key_file=signing_key)
-        report, fixed = survey_link(target, seconds=seconds, followed=followed, baud=baud, signing=signing, fix=fix)
+        signing = _signing(loaded, signing_key)
+        baud = baud or _baud(loaded, target)
+        listening = Listening(address=target, seconds=seconds, followed=followed, settings=settings)
+        report, fixed = survey_link(listening, baud=baud, signing=signing, fix=fix)
     else:
         _check_for_log(target, signing_key, fix=fix)
-        report = survey_log(Path(target), followed=followed)
-    report = replace(report, camera=reference, settings=None if station is None else station.telemetry)
+        report = survey_log(Path(target), followed=followed, settings=settings, topics=topics)
+    report = replace(report, camera=reference)
     if as_json:
         asked = {"fix": [each.document() for each in fixed]} if fix else {}
         typer.echo(json.dumps({**document(report), **asked}))
@@ -87,11 +107,26 @@ def doctor(
         _print(report, tables())
         _print_fixed(fixed)
     if not report.usable:
-        missing = "height" if not report.heights else "attitude"
-        raise NoAnswerError(f"no source of {missing} could serve", where=target, hint="see the problems listed")
+        what = "nothing could be used" if report.first_ns is None else "no image could be measured"
+        raise NoAnswerError(what, where=target, hint="see the problems listed")
+
+
+def _signing(station: StationConfig | None, key_file: Path | None) -> SigningSettings | None:
+    """How a link is signed: as the configuration says, with the key that was given."""
+    configured = None if station is None or station.link is None else station.link.signing
+    if key_file is None:
+        return configured
+    return SigningSettings(key_file=key_file) if configured is None else replace(configured, key_file=key_file)
+
+
+def _baud(station: StationConfig | None, target: str) -> int | None:
+    """The configured one, where the link is the configured one."""
+    return station.link.baud if station is not None and station.link and station.link.connection == target else None
 
 
 def _check_for_log(target: str, signing_key: Path | None, *, fix: bool) -> None:
+    if ":" in target and not Path(target).exists():
+        parse_address(target)  # says which links there are
     if signing_key is not None:
         raise UsageError("--signing-key", got=f"a log ({target})", expected="a link: what a log holds was let in once")
     if fix:
@@ -101,8 +136,10 @@ def _check_for_log(target: str, signing_key: Path | None, *, fix: bool) -> None:
 def _print_fixed(fixed: Sequence[Fixed]) -> None:
     for each in fixed:
         request = each.outcome.request
+        came = "it came" if each.count else "it did not come"
         rates = f"{request.now_hz:.1f} Hz before, {each.after_hz:.1f} Hz now"
-        typer.echo(f"- {request.name} at {request.rate_hz:g} Hz: {each.outcome.answer} ({rates})")
+        what = f"{request.name} {request.often} from component {request.component}"
+        typer.echo(f"- {what}: {each.outcome.answer} ({came if request.rate_hz is None else rates})")
 
 
 def _print(report: SurveyReport, console: Console) -> None:
@@ -130,6 +167,8 @@ def _print(report: SurveyReport, console: Console) -> None:
         console.print(
             f"UTC known after {clock.known_after_s:.1f} s; arrival minus UTC {clock.host_minus_utc_s:.3f} s",
         )
+    for sentence in notes(report):
+        console.print(sentence, soft_wrap=True)
     for sentence in problems(report):
         console.print(f"- {sentence}", soft_wrap=True)
 
@@ -140,4 +179,5 @@ def _against(evidence: FrameEvidence | None) -> str:
 
 
 def _span(source: ValueSource) -> str:
-    return f"{source.low:.2f} to {source.high:.2f} {source.unit}"
+    low, high = (round(each, 2) + 0.0 for each in (source.low, source.high))  # no -0.00
+    return f"{low:.2f} to {high:.2f} {source.unit}"

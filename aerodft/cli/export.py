@@ -1,54 +1,120 @@
-"""``aerodft export``: a recording's measurements as a table or a map."""
+"""``aerodft export``: a recording's measurements as tables, maps, one file or a video."""
 
-import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from dataclasses import asdict
+from enum import StrEnum
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from aerodft.adapters.whole_file import whole_file
 from aerodft.cli.output import print_json, say
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.errors import NoAnswerError, UsageError
 from replay.export import ExportFormat, export_text
+from replay.merging import merge_segments
 from replay.recording import Recording
+from replay.video import write_video
+
+
+class Format(StrEnum):
+    """What a recording can be written as."""
+
+    CSV = "csv"
+    GEOJSON = "geojson"
+    JSONL = "jsonl"
+    PARQUET = "parquet"
+    MCAP = "mcap"
+    MP4 = "mp4"
+
+
+_LOSS = 5
+_TEXT = frozenset(map(str, ExportFormat))
 
 
 def export(
     recording: Annotated[Path, typer.Argument(help="The recording's folder.")],
-    form: Annotated[ExportFormat, typer.Option("--format", help="Table or map.")] = ExportFormat.CSV,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="File to write; without it, stdout.")] = None,
+    form: Annotated[
+        Format,
+        typer.Option(
+            "--format",
+            help="Tables (csv, parquet), a map (geojson), JSON lines (jsonl), the whole recording as one"
+            " file (mcap), the recorded images with what was measured in them (mp4).",
+        ),
+    ] = Format.CSV,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="File to write; without it, text goes to stdout.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON; needs --output.")] = False,
 ) -> None:
-    r"""Write a recording's measurements as CSV or GeoJSON.
+    r"""Write a recording's measurements as a table or a map, its segments as one file, or its images as a video.
+
+    docs/tables.md says what the columns are. One MCAP file holds all messages by time, and what lies beside the
+    segments as attachments; exit 5 where damaged parts are not in it.
 
     \b
     Example:
       aerodft export flights/2026-11-21 --format geojson -o widths.geojson
+      aerodft export flights/2026-11-21 --format mp4 -o flight.mp4
     """
-    if json and output is None:
-        raise UsageError("--json without --output", expected="-o FILE: stdout has room for one document")
-    payloads = Recording(recording).measurements()
+    if output is None and (json or form not in _TEXT):
+        what = "--json" if json else f"--format {form}"
+        raise UsageError(f"{what} without --output", expected="-o FILE: stdout has room for one document")
+    source = Recording(recording)
+    if output is None:
+        sys.stdout.writelines(export_text(_measurements(source), ExportFormat(form)))
+        return
+    with whole_file(output, overwrite=overwrite) as partial:
+        written = _write(source, form, partial)
+    if json:
+        print_json({"file": str(output), "format": form, **written})
+    else:
+        said = ", ".join(f"{count} {what.replace('_', ' ')}" for what, count in written.items() if count)
+        say(f"{output}: {said}")
+    if written.get("damaged_chunks"):
+        raise typer.Exit(_LOSS)
+
+
+def _write(source: Recording, form: Format, path: Path) -> dict[str, int]:
+    """Write the file; returns what is in it, for people and programs."""
+    if form is Format.MCAP:
+        merged = merge_segments(source, path)
+        return {"messages": merged.messages, "attachments": merged.attachments, "damaged_chunks": merged.damaged}
+    if form is Format.MP4:
+        return asdict(write_video(source, path))
+    payloads = _measurements(source)
+    if form is Format.PARQUET:
+        from replay.parquet import ParquetRows  # noqa: PLC0415 - an extra
+
+        with ParquetRows(path) as rows:
+            rows.add(payloads)
+        return {"measurements": rows.count}
+    counted = _Count(payloads)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(export_text(counted, ExportFormat(form)))
+    return {"measurements": counted.value}
+
+
+def _measurements(source: Recording) -> Iterator[bytes]:
+    """The recording's measurements.
+
+    Raises:
+        NoAnswerError: There is none.
+    """
+    payloads = source.measurements()
     first = next(payloads, None)
     if first is None:
-        raise NoAnswerError("the recording holds no measurement", where=recording)
-    count = _Count(chain((first,), payloads))
-    pieces = export_text(count, form)
-    if output is None:
-        sys.stdout.writelines(pieces)
-        return
-    _write(output, pieces)
-    if json:
-        print_json({"file": str(output), "format": form, "measurements": count.value})
-    else:
-        say(f"{output}: {count.value} measurements")
+        raise NoAnswerError("the recording holds no measurement", where=source.folder)
+    return chain((first,), payloads)
 
 
 class _Count:
     """Counts what passes."""
 
-    def __init__(self, payloads: Iterable[bytes]) -> None:
+    def __init__(self, payloads: Iterator[bytes]) -> None:
         self._payloads = payloads
         self.value = 0
 
@@ -56,26 +122,3 @@ class _Count:
         for payload in self._payloads:
             self.value += 1
             yield payload
-
-
-def _write(path: Path, pieces: Iterator[str]) -> None:
-    """Write a file as a whole or not at all; a device or a pipe, which must stay what it is, piece by piece.
-
-    Raises:
-        InputError: It cannot be written.
-    """
-    target = path.resolve()
-    try:
-        if target.exists() and not target.is_file():
-            with target.open("w", encoding="utf-8", newline="") as file:
-                file.writelines(pieces)
-            return
-        partial = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            with partial.open("w", encoding="utf-8", newline="") as file:
-                file.writelines(pieces)
-            partial.replace(target)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError("the file cannot be written", where=path, got=error.strerror) from error

@@ -12,10 +12,10 @@ from aerodft.adapters.images.clock import OnClock
 from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource
 from aerodft.adapters.images.video import VideoFileSource
-from aerodft.adapters.mavlink.composite import decoder_of, open_log
-from aerodft.adapters.mavlink.dataflash import DataflashSource
-from aerodft.adapters.mavlink.tlog import TlogSource
+from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.cli.foreign_camera import check_camera
+from aerodft.cli.logs import TelemetryLog, open_telemetry_log
 from aerodft.cli.wiring import Late, SizeChecked
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
@@ -26,6 +26,8 @@ from aerodft.service.looking import LookedAt, Lookout
 from aerodft.service.ports import Source
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
+from replay.foreign import ForeignRecording
+from replay.foreign_sources import ForeignImages
 
 DEFAULT_RATE_HZ = 5.0
 
@@ -46,7 +48,7 @@ class Flight:
     first_ns: int
     last_ns: int
     looked: LookedAt
-    log: TlogSource | DataflashSource | None = None
+    log: TelemetryLog | None = None
 
     def warnings(self) -> tuple[str, ...]:
         """What is wrong with the log, one sentence each; complete once it was read."""
@@ -63,7 +65,7 @@ def open_flight(
 
     Args:
         station: The station.
-        log: Its log; None for a fixed camera.
+        log: Its log or recording; for a fixed camera None, or another tool's recording of its images.
         observation_files: What others have seen in the images.
         lookouts: Who looks at the images on the way.
 
@@ -71,30 +73,43 @@ def open_flight(
         InputError: A source cannot be read, or images and log do not overlap in time.
         NoAnswerError: The log holds no height or no camera attitude that the configuration could use.
     """
-    span, source = LogSpan(), None
+    span, source, recording = LogSpan(), None, None
     sources: list[Source] = []
-    if log is not None:
-        source = open_log(log)
+    telemetry = station.pipeline.telemetry
+    if log is not None and telemetry is None:
+        recording = ForeignRecording(log, station.topics)
+    elif log is not None and telemetry is not None:
+        source, recording = open_telemetry_log(log, station.topics)
         sources.append(source)
-        telemetry = station.pipeline.telemetry or TelemetrySettings()
         with _quiet():
             span = survey_span(source, decoder_of(telemetry))
         _check_sources(log, span, telemetry)
-    images, stamps = _images(station, span, decode=station.record.image_hz > 0 or bool(lookouts))
+    images, stamps = _images(station, span, recording, decode=station.record.image_hz > 0 or bool(lookouts))
+    if lookouts and isinstance(images, RateSource) and recording is not None:
+        raise recording.refusal_without("images")
     _check_overlap(span, stamps, log, station)
     files = [load_observations(path, stamps) for path in observation_files]
     offset_ns = round(station.observations.time_offset_s * SECOND_NS)
-    lateness_ns = span.jitter_ns if isinstance(images, RateSource) else span.lateness_ns
+    by_host = isinstance(images, RateSource) or _has_own_images(station, recording)
+    lateness_ns = span.jitter_ns if by_host else span.lateness_at
     looked = LookedAt(Late(images, lateness_ns=lateness_ns), lookouts)
     sources.append(looked)
-    sources += [Late(file, lateness_ns=span.lateness_ns, offset_ns=offset_ns) for file in files]
+    sources += [Late(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
     if stamps:
-        ends += [min(stamps.values()) + span.lateness_ns, max(stamps.values()) + span.lateness_ns]
+        ends += [stamp_ns + span.lateness_at(stamp_ns) for stamp_ns in (min(stamps.values()), max(stamps.values()))]
     return Flight(tuple(sources), min(ends), max(ends), looked, source)
 
 
-def _images(station: StationConfig, span: LogSpan, *, decode: bool) -> tuple[Source, dict[int, int]]:
+def _has_own_images(station: StationConfig, recording: ForeignRecording | None) -> bool:
+    """Whether another tool's recording gives the images too: unless others, or a rate, were asked for."""
+    asked = isinstance(station.images.source, VideoFile | Stills | Rate)
+    return recording is not None and recording.roles.images is not None and not asked
+
+
+def _images(
+    station: StationConfig, span: LogSpan, recording: ForeignRecording | None, *, decode: bool
+) -> tuple[Source, dict[int, int]]:
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
     chosen, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     if isinstance(chosen, VideoFile):
@@ -108,6 +123,13 @@ def _images(station: StationConfig, span: LogSpan, *, decode: bool) -> tuple[Sou
         with _quiet():
             stamps = _stamps(OnClock(_stills(chosen, decode=False), clock), camera, chosen.folder)
         return SizeChecked(stills, camera, chosen.folder), stamps
+    if recording is not None and _has_own_images(station, recording):
+        check_camera(recording, camera)
+        bare = OnClock(ForeignImages(recording, decode=False), clock)
+        with _quiet():
+            stamps = _stamps(bare, camera, recording.path)
+        images = OnClock(ForeignImages(recording, decode=decode), clock)
+        return SizeChecked(images, camera, recording.path), stamps
     if not span.arrivals_ns:
         raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
     rate_hz = chosen.rate_hz if isinstance(chosen, Rate) else DEFAULT_RATE_HZ
@@ -167,10 +189,12 @@ def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, stat
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Silence warnings of a first pass: the second says them."""
-    logger = logging.getLogger("aerodft.adapters")
-    before = logger.level
-    logger.setLevel(logging.ERROR)
+    loggers = [logging.getLogger(name) for name in ("aerodft.adapters", "replay")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

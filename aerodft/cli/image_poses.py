@@ -55,7 +55,7 @@ def open_telemetry(
     """Open a log or a recording.
 
     Args:
-        path: A .tlog, a .bin, or a folder.
+        path: A .tlog, a .bin, a recording, or another tool's MCAP file.
         settings: How telemetry becomes a pose.
         origin: Of the coordinates; None for a recording's own.
         says_settings: Somebody stated the settings; else a recording's own are taken.
@@ -63,13 +63,19 @@ def open_telemetry(
     Raises:
         InputError: It is missing, unreadable, or of a fixed camera.
     """
-    if not path.is_dir():
+    from replay.segments import is_mcap  # noqa: PLC0415 - what recordings need is slow to load
+
+    if not is_mcap(path) and not path.is_dir():
         return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
-    from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - what recordings need is slow to load
+    from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - as above
+    from replay.foreign_sources import ForeignTelemetry  # noqa: PLC0415 - as above
+    from replay.opening import open_recording  # noqa: PLC0415 - as above
     from replay.recording import Recording  # noqa: PLC0415 - as above
     from replay.source import RecordingSource  # noqa: PLC0415 - as above
 
-    recording = Recording(path)
+    recording = open_recording(path)
+    if not isinstance(recording, Recording):
+        return Telemetry(path=path, source=ForeignTelemetry(recording), settings=settings, origin=origin)
     station = recorded_station(recording)
     own = station.pipeline.telemetry
     if own is None:

@@ -12,16 +12,14 @@ from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Stills, VideoFile
 from aerodft.adapters.images.video import video_info
-from aerodft.cli.flight import open_flight
-from aerodft.cli.looking import build_eyes
-from aerodft.cli.output import progress_bar, say
-from aerodft.cli.summary import report
+from aerodft.cli.flight_run import measure_flight
+from aerodft.cli.output import say
 from aerodft.cli.sync_station import aligned
 from aerodft.cli.times import parse_utc
-from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
+from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, UsageError
-from aerodft.service.feed import MergedFeed
+from replay.segments import is_mcap
 
 _WHOLE_SECONDS_STD_S = 3**-0.5
 """How far, root mean square, a time is from itself cut to whole seconds."""
@@ -37,7 +35,7 @@ class SyncChoice(StrEnum):
 
 
 def import_(
-    log: Annotated[Path | None, typer.Argument(help=".tlog or ArduPilot .bin; none for a fixed camera.")] = None,
+    log: Annotated[Path | None, typer.Argument(help=".tlog, ArduPilot .bin, or an MCAP file with MAVLink.")] = None,
     config: Annotated[Path | None, typer.Option("--config", "-c", help="Station configuration (TOML).")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="New folder for the recording.")] = None,
     video: Annotated[Path | None, typer.Option(help="Video file.")] = None,
@@ -49,6 +47,7 @@ def import_(
     sync: Annotated[
         SyncChoice | None, typer.Option(help="auto: find the video's clock as `aerodft sync` does; off: do not.")
     ] = None,
+    topic: TopicOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     r"""Turn a flight's log, and video or stills, into a recording with measurements.
@@ -62,18 +61,12 @@ def import_(
     if config is None or output is None:
         raise UsageError("no --config" if config is None else "no -o FOLDER", expected="--config FILE and -o FOLDER")
     station = _station(config, video, video_start, images, rate, calibration)
-    if (log is None) != (station.pipeline.telemetry is None):
+    station = replace(station, topics=parse_topics(topic, station.topics))
+    if (log is None) != (station.pipeline.telemetry is None) and not (log is not None and is_mcap(log)):
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=config, expected=need)
     station = _on_time(station, sync, log, config)
-    tally, pipeline = Tally(), build_pipeline(station)
-    eyes = build_eyes(station, pipeline, config)
-    flight = open_flight(station, log, (*station.observations.files, *(observations or ())), eyes.lookouts)
-    recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
-    with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
-        run(MergedFeed(flight.sources, station.pipeline.tick_ns), pipeline, (recorder, tally), progress)
-    seen = eyes.report(flight.looked.counts)
-    report(recorder.totals, tally, pipeline.counts, as_json=json, warnings=flight.warnings(), seen=seen)
+    measure_flight(station, log, tuple(observations or ()), output, where=config, as_json=json)
 
 
 def _station(

@@ -54,13 +54,14 @@ def _by_text(counts: Mapping[int, int]) -> dict[str, int]:
     return {str(marker): count for marker, count in counts.items()}
 
 
-def build_eyes(station: StationConfig, pipeline: Pipeline, where: object) -> Eyes:
+def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool = False) -> Eyes:
     """Who looks at the images of a station.
 
     Args:
         station: The station.
         pipeline: Its pipeline, which knows about where the camera is.
         where: The configuration's name in messages.
+        may_record: Images may come with a recording, whatever the configuration says of their source.
 
     Raises:
         ConfigError: There is something to look for, and no images.
@@ -68,10 +69,10 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object) -> Eye
     """
     lookouts, observer = [], None
     if station.watch is not None:
-        _check_images(station, "[watch]", where)
+        _check_images(station, "[watch]", where, may_record=may_record)
         lookouts.append(steady_lookout(station.watch, station))
     if (markers := station.markers) is not None:
-        _check_images(station, "[markers]", where)
+        _check_images(station, "[markers]", where, may_record=may_record)
         observer = MarkerObserver(
             markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
         )
@@ -79,7 +80,9 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object) -> Eye
     return Eyes(tuple(lookouts), observer)
 
 
-def _check_images(station: StationConfig, table: str, where: object) -> None:
+def _check_images(station: StationConfig, table: str, where: object, *, may_record: bool) -> None:
+    if may_record and not isinstance(station.images.source, Rate):
+        return
     if station.images.source is None or isinstance(station.images.source, Rate):
         expected = "a stream or a device; for import a video or stills"
         raise ConfigError("images", where=where, got=f"none to look into for {table}", expected=expected)

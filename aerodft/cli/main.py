@@ -4,6 +4,8 @@ Exit codes: 0 done, 1 a bug, 2 usage, 3 bad input or configuration, 4 no answer 
 a loss to report.
 """
 
+import atexit
+import gc
 import inspect
 import keyword
 import logging
@@ -31,9 +33,10 @@ COMMANDS: Final = {
     "serve": "Measure live: MAVLink and images in, zenoh and a recording out.",
     "import": "Turn a flight's log (and video) into a recording with measurements.",
     "replay": "Publish a recording again.",
-    "recompute": "Compute a recording's measurements anew, with the same or another configuration.",
+    "recompute": "Compute one recording's measurements anew, or those of many.",
+    "recover": "Make a recording whole whose recorder was killed or whose files were damaged.",
     "compare": "Compare two recordings measurement by measurement.",
-    "export": "Write a recording's measurements as CSV or GeoJSON.",
+    "export": "Write a recording as CSV, Parquet, GeoJSON, one MCAP file or an annotated video.",
     "sync": "Align a video with a log: offset and drift of the clocks, lag of the gimbal.",
     "calibrate-lens": "Find a lens's focal length, centre and distortion from images of a board.",
     "doctor": "Say what a log or a live link holds, and what is wrong with it.",
@@ -122,6 +125,7 @@ def _run(arguments: list[str]) -> NoReturn:
 
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
+    atexit.register(gc.freeze)  # else the interpreter looks through all of the libraries once more: half a second
     guard_streams()
     try:
         with _ended_by_sigterm():

@@ -15,6 +15,7 @@ from aerodft.cli.model_table import cautions, show_models
 from aerodft.cli.output import print_budget, print_json, print_measurements, say
 from aerodft.cli.probes import parse_probes
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
+from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.conventions import LARGEST
 from aerodft.dft.budget import Share, advice
 from aerodft.dft.measure import Request, Setup
@@ -71,6 +72,10 @@ def measure(
     at: Annotated[
         str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
     ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="With --recording: station configuration in place of its own.")
+    ] = None,
+    topic: TopicOption = None,
     depth_map: Annotated[
         Path | None,
         typer.Option(help="Write range, ground point and sampling of every pixel (to 100 heights away) here."),
@@ -91,6 +96,8 @@ def measure(
         {"--probe": probe, "--compare": compare, "--explain": explain},
         {"--depth-map": depth_map, "--image": image, "--step": step},
     )
+    if recording is None and (config is not None or topic):
+        raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
     if (recording is None) != (at is None):
         raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
     pose = GivenPose(
@@ -105,10 +112,12 @@ def measure(
     )
     terms = GivenGround(slope_deg=slope, uphill_deg=uphill, terrain=terrain)
     if recording is not None and at is not None:
-        refuse_beside({"camera": camera, "calibration": calibration}, "recording")
         pose.refuse_all("recording")
         terms.refuse_all("recording")
-        setup, sample, stds = _recorded(recording, at, model, std)
+        if config is not None:
+            refuse_beside({"camera": camera}, "config")
+        files = {"config": config, "calibration": calibration, "camera": camera}
+        setup, sample, stds = _recorded(recording, at, model, std, topic, files)
     elif calibration is not None and load_calibrated_pose(calibration) is not None:
         pose.refuse_all("calibration")
         setup, sample, stds = _calibrated(calibration, camera, model, std, terms)
@@ -174,14 +183,19 @@ def _limited(setup: Setup, elevation_m: float, max_range_m: float | None) -> Set
 
 
 def _recorded(
-    recording: Path, at: str, model: ProjectionModel | None, std: str | None
+    recording: Path,
+    at: str,
+    model: ProjectionModel | None,
+    std: str | None,
+    topic: list[str] | None,
+    files: dict[str, Path | None],
 ) -> tuple[Setup, PoseSample, Stds]:
-    from aerodft.cli.recorded import recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
+    from aerodft.cli.recorded_pose import Instead, recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
 
     stds = parse_stds(std) if std else Stds()
     if stds.pose != PoseStd():
         raise UsageError("--std of the pose beside --recording", expected="px, elevation: the pose's are recorded")
-    setup, sample = recorded_setup(recording, at)
+    setup, sample = recorded_setup(recording, at, Instead(**files, topics=parse_topics(topic)))
     return (setup if model is None else replace(setup, model=model)), sample, stds
 
 

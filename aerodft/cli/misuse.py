@@ -34,7 +34,7 @@ def usage_error(error: TyperException, arguments: list[str], commands: Collectio
         hint = f"did you mean {close[0]}?" if close else hint
     message = str(getattr(error, "format_message", lambda: error)())
     if message.startswith("No such command"):
-        wanted = message.split("'")[1]
+        wanted = next((each for each in arguments if not each.startswith("-")), arguments[-1])
         close = difflib.get_close_matches(wanted, commands, n=1)
         expected = f"one of {', '.join(commands)}"
         return UsageError(

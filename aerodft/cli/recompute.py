@@ -1,73 +1,117 @@
-"""``aerodft recompute``: the same pipeline over a recording's raw input."""
+"""``aerodft recompute``: the same pipeline over a recording's raw input, or over that of many recordings."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
-from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.output import progress_bar
-from aerodft.cli.recorded import recorded_station, reoffset
+from aerodft.cli.ending import Interruptible
+from aerodft.cli.flight_run import measure_flight
+from aerodft.cli.output import progress_bar, say
+from aerodft.cli.recompute_many import Many, are_many, recompute_many
+from aerodft.cli.recomputing import prepare
 from aerodft.cli.summary import report
-from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, closing_recorder, run
-from aerodft.errors import InputError
-from aerodft.model.image import Image
-from aerodft.service.feed import MergedFeed
+from aerodft.cli.topics import TopicOption, parse_topics
+from aerodft.cli.wiring import RECORDED_SPAN_NS, Tally, build_recorder, closing_recorder, run
+from aerodft.errors import InputError, UsageError
+from replay.opening import is_foreign
 from replay.recording import Recording
-from replay.source import RecordingSource
 
 
 def recompute(
-    recording: Annotated[Path, typer.Argument(help="Folder of the recording.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="New folder for the new recording.")],
+    recording: Annotated[list[str], typer.Argument(help="Folder of the recording; several, or a pattern in quotes.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="New folder for the new recording; of many: of the Parquet dataset."),
+    ] = None,
     config: Annotated[Path | None, typer.Option("--config", "-c", help="Another configuration.")] = None,
     calibration: Annotated[Path | None, typer.Option(help="Another calibration.")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Many recordings at once: processes (of this machine), or a Dask scheduler's tcp://host:port."
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes of this machine; without it, one for each core.", min=1)
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Of many: replace what the dataset has of other input.")
+    ] = False,
+    vision: Annotated[
+        bool,
+        typer.Option("--vision", help="Find markers and steady points again in the recorded images, and compare."),
+    ] = False,
+    topic: TopicOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     r"""Compute a recording's measurements anew.
 
     With the recording's own configuration the measurements are identical to the byte on the same machine. Images are
-    copied, not encoded again.
+    copied, not encoded again. It starts from the recorded observations; with --vision what aerodft itself saw is found
+    again in the recorded images, and how far it is from where it was is said.
+
+    Of many recordings (several, a pattern, or with --scheduler) one row per measurement goes into a Parquet dataset,
+    which docs/batch.md describes: ./recomputed without --output. One that fails is reported, the others go on (exit 5);
+    started again, it does what is not done.
 
     \b
     Example:
       aerodft recompute recordings/flight --calibration better.toml -o recordings/flight-better
+      aerodft recompute 'flights/*' --scheduler processes -o dataset
     """
-    old = Recording(recording)
-    was, station = _stations(old, config)
+    if scheduler is not None or are_many(recording):
+        if vision:
+            raise UsageError("--vision", got="several recordings", expected="one recording")
+        many = Many(config=config, calibration=calibration, overwrite=overwrite)
+        recompute_many(recording, output or Path("recomputed"), many, scheduler or "processes", workers, as_json=json)
+        return
+    for name, given in (("--workers", workers), ("--overwrite", overwrite)):
+        if given:
+            raise UsageError(name, got="one recording", expected="--scheduler, or several recordings")
+    if output is None:
+        raise UsageError("--output", got="nothing", expected="a new folder for the new recording")
+    path = Path(recording[0])
+    if is_foreign(path):
+        _measure_foreign(path, output, config, calibration, topic, as_json=json)
+    else:
+        _recompute_one(path, output, config, calibration, vision=vision, as_json=json)
+
+
+def _measure_foreign(
+    path: Path, output: Path, config: Path | None, calibration: Path | None, topic: list[str] | None, *, as_json: bool
+) -> None:
+    """Another tool's recording, which has no configuration of its own."""
+    if config is None:
+        hint = "it says what to measure, and with which camera"
+        raise UsageError("no --config for another tool's recording", expected="--config FILE", hint=hint)
+    station = load_station(config)
     if calibration is not None:
         station = with_calibration(station, calibration)
-    _check_sizes(old, station)
-    tally, pipeline = Tally(), build_pipeline(station)
-    feed = MergedFeed([reoffset(RecordingSource(old), was, station)], station.pipeline.tick_ns)
-    recorder = build_recorder(station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
+    station = replace(station, topics=parse_topics(topic, station.topics))
+    measure_flight(station, path, (), output, where=config, as_json=as_json)
+
+
+def _recompute_one(
+    folder: Path, output: Path, config: Path | None, calibration: Path | None, *, vision: bool, as_json: bool
+) -> None:
+    ready = prepare(folder, config, calibration, vision=vision)
+    old, tally = ready.recording, Tally()
+    recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
-        run(feed, pipeline, (recorder, tally), progress)
-    _copy_images(old, output)
-    report(recorder.totals, tally, pipeline.counts, as_json=json)
-
-
-def _stations(recording: Recording, config: Path | None) -> tuple[StationConfig, StationConfig]:
-    """The recording's own configuration (where it has none: the new one) and the one to compute with."""
-    if config is None:
-        own = recorded_station(recording)
-        return own, own
-    new = load_station(config)
-    return (new if recording.text("config.toml") is None else recorded_station(recording)), new
-
-
-def _check_sizes(recording: Recording, station: StationConfig) -> None:
-    """Refuse a camera that the recorded images are not from; one source has images of one size.
-
-    Raises:
-        InputError: The sizes differ.
-    """
-    for event in RecordingSource(recording).events():
-        if isinstance(event, Image) and event.width_px is not None:
-            check_size(event, station.pipeline.camera, recording.folder)
-            return
+        span_ns = 0 if vision else RECORDED_SPAN_NS
+        run(Interruptible(ready.feed), ready.pipeline, (recorder, tally), progress, span_ns=span_ns)
+    if next(old.image_messages(), None) is not None:
+        _copy_images(old, output)
+    seen: dict[str, object] = {}
+    if ready.again is not None:
+        moved = ready.again.moved
+        seen = {**ready.eyes.report(ready.again.counts), "vision": moved.document()}
+        say(moved.sentence())
+    report(recorder.totals, tally, ready.pipeline.counts, as_json=as_json, seen=seen)
 
 
 def _copy_images(recording: Recording, output: Path) -> None:

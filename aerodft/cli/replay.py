@@ -1,97 +1,224 @@
-"""``aerodft replay``: a recording on the bus again."""
+"""``aerodft replay``: recordings on the bus, and their MAVLink on a link, again."""
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from aerodft.adapters.mavlink.address import LinkKind, parse_address
+from aerodft.adapters.mavlink.transport import open_transport
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, session_on
+from aerodft.cli.keys import has_keys, pressed
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.times import parse_instant
+from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clock import WallClock
-from replay.publish import Published, Republisher
-from replay.recording import Recording
+from replay.mavlink_out import MavlinkOut, check_mavlink, holds_mavlink
+from replay.opening import open_recording
+from replay.player import Controls, Outlet, Player
+from replay.publish import Republisher, is_published
+from replay.timeline import AnyRecording, timeline
 
 _NOWHERE = "none"
+_LINK_S = 5.0  # for whoever --connect names to answer
+_SLOWEST, _FASTEST = 0.01, 1000.0
 
 
-class Rate(StrEnum):
-    """Times real time."""
+class Stamps(StrEnum):
+    """Whether stamps are moved."""
 
-    REAL = "1"
-    FOURFOLD = "4"
-    MAX = "max"
+    ORIGINAL = "original"
+    NOW = "now"
 
 
 def replay(
-    recording: Annotated[Path, typer.Argument(help="The recording's folder.")],
+    recordings: Annotated[list[Path], typer.Argument(help="Folders or MCAP files; several are merged by time.")],
     *,
-    rate: Annotated[Rate, typer.Option(help="Times real time, or as fast as it goes.")] = Rate.REAL,
+    rate: Annotated[str, typer.Option(help="Times real time (0.1, 4, ...), or max: as fast as it goes.")] = "1",
     start: Annotated[
         str | None, typer.Option("--from", help="Seconds from the recording's start, UTC ns, or ISO 8601.")
     ] = None,
     stop: Annotated[str | None, typer.Option("--to", help="Likewise; stops before it.")] = None,
+    stamps: Annotated[
+        Stamps, typer.Option(help="now: all stamps are moved by one amount, the first of them to now.")
+    ] = Stamps.ORIGINAL,
+    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until it is stopped.")] = False,
+    step: Annotated[bool, typer.Option("--step", help="Image by image, at the press of a key.")] = False,
+    mavlink: Annotated[
+        str | None, typer.Option(help="Send its MAVLink there too, as it came: udpout:HOST:PORT.")
+    ] = None,
     listen: Annotated[str, typer.Option(help=f"Endpoint to listen on; {_NOWHERE} to connect only.")] = DEFAULT_LISTEN,
     connect: Annotated[list[str] | None, typer.Option(help="Endpoint to connect to; may be repeated.")] = None,
     wait: Annotated[float, typer.Option(help="Wait this many seconds for a first subscriber.", min=0)] = 0.0,
+    topic: TopicOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was published as JSON.")] = False,
 ) -> None:
-    r"""Publish a recording again: original payloads on original keys, in order.
+    r"""Publish recordings again: original payloads on original keys, in order of time.
+
+    On a terminal space pauses and goes on, n or the right arrow goes to the next image, l loops or stops looping, q
+    ends.
 
     \b
-    Example:
+    Examples:
       aerodft replay flights/2026-11-21 --rate 4 --from 30 --to 90
+      aerodft replay flights/2026-11-21 --mavlink udpout:127.0.0.1:14550 --loop
     """
-    opened = Recording(recording)
-    from_ns, to_ns = _window(opened, start, stop)
-    factor = None if rate is Rate.MAX else float(rate)
-    with session_on(None if listen == _NOWHERE else listen, connect or ()) as session:
-        publisher = Republisher(session=session, clock=WallClock(), rate=factor)
+    factor = _rate(rate)
+    if step and not has_keys():
+        raise UsageError("--step", got="no terminal", expected="a terminal to press keys on")
+    opened = [open_recording(path, parse_topics(topic)) for path in recordings]
+    window = _window(opened, start, stop)
+    controls = Controls(paused=step, looping=loop)
+    with ExitStack() as stack:
+        sender = _mavlink_out(mavlink, opened, stack)
+        session = stack.enter_context(session_on(None if listen == _NOWHERE else listen, connect or ()))
+        publisher = Republisher(session)
+        stack.callback(publisher.close)
+        if connect and not publisher.wait_for_link(max(wait, _LINK_S)):
+            got = f"no answer within {max(wait, _LINK_S):g} s"
+            raise NoAnswerError("nobody to publish to", where=", ".join(connect), got=got, hint="nothing was published")
         if wait and not publisher.wait_for_subscriber(opened, wait):
             raise NoAnswerError("nobody subscribed", where=listen, got=f"nothing within {wait:g} s")
-        with progress_bar("replaying", max(from_ns, opened.start_ns), min(to_ns, opened.end_ns)) as on_time:
-            try:
-                published = publisher.publish(opened, from_ns=from_ns, to_ns=to_ns, on_time=on_time)
-            except KeyboardInterrupt:
-                say(f"{recording}: stopped")
-                return
-    _report(recording, published, as_json=json)
+        outlets: list[Outlet] = [publisher] if sender is None else [publisher, sender]
+        player = Player(outlets=outlets, clock=WallClock(), rate=factor, is_now=stamps is Stamps.NOW, controls=controls)
+        is_stopped = _play(player, opened, window)
+        has_listeners = publisher.has_listeners
+    if is_stopped:
+        say("aerodft: stopped")
+    _report(recordings, publisher, sender, player, has_listeners=has_listeners, as_json=json)
 
 
-def _window(recording: Recording, start: str | None, stop: str | None) -> tuple[int, int]:
-    """What ``--from`` and ``--to`` say, in UTC ns.
+def _rate(text: str) -> float | None:
+    """Times real time; None for ``max``."""
+    if text == "max":
+        return None
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = -1.0
+    if not _SLOWEST <= rate <= _FASTEST:
+        raise UsageError("--rate", got=repr(text), expected=f"{_SLOWEST:g} to {_FASTEST:g}, or max")
+    return rate
+
+
+def _window(recordings: Sequence[AnyRecording], start: str | None, stop: str | None) -> tuple[int | None, int | None]:
+    """What ``--from`` and ``--to`` say, in UTC ns; None for the start and the end.
 
     Raises:
         UsageError: One of them is no time, or they are in the wrong order.
-        NoAnswerError: The recording has nothing between them.
+        NoAnswerError: The recordings have nothing between them.
     """
-    from_ns = recording.start_ns if start is None else parse_instant("--from", start, recording.start_ns)
-    to_ns = recording.end_ns + 1 if stop is None else parse_instant("--to", stop, recording.start_ns)
+    first_ns, last_ns = min(each.start_ns for each in recordings), max(each.end_ns for each in recordings)
+    from_ns = None if start is None else parse_instant("--from", start, first_ns)
+    to_ns = None if stop is None else parse_instant("--to", stop, first_ns)
     got = f"{start or 'the start'} to {stop or 'the end'}"
-    length_s = (recording.end_ns - recording.start_ns) / SECOND_NS
-    expected = f"times within 0 to {length_s:.1f} s from its start"
-    if start and stop and from_ns >= to_ns:
+    if from_ns is not None and to_ns is not None and from_ns >= to_ns:
         raise UsageError("--from is not before --to", got=got)
-    if from_ns > recording.end_ns or to_ns <= recording.start_ns:
-        raise NoAnswerError("the recording has nothing there", where=recording.folder, got=got, expected=expected)
+    if (from_ns is not None and from_ns > last_ns) or (to_ns is not None and to_ns <= first_ns):
+        expected = f"times within 0 to {(last_ns - first_ns) / SECOND_NS:.1f} s from its start"
+        where = ", ".join(_name(each) for each in recordings)
+        raise NoAnswerError("the recording has nothing there", where=where, got=got, expected=expected)
     return from_ns, to_ns
 
 
-def _report(recording: Path, published: Published, *, as_json: bool) -> None:
+def _name(recording: AnyRecording) -> str:
+    return str(getattr(recording, "folder", None) or getattr(recording, "path", ""))
+
+
+def _mavlink_out(text: str | None, recordings: Sequence[AnyRecording], stack: ExitStack) -> MavlinkOut | None:
+    if text is None:
+        return None
+    address = parse_address(text)
+    if address.kind is LinkKind.UDP_IN:
+        raise UsageError("--mavlink", got=text, expected="udpout:HOST:PORT: nobody would be sent to")
+    check_mavlink(tuple(recordings))
+    transport = open_transport(address)
+    stack.callback(transport.close)
+    return MavlinkOut(transport)
+
+
+def _play(player: Player, recordings: Sequence[AnyRecording], window: tuple[int | None, int | None]) -> bool:
+    """Play to the end; True where it was stopped before."""
+    from_ns, to_ns = window
+    with_mavlink = any(isinstance(outlet, MavlinkOut) for outlet in player.outlets)
+
+    def wanted(recording: AnyRecording, channel: ReadChannel) -> bool:
+        return is_published(recording, channel) or (with_mavlink and holds_mavlink(recording, channel))
+
+    first_ns = max(from_ns or 0, min(each.start_ns for each in recordings))
+    last_ns = max(each.end_ns for each in recordings)
+    controls = player.controls
+    actions: dict[str, Callable[[], None]] = {
+        " ": controls.pause_or_go,
+        "n": controls.step,
+        "\x1b[C": controls.step,
+        "l": lambda: _toggle_loop(controls),
+        "q": lambda: _end(controls),
+    }
+
+    def on_pause(log_ns: int) -> None:
+        at_s = (log_ns - first_ns) / SECOND_NS
+        say(f"paused at {at_s:.3f} s ({unix_ns_to_iso(log_ns)}): space goes on, n is the next image, q ends")
+
+    player.on_pause = on_pause
+    with progress_bar("replaying", first_ns, min(to_ns or last_ns, last_ns)) as on_time, pressed(actions):
+        player.on_time = on_time
+        with _interruptible(controls):
+            player.play(lambda: timeline(recordings, from_ns, to_ns, wanted))
+    return controls.ended
+
+
+@contextmanager
+def _interruptible(controls: Controls) -> Iterator[None]:
+    """Ctrl-C ends it as the key does, and what went out is said."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        controls.ended = True
+
+
+def _toggle_loop(controls: Controls) -> None:
+    controls.looping = not controls.looping
+    say("looping" if controls.looping else "not looping")
+
+
+def _end(controls: Controls) -> None:
+    controls.ended = True
+
+
+def _report(
+    recordings: Sequence[Path],
+    publisher: Republisher,
+    sender: MavlinkOut | None,
+    player: Player,
+    *,
+    has_listeners: bool,
+    as_json: bool,
+) -> None:
+    published = publisher.published
+    names = [str(path) for path in recordings]
     if as_json:
-        print_json(
-            {
-                "recording": str(recording),
-                "measurements": published.measurements,
-                "images": published.images,
-                "others": published.others,
-            }
-        )
+        document = {
+            "recording": names[0] if len(names) == 1 else names,
+            "measurements": published.measurements,
+            "images": published.images,
+            "others": published.others,
+            "rounds": player.rounds,
+            "subscribers": has_listeners,
+        }
+        print_json(document if sender is None else {**document, "mavlink_frames": sender.frames})
         return
+    frames = "" if sender is None else f", sent {sender.frames} MAVLink frames"
     say(
-        f"{recording}: published {published.measurements} measurements, {published.images} images"
-        f" and {published.others} poses and states"
+        f"{', '.join(names)}: published {published.measurements} measurements, {published.images} images"
+        f" and {published.others} poses and states{frames}"
     )
+    if not has_listeners and sender is None:
+        say("aerodft: nobody subscribed to them; --wait SECONDS waits for somebody")

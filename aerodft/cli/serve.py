@@ -25,6 +25,7 @@ from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import say
+from aerodft.cli.recover import recovering_beside
 from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
 from aerodft.cli.times import MOST_SECONDS
@@ -34,6 +35,7 @@ from aerodft.dft.measure import Request
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
+from aerodft.model.packet import VideoPacket
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
 from aerodft.service.looking import LiveLook
@@ -59,25 +61,29 @@ def serve(
     if settings.telemetry is not None and station.link is None:
         raise ConfigError("telemetry.connection", where=config, got="none", expected='e.g. "udpin:127.0.0.1:14550"')
     clock, tally, pipeline = WallClock(), Tally(), build_pipeline(station)
+    pipeline.warm_up()
     eyes = build_eyes(station, pipeline, config)
     inbox = Inbox(clock)
     feed = LiveFeed(inbox, clock, settings.tick_ns)
     folder = output or station.record.folder / _folder_name(settings.station, clock.now_ns())
     with ExitStack() as stack:
         started_ns = clock.now_ns()
+        stack.enter_context(recovering_beside(station.record.folder))  # what a kill or a power cut left unfinished
         bus = _open_bus(station, pipeline, inbox)
         if bus is not None:
             stack.callback(bus.close)
         look = stack.enter_context(LiveLook(eyes.lookouts, inbox.put_observations))
         images = _ImageGate(station, inbox, feed, look, where=config)
-        link = _open_inputs(station, inbox, images, clock, stack)
+        packets = _PacketGate()
+        link = _open_inputs(station, inbox, images, packets, clock, stack)
         recorder = build_recorder(station, folder, started_ns=started_ns, lossless=False)  # once nothing can fail
         stack.callback(recorder.close)
+        packets.recorder = recorder
         stack.enter_context(_stop_on_signal(feed, seconds))
         say(f"recording to {folder}; stop with Ctrl-C")
         receivers = (recorder,) if bus is None else (bus, recorder)
-        status = _StatusEverySecond(station, pipeline, inbox, look, tally, receivers, link)
-        run(feed, pipeline, (*receivers, tally), status)
+        status = _StatusEverySecond(station, pipeline, inbox, look, tally, bus, recorder, link)
+        run(feed, pipeline, (*receivers, tally), status, span_ns=0)
     images.raise_refusal()
     if bus is not None and bus.malformed:
         say(f"{bus.malformed} observations on the bus were none; the first was said when it came")
@@ -109,13 +115,18 @@ def _open_bus(station: StationConfig, pipeline: Pipeline, inbox: Inbox) -> Zenoh
 
 
 def _open_inputs(
-    station: StationConfig, inbox: Inbox, images: "_ImageGate", clock: WallClock, stack: ExitStack
+    station: StationConfig,
+    inbox: Inbox,
+    images: "_ImageGate",
+    packets: "_PacketGate",
+    clock: WallClock,
+    stack: ExitStack,
 ) -> MavlinkLink | None:
     """Open the MAVLink link, if there is one, and the image source; both leave what they receive in the inbox."""
     source, offset_s = station.images.source, station.image_offset_s
     if isinstance(source, Stream | Device):
         url = source.url if isinstance(source, Stream) else source.path
-        stack.enter_context(StreamReader(url, images, clock=clock, time_offset_s=offset_s))
+        stack.enter_context(StreamReader(url, images, clock=clock, on_packet=packets, time_offset_s=offset_s))
     else:
         rate = LiveRate(source.rate_hz if isinstance(source, Rate) else DEFAULT_RATE_HZ, inbox.put_image, clock)
         rate.start()
@@ -125,6 +136,17 @@ def _open_inputs(
     check = stack.enter_context(opened_signing(station.link.signing))
     address = parse_address(station.link.connection, baud=station.link.baud)
     return stack.enter_context(MavlinkLink(address, inbox, signing=check))
+
+
+class _PacketGate:
+    """Passes video to the recorder, once there is one."""
+
+    def __init__(self) -> None:
+        self.recorder: McapRecorder | None = None
+
+    def __call__(self, packet: VideoPacket) -> None:
+        if self.recorder is not None:
+            self.recorder.packet(packet)
 
 
 class _ImageGate:
@@ -172,16 +194,18 @@ class _StatusEverySecond:
         inbox: Inbox,
         look: LiveLook,
         tally: Tally,
-        receivers: tuple[McapRecorder | ZenohBus, ...],
+        bus: ZenohBus | None,
+        recorder: McapRecorder,
         link: MavlinkLink | None,
     ) -> None:
         self._link = link
+        self._recorder = recorder
         self._station = station.pipeline.station
         self._pipeline = pipeline
         self._inbox = inbox
         self._look = look
         self._tally = tally
-        self._receivers = receivers
+        self._receivers: tuple[McapRecorder | ZenohBus, ...] = (recorder,) if bus is None else (bus, recorder)
         self._next_ns = 0
 
     def __call__(self, now_ns: int) -> None:
@@ -195,6 +219,7 @@ class _StatusEverySecond:
             "looks": sum(each.looked for each in self._look.counts),
             "skipped_looks": sum(each.skipped for each in self._look.counts),
             **({} if self._link is None else _link_counts(self._link)),
+            **self._recorder.totals.counts,
             **{f"poses_{status}": number for status, number in tally.poses.items()},
             **{f"measurements_{status}": number for status, number in tally.measurements.items()},
         }
@@ -207,6 +232,7 @@ class _StatusEverySecond:
             text=text,
             counts=counts,
             health=self._pipeline.health(now_ns),
+            rejected=self._pipeline.rejected(),
         )
         for receiver in self._receivers:
             receiver.status(status)

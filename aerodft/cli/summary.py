@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import typer
 
-from aerodft.adapters.mcap.recorder import RecordingTotals
+from aerodft.adapters.mcap.totals import RecordingTotals
 from aerodft.cli.output import print_json, say
 from aerodft.cli.watching import steadiness_document, steadiness_sentence
 from aerodft.cli.wiring import Tally
@@ -50,6 +50,7 @@ def report(
                 "reasons": tally.reasons,
                 "warnings": warnings,
                 "lost": missing,
+                "recorded": totals.counts,
                 **_landmarks(tally),
                 **_steadiness(tally),
                 **(seen or {}),

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodft.adapters.images.video import VideoFileSource
-from aerodft.adapters.mavlink.composite import decoder_of, open_log
+from aerodft.adapters.mavlink.composite import decoder_of
+from aerodft.cli.logs import open_telemetry_log
 from aerodft.cli.output import progress_bar
 from aerodft.cli.wiring import check_size
 from aerodft.conventions import SECOND_NS
@@ -54,7 +55,7 @@ def run_sync(
         InputError: A file cannot be read, or images are of another size than the camera's.
         NoAnswerError: The data do not tell, see ``calibration.sync.align``.
     """
-    source = open_log(log)
+    source, _ = open_telemetry_log(log)
     history = attitude_history(source, decoder_of(telemetry), telemetry.attitude)
     start_ns, end_ns = video.span_ns or (video.start_ns, video.start_ns)
     try:

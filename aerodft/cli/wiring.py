@@ -5,23 +5,27 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 from aerodft.adapters.config.ground import COPY_NAME, copy_terrain, travels
 from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.adapters.config.station import StationConfig, TerrainGround
 from aerodft.adapters.mavlink.composite import decoder_of
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.cli.output import say
+from aerodft.conventions import SECOND_NS
+from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.batch import Batch, Event
 from aerodft.model.camera import Camera
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
+from aerodft.service.feed import together
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Feed, Output, Sink, Source
 from calibration.biases import BiasCalibrator
@@ -58,7 +62,10 @@ def build_recorder(
         camera=station.pipeline.camera,
         lossless=lossless,
         max_image_hz=station.record.image_hz if image_hz is None else image_hz,
+        video=station.record.video,
         jpeg_quality=station.record.jpeg_quality,
+        segment_s=station.record.segment_s,
+        segment_bytes=round(station.record.segment_mb * 1e6),
     )
     terrain = station.ground if isinstance(station.ground, TerrainGround) else None
     copied = terrain is not None and travels(terrain)
@@ -85,6 +92,10 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
         say(f"aerodft: not finished; {folder} holds what was read so far")
         raise
     recorder.close()
+
+
+RECORDED_SPAN_NS: Final = SECOND_NS
+"""Recorded input is advanced by so much at once."""
 
 
 @dataclass(slots=True)
@@ -115,8 +126,8 @@ class Tally:
         for item in outputs:
             if isinstance(item, Image):
                 self.images += 1
-            elif isinstance(item, Measurement):
-                self.measurements[str(item.status)] += 1
+            elif isinstance(item, ImageAnswers):
+                self.measurements.update(answer.status.value for answer in item.answers)
             elif isinstance(item, CalibrationEstimate):
                 self.estimate = item
             elif isinstance(item, SteadinessEstimate):
@@ -130,16 +141,30 @@ class Tally:
         """Nothing to write out."""
 
 
-def run(feed: Feed, pipeline: Pipeline, sinks: tuple[Sink, ...], on_tick: Callable[[int], None] | None = None) -> None:
-    """Drive a pipeline with a feed until it ends; every sink sees every input and output."""
-    for batch in feed.batches():
-        for sink in sinks:
-            sink.inputs(batch)
-        outputs = pipeline.step(batch)
-        for sink in sinks:
-            sink.outputs(outputs)
-        if on_tick is not None:
-            on_tick(batch.now_ns)
+def run(
+    feed: Feed,
+    pipeline: Pipeline,
+    sinks: tuple[Sink, ...],
+    on_tick: Callable[[int], None] | None = None,
+    *,
+    span_ns: int = RECORDED_SPAN_NS,
+) -> None:
+    """Drive a pipeline with a feed until it ends; every sink sees every input and output.
+
+    Args:
+        feed: What is read.
+        pipeline: What measures.
+        sinks: Who takes inputs and outputs.
+        on_tick: Called with the time that has been reached.
+        span_ns: Ticks that are advanced by at once: nothing comes out before the last; 0 for one by one, live.
+    """
+    for batches in together(feed.batches(), span_ns):
+        for batch, outputs in zip(batches, pipeline.advance(batches), strict=True):
+            for sink in sinks:
+                sink.inputs(batch)
+                sink.outputs(outputs)
+            if on_tick is not None:
+                on_tick(batch.now_ns)
     outputs = pipeline.finish()
     for sink in sinks:
         sink.outputs(outputs)
@@ -150,23 +175,26 @@ class Late:
 
     Args:
         source: Images or observations.
-        lateness_ns: Added to arrivals.
+        lateness_ns: Added to arrivals; by the stamp, where it depends on that.
         offset_ns: Added to stamps and arrivals.
     """
 
-    def __init__(self, source: Source, *, lateness_ns: int, offset_ns: int = 0) -> None:
+    def __init__(self, source: Source, *, lateness_ns: int | Callable[[int], int], offset_ns: int = 0) -> None:
         self._source = source
         self._lateness_ns = lateness_ns
         self._offset_ns = offset_ns
 
     def events(self) -> Iterator[Event]:
         """The source's events, moved; raw telemetry passes as it is."""
+        last_ns = 0
         for event in self._source.events():
             if isinstance(event, RawBlock):
                 yield event
             else:
-                arrival_ns = event.arrival_ns + self._offset_ns + self._lateness_ns
-                yield replace(event, stamp_ns=event.stamp_ns + self._offset_ns, arrival_ns=arrival_ns)
+                stamp_ns, late = event.stamp_ns + self._offset_ns, self._lateness_ns
+                late_ns = late if isinstance(late, int) else late(stamp_ns)
+                last_ns = max(last_ns, event.arrival_ns + self._offset_ns + late_ns)  # none overtakes
+                yield replace(event, stamp_ns=stamp_ns, arrival_ns=last_ns)
 
 
 class SizeChecked:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -30,6 +31,9 @@ _ADVICE = {
     "time": "align the clocks of images and telemetry, or hold still",
     "pixels": "pick the pixels more precisely, come closer, or use more resolution",
 }
+_UNSETTLED_RAD: Final = math.radians(2)  # no gimbal that holds still is known worse
+_ANGLES: Final = ("tilt", "pan", "roll", "attitude")
+_UNSETTLED: Final = "know the attitude better: wait until the gimbal has settled, or add a landmark"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +45,13 @@ class Share:
         std: What the measurement's standard deviation would be if this input alone were uncertain; negative where
             correlations make the measurement more certain.
         share: Of the variance. What inputs that vary together add, or take away, stands under ``correlations``.
+        remedy: What to do about it.
     """
 
     source: str
     std: float
     share: float
+    remedy: str
 
 
 def variance_budget(seen: Seen, std: PoseStd, top: ObjectTop | None = None) -> tuple[Share, ...]:
@@ -83,7 +89,7 @@ def variance_budget(seen: Seen, std: PoseStd, top: ObjectTop | None = None) -> t
         return ()
     variances["correlations"] = total - sum(map(float, variances.values()))
     parts = [
-        Share(source, math.copysign(math.sqrt(abs(variance)), variance), float(variance) / total)
+        Share(source, math.copysign(math.sqrt(abs(variance)), variance), float(variance) / total, _remedy(source, seen))
         for source, variance in variances.items()
         if abs(variance) > _ROUNDING * total
     ]
@@ -95,7 +101,14 @@ def advice(budget: tuple[Share, ...]) -> str:
     if not budget:
         return ""
     first = budget[0]
-    return f"{100 * first.share:.0f} % from {first.source}: {_ADVICE[first.source]}"
+    return f"{100 * first.share:.0f} % from {first.source}: {first.remedy}"
+
+
+def _remedy(source: str, seen: Seen) -> str:
+    stds_rad = np.sqrt(seen.pose.cov.diagonal()[ROTATION])
+    if source in _ANGLES and stds_rad.max() > _UNSETTLED_RAD:
+        return _UNSETTLED
+    return _ADVICE[source]
 
 
 def _attitude(by_rotation: FloatArray, seen: Seen, std: PoseStd) -> dict[str, float]:

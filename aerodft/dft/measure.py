@@ -1,43 +1,44 @@
-"""Probes to measurements: one pose, any number of probes, one projection."""
+"""Probes to measurements: any number of poses, any number of probes, one projection."""
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from aerodft.dft.answers import Answer, ImageAnswers
 from aerodft.dft.budget import Share, variance_budget
+from aerodft.dft.first_order import first_order_answers
+from aerodft.dft.limits import (
+    FIRST_ORDER_LIMIT,
+    LEANING_STDS,
+    MAX_BEARING_STD_RAD,
+    MAX_RELATIVE_RANGE_STD,
+    NEAR_FOOT,
+    NO_RAY,
+)
 from aerodft.dft.object_top import ObjectTop, object_top
-from aerodft.dft.points import ImagePoints, image_points
+from aerodft.dft.points import ImagePoints, ProbePoints, image_points
 from aerodft.dft.polygons import crosses_itself
 from aerodft.dft.projection import project
-from aerodft.dft.quantities import beside
+from aerodft.dft.quantities import beside, foot_distance
 from aerodft.dft.record import UNITS, Record
+from aerodft.dft.refusal import unknown_range
 from aerodft.dft.request import Request, Setup
 from aerodft.dft.seen import Seen
-from aerodft.dft.uncertainty import Z95, shared_covariance
-from aerodft.dft.values import FIRST_ORDER_LIMIT, Value, drawn, first_order, has_edge, std_of
+from aerodft.dft.uncertainty import Z95, point_spread, shared_covariance
+from aerodft.dft.values import Value, drawn, first_order, has_edge, std_of
 from aerodft.dft.zoomed import zoomed
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.pose import Pose, PoseSample, stacked
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import CODES, Status
 
-__all__ = ["Request", "Setup", "explain", "measure"]
+__all__ = ["Request", "Setup", "explain", "measure", "measure_images"]
 
-MAX_RELATIVE_RANGE_STD = 0.3
-"""A point whose slant range is less certain than this is ``ILL_CONDITIONED``."""
-
-MAX_BEARING_STD_RAD = 0.3
-"""So is a direction that is less certain than this; over a third of it, errors are drawn."""
-
-NEAR_FOOT = 0.1
-"""An object's height is drawn where its base is less certain than this share of its distance from the camera's foot."""
-
-LEANING_STDS = 6.0
-"""What leans by more than 45 degrees, and by more than so many standard deviations, is no upright object."""
-
-_NO_RAY = [CODES.index(status) for status in (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL)]
+_AT_ONCE = 64  # images: their derivatives stay in the cache
+_NO_RAY = [CODES.index(status) for status in NO_RAY]
 
 
 def measure(
@@ -48,82 +49,162 @@ def measure(
     Returns:
         One measurement a request, in order; without a value, but with a status and its reasons, where there is none.
     """
-    setup, sample = zoomed(setup, sample)
-    pose = sample.pose
-    records = [Record(setup, sample, request, image) for request in requests]
-    if pose is None or sample.status is not Status.OK:
-        return [record.miss(sample.status, *sample.reasons) for record in records]
-    on_ground = iter(_on_ground(pose, [record for record in records if record.request.on_top_of is None]))
-    return [next(on_ground) if record.request.on_top_of is None else _on_top(pose, record) for record in records]
+    (found,) = measure_images(setup, (sample,), requests, (image,))
+    return list(found)
 
 
-def _on_ground(pose: Pose, records: list[Record]) -> list[Measurement]:
-    if not records:
-        return []
-    points = _points(pose, records)
-    counts = [len(record.request.pixels) for record in records]
+def measure_images(
+    setup: Setup, samples: Sequence[PoseSample], requests: tuple[Request, ...], images: Sequence[int | None]
+) -> list[ImageAnswers]:
+    """Measure the same requests in several images; an image's answers do not depend on the others.
+
+    Args:
+        setup: What all share.
+        samples: The images' poses.
+        requests: What is measured in each.
+        images: Their indices, where they have one.
+    """
+    found: list[list[Answer]] = [[] for _ in samples]
+    for rows, seen_with in _alike(setup, samples):
+        for row, answers in zip(rows, _answered(seen_with, [samples[row] for row in rows], requests), strict=True):
+            found[row] = answers
     return [
-        _measure_one(record, pose, points[end - count : end])
-        for record, count, end in zip(records, counts, np.cumsum(counts).tolist(), strict=True)
+        ImageAnswers(
+            requests=requests,
+            answers=answers or _missed(sample, requests),
+            sample=sample,
+            stamp_ns=sample.stamp_ns,
+            image=image,
+            model=setup.model,
+            camera=setup.camera.name,
+            calibration=sample.calibration,
+            config=setup.config_id,
+        )
+        for answers, sample, image in zip(found, samples, images, strict=True)
     ]
 
 
-def _points(pose: Pose, records: list[Record]) -> ImagePoints:
-    """The points of all records, which share setup and sample."""
-    setup, sample = records[0].setup, records[0].sample
-    requests = [record.request for record in records]
+def _missed(sample: PoseSample, requests: tuple[Request, ...]) -> list[Answer]:
+    return [Answer(sample.status, sample.reasons)] * len(requests)
+
+
+def _alike(setup: Setup, samples: Sequence[PoseSample]) -> Iterator[tuple[list[int], Setup]]:
+    """Images with a pose that can be measured at once: seen with one camera, on level ground, from one origin."""
+    one_by_one = setup.model is not ProjectionModel.PINHOLE or setup.ground is not None
+    waiting: list[int] = []
+    for row, sample in enumerate(samples):
+        if sample.pose is None or sample.status is not Status.OK:
+            continue
+        first = samples[waiting[0]] if waiting else sample
+        apart = one_by_one or sample.zoom is not None or first.zoom is not None or sample.origin is not first.origin
+        if waiting and (apart or len(waiting) == _AT_ONCE):
+            yield waiting, zoomed(setup, first)[0]
+            waiting = []
+        waiting.append(row)
+    if waiting:
+        yield waiting, zoomed(setup, samples[waiting[0]])[0]
+
+
+def _answered(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> list[list[Answer]]:
+    """The answers of images that are alike."""
+    if not requests:
+        return [[] for _ in samples]
+    samples = [zoomed(setup, sample)[1] for sample in samples]
+    on_ground = tuple(request for request in requests if request.on_top_of is None)
+    points = _points(setup, samples, on_ground)
+    columns = iter(first_order_answers(setup, samples, on_ground, points))
+    first = 0
+    answers: list[list[Answer]] = []
+    for request in requests:
+        if request.on_top_of is not None:
+            answers.append([_on_top(Record(setup, sample, request)) for sample in samples])
+            continue
+        stop = first + len(request.pixels)
+        answers.append(
+            [
+                answer or _measure_one(Record(setup, sample, request), points.probe(row, first, stop))
+                for row, (sample, answer) in enumerate(zip(samples, next(columns), strict=True))
+            ]
+        )
+        first = stop
+    return [[column[row] for column in answers] for row in range(len(samples))]
+
+
+def _points(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> ImagePoints:
+    """The points of all requests in all images; uneven ground and the dft model take one image only."""
+    pose = stacked([sample.pose for sample in samples if sample.pose is not None])
     counts = [len(request.pixels) for request in requests]
     pixels = np.array([pixel for request in requests for pixel in request.pixels], dtype=np.float64).reshape(-1, 2)
     elevation = np.repeat([request.probe.elevation_m for request in requests], counts)
-    ground = project(setup.camera, pose, pixels, elevation, setup.model, setup.ground)
+    if setup.model is ProjectionModel.PINHOLE and setup.ground is None:
+        ground = project(setup.camera, pose, pixels, elevation, setup.model)
+    else:
+        (alone,) = samples
+        assert alone.pose is not None  # noqa: S101 - the callers' own condition, for the type checker
+        ground = project(setup.camera, alone.pose, pixels, elevation, setup.model, setup.ground)[None]
     elevation_std = np.repeat([request.probe.elevation_std_m for request in requests], counts)
     std_px = np.repeat([request.std_px for request in requests], counts)
-    return image_points(ground, sample.origin, pose, shared_covariance(setup.camera, pose, elevation_std), std_px)
+    shared_cov = shared_covariance(setup.camera, pose, np.zeros(len(samples)))
+    return image_points(ground, samples[0].origin, pose, shared_cov, elevation_std, std_px)
 
 
-def _on_top(pose: Pose, record: Record) -> Measurement:
+def _probe_points(record: Record) -> ProbePoints:
+    """The points of one request in one image."""
+    return _points(record.setup, [record.sample], (record.request,)).probe(0, 0, len(record.request.pixels))
+
+
+def _on_top(record: Record) -> Answer:
     """Measure in the level plane through an object's top, of which base and top are seen in the same image."""
-    top = _top(pose, record)
-    if isinstance(top, Measurement):
-        return record.miss(top.status, *(f"it lies on top of {top.name}: {reason}" for reason in top.reasons))
+    top = _top(record)
+    if isinstance(top, Answer):
+        name = record.request.probe.on_top_of
+        return record.miss(top.status, *(f"it lies on top of {name}: {reason}" for reason in top.reasons))
     level = top.levelled(record)
-    points = _points(pose, [level])
-    cov = np.broadcast_to(top.covariance(points.shared_cov[0]), points.shared_cov.shape)
-    std_px = np.full(len(cov), record.request.std_px)
-    return _measure_one(level, pose, image_points(points.ground, record.sample.origin, pose, cov, std_px))
+    points = _probe_points(level)
+    return _measure_one(level, _known(level, points, top.covariance(points.shared_cov)))
 
 
-def _top(pose: Pose, record: Record) -> ObjectTop | Measurement:
+def _known(record: Record, points: ProbePoints, shared_cov: FloatArray) -> ProbePoints:
+    """The points under another covariance ``(s, s)`` of what they share."""
+    assert record.sample.pose is not None  # noqa: S101 - the callers' own condition, for the type checker
+    count = len(points.range_m)
+    std_px, none = np.full(count, record.request.std_px), np.zeros(count)
+    spread = point_spread(points.ground[None], record.sample.pose.position_enu_m[None], shared_cov[None], none, std_px)
+    return replace(points, shared_cov=shared_cov, cov_enu_m2=spread.cov_enu_m2[0], range_std_m=spread.range_std_m[0])
+
+
+def _top(record: Record) -> ObjectTop | Answer:
     """The elevation of the top that a record lies on, or why there is none."""
     assert record.request.on_top_of is not None  # noqa: S101 - the callers' own condition, for the type checker
     under = replace(record, request=record.request.on_top_of)
-    points = _points(pose, [under])
-    answer = _measure_one(under, pose, points)
-    return object_top(_seen(under, pose, points)) if answer.status is Status.OK else answer
+    points = _probe_points(under)
+    answer = _measure_one(under, points)
+    return object_top(_seen(under, points)) if answer.status is Status.OK else answer
 
 
 def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, ...]:
     """Where one request's uncertainty comes from, the largest part first; empty where it has no scalar or no ground."""
     setup, sample = zoomed(setup, sample)
-    pose, record = sample.pose, Record(setup, sample, request, None)
-    if pose is None:
+    record = Record(setup, sample, request)
+    if sample.pose is None:
         return ()
-    top = None if request.on_top_of is None else _top(pose, record)
-    if isinstance(top, Measurement):
+    top = None if request.on_top_of is None else _top(record)
+    if isinstance(top, Answer):
         return ()
     if top is not None:
         record = top.levelled(record)
-    points = _points(pose, [record])
-    seen = _seen(record, pose, points)
-    blocked = _blocked(record, pose, points, points[: seen.on_ground])
+    points = _probe_points(record)
+    seen = _seen(record, points)
+    blocked = _blocked(record, seen.pose, points, points.first(seen.on_ground))
     if blocked is not None:
         return ()
     _, scale = UNITS.get(seen.kind, ("m", 1.0))
     return tuple(replace(share, std=scale * share.std) for share in variance_budget(seen, sample.std, top))
 
 
-def _seen(record: Record, pose: Pose, points: ImagePoints) -> Seen:
-    setup, request = record.setup, record.request
+def _seen(record: Record, points: ProbePoints) -> Seen:
+    setup, request, pose = record.setup, record.request, record.sample.pose
+    assert pose is not None  # noqa: S101 - the callers' own condition, for the type checker
     return Seen(
         kind=request.probe.kind,
         camera=setup.camera,
@@ -133,54 +214,52 @@ def _seen(record: Record, pose: Pose, points: ImagePoints) -> Seen:
         elevation_m=request.probe.elevation_m,
         surface=setup.ground,
         ground=points.ground,
-        shared_cov=points.shared_cov[0],
+        shared_cov=points.shared_cov,
         std_px=request.std_px,
     )
 
 
-def _measure_one(record: Record, pose: Pose, points: ImagePoints) -> Measurement:
-    seen = _seen(record, pose, points)
-    on_ground = points[: seen.on_ground]
+def _measure_one(record: Record, points: ProbePoints) -> Answer:
+    seen = _seen(record, points)
+    pose, on_ground = seen.pose, points.first(seen.on_ground)
     refusal = _blocked(record, pose, points, on_ground)
     if refusal is not None:
         return refusal
     stds, ranges = on_ground.range_std_m, on_ground.range_m
     worst = float(np.max(stds / ranges, initial=0.0))
     draws = record.setup.model is ProjectionModel.PINHOLE
-    if draws and (worst > FIRST_ORDER_LIMIT or _is_bent(seen, points) or (len(ranges) and has_edge(seen, stds))):
+    if draws and (worst > FIRST_ORDER_LIMIT or _is_bent(seen) or (len(ranges) and has_edge(seen, stds))):
         return _draw(record, seen, points)
     if worst > MAX_RELATIVE_RANGE_STD:
-        return record.refuse(on_ground, Z95 * stds)
+        return unknown_range(record, seen, on_ground, Z95 * stds)
     value = first_order(seen)
     if draws and seen.kind is ProbeKind.BEARING and value is not None and not value.std <= MAX_BEARING_STD_RAD / 3:
         return _draw(record, seen, points)
     return _checked(record, pose, points, value, points.cov_enu_m2[0])
 
 
-def _is_bent(seen: Seen, points: ImagePoints) -> bool:
+def _is_bent(seen: Seen) -> bool:
     """Whether a height is seen from so nearly above that its base may be on either side of the camera's foot."""
     if seen.kind is not ProbeKind.HEIGHT:
         return False
-    away = float(np.linalg.norm((points.ground.points_enu_m[0] - seen.pose.position_enu_m)[:2]))
-    return float(np.linalg.norm(points.cov_enu_m2[0, :2, :2], 2)) > (NEAR_FOOT * away) ** 2
+    away, by = foot_distance(seen.sight)
+    return std_of(seen, by) > NEAR_FOOT * float(away)
 
 
-def _draw(record: Record, seen: Seen, points: ImagePoints) -> Measurement:
+def _draw(record: Record, seen: Seen, points: ProbePoints) -> Answer:
     """The answer from drawn errors, or the refusal that they justify."""
     found = drawn(seen)
-    on_ground = points[: seen.on_ground]
+    on_ground = points.first(seen.on_ground)
     half = np.array([(spread.high - spread.low) / 2 for spread in found.range_spreads])
     if not np.all(half <= Z95 * MAX_RELATIVE_RANGE_STD * on_ground.range_m):
-        return record.refuse(on_ground, half)
+        return unknown_range(record, seen, on_ground, half)
     is_height = seen.kind is ProbeKind.HEIGHT  # may be infinite where its base is known: seen from above
     if len(half) and not is_height and found.value is not None and not math.isfinite(found.value.ci95[1]):
-        return record.refuse(on_ground, half)
+        return unknown_range(record, seen, on_ground, half)
     return _checked(record, seen.pose, points, found.value, found.cov_enu_m2)
 
 
-def _checked(
-    record: Record, pose: Pose, points: ImagePoints, value: Value | None, cov_enu_m2: FloatArray
-) -> Measurement:
+def _checked(record: Record, pose: Pose, points: ProbePoints, value: Value | None, cov_enu_m2: FloatArray) -> Answer:
     kind = record.request.probe.kind
     if kind is ProbeKind.HEIGHT and value is not None:
         refusal = _no_object(record, pose, points, value)
@@ -191,7 +270,7 @@ def _checked(
     return record.answer(pose, points, value, cov_enu_m2)
 
 
-def _no_object(record: Record, pose: Pose, points: ImagePoints, value: Value) -> Measurement | None:
+def _no_object(record: Record, pose: Pose, points: ProbePoints, value: Value) -> Answer | None:
     """Why base and top are not those of an upright object whose height can be told."""
     above_base = float(pose.position_enu_m[2] - points.ground.points_enu_m[0, 2])
     size = max(above_base, abs(value.value))
@@ -202,15 +281,16 @@ def _no_object(record: Record, pose: Pose, points: ImagePoints, value: Value) ->
         return record.miss(Status.NOT_UPRIGHT, sentence)
     if record.setup.model is ProjectionModel.DFT:
         return None  # Eq. 8 does not look at columns
-    seen = _seen(record, pose, points)
-    off, by = beside(seen.sight)
+    seen = _seen(record, points)
+    aside, by = beside(seen.sight)
+    off = float(aside)
     if abs(off) > max(abs(value.value), LEANING_STDS * std_of(seen, by)):
         sentence = f"the top is seen {abs(off):.2f} m beside the vertical through the base: base and top of one object?"
         return record.miss(Status.NOT_UPRIGHT, sentence)
     return None
 
 
-def _blocked(record: Record, pose: Pose, points: ImagePoints, on_ground: ImagePoints) -> Measurement | None:
+def _blocked(record: Record, pose: Pose, points: ProbePoints, on_ground: ProbePoints) -> Answer | None:
     """Why there can be no answer, whatever the uncertainty."""
     statuses = points.ground.status
     if statuses.any():

@@ -1,31 +1,63 @@
-"""What is found for all ground points of an image at once, before it is told apart by probe."""
+"""What is found for all ground points of many images at once, before it is told apart by image and probe."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodft.dft.projection import GroundPoints
-from aerodft.dft.uncertainty import point_covariances, slant_ranges
+from aerodft.dft.projection import ELEVATION, GroundPoints
+from aerodft.dft.uncertainty import PointSpread, point_spread
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
-from aerodft.model.measurement import GeoPoint
 from aerodft.model.pose import GeoOrigin, Pose
 
 
 @dataclass(frozen=True, slots=True)
 class ImagePoints:
-    """Ground points of an image, and what is found for all of them at once.
+    """Ground points of ``n`` images, the same ``k`` pixels in each.
 
     Attributes:
-        ground: The ``(k,)`` points with what they depend on.
-        shared_cov: ``(k, s, s)``, see ``shared_covariance``.
+        pose: The ``(n,)`` poses.
+        origin: Of ENU; None where it is not known where that is.
+        ground: The ``(n, k)`` points with what they depend on.
+        shared_cov: ``(n, s, s)``, see ``shared_covariance``; 0 for the elevation.
+        elevation_std_m: ``(k,)``.
+        std_px: ``(k,)``.
+        spread: How well they are known.
+    """
+
+    pose: Pose
+    origin: GeoOrigin | None
+    ground: GroundPoints
+    shared_cov: FloatArray
+    elevation_std_m: FloatArray
+    std_px: FloatArray
+    spread: PointSpread
+
+    def probe(self, image: int, first: int, stop: int) -> "ProbePoints":
+        """The points of one image from ``first`` to ``stop`` (half-open)."""
+        rows = (image, slice(first, stop))
+        cov = self.shared_cov[image].copy()
+        cov[ELEVATION, ELEVATION] = self.elevation_std_m[first] ** 2
+        return ProbePoints(
+            self.ground[rows],
+            cov,
+            self.spread.cov_enu_m2[rows],
+            self.spread.range_m[rows],
+            self.spread.range_std_m[rows],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ProbePoints:
+    """One probe's ``k`` points in one image.
+
+    Attributes:
+        ground: The points.
+        shared_cov: ``(s, s)``, see ``shared_covariance``.
         cov_enu_m2: ``(k, 3, 3)``.
         range_m: ``(k,)`` from the camera.
         range_std_m: ``(k,)``.
-        ground_m: ``(k, 3)`` in the ground frame.
-        geo: ``k`` points; None without an origin.
     """
 
     ground: GroundPoints
@@ -33,57 +65,49 @@ class ImagePoints:
     cov_enu_m2: FloatArray
     range_m: FloatArray
     range_std_m: FloatArray
-    ground_m: FloatArray
-    geo: tuple[GeoPoint, ...] | None
 
-    def __getitem__(self, rows: slice) -> "ImagePoints":
-        return ImagePoints(
-            self.ground[rows],
-            self.shared_cov[rows],
-            self.cov_enu_m2[rows],
-            self.range_m[rows],
-            self.range_std_m[rows],
-            self.ground_m[rows],
-            None if self.geo is None else self.geo[rows],
-        )
-
-    def upright(self, origin: GeoOrigin | None, pose: Pose, height_m: float) -> "ImagePoints":
-        """An object's base and top: the second point is put on the vertical above the first."""
-        points = np.stack([self.ground.points_enu_m[0], self.ground.points_enu_m[0] + [0.0, 0.0, height_m]])
+    def first(self, count: int) -> "ProbePoints":
+        """The first ``count`` of them."""
+        rows = slice(count)
         return replace(
             self,
-            ground=replace(self.ground, points_enu_m=points),
-            range_m=np.linalg.norm(points - pose.position_enu_m, axis=-1),
-            ground_m=to_ground_frame(pose, points),
-            geo=_geo(origin, points),
+            ground=self.ground[rows],
+            cov_enu_m2=self.cov_enu_m2[rows],
+            range_m=self.range_m[rows],
+            range_std_m=self.range_std_m[rows],
         )
 
 
 def image_points(
-    ground: GroundPoints, origin: GeoOrigin | None, pose: Pose, shared_cov: FloatArray, std_px: FloatArray
+    ground: GroundPoints,
+    origin: GeoOrigin | None,
+    pose: Pose,
+    shared_cov: FloatArray,
+    elevation_std_m: FloatArray,
+    std_px: FloatArray,
 ) -> ImagePoints:
-    """Covariances, ranges, ground frame and geodetic places of an image's points, in one go."""
+    """The points of images with how well they are known; arguments as the attributes."""
     with np.errstate(invalid="ignore", over="ignore"):  # misses are NaN, and have infinite derivatives
-        cov_enu_m2 = point_covariances(ground, shared_cov, std_px)
-        range_m, range_std_m = slant_ranges(ground, pose.position_enu_m, shared_cov, std_px)
-    ground_m = to_ground_frame(pose, ground.points_enu_m)
-    geo = _geo(origin, ground.points_enu_m)
-    return ImagePoints(ground, shared_cov, cov_enu_m2, range_m, range_std_m, ground_m, geo)
+        spread = point_spread(ground, pose.position_enu_m, shared_cov, elevation_std_m, std_px)
+    return ImagePoints(pose, origin, ground, shared_cov, elevation_std_m, std_px, spread)
 
 
 def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
-    """ENU points ``(..., 3)`` in the camera's ground frame: X right, Y ahead, Z up, origin at its foot."""
+    """ENU points ``(..., 3)`` in the camera's ground frame: X right, Y ahead, Z up, origin at its foot.
+
+    Of several poses ``(n,)`` each has its own points ``(n, k, 3)``.
+    """
     _, _, heading = camera_angles(pose.wxyz)
-    sin, cos = math.sin(heading), math.cos(heading)
-    away = points_enu_m - pose.position_enu_m * [1, 1, 0]
-    return np.asarray(away @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]))
+    foot = pose.position_enu_m[..., :2]
+    if heading.ndim:
+        heading, foot = heading[..., None], foot[..., None, :]
+    sin, cos = np.sin(heading), np.cos(heading)
+    east, north = points_enu_m[..., 0] - foot[..., 0], points_enu_m[..., 1] - foot[..., 1]
+    return np.stack([east * cos - north * sin, east * sin + north * cos, points_enu_m[..., 2]], axis=-1)
 
 
-def _geo(origin: GeoOrigin | None, points: FloatArray) -> tuple[GeoPoint, ...] | None:
-    if origin is None:
-        return None
-    plane = origin.alt_msl_m
-    return tuple(
-        GeoPoint(lat_rad=float(lat), lon_rad=float(lon), alt_msl_m=None if plane is None else plane + float(up))
-        for (lat, lon), up in zip(lat_lon(origin, points[:, :2]), points[:, 2], strict=True)
-    )
+def lat_lon_alt(origin: GeoOrigin, points_enu_m: FloatArray) -> FloatArray:
+    """Latitude, longitude (rad) and altitude (m MSL) of ENU points, ``(..., 3)``; NaN where the plane's is unknown."""
+    plane = np.nan if origin.alt_msl_m is None else origin.alt_msl_m
+    places = lat_lon(origin, points_enu_m[..., :2])
+    return np.concatenate([places, (plane + points_enu_m[..., 2])[..., None]], axis=-1)

@@ -14,10 +14,11 @@ import numpy.typing as npt
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import equations
+from aerodft.dft.propagation import depend
 from aerodft.geometry.ground import Ground, jacobians
 from aerodft.geometry.intrinsics import intrinsics_covariance, rays_by_intrinsics
-from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import camera_angles, matrix, skew
+from aerodft.geometry.lens import Rays, rays_with_jacobian
+from aerodft.geometry.rotation import camera_angles, matrix, turned
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
@@ -31,6 +32,7 @@ FOCAL, PRINCIPAL_POINT, DISTORTION = slice(7, 9), slice(9, 11), slice(11, None)
 _LEVEL = 1e-9  # rad: what comes down by less, comes down nowhere
 
 Codes = npt.NDArray[np.uint8]
+Rows = int | slice | tuple[int | slice, ...]
 
 
 def shared_count(camera: Camera) -> int:
@@ -56,7 +58,7 @@ class GroundPoints:
     status: Codes
     depression_rad: FloatArray
 
-    def __getitem__(self, rows: slice) -> "GroundPoints":
+    def __getitem__(self, rows: Rows | None) -> "GroundPoints":
         return GroundPoints(
             self.points_enu_m[rows],
             self.jac_shared[rows],
@@ -89,7 +91,8 @@ def project(
 
     Args:
         camera: The camera.
-        pose: One pose; its position's third component is the height above the elevation 0.
+        pose: Its position's third component is the height above the elevation 0. With the pinhole model and level
+            ground several poses ``(n,)``, each with all pixels: what is found is then ``(n, ...)``.
         pixels_px: Pixels; anything outside the image is ``OUT_OF_IMAGE``.
         elevation_m: Height of the measured surface.
         model: ``pinhole`` or the paper's ``dft``, which knows level ground only.
@@ -117,27 +120,57 @@ def _pinhole(
 ) -> GroundPoints:
     rays = rays_with_jacobian(camera, pixels)
     rotation = matrix(pose.wxyz)
-    direction = rays.rays_cam @ rotation.T
+    direction = turned(_over(rotation, pixels, 2), rays.rays_cam)
     depression = np.arctan2(-direction[..., 2], np.hypot(direction[..., 0], direction[..., 1]))
     met = _level(pose, direction, elevation) if ground is None else _uneven(pose, direction, elevation, ground)
-    by_ray = met.by_direction @ rotation
-    shared = np.empty((*pixels.shape[:-1], 3, shared_count(camera)))
-    shared[..., POSITION] = met.by_position
-    shared[..., ROTATION] = -by_ray @ skew(rays.rays_cam)
-    shared[..., ELEVATION] = met.by_elevation
-    shared[..., INTRINSICS] = by_ray @ rays_by_intrinsics(camera, pixels)
-    return GroundPoints(met.points_enu_m, shared, by_ray @ rays.jac_px, met.status, depression)
+    shared, own = _dependence(camera, rotation, pixels, rays, met)
+    return GroundPoints(met.points_enu_m, shared, own, met.status, depression)
+
+
+def _over(values: FloatArray, pixels: FloatArray, trailing: int) -> FloatArray:
+    """What there is one of for each pose ``(..., *trailing)``, over all pixels of its image."""
+    lead = values.shape[: values.ndim - trailing]
+    return values.reshape(*lead, *([1] * (pixels.ndim - 1)), *values.shape[values.ndim - trailing :])
+
+
+def _dependence(
+    camera: Camera, rotation: FloatArray, pixels: FloatArray, rays: Rays, met: _Met
+) -> tuple[FloatArray, FloatArray]:
+    """``GroundPoints.jac_shared`` and ``jac_px``."""
+    shape, count = met.points_enu_m.shape[:-1], pixels[..., 0].size
+    by_intrinsics = rays_by_intrinsics(camera, pixels)
+    size = INTRINSICS.start + by_intrinsics.shape[-1]
+    shared, own = np.empty((*shape, 3, size)), np.empty((*shape, 3, 2))
+    flat = (rotation.size // 9, count)
+    depend(
+        (
+            met.by_direction.reshape(*flat, 3, 3),
+            met.by_position.reshape(*flat, 3, 3),
+            met.by_elevation.reshape(*flat, 3),
+        ),
+        rotation.reshape(-1, 3, 3),
+        np.array(rays.rays_cam).reshape(-1, 3),
+        np.array(rays.jac_px).reshape(-1, 3, 2),
+        np.array(by_intrinsics).reshape(count, 3, by_intrinsics.shape[-1]),
+        shared.reshape(*flat, 3, size),
+        own.reshape(*flat, 3, 2),
+    )
+    return shared, own
 
 
 def _level(pose: Pose, direction: FloatArray, elevation: FloatArray) -> _Met:
     """As ``meet_level`` with its Jacobians; derivatives also where the ray goes up."""
+    position = _over(pose.position_enu_m, direction[(0,) * (pose.wxyz.ndim - 1)], 1)
     down = direction[..., 2]
-    reach = (elevation - pose.position_enu_m[2]) / down
-    points = pose.position_enu_m + reach[..., None] * direction
+    reach = (elevation - position[..., 2]) / down
+    points = position + reach[..., None] * direction
     points[..., 2] = elevation  # exactly, not within rounding
-    along_plane = np.eye(3) - direction[..., :, None] * np.array([0.0, 0.0, 1.0]) / down[..., None, None]
-    status = _level_status(pose, elevation, -down)
-    return _Met(points, reach[..., None, None] * along_plane, along_plane, direction / down[..., None], status)
+    by_elevation = direction / down[..., None]
+    along_plane = np.zeros((*direction.shape, 3))
+    along_plane[..., 0, 0] = along_plane[..., 1, 1] = along_plane[..., 2, 2] = 1.0
+    along_plane[..., 2] -= by_elevation
+    status = _level_status(position[..., 2], elevation, -down)
+    return _Met(points, reach[..., None, None] * along_plane, along_plane, by_elevation, status)
 
 
 def _uneven(pose: Pose, direction: FloatArray, elevation: FloatArray, ground: Ground) -> _Met:
@@ -182,13 +215,15 @@ def _dft(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) 
     jac_px[..., :2, 0], jac_px[..., :2, 1] = by_phi * step_h, -by_psi * step_v
     shared[..., PRINCIPAL_POINT] = -jac_px
     depression = np.pi / 2 - np.abs(psi)
-    return GroundPoints(points, shared, jac_px, _level_status(pose, elevation, depression), depression)
+    return GroundPoints(
+        points, shared, jac_px, _level_status(pose.position_enu_m[2], elevation, depression), depression
+    )
 
 
-def _level_status(pose: Pose, elevation: FloatArray, down: FloatArray) -> Codes:
+def _level_status(camera_up_m: FloatArray, elevation: FloatArray, down: FloatArray) -> Codes:
     """By anything that is positive for rays that go down, and NaN where there is no ray."""
     return np.select(
-        [np.isnan(down), elevation >= pose.position_enu_m[2], down <= _LEVEL],
+        np.broadcast_arrays(np.isnan(down), elevation >= camera_up_m, down <= _LEVEL),
         [CODE_OF[status] for status in (Status.BEYOND_LENS_MODEL, Status.BELOW_SURFACE, Status.ABOVE_HORIZON)],
         default=CODE_OF[Status.OK],
     ).astype(np.uint8)

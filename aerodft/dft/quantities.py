@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.probe import ProbeKind
+
+_UP, _DOWN = read_only([0.0, 0.0, 1.0]), read_only([0.0, 0.0, -1.0])
+_EAST, _LEVEL = read_only([1.0, 0.0, 0.0]), read_only([1.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,10 @@ class Sight:
 
 @dataclass(frozen=True, slots=True)
 class Gradient:
-    """Derivatives of a scalar, the others held: by the camera ``(3,)``, directions ``(k, 3)`` and points ``(k, 3)``."""
+    """Derivatives of a scalar, the others held.
+
+    By the camera ``(..., 3)``, directions ``(..., k, 3)`` and points ``(..., k, 3)``.
+    """
 
     by_camera: FloatArray
     by_directions: FloatArray
@@ -38,19 +44,20 @@ class Gradient:
 
 def slant_range(sight: Sight) -> FloatArray:
     """Distance ``(...)`` from the camera to the first point, m."""
-    return np.asarray(np.linalg.norm(sight.points_enu_m[..., 0, :] - sight.camera_enu_m, axis=-1))
+    away = sight.points_enu_m[..., 0, :] - sight.camera_enu_m
+    return np.asarray(np.sqrt(_dot(away, away)))
 
 
 def ground_distance(sight: Sight) -> FloatArray:
     """Horizontal distance ``(...)`` of the first two points, m."""
     apart = sight.points_enu_m[..., 1, :2] - sight.points_enu_m[..., 0, :2]
-    return np.asarray(np.linalg.norm(apart, axis=-1))
+    return np.asarray(np.sqrt(apart[..., 0] * apart[..., 0] + apart[..., 1] * apart[..., 1]))
 
 
 def polyline_length(sight: Sight) -> FloatArray:
     """Horizontal length ``(...)`` of the open line through all points, m."""
     steps = np.diff(sight.points_enu_m[..., :2], axis=-2)
-    return np.asarray(np.linalg.norm(steps, axis=-1).sum(axis=-1))
+    return _total(np.sqrt(steps[..., 0] * steps[..., 0] + steps[..., 1] * steps[..., 1]))
 
 
 def polygon_area(sight: Sight) -> FloatArray:
@@ -68,7 +75,7 @@ def upright_height(sight: Sight) -> FloatArray:
     base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
     along = ray[..., :2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.sum((base - sight.camera_enu_m)[..., :2] * along, axis=-1) / np.sum(along * along, axis=-1)
+        reach = _total((base - sight.camera_enu_m)[..., :2] * along) / _total(along * along)
     top = sight.camera_enu_m[..., 2] + reach * ray[..., 2]
     return np.asarray(np.where(reach > 0, top - base[..., 2], np.nan))
 
@@ -80,21 +87,33 @@ def bearing(sight: Sight) -> FloatArray:
     return np.asarray(np.arctan2(away[..., 0], away[..., 1]) % (2 * np.pi))
 
 
-def beside(sight: Sight) -> tuple[float, Gradient]:
+def beside(sight: Sight) -> tuple[FloatArray, Gradient]:
     """How far to the side of the vertical through the base the top's ray passes, m on the map, and its derivatives.
 
-    One sight (no leading axes); 0 for an object that is upright.
+    0 for an object that is upright, and for one that is seen from straight above.
     """
-    base, ray = sight.points_enu_m[0], sight.directions_enu[1]
-    to_base, along = (base - sight.camera_enu_m) * [1, 1, 0], ray * [1, 1, 0]
-    length = float(np.linalg.norm(along))
+    base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
+    to_base, along = (base - sight.camera_enu_m) * _LEVEL, ray * _LEVEL
+    square = _dot(along, along)
+    seen = square > 0
+    square = np.where(seen, square, 1.0)
+    length = np.sqrt(square)
+    off = np.where(seen, to_base[..., 0] * along[..., 1] - to_base[..., 1] * along[..., 0], 0.0) / length
     by_points, by_directions = np.zeros_like(sight.points_enu_m), np.zeros_like(sight.directions_enu)
-    if length == 0:
-        return 0.0, Gradient(np.zeros(3), by_directions, by_points)
-    off = float(to_base[0] * along[1] - to_base[1] * along[0]) / length
-    by_points[0] = np.array([along[1], -along[0], 0.0]) / length
-    by_directions[1] = np.array([-to_base[1], to_base[0], 0.0]) / length - off * along / length**2
-    return off, Gradient(-by_points[0], by_directions, by_points)
+    by_points[..., 0, 0], by_points[..., 0, 1] = along[..., 1] / length, -along[..., 0] / length
+    across = np.stack([-to_base[..., 1], to_base[..., 0], np.zeros_like(off)], axis=-1)
+    turn = across / length[..., None] - (off / square)[..., None] * along
+    by_directions[..., 1, :] = np.where(seen[..., None], turn, 0.0)
+    return off, Gradient(-by_points[..., 0, :], by_directions, by_points)
+
+
+def foot_distance(sight: Sight) -> tuple[FloatArray, Gradient]:
+    """Horizontal distance ``(...)`` of the first point from the camera's foot, m, and its derivatives."""
+    away = (sight.points_enu_m[..., 0, :] - sight.camera_enu_m) * _LEVEL
+    by_points = np.zeros_like(sight.points_enu_m)
+    by_points[..., 0, :] = _unit(away, _EAST)
+    by = Gradient(-by_points[..., 0, :], np.zeros_like(sight.directions_enu), by_points)
+    return np.asarray(np.sqrt(_dot(away, away))), by
 
 
 SCALARS: dict[ProbeKind, Callable[[Sight], FloatArray]] = {
@@ -110,75 +129,84 @@ SCALARS: dict[ProbeKind, Callable[[Sight], FloatArray]] = {
 
 
 def gradient(kind: ProbeKind, sight: Sight) -> Gradient:
-    """Analytic derivatives of one sight's (no leading axes) scalar.
+    """Analytic derivatives of the scalars.
 
     Two points in one have no direction; the one away from the camera, in which points are known worst, stands in.
     """
     points = sight.points_enu_m
-    none = np.zeros_like(points)
+    by_points, by_directions = np.zeros_like(points), np.zeros_like(sight.directions_enu)
     if kind is ProbeKind.RANGE:
-        unit = _unit(points[0] - sight.camera_enu_m, np.array([0.0, 0.0, -1.0]))
-        by_points = none.copy()
-        by_points[0] = unit
-        return Gradient(-unit, none, by_points)
+        by_points[..., 0, :] = _unit(points[..., 0, :] - sight.camera_enu_m, _DOWN)
+        return Gradient(-by_points[..., 0, :], by_directions, by_points)
     if kind is ProbeKind.HEIGHT:
-        return _height_gradient(sight)
+        return _height_gradient(sight, by_directions, by_points)
     if kind is ProbeKind.BEARING:
-        return _bearing_gradient(sight)
+        return _bearing_gradient(sight, by_directions, by_points)
     by_points = _area_gradient(points) if kind is ProbeKind.AREA else _length_gradient(sight)
-    return Gradient(np.zeros(3), none, by_points)
+    return Gradient(np.zeros_like(points[..., 0, :]), by_directions, by_points)
 
 
 def _length_gradient(sight: Sight) -> FloatArray:
     points = sight.points_enu_m
-    away = _unit((points[0] - sight.camera_enu_m) * [1, 1, 0], np.array([1.0, 0.0, 0.0]))
-    steps = np.diff(points, axis=0) * [1, 1, 0]
-    units = np.array([_unit(step, away) for step in steps])
+    away = _unit((points[..., 0, :] - sight.camera_enu_m) * _LEVEL, _EAST)
+    units = _unit(np.diff(points, axis=-2) * _LEVEL, away[..., None, :])
     by_points = np.zeros_like(points)
-    by_points[1:] += units
-    by_points[:-1] -= units
+    by_points[..., 1:, :] += units
+    by_points[..., :-1, :] -= units
     return by_points
 
 
 def _area_gradient(points: FloatArray) -> FloatArray:
-    before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+    before, after = np.roll(points, 1, axis=-2), np.roll(points, -1, axis=-2)
     by_points = np.zeros_like(points)
-    by_points[:, 0] = (after[:, 1] - before[:, 1]) / 2
-    by_points[:, 1] = (before[:, 0] - after[:, 0]) / 2
-    return by_points * np.sign(_signed_area(points))
+    by_points[..., 0] = (after[..., 1] - before[..., 1]) / 2
+    by_points[..., 1] = (before[..., 0] - after[..., 0]) / 2
+    return by_points * np.sign(_signed_area(points))[..., None, None]
 
 
-def _height_gradient(sight: Sight) -> Gradient:
-    base, ray = sight.points_enu_m[0], sight.directions_enu[1]
-    along, to_base = ray * [1, 1, 0], (base - sight.camera_enu_m) * [1, 1, 0]
-    square = along @ along
-    if square == 0:  # seen from straight above there is no height, and nothing that it depends on
-        return Gradient(np.zeros(3), np.zeros_like(sight.directions_enu), np.zeros_like(sight.points_enu_m))
-    reach = float(to_base @ along) / square
-    by_points, by_directions = np.zeros_like(sight.points_enu_m), np.zeros_like(sight.directions_enu)
-    by_points[0] = ray[2] * along / square - [0, 0, 1]
-    by_directions[1] = ray[2] * (to_base - 2 * reach * along) / square + [0, 0, reach]
-    return Gradient(np.array([0, 0, 1]) - ray[2] * along / square, by_directions, by_points)
+def _height_gradient(sight: Sight, by_directions: FloatArray, by_points: FloatArray) -> Gradient:
+    base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
+    along, to_base = ray * _LEVEL, (base - sight.camera_enu_m) * _LEVEL
+    square = _dot(along, along)
+    seen = (square > 0)[..., None]  # from straight above there is no height, and nothing that it depends on
+    square = np.where(square > 0, square, 1.0)
+    slope, reach = (ray[..., 2] / square)[..., None], (_dot(to_base, along) / square)[..., None]
+    by_points[..., 0, :] = np.where(seen, slope * along - _UP, 0.0)
+    by_directions[..., 1, :] = np.where(seen, slope * (to_base - 2 * reach * along) + reach * _UP, 0.0)
+    return Gradient(-by_points[..., 0, :], by_directions, by_points)
 
 
-def _bearing_gradient(sight: Sight) -> Gradient:
-    by_points, by_directions = np.zeros_like(sight.points_enu_m), np.zeros_like(sight.directions_enu)
-    one_ray = len(by_points) == 1
-    east, north, _ = sight.directions_enu[0] if one_ray else sight.points_enu_m[1] - sight.points_enu_m[0]
+def _bearing_gradient(sight: Sight, by_directions: FloatArray, by_points: FloatArray) -> Gradient:
+    one_ray, points = by_points.shape[-2] == 1, sight.points_enu_m
+    away = sight.directions_enu[..., 0, :] if one_ray else points[..., 1, :] - points[..., 0, :]
+    level = away * _LEVEL
     with np.errstate(divide="ignore", invalid="ignore"):  # two points in one, and straight down, have no direction
-        turn = np.array([north, -east, 0.0]) / (east * east + north * north)
+        turn = np.stack([away[..., 1], -away[..., 0], np.zeros_like(away[..., 0])], axis=-1)
+        turn = turn / _dot(level, level)[..., None]
     if one_ray:
-        by_directions[0] = turn
+        by_directions[..., 0, :] = turn
     else:
-        by_points[0], by_points[1] = -turn, turn
-    return Gradient(np.zeros(3), by_directions, by_points)
+        by_points[..., 0, :], by_points[..., 1, :] = -turn, turn
+    return Gradient(np.zeros_like(away), by_directions, by_points)
 
 
 def _signed_area(points: FloatArray) -> FloatArray:
     x, y = points[..., 0], points[..., 1]
-    return np.asarray(np.sum(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1), axis=-1) / 2)
+    return _total(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)) / 2
 
 
-def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:
-    length = float(np.linalg.norm(vector))
-    return vector / length if length > 0 else otherwise
+def _total(values: FloatArray) -> FloatArray:
+    """Sum over the last axis, one after the other: the same to the last bit for any batch."""
+    total = np.zeros(values.shape[:-1])
+    for column in range(values.shape[-1]):
+        total = total + values[..., column]
+    return total
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
+
+
+def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
+    length = np.sqrt(_dot(vectors, vectors))[..., None]
+    return np.where(length > 0, vectors / np.where(length > 0, length, 1.0), otherwise)

@@ -1,17 +1,17 @@
-"""What a measurement says besides its numbers: its circumstances, and why there is no answer where there is none."""
+"""What an answer says besides its numbers: why there is none where there is none, and its points where there is one."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.points import ImagePoints
+from aerodft.dft.answers import Answer
+from aerodft.dft.points import ProbePoints, lat_lon_alt, to_ground_frame
 from aerodft.dft.projection import GroundPoints
 from aerodft.dft.request import Request, Setup
-from aerodft.dft.uncertainty import Z95, ellipse95
+from aerodft.dft.uncertainty import Z95, ellipses95
 from aerodft.dft.values import Value
 from aerodft.model.arrays import FloatArray
-from aerodft.model.measurement import Measurement, Vector
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import CODES, Status
@@ -22,54 +22,39 @@ UNITS = {ProbeKind.AREA: ("m2", 1.0), ProbeKind.BEARING: ("deg", math.degrees(1.
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a measurement says of its circumstances, whether it has an answer or not."""
+    """One request at one pose, and what can be said of it."""
 
     setup: Setup
     sample: PoseSample
     request: Request
-    image: int | None
 
-    def miss(self, status: Status, *reasons: str) -> Measurement:
-        """A measurement without an answer."""
-        return Measurement(
-            name=self.request.probe.name,
-            kind=self.request.probe.kind,
-            status=status,
-            reasons=reasons,
-            stamp_ns=self.sample.stamp_ns,
-            pixels=self.request.pixels,
-            std_px=self.request.std_px,
-            camera=self.setup.camera.name,
-            model=self.setup.model,
-            pose=self.sample,
-            image=self.image,
-            calibration=self.sample.calibration,
-            config=self.setup.config_id,
-        )
+    def miss(self, status: Status, *reasons: str) -> Answer:
+        """There is no answer."""
+        return Answer(status, reasons)
 
-    def answer(self, pose: Pose, points: ImagePoints, value: Value | None, cov_enu_m2: FloatArray) -> Measurement:
-        """A measurement with its value, if its kind has one, and its points, if all of them are on the ground."""
-        kind = self.request.probe.kind
+    def answer(self, pose: Pose, points: ProbePoints, value: Value | None, cov_enu_m2: FloatArray) -> Answer:
+        """The value, if its kind has one, and the points, if all of them are on the ground."""
+        kind, origin = self.request.probe.kind, self.sample.origin
         unit, scale = UNITS.get(kind, ("m", 1.0))
-        answer = replace(self.miss(Status.OK, *self.sample.reasons), unit=unit)
+        answer = Answer(Status.OK, self.sample.reasons, unit)
         if value is not None:
             low, high = value.ci95
-            answer = replace(answer, value=scale * value.value, std=scale * value.std, ci95=(scale * low, scale * high))
+            answer = answer._replace(value=scale * value.value, std=scale * value.std, ci95=(scale * low, scale * high))
+        enu_m = points.ground.points_enu_m
         if kind is ProbeKind.HEIGHT and value is not None:
-            points = points.upright(self.sample.origin, pose, value.value)
-        elif points.ground.status.any() or (kind is ProbeKind.BEARING and len(points.range_m) == 1):
+            enu_m = np.stack([enu_m[0], enu_m[0] + [0.0, 0.0, value.value]])  # the top above the base
+        elif points.ground.status.any() or (kind is ProbeKind.BEARING and len(enu_m) == 1):
             return answer  # a ray has a bearing whether it meets the ground or not
-        return replace(
-            answer,
-            ellipse95=ellipse95(cov_enu_m2) if kind is ProbeKind.POSITION else None,
-            ground_m=_tuples(points.ground_m),
-            enu_m=_tuples(points.ground.points_enu_m),
-            cov_enu_m2=_tuples(cov_enu_m2),
-            geo=points.geo,
-            range_m=tuple(points.range_m.tolist()),
+        return answer._replace(
+            ellipse95=ellipses95(cov_enu_m2).tolist() if kind is ProbeKind.POSITION else None,
+            ground_m=to_ground_frame(pose, enu_m).tolist(),
+            enu_m=enu_m.tolist(),
+            cov_enu_m2=cov_enu_m2.tolist(),
+            geo=None if origin is None else lat_lon_alt(origin, enu_m).tolist(),
+            range_m=np.linalg.norm(enu_m - pose.position_enu_m, axis=-1).tolist(),
         )
 
-    def no_ground(self, pose: Pose, ground: GroundPoints, index: int) -> Measurement:
+    def no_ground(self, pose: Pose, ground: GroundPoints, index: int) -> Answer:
         """Why the point ``index`` is nowhere on the ground."""
         status = CODES[ground.status[index]]
         u, v = self.request.pixels[index]
@@ -94,19 +79,7 @@ class Record:
             Status.NO_ELEVATION: "looks over a hole in the elevation model",
         }.get(status, "is outside the valid radius of the lens model")
 
-    def refuse(self, on_ground: ImagePoints, half_m: FloatArray) -> Measurement:
-        """Say how badly the worst point is known; ``half_m (k,)`` is half of its range's 95 % interval."""
-        index = int(np.argmax(half_m / on_ground.range_m))
-        below, range_m = math.degrees(float(on_ground.ground.depression_rad[index])), float(on_ground.range_m[index])
-        spread = f"+- {half_m[index]:.0f} m (95 %)" if math.isfinite(half_m[index]) else "and may be anything"
-        sentence = f"point {index} is {below:.1f} deg below the horizon, range {range_m:.0f} m {spread}"
-        return self.miss(Status.ILL_CONDITIONED, sentence)
-
-    def refuse_bearing(self, value: Value) -> Measurement:
+    def refuse_bearing(self, value: Value) -> Answer:
         """Say how badly a direction is known."""
         half = min(math.degrees(Z95 * value.std), 180.0) if math.isfinite(value.std) else 180.0
         return self.miss(Status.ILL_CONDITIONED, f"the direction is known to +- {half:.0f} deg (95 %)")
-
-
-def _tuples(rows: FloatArray) -> tuple[Vector, ...]:
-    return tuple(tuple(row) for row in rows.tolist())

@@ -4,19 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.projection import INTRINSICS, POSITION, ROTATION, GroundPoints
+from aerodft.dft.projection import INTRINSICS, POSITION, GroundPoints
 from aerodft.dft.quantities import Gradient, Sight
 from aerodft.geometry.ground import Ground
 from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import matrix, skew
+from aerodft.geometry.rotation import matrix, turned
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from aerodft.model.probe import ProbeKind
 
-_BY_DIRECTION = (ProbeKind.HEIGHT, ProbeKind.BEARING)  # others look at points alone
+BY_DIRECTION = (ProbeKind.HEIGHT, ProbeKind.BEARING)
+"""Kinds that look at rays; the others look at points alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,21 +55,15 @@ class Seen:
 
     @property
     def on_ground(self) -> int:
-        """How many of the points, from the first, have to lie on the ground.
-
-        An object's top is measured against the vertical through its base, and one pixel's bearing by its ray: they may
-        be seen above the horizon.
-        """
-        if self.model is ProjectionModel.PINHOLE and self.kind in _BY_DIRECTION:
-            return len(self.pixels_px) // 2 if self.kind is ProbeKind.HEIGHT else 2 * (len(self.pixels_px) // 2)
-        return len(self.pixels_px)
+        """See ``on_ground_count``."""
+        return on_ground_count(self.kind, len(self.pixels_px), self.model)
 
     @property
     def sight(self) -> Sight:
         """What is seen, without errors; directions only for kinds that look at them."""
         directions = np.zeros_like(self.ground.points_enu_m)
-        if self.kind in _BY_DIRECTION:
-            directions = rays_with_jacobian(self.camera, self.pixels_px).rays_cam @ matrix(self.pose.wxyz).T
+        if self.kind in BY_DIRECTION:
+            directions = turned(matrix(self.pose.wxyz), rays_with_jacobian(self.camera, self.pixels_px).rays_cam)
         return Sight(self.pose.position_enu_m, directions, self.ground.points_enu_m)
 
 
@@ -81,16 +76,44 @@ def dependence(seen: Seen, by: Gradient) -> tuple[FloatArray, FloatArray]:
     own = np.zeros((len(seen.pixels_px), 2))
     own[used] = np.einsum("ki,kij->kj", points, seen.ground.jac_px[used])
     if np.any(by.by_directions):
-        ray_shared, ray_own = _direction_jacobians(seen)
-        shared += np.einsum("ki,kij->j", by.by_directions, ray_shared)
-        own += np.einsum("ki,kij->kj", by.by_directions, ray_own)
+        rays = directions_with_jacobians(seen.camera, seen.pose, seen.pixels_px)
+        shared += np.einsum("ki,kij->j", by.by_directions, rays.jac_shared)
+        own += np.einsum("ki,kij->kj", by.by_directions, rays.jac_px)
     return shared, own
 
 
-def _direction_jacobians(seen: Seen) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the ray directions in ENU: ``(k, 3, s)`` by the shared errors, ``(k, 3, 2)`` by the pixels."""
-    rays, rotation = rays_with_jacobian(seen.camera, seen.pixels_px), matrix(seen.pose.wxyz)
-    shared = np.zeros(seen.ground.jac_shared.shape)
-    shared[..., ROTATION] = -rotation @ skew(rays.rays_cam)
-    shared[..., INTRINSICS] = rotation @ rays_by_intrinsics(seen.camera, seen.pixels_px)
-    return shared, rotation @ rays.jac_px
+def on_ground_count(kind: ProbeKind, count: int, model: ProjectionModel) -> int:
+    """How many of ``count`` points, from the first, have to lie on the ground.
+
+    An object's top is measured against the vertical through its base, and one pixel's bearing by its ray: they may be
+    seen above the horizon.
+    """
+    if model is ProjectionModel.PINHOLE and kind in BY_DIRECTION:
+        return count // 2 if kind is ProbeKind.HEIGHT else 2 * (count // 2)
+    return count
+
+
+@dataclass(frozen=True, slots=True)
+class Directions:
+    """Ray directions in ENU ``(..., 3)``, and derivatives by the shared errors and by the pixels."""
+
+    directions_enu: FloatArray
+    jac_shared: FloatArray
+    jac_px: FloatArray
+
+
+def directions_with_jacobians(camera: Camera, pose: Pose, pixels_px: FloatArray) -> Directions:
+    """The rays of ``pixels_px (..., 2)``; of each of the poses ``(n,)`` where there are several."""
+    rays, rotation = rays_with_jacobian(camera, pixels_px), matrix(pose.wxyz)
+    by_intrinsics = rays_by_intrinsics(camera, pixels_px)
+    rotation = rotation.reshape(*rotation.shape[:-2], *([1] * (pixels_px.ndim - 1)), 3, 3)
+    directions = turned(rotation, rays.rays_cam)
+    shared = np.zeros((*directions.shape, INTRINSICS.start + by_intrinsics.shape[-1]))
+    x, y, z = (rays.rays_cam[..., None, column] for column in range(3))
+    shared[..., 3] = rotation[..., 2] * y - rotation[..., 1] * z
+    shared[..., 4] = rotation[..., 0] * z - rotation[..., 2] * x
+    shared[..., 5] = rotation[..., 1] * x - rotation[..., 0] * y
+    for column in range(by_intrinsics.shape[-1]):
+        shared[..., INTRINSICS.start + column] = turned(rotation, by_intrinsics[..., column])
+    own = np.stack([turned(rotation, rays.jac_px[..., column]) for column in range(2)], axis=-1)
+    return Directions(directions, shared, own)

@@ -20,9 +20,8 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.probe import ProbeKind
 
-FIRST_ORDER_LIMIT = 0.05
-"""Relative standard deviation of a slant range above which errors are drawn."""
-
+SIGNED = (ProbeKind.HEIGHT, ProbeKind.BEARING)
+"""Kinds whose values may be negative: no other interval reaches below 0."""
 
 _EDGE, _QUICK = 0.25, 4  # 256 draws tell their 95 % within a tenth
 
@@ -57,12 +56,8 @@ def first_order(seen: Seen) -> Value | None:
         return None
     value, by = scalar_with_gradient(seen)
     std = std_of(seen, by)
-    return Value(value, std, (_at_least(seen.kind, value - Z95 * std), value + Z95 * std))
-
-
-def _at_least(kind: ProbeKind, low: float) -> float:
-    """The lower end of an interval: no length is negative, and no area."""
-    return low if kind in (ProbeKind.HEIGHT, ProbeKind.BEARING) else max(low, 0.0)
+    low = value - Z95 * std
+    return Value(value, std, (low if seen.kind in SIGNED else max(low, 0.0), value + Z95 * std))
 
 
 def scalar_with_gradient(seen: Seen) -> tuple[float, Gradient]:

@@ -3,10 +3,14 @@
 from dataclasses import dataclass, field
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.telemetry import FixTrack, Track
+from aerodft.model.telemetry import Track
 
 RATIOS = ("velocity", "horizontal position", "vertical position", "compass")
 """What an estimator's test ratios are of: innovations over their gates, so that 1 is the most it accepts."""
+
+
+FIX_3D = 3
+"""The least GPS_FIX_TYPE that knows a height."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,18 +25,20 @@ class HeartbeatTrack(Track):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GpsTrack(FixTrack):
-    """The receiver's fix, with all that is said of it (GPS_RAW_INT).
+class GpsTrack(Track):
+    """The receiver's fix, and how good it is (GPS_RAW_INT).
 
     Attributes:
-        fix: ``(n,)`` GPS_FIX_TYPE: 3 and more are three-dimensional.
+        fix: ``(n,)`` GPS_FIX_TYPE: ``FIX_3D`` and more are three-dimensional.
         satellites: ``(n,)``, -1 where not known.
         horizontal_std_m: ``(n,)``, NaN where not known.
+        vertical_std_m: Likewise.
     """
 
     fix: IntArray
     satellites: IntArray
     horizontal_std_m: FloatArray
+    vertical_std_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,6 +63,17 @@ class LinkTrack(Track):
     """
 
     lost: IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RivalTrack(Track):
+    """When somebody spoke who could have been followed as well, where nobody chose.
+
+    Attributes:
+        what: Who that is, who is followed and how to choose, in a sentence.
+    """
+
+    what: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

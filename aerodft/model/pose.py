@@ -1,11 +1,12 @@
 """Where the camera is and where it looks, with one joint covariance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray, read_only
+from aerodft.model.arrays import FloatArray, FloatLike, read_only
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom
 
@@ -22,11 +23,11 @@ class Pose:
         position_enu_m: ``(..., 3)``; up is the height above the measured (ground or water) plane.
         wxyz: ``(..., 4)`` unit quaternion ``enu_SO3_cam``; camera axes x right, y down, z forward.
         cov: ``(..., 6, 6)``: position (ENU, m^2), then a small rotation in camera axes (rad^2). Never Euler angles.
-        lens_cov: ``(6, m)`` covariance of those errors with the intrinsics', where one calibration found both; else no
-            columns.
+        lens_cov: ``(..., 6, m)`` covariance of those errors with the intrinsics', where one calibration found both;
+            else no columns.
         velocity_enu_mps: ``(..., 3)``, for the effect of a time offset.
         rate_cam_radps: ``(..., 3)`` angular rate in camera axes, for the effect of a time offset.
-        time_std_s: Standard deviation of the image's stamp against the telemetry's.
+        time_std_s: ``(...)`` standard deviation of the image's stamp against the telemetry's.
     """
 
     position_enu_m: FloatArray
@@ -35,7 +36,7 @@ class Pose:
     lens_cov: FloatArray = field(default_factory=lambda: _zeros(6, 0))
     velocity_enu_mps: FloatArray = field(default_factory=lambda: _zeros(3))
     rate_cam_radps: FloatArray = field(default_factory=lambda: _zeros(3))
-    time_std_s: float = 0.0
+    time_std_s: FloatLike = 0.0
 
     def __post_init__(self) -> None:
         for name, trailing in (
@@ -46,6 +47,20 @@ class Pose:
             ("rate_cam_radps", (3,)),
         ):
             object.__setattr__(self, name, read_only(getattr(self, name), trailing=trailing))
+
+
+def stacked(poses: Sequence[Pose]) -> Pose:
+    """Single poses as one ``(n,)``; where only some were found together with a lens, the others' covariances are 0."""
+    columns = max(pose.lens_cov.shape[-1] for pose in poses)
+    return Pose(
+        position_enu_m=np.array([pose.position_enu_m for pose in poses]),
+        wxyz=np.array([pose.wxyz for pose in poses]),
+        cov=np.array([pose.cov for pose in poses]),
+        lens_cov=np.array([pose.lens_cov if pose.lens_cov.size else np.zeros((6, columns)) for pose in poses]),
+        velocity_enu_mps=np.array([pose.velocity_enu_mps for pose in poses]),
+        rate_cam_radps=np.array([pose.rate_cam_radps for pose in poses]),
+        time_std_s=np.array([pose.time_std_s for pose in poses]),
+    )
 
 
 class HeightSource(StrEnum):

@@ -21,7 +21,7 @@ class Status(StrEnum):
     BELOW_MIN_HEIGHT = "BELOW_MIN_HEIGHT"  # on the ground, or too low to measure from
     BELOW_SURFACE = "BELOW_SURFACE"  # the measured plane is above the camera
     CAMERA_MOVED = "CAMERA_MOVED"  # a fixed camera was bumped, and where it looks is not known yet
-    CLOCK_JUMPED = "CLOCK_JUMPED"  # the vehicle's clock jumped, and what time it is has not settled yet
+    CLOCK_JUMPED = "CLOCK_JUMPED"  # the vehicle's or this machine's, and what time it is has not settled yet
     BEYOND_TERRAIN = "BEYOND_TERRAIN"  # the ray leaves the elevation model before it meets the ground
     NO_ELEVATION = "NO_ELEVATION"  # the elevation model has a hole where the ray passes
     UNHEALTHY = "UNHEALTHY"  # the vehicle itself says that its estimate is wrong

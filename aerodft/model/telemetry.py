@@ -4,9 +4,10 @@ One track a message type; rows in order of arrival. Adapters fill them from MAVL
 only these. ``boot_ns`` is the sender's time since boot, or ``NO_BOOT_TIME`` where the message carries none.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
-from typing import Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.zoom import ZoomSource
 
 NO_BOOT_TIME = -1
+
+TrackOf = TypeVar("TrackOf", bound="Track")
 
 
 class WireProtocol(StrEnum):
@@ -73,8 +76,8 @@ class Track:
     arrival_ns: IntArray
     boot_ns: IntArray
 
-    def rows(self, good: BoolArray, *, boot_ns: IntArray) -> Self:
-        """The rows where ``good (n,)``, with these times since boot ``(n,)``."""
+    def rows(self, good: BoolArray | IntArray, *, boot_ns: IntArray) -> Self:
+        """The rows where ``good (n,)``, or these rows, with these times since boot."""
         columns = {each.name: getattr(self, each.name) for each in fields(self)}
         arrays = {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
         return replace(self, **{name: value[good] for name, value in {**arrays, "boot_ns": boot_ns}.items()})
@@ -83,17 +86,6 @@ class Track:
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SyncTrack(Track):
     """What somebody says that its time since boot is (TIMESYNC); it need not be the vehicle's."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FixTrack(Track):
-    """How good the receiver's fix is (GPS_RAW_INT).
-
-    Attributes:
-        vertical_std_m: ``(n,)``, NaN where it does not say.
-    """
-
-    vertical_std_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -177,7 +169,8 @@ class CameraTrack(Track):
 
     Attributes:
         source: The message.
-        device: ``(n,)`` number of the camera or stream that it is of.
+        device: ``(n,)`` number of the camera: up to 6 one that the autopilot speaks for, else a camera's component id.
+        stream: ``(n,)`` number of the video stream that it is of, 0 where it is of none.
         hfov_rad: ``(n,)`` full horizontal field of view, NaN where not known.
         level: ``(n,)`` zoom as a share of its range, 0 to 1, NaN where not known.
         size_px: ``(n, 2)`` width and height of the images, 0 where not known.
@@ -185,6 +178,18 @@ class CameraTrack(Track):
 
     source: ZoomSource
     device: IntArray
+    stream: IntArray
     hfov_rad: FloatArray
     level: FloatArray
     size_px: IntArray
+
+
+def joined(tracks: Sequence[TrackOf]) -> TrackOf:
+    """The rows of tracks of one kind and source, one track after the other; places that are not known are NaN."""
+    columns: dict[str, Any] = {}
+    for each in fields(tracks[0]):
+        values = [getattr(track, each.name) for track in tracks]
+        if any(isinstance(value, np.ndarray) for value in values):
+            unknown = [np.full((len(track.boot_ns), 2), np.nan) for track in tracks]  # only places may be left out
+            columns[each.name] = np.concatenate([u if v is None else v for u, v in zip(unknown, values, strict=True)])
+    return replace(tracks[0], **columns)

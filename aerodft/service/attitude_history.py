@@ -86,6 +86,7 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
             for rows in (vehicle, *gimbals.values()):
                 rows.shift(heard.shift_ns)
             sources.shift(heard.shift_ns)
+        sources.settle()
         for track in heard.tracks:
             stamps_ns = clock.to_utc(track)
             sources.append(track, stamps_ns)

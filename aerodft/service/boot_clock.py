@@ -5,7 +5,7 @@ message), and not farther ahead than time has passed. Anything else may be a reb
 ids: it is left out, until it goes on by itself while the followed clock is silent.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -78,6 +78,30 @@ class BootClock:
         self._followed: _Run | None = None
         self._other: _Run | None = None
         self._anchor = _Anchor(_LONG_AGO_NS, 0, _DROPPED)
+
+    def copy(self) -> "BootClock":
+        """The same, to go on from."""
+        other = BootClock()
+        other.restarts, other.wraps, other.left_out, other.rivals = (
+            self.restarts,
+            self.wraps,
+            self.left_out,
+            self.rivals,
+        )
+        other._followed = None if self._followed is None else replace(self._followed)
+        other._other = None if self._other is None else replace(self._other)
+        other._anchor = self._anchor
+        return other
+
+    def is_as_calm_as(self, before: "BootClock") -> bool:
+        """Whether one clock was heard, then and since, and nothing else happened to it."""
+        happened = [(each.restarts, each.wraps, each.left_out, each.rivals) for each in (self, before)]
+        return happened[0] == happened[1] and before.is_alone and self.is_alone
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether a clock is followed, and no other one is heard."""
+        return self._followed is not None and self._other is None
 
     @property
     def last_boot_ns(self) -> int | None:

@@ -10,7 +10,8 @@ class TrackBuffer:
     """A sliding window over one track: stamps and named columns.
 
     A row whose stamp is not after the last one's is dropped and counted: what a stamp's neighbours are must not
-    depend on how late a stray row came.
+    depend on how late a stray row came. Rows of several ticks may come at once; ``see`` then says which of these ticks
+    it is: later rows are not there yet.
     """
 
     def __init__(self, window_ns: int) -> None:
@@ -19,54 +20,84 @@ class TrackBuffer:
         self._stamps: IntArray = np.empty(0, dtype=np.int64)
         self._columns: dict[str, npt.NDArray[np.generic]] = {}
         self._start = self._stop = 0
+        self._first = self._end = 0  # what is there at the tick that it is
+        self._ticks: list[tuple[int, int]] = []
 
     def __len__(self) -> int:
-        return self._stop - self._start
+        return self._end - self._first
 
     @property
     def stamps_ns(self) -> IntArray:
         """``(n,)`` strictly ascending."""
-        return self._stamps[self._start : self._stop]
+        return self._stamps[self._first : self._end]
 
     def column(self, name: str) -> npt.NDArray[np.float64]:
         """``(n, ...)`` values of one column."""
-        return np.asarray(self._columns[name][self._start : self._stop])
+        return np.asarray(self._columns[name][self._first : self._end])
 
-    def append(self, stamps_ns: IntArray, **columns: npt.NDArray[np.generic]) -> None:
-        """Add rows; those not after their predecessors are dropped."""
+    def append(self, stamps_ns: IntArray, edges: IntArray | None = None, **columns: npt.NDArray[np.generic]) -> None:
+        """Add rows; those not after their predecessors are dropped.
+
+        Args:
+            stamps_ns: ``(n,)`` in order of arrival.
+            edges: ``(ticks,)`` how many of them had come by each of several ticks; None for one tick.
+            columns: ``(n, ...)`` values.
+        """
         if len(stamps_ns) == 0:
             return
-        last = int(self._stamps[self._stop - 1]) if len(self) else np.iinfo(np.int64).min
+        last = int(self._stamps[self._stop - 1]) if self._stop > self._start else np.iinfo(np.int64).min
         ceiling = np.maximum.accumulate(np.concatenate([[last], stamps_ns]))[:-1]
         keep = stamps_ns > ceiling
-        self.out_of_order += int(np.count_nonzero(~keep))
-        count = int(np.count_nonzero(keep))
+        kept = np.cumsum(keep)
+        count = int(kept[-1])
+        self.out_of_order += len(keep) - count
         self._reserve(count, columns)
-        rows = slice(self._stop, self._stop + count)
+        before, rows = self._stop, slice(self._stop, self._stop + count)
         self._stamps[rows] = stamps_ns[keep]
         for name, values in columns.items():
             self._columns[name][rows] = values[keep]
         self._stop += count
-        if count:
-            self._trim()
+        if edges is None:
+            edges = np.array([len(keep)])
+        self._note_ticks(before + np.concatenate([[0], kept])[edges])
+
+    def newest_by_tick(self) -> IntArray:
+        """``(ticks,)`` the newest stamp at each of the ticks of the rows that came last; empty where there are none."""
+        ends = [end for _, end in self._ticks]
+        return self._stamps[np.maximum(np.array(ends, dtype=np.int64) - 1, 0)] if ends else self._stamps[:0]
+
+    def settle(self) -> None:
+        """All ticks so far are over."""
+        self._ticks = []
+
+    def see(self, tick: int) -> None:
+        """Look at what was there at one of the ticks of the rows that came last."""
+        if self._ticks:
+            self._first, self._end = self._ticks[tick]
 
     def clear(self) -> None:
         """Forget everything, as after a jump of the clock."""
-        self._start = self._stop = 0
+        self._start = self._stop = self._first = self._end = 0
+        self._ticks = []
 
     def shift(self, by_ns: int) -> None:
         """Move all stamps, as after a jump of what the time is."""
         self._stamps[self._start : self._stop] += by_ns
 
-    def _trim(self) -> None:
-        oldest = int(self._stamps[self._stop - 1]) - self._window_ns
-        self._start += int(np.searchsorted(self.stamps_ns, oldest))
+    def _note_ticks(self, ends: IntArray) -> None:
+        """What is there at each tick, if rows end there; what no tick looks at is given free."""
+        stamps = self._stamps[self._start : self._stop]
+        newest = stamps[np.maximum(ends - self._start - 1, 0)]
+        firsts = self._start + np.searchsorted(stamps, newest - self._window_ns)
+        self._start = int(firsts[0])
+        self._ticks = list(zip(firsts.tolist(), ends.tolist(), strict=True))
+        self.see(-1)
 
     def _reserve(self, count: int, columns: dict[str, npt.NDArray[np.generic]]) -> None:
         if self._stop + count <= len(self._stamps):
             return
-        size, held = 2 * (len(self) + count) + 64, slice(self._start, self._stop)
-        kept = len(self)
+        kept, held = self._stop - self._start, slice(self._start, self._stop)
+        size = 2 * (kept + count) + 64
         stamps = np.empty(size, dtype=np.int64)
         stamps[:kept] = self._stamps[held]
         for name, values in columns.items():

@@ -1,5 +1,6 @@
 """A report that is against something which turns itself: composed as rotations, never by adding angles."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,20 +12,22 @@ from aerodft.geometry.rotation import (
     inverse,
     matrix,
     multiply,
+    slerp,
     to_rotation_vector,
+    turned,
     yaw_pitch_roll,
 )
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.telemetry import ReportFrame
 
 
 @dataclass(frozen=True, slots=True)
 class Turning:
-    """An attitude that changes.
+    """Attitudes that change.
 
     Attributes:
-        wxyz: ``(4,)`` ``ref_SO3_moving``.
-        rate_radps: ``(3,)`` angular rate in the moving axes.
+        wxyz: ``(n, 4)`` ``ref_SO3_moving``.
+        rate_radps: ``(n, 3)`` angular rates in the moving axes.
     """
 
     wxyz: FloatArray
@@ -32,31 +35,56 @@ class Turning:
 
     def carrying(self, other: "Turning") -> "Turning":
         """``other``, which is against this one's moving axes, against this one's reference."""
-        rate = other.rate_radps + matrix(inverse(other.wxyz)) @ self.rate_radps
+        rate = other.rate_radps + turned(matrix(inverse(other.wxyz)), self.rate_radps)
         return Turning(multiply(self.wxyz, other.wxyz), rate)
 
 
-def between(wxyz: FloatArray, found: Bracket) -> Turning:
-    """The attitude at a stamp between two samples of ``wxyz (n, 4)``."""
-    return Turning(found.spherical(wxyz), _rate(wxyz[found.before], wxyz[found.after], found.gap_ns))
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """Two samples around each of ``n`` stamps.
+
+    Attributes:
+        before: ``(n, 4)`` attitudes.
+        after: ``(n, 4)``; the same where a sample is at the stamp itself.
+        weight: ``(n,)`` of the later one.
+        gap_ns: ``(n,)`` between the two.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    weight: FloatArray
+    gap_ns: IntArray
+
+    @classmethod
+    def of(cls, found: Sequence[tuple[FloatArray, Bracket]]) -> "Ends":
+        """Of streams ``wxyz (m, 4)`` with the samples that were found in them."""
+        return cls(
+            np.array([wxyz[each.before] for wxyz, each in found]),
+            np.array([wxyz[each.after] for wxyz, each in found]),
+            np.array([each.weight for _, each in found]),
+            np.array([each.gap_ns for _, each in found]),
+        )
+
+    def between(self) -> Turning:
+        """The attitudes at the stamps."""
+        return Turning(slerp(self.before, self.after, self.weight), _rate(self.before, self.after, self.gap_ns))
 
 
-def carrier(ned_wxyz_body: FloatArray, found: Bracket, frame: ReportFrame, *, yaw_in_earth: bool) -> Turning:
-    """What a gimbal's report is against, in NED.
+def carrier(vehicle: Ends, frame: ReportFrame, *, yaw_in_earth: bool) -> Turning:
+    """What gimbals' reports are against, in NED.
 
     Args:
-        ned_wxyz_body: ``(n, 4)`` the vehicle's attitudes.
-        found: The samples around the stamp.
-        frame: What the report's roll and pitch are against.
-        yaw_in_earth: Whether its yaw is against north, else against the vehicle's heading.
+        vehicle: The vehicle's attitudes ``ned_SO3_body``.
+        frame: What the reports' roll and pitch are against.
+        yaw_in_earth: Whether their yaw is against north, else against the vehicle's heading.
 
     Returns:
         The vehicle's heading, its attitude, or its attitude without the heading; with a rate from the two samples.
     """
-    now = between(ned_wxyz_body, found)
-    ends = ned_wxyz_body[[found.before, found.after]]
-    before, at, after = reference_of(np.stack([ends[0], now.wxyz, ends[1]]), frame, yaw_in_earth=yaw_in_earth)
-    return Turning(at, _rate(before, after, found.gap_ns))
+    now = slerp(vehicle.before, vehicle.after, vehicle.weight)
+    ends = np.stack([vehicle.before, now, vehicle.after])
+    before, at, after = reference_of(ends, frame, yaw_in_earth=yaw_in_earth)
+    return Turning(at, _rate(before, after, vehicle.gap_ns))
 
 
 def reference_of(ned_wxyz_body: FloatArray, frame: ReportFrame, *, yaw_in_earth: bool) -> FloatArray:
@@ -72,8 +100,7 @@ def heading_of(ned_wxyz_body: FloatArray) -> FloatArray:
     return from_yaw_pitch_roll(yaw_pitch_roll(ned_wxyz_body)[0], 0.0, 0.0)
 
 
-def _rate(before_wxyz: FloatArray, after_wxyz: FloatArray, gap_ns: int) -> FloatArray:
-    """Angular rate ``(3,)`` (rad/s) in the moving frame's own axes between two samples."""
-    if gap_ns == 0:
-        return np.zeros(3)
-    return np.asarray(to_rotation_vector(multiply(inverse(before_wxyz), after_wxyz)) * (SECOND_NS / gap_ns))
+def _rate(before_wxyz: FloatArray, after_wxyz: FloatArray, gap_ns: IntArray) -> FloatArray:
+    """Angular rates ``(n, 3)`` (rad/s) in the moving frame's own axes between two samples."""
+    per_s = np.where(gap_ns > 0, SECOND_NS / np.maximum(gap_ns, 1), 0.0)
+    return np.asarray(to_rotation_vector(multiply(inverse(before_wxyz), after_wxyz)) * per_s[:, None])

@@ -46,7 +46,7 @@ def block_of(protocol: WireProtocol, sender: str, arrivals_ns: Sequence[int], fr
     )
 
 
-def _joined(blocks: list[RawBlock]) -> RawBlock:
+def joined_blocks(blocks: list[RawBlock]) -> RawBlock:
     """One block of all frames of one sender's blocks, in order of arrival."""
     if len(blocks) == 1:
         return blocks[0]
@@ -86,7 +86,7 @@ def batch_of(now_ns: int, events: Iterable[Event]) -> Batch:
             images.append(event)
         else:
             observations.append(event)
-    raw = [_joined(blocks) for blocks in senders.values()]
+    raw = [joined_blocks(blocks) for blocks in senders.values()]
     raw.sort(key=lambda block: (int(block.arrival_ns[0]), block.protocol, block.sender))
     images.sort(key=lambda image: image.arrival_ns)
     observations.sort(key=lambda observation: observation.arrival_ns)
@@ -102,6 +102,22 @@ def _cut(event: Event, until_ns: int) -> tuple[Event | None, Event | None]:
     if split == count:
         return event, None
     return (event.rows(0, split) if split else None), event.rows(split, count)
+
+
+def together(batches: Iterable[Batch], longest_ns: int) -> Iterator[list[Batch]]:
+    """Batches in groups that last up to ``longest_ns``, 0 for each alone; images with pixels never wait for others."""
+    group: list[Batch] = []
+    for batch in batches:
+        has_pixels = any(image.pixels is not None for image in batch.images)
+        if group and (has_pixels or batch.now_ns - group[0].now_ns >= longest_ns):
+            yield group
+            group = []
+        group.append(batch)
+        if has_pixels or not longest_ns:
+            yield group
+            group = []
+    if group:
+        yield group
 
 
 class MergedFeed:
@@ -259,6 +275,7 @@ class LiveFeed:
         self._clock = clock
         self._tick_ns = tick_ns
         self._stopping = threading.Event()
+        self._last_ns = 0
 
     def batches(self) -> Iterator[Batch]:
         """Batches, each at its tick or later where the reader is late, until ``stop``."""
@@ -267,10 +284,12 @@ class LiveFeed:
             self._clock.sleep_until(now_ns)
             stopping = self._stopping.is_set()
             yield self._inbox.take(now_ns)
-            if stopping:
+            if stopping and now_ns >= self._last_ns:
                 return
             now_ns += self._tick_ns
 
     def stop(self) -> None:
-        """End after one more batch; may be called from any thread or signal handler."""
-        self._stopping.set()
+        """End once all that has arrived is taken, at least one more batch; from any thread or signal handler."""
+        if not self._stopping.is_set():
+            self._last_ns = self._clock.now_ns() + self._tick_ns  # what is just being read comes along
+            self._stopping.set()

@@ -11,7 +11,7 @@ from aerodft.model.telemetry import GimbalTrack, ReportFrame
 from aerodft.service.gimbal_frame import FrameDetector, FrameEvidence
 from aerodft.service.gravity import moments
 from aerodft.service.settings import AttitudeSettings
-from aerodft.service.slew import jump_std, lag_std
+from aerodft.service.slew import Demands, demands_before
 from aerodft.service.streams import Stream
 
 _LONGEST_WAIT_NS: Final = 10 * SECOND_NS  # reports are weighed when their verdict is asked for, at the latest by then
@@ -34,27 +34,48 @@ class Gimbal:
         self._weighed_ns: int | None = None
         self.reports = self._repeats = 0
         self._last_wxyz: FloatArray | None = None
+        self._unweighed = self._detector.evidence
+        self._verdicts: list[tuple[int, FrameEvidence]] = []  # and until when reports were weighed for them
+        self._ticks: list[tuple[int, int]] = []  # reports and repeats at each of the ticks that came last
 
-    def append(self, track: GimbalTrack, stamps_ns: IntArray, vehicle: Stream) -> None:
-        """Take reports in; they count from when the camera follows them."""
+    def append(self, track: GimbalTrack, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
+        """Take reports in; they count from when the camera follows them. ``edges`` as in ``TrackBuffer.append``."""
         if not len(stamps_ns):
             return
         stamps_ns = stamps_ns + self._settings.delay_ns
         earth = track.yaw_in_earth.astype(np.float64)
-        self.stream.append(stamps_ns, wxyz=track.wxyz, yaw_in_earth=earth)
+        self.stream.append(stamps_ns, edges, wxyz=track.wxyz, yaw_in_earth=earth)
         before = track.wxyz[:1] + 1 if self._last_wxyz is None else self._last_wxyz
         same = np.diff(track.wxyz, axis=0, prepend=before) == 0
-        self._repeats += int(np.count_nonzero(np.all(same, axis=-1)))
-        self.reports += len(stamps_ns)
+        repeats = np.concatenate([[0], np.cumsum(np.all(same, axis=-1))])
+        ends = np.array([len(stamps_ns)]) if edges is None else edges
+        self._ticks = list(zip((self.reports + ends).tolist(), (self._repeats + repeats[ends]).tolist(), strict=True))
+        self.see(-1)
         self._last_wxyz = track.wxyz[-1:]
+
+    def see(self, tick: int) -> None:
+        """Count the reports that had come by one of the ticks of those that came last."""
+        if self._ticks:
+            self.reports, self._repeats = self._ticks[tick]
+
+    def settle(self, vehicle: Stream) -> None:
+        """All ticks so far are over: weigh what waits for it too long."""
+        self._ticks = []
+        self._forget_verdicts()
         if (self.stream.last_ns or 0) - (self._weighed_ns or 0) > _LONGEST_WAIT_NS:
             self._weigh(vehicle)
+
+    def _forget_verdicts(self) -> None:
+        """No tick before now will be looked at: all that was learned counts."""
+        self._unweighed = self._detector.evidence
+        self._verdicts = []
 
     def clear(self, vehicle: Stream) -> None:
         """Forget samples whose stamps are of another clock; what they taught stays."""
         self._weigh(vehicle)
         self._detector.break_off()
         self._weighed_ns = None
+        self._forget_verdicts()
         self.stream.clear()
 
     def shift(self, by_ns: int, vehicle: Stream) -> None:
@@ -62,39 +83,51 @@ class Gimbal:
         self._weigh(vehicle)
         self._detector.break_off()
         self._weighed_ns = None if self._weighed_ns is None else self._weighed_ns + by_ns
+        self._forget_verdicts()
         self.stream.shift(by_ns)
 
     def evidence(self, vehicle: Stream) -> FrameEvidence:
         """What is known of the reports' frame."""
+        last_ns = self._passed_ns(vehicle)
         self._weigh(vehicle)
-        return self._detector.evidence
+        return next((known for until_ns, known in reversed(self._verdicts) if until_ns <= last_ns), self._unweighed)
 
-    def is_demand(self, vehicle: Stream) -> bool:
-        """Whether the reports may be demands; only what moves by itself and keeps to the horizon is a measurement."""
+    def is_demand(self, frame: ReportFrame | None) -> bool:
+        """Whether the reports may be demands; only what moves by itself and keeps to the horizon is a measurement.
+
+        Args:
+            frame: The evidence's verdict.
+        """
         if self._settings.is_demand is not None:
             return self._settings.is_demand
-        frame = self._settings.frame or self.evidence(vehicle).frame
         varied = self.reports >= _ENOUGH_REPORTS and self._repeats < _MOST_REPEATS * self.reports
-        return frame is not ReportFrame.EARTH or not varied
+        return (self._settings.frame or frame) is not ReportFrame.EARTH or not varied
 
-    def std_rad(self, found: Bracket, stamp_ns: int, vehicle: Stream) -> FloatArray:
-        """How far the camera may be from the report ``(3,)``, in gimbal axes, because that jumps or leads."""
-        reported, limits = self.stream.column("wxyz"), self._settings
-        jump = jump_std(reported, found)
-        if not self.is_demand(vehicle):
-            return np.abs(jump)
-        stamps = self.stream.stamps_ns
-        lag = lag_std(reported, stamps, found, stamp_ns, lag_ns=limits.lag_ns, slew_radps=limits.slew_radps)
-        return np.hypot(jump, lag)
+    def demands(self, found: Bracket, stamp_ns: int) -> Demands:
+        """What was demanded before a stamp."""
+        limits, stream = self._settings, self.stream
+        return demands_before(
+            stream.column("wxyz"),
+            stream.stamps_ns,
+            found,
+            stamp_ns,
+            lag_ns=limits.lag_ns,
+            slew_radps=limits.slew_radps,
+        )
+
+    def _passed_ns(self, vehicle: Stream) -> int:
+        """The last whole second that both streams have passed."""
+        return min(self.stream.last_ns or 0, vehicle.last_ns or 0) // SECOND_NS * SECOND_NS
 
     def _weigh(self, vehicle: Stream) -> None:
-        """Weigh what came since, up to the last whole second that both streams have passed: the same for any cut."""
-        last = min(self.stream.last_ns or 0, vehicle.last_ns or 0) // SECOND_NS * SECOND_NS
-        if self._weighed_ns is not None and last <= self._weighed_ns:
+        """Weigh what came since, up to what both streams have passed: the same for any cut."""
+        last_ns = self._passed_ns(vehicle)
+        if self._weighed_ns is not None and last_ns <= self._weighed_ns:
             return
-        for moment in moments(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last):
+        for moment in moments(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last_ns):
             if moment is None:
                 self._detector.break_off()
             else:
                 self._detector.weigh(moment)
-        self._weighed_ns = last
+        self._weighed_ns = last_ns
+        self._verdicts.append((last_ns, self._detector.evidence))

@@ -35,7 +35,8 @@ _ENOUGH_NOISE = 15  # reports
 _NOISE_OF_BEND = 1 / (math.sqrt(6) * 1.177)  # median length of white noise's second differences, in two directions
 _NOISE_RAD = math.radians(0.3)
 _LEFT_OVER = 0.25  # share of the vehicle's motion that lags and poor stabilisation leave
-_MOST_A_MOTION = math.log(10)  # a command may fall together with a motion
+_MOST_A_MOTION = math.log(10)  # a command may fall together with a motion,
+_MOST_AT_ONCE = 2 * _MOST_A_MOTION  # and, less often, with all parts of a long one
 _MOST_AT_LIMIT = math.log(200)
 _AT_LIMIT_RAD = math.radians(1)
 _MOST = 3 * math.log(CERTAIN)  # what was learned can be unlearned
@@ -75,6 +76,7 @@ class FrameDetector:
         self._range_rad = (math.inf, -math.inf)  # pitches reported so far
         self._log_ratios = np.zeros(len(LAGS_NS))  # body against earth, were reports this late
         self._at_limit = np.zeros(len(LAGS_NS))  # the part of it that a servo at its limit could explain
+        self._lately: deque[tuple[int, FloatArray]] = deque()  # ends of motions, and what each of them told
         self._undone = np.zeros(len(LAGS_NS), dtype=np.int64)
         self._motions = self._motion_ns = self._changes = 0
         self._frame: ReportFrame | None = None
@@ -103,7 +105,8 @@ class FrameDetector:
         """Standard deviation of the vehicle's reported tilt, or a bit more where it turns fast; None at the start."""
         if len(self._recent) > 1:
             first, second = self._recent[-2], self._recent[-1]
-            self._bends_rad.append(float(np.linalg.norm(moment.down_body - 2 * second.down_body + first.down_body)))
+            bend_rad = float(np.linalg.norm(moment.down_body - 2 * second.down_body + first.down_body))
+            self._bends_rad.append(max(bend_rad, moment.bend_rad))
         return median(self._bends_rad) * _NOISE_OF_BEND if len(self._bends_rad) > _ENOUGH_NOISE else None
 
     def _learn(self, start: Moment, end: Moment, turn_rad: float) -> None:
@@ -111,16 +114,26 @@ class FrameDetector:
         left = np.linalg.norm(end.down_if_body - start.down_if_body, axis=-1)
         scale = math.hypot(_NOISE_RAD, _LEFT_OVER * turn_rad)
         ratio = _log_density(left / scale) - _log_density(np.asarray(reported / scale))
-        step = np.clip(ratio, -_MOST_A_MOTION, _MOST_A_MOTION)
+        step = self._not_told_yet(end.stamp_ns, ratio)
         if self._may_be_at_limit(start) and self._may_be_at_limit(end):
-            before, self._at_limit = self._at_limit, np.maximum(self._at_limit + np.minimum(step, 0), -_MOST_AT_LIMIT)
-            step = np.where(step < 0, self._at_limit - before, step)
+            before, self._at_limit = self._at_limit, np.maximum(self._at_limit + step, -_MOST_AT_LIMIT)
+            step = self._at_limit - before
         self._log_ratios = np.clip(self._log_ratios + step, -_MOST, _MOST)
         self._undone += ratio > 0
         self._motions += 1
         self._motion_ns += end.stamp_ns - start.stamp_ns
         self._decide()
         self.evidence = self._evidence()
+
+    def _not_told_yet(self, stamp_ns: int, ratio: FloatArray) -> FloatArray:
+        """What a motion adds to what those shortly before it told: they may be parts of one."""
+        while self._lately and stamp_ns - self._lately[0][0] > _WINDOW_NS:
+            self._lately.popleft()
+        told = np.sum([step for _, step in self._lately], axis=0) if self._lately else np.zeros_like(ratio)
+        own = np.clip(ratio, -_MOST_A_MOTION, _MOST_A_MOTION)
+        step = np.clip(told + own, -_MOST_AT_ONCE, _MOST_AT_ONCE) - told
+        self._lately.append((stamp_ns, step))
+        return np.asarray(step)
 
     def _may_be_at_limit(self, moment: Moment) -> bool:
         low, high = self._range_rad

@@ -25,6 +25,8 @@ class Moment:
         down_body: ``(3,)`` in the vehicle's axes.
         down_if_earth: ``(3,)`` in the gimbal's axes, if the report's roll and pitch are against the horizon.
         down_if_body: ``(lags, 3)`` in the gimbal's axes, if they are against the vehicle as it was that long before.
+        bend_rad: How far ``down_body`` was from the mean of its neighbours, twice, in the vehicle's own last samples:
+            between slow ones nothing is seen of their noise.
     """
 
     stamp_ns: int
@@ -32,6 +34,7 @@ class Moment:
     down_body: FloatArray
     down_if_earth: FloatArray
     down_if_body: FloatArray
+    bend_rad: float = 0.0
 
 
 def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> list[Moment | None]:
@@ -47,16 +50,23 @@ def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) ->
     reported = matrix(gimbal.column("wxyz")[rows])
     attitudes = vehicle.column("wxyz")
     before = np.stack([stamps - lag_ns for lag_ns in LAGS_NS], axis=-1)
-    downs, known = _between(vehicle, matrix(attitudes)[:, 2], before)
+    own_downs = matrix(attitudes)[:, 2]
+    downs, known = _between(vehicle, own_downs, before)
+    bends = _bends(own_downs)[np.searchsorted(vehicle.stamps_ns, stamps, side="right") - 1].tolist()
     latest = np.clip(np.searchsorted(vehicle.stamps_ns, stamps), 0, len(attitudes) - 1)
     yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(attitudes[latest])[0], 0.0)
     against_body = matrix(from_yaw_pitch_roll(-yaws, 0.0, 0.0)) @ reported
     if_body = downs @ against_body
     pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1].tolist()
     return [
-        Moment(stamp_ns, pitches[k], downs[k, 0], reported[k, 2], if_body[k]) if known[k] else None
+        Moment(stamp_ns, pitches[k], downs[k, 0], reported[k, 2], if_body[k], bends[k]) if known[k] else None
         for k, stamp_ns in enumerate(stamps.tolist())
     ]
+
+
+def _bends(downs: FloatArray) -> FloatArray:
+    """Length ``(n,)`` of the second differences that end at each of ``downs (n, 3)``; 0 of the first two."""
+    return np.concatenate([np.zeros(min(2, len(downs))), np.linalg.norm(np.diff(downs, n=2, axis=0), axis=-1)])
 
 
 def _rows(stamps_ns: IntArray, after_ns: int, until_ns: int) -> IntArray:

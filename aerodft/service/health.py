@@ -1,6 +1,7 @@
 """What a vehicle says of itself at a stamp, and what follows for a pose; ``docs/health.md`` states the rules."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -9,7 +10,7 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import IntArray
-from aerodft.model.health import RATIOS, EstimatorTrack, GpsTrack, Health, HeartbeatTrack, LinkTrack
+from aerodft.model.health import FIX_3D, RATIOS, EstimatorTrack, GpsTrack, Health, HeartbeatTrack, LinkTrack, RivalTrack
 from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import (
@@ -22,9 +23,9 @@ from aerodft.model.telemetry import (
     VehicleTrack,
 )
 from aerodft.service.health_settings import HealthSettings
+from aerodft.service.rivals import RivalsHeard
 from aerodft.service.streams import Stream
 
-_3D_FIX: Final = 3
 _WARNING_SHARE: Final = 0.8  # of the largest ratio
 _NAMES: Final = {
     ClockTrack: "clock",
@@ -45,41 +46,76 @@ class HealthSources:
         self._heartbeat, self._gps = Stream(settings.heartbeat_ns), Stream(settings.gps_ns)
         self._estimator, self._link = Stream(settings.heartbeat_ns), Stream(settings.window_ns)
         self._resumed = Stream(settings.heartbeat_ns)  # when all had been silent before
+        self._rivals = RivalsHeard(settings.window_ns)
         self._newest_ns: int | None = None
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, to be forgotten or moved when clocks jump."""
-        return (self._heartbeat, self._gps, self._estimator, self._link, self._resumed, *self._kinds.values())
+        own = (self._heartbeat, self._gps, self._estimator, self._link, self._resumed)
+        return (*own, *self._rivals.streams(), *self._kinds.values())
 
-    def append(self, track: Track, stamps_ns: IntArray) -> None:
-        """Take a track in, whatever it is of."""
+    def append(self, track: Track, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
+        """Take a track in, whatever it is of; ``edges`` as in ``TrackBuffer.append``."""
+        if isinstance(track, RivalTrack):
+            self._rivals.append(track, stamps_ns)
+            return
         if len(stamps_ns):
-            self._note_silence(stamps_ns)
+            self._note_silence(stamps_ns, edges)
         match track:
             case HeartbeatTrack():
-                self._heartbeat.append(stamps_ns)
+                self._heartbeat.append(stamps_ns, edges)
             case GpsTrack():
                 self._gps.append(
                     stamps_ns,
+                    edges,
                     fix=track.fix,
                     satellites=track.satellites,
                     horizontal_std_m=track.horizontal_std_m,
                     vertical_std_m=track.vertical_std_m,
                 )
             case EstimatorTrack():
-                self._estimator.append(stamps_ns, ratios=track.ratios, has_attitude=track.has_attitude)
+                self._estimator.append(stamps_ns, edges, ratios=track.ratios, has_attitude=track.has_attitude)
             case LinkTrack():
-                tick = {"received": np.array([len(track.lost)]), "lost": track.lost.sum(keepdims=True)}
-                self._link.append(stamps_ns[-1:], **tick)
+                self._append_link(track, stamps_ns, np.array([len(stamps_ns)]) if edges is None else edges)
                 return
-        self._kinds.setdefault(_name(track), Stream(self._settings.heartbeat_ns)).append(stamps_ns)
+        self._kinds.setdefault(_name(track), Stream(self._settings.heartbeat_ns)).append(stamps_ns, edges)
 
-    def _note_silence(self, stamps_ns: IntArray) -> None:
+    def knows(self, track: Track) -> bool:
+        """Whether such a track was taken in before, since clocks were last set."""
+        if isinstance(track, LinkTrack):
+            return True
+        return _name(track) in self._kinds and len(self._kinds[_name(track)].stamps_ns) > 0
+
+    def goes_on(self, stamps: Sequence[IntArray], edges: Sequence[IntArray]) -> bool:
+        """Whether there is no silence in or before tracks ``(n,)`` of several ticks, edges as in ``append``."""
+        newest, limit = self._newest_ns, self._settings.heartbeat_ns
+        if newest is None:
+            return False
+        ticks = len(edges[0])
+        firsts, lasts = np.full(ticks, newest), np.full(ticks, newest)
+        for stamps_ns, ends in zip(stamps, edges, strict=True):
+            starts = np.concatenate([[0], ends[:-1]])
+            came = np.flatnonzero(ends > starts)
+            firsts[came] = np.maximum(firsts[came], stamps_ns[starts[came]])
+            lasts[came] = np.maximum(lasts[came], stamps_ns[ends[came] - 1])
+        before = np.concatenate([[newest], np.maximum.accumulate(lasts)[:-1]])
+        return bool(np.all(firsts <= before + limit))
+
+    def _append_link(self, track: LinkTrack, stamps_ns: IntArray, edges: IntArray) -> None:
+        """Count the frames of each tick, at its last one's stamp."""
+        starts = np.concatenate([[0], edges[:-1]])
+        came = edges > starts
+        ends = edges[came]
+        lost = np.add.reduceat(track.lost, starts[came])
+        self._link.append(stamps_ns[ends - 1], np.cumsum(came), received=ends - starts[came], lost=lost)
+
+    def _note_silence(self, stamps_ns: IntArray, edges: IntArray | None) -> None:
         """A link that was dead, or a clock that was set, is no autopilot without heartbeat: that counts from there."""
         first_ns = int(stamps_ns[0])
-        if self._newest_ns is not None and first_ns > self._newest_ns + self._settings.heartbeat_ns:
+        if edges is None and self._newest_ns is not None and first_ns > self._newest_ns + self._settings.heartbeat_ns:
             self._resumed.append(stamps_ns[:1])
-        self._newest_ns = max(int(stamps_ns[-1]), self._newest_ns or 0)
+        lasts = stamps_ns[-1:] if edges is None else stamps_ns[edges[edges > 0] - 1]
+        self._newest_ns = max(int(lasts.max()), self._newest_ns or 0)
 
     def at(self, stamp_ns: int) -> Health:
         """What was known at a stamp: nothing later than it."""
@@ -108,12 +144,12 @@ class HealthSources:
         health = self.at(sample.stamp_ns)
         status, faults = self._faults(health)
         if sample.status is not Status.OK:
-            return replace(sample, reasons=(*sample.reasons, *faults))
+            return replace(sample, reasons=(*sample.reasons, *faults, *self._rivals.at(sample.stamp_ns)))
         if faults:
             return replace(sample, status=status, reasons=(*faults, *sample.reasons))
-        remarks = self._remarks(health)
+        remarks = [*self._remarks(health), *self._rivals.at(sample.stamp_ns)]
         sample = _with_horizontal_std(sample, health.horizontal_std_m or 0.0)
-        if health.gps_fix is not None and health.gps_fix < _3D_FIX:
+        if health.gps_fix is not None and health.gps_fix < FIX_3D:
             sample = replace(sample, origin=None, lat_rad=None, lon_rad=None, alt_msl_m=None)
         return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
 
@@ -137,7 +173,7 @@ class HealthSources:
     def _remarks(self, health: Health) -> list[str]:
         """What makes an answer worth less, in sentences."""
         limits, remarks = self._settings, []
-        if health.gps_fix is not None and health.gps_fix < _3D_FIX:
+        if health.gps_fix is not None and health.gps_fix < FIX_3D:
             remarks.append(f"GPS has no 3D fix (fix type {health.gps_fix}): the place is not known")
         if (health.gps_age_s or 0.0) > limits.gps_ns / SECOND_NS:
             remarks.append(f"GPS is silent for {health.gps_age_s:.1f} s")
@@ -147,6 +183,9 @@ class HealthSources:
         ):
             if std_m is not None and std_m > most_m:
                 remarks.append(f"GPS is accurate to {std_m:.1f} m {what} only, at best {most_m:g} m is wanted")
+        silent_s, most_s = health.ages_s.get(_NAMES[EstimatorTrack], 0.0), limits.heartbeat_ns / SECOND_NS
+        if silent_s > most_s:
+            remarks.append(f"the autopilot's estimator has said nothing believable for {silent_s:.1f} s")
         remarks += [
             f"the autopilot's estimator is near its limit: its test ratio of {name} is {ratio:.2f}"
             for name, ratio in health.ratios.items()

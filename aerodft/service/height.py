@@ -8,13 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.conventions import SECOND_NS
 from aerodft.geometry.interpolation import Bracket
 from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.health import GpsTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import HeightSource
-from aerodft.model.telemetry import FixTrack, HeightTrack, PositionTrack, Track
+from aerodft.model.telemetry import HeightTrack, PositionTrack, Track
 from aerodft.service.height_samples import HeightSamples
+from aerodft.service.receiver import VerticalAccuracy
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 
@@ -27,7 +28,6 @@ DATUM: Final = {
     HeightSource.HOME: "home",
     HeightSource.MANUAL: "manual",
 }
-_FIX_AGE_NS: Final = 5 * SECOND_NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class HeightSources:
         self._samples = {
             source: HeightSamples(settings, source) for source in settings.order if source is not HeightSource.MANUAL
         }
-        self._fixes = Stream(_FIX_AGE_NS)
+        self._receiver = VerticalAccuracy()
 
     def streams(self) -> tuple[Stream, ...]:
         """The streams of the sources, for the watermark."""
@@ -63,18 +63,26 @@ class HeightSources:
 
     def remarks(self) -> tuple[Stream, ...]:
         """Streams that nothing waits for."""
-        return (self._fixes,)
+        return (self._receiver.stream,)
 
-    def append(self, track: Track, stamps_ns: IntArray) -> None:
-        """Take a track in, if it carries a height, or how good one is."""
-        if isinstance(track, FixTrack):
-            self._fixes.append(stamps_ns, std_m=track.vertical_std_m)
+    def may_come_together(self, track: Track) -> bool:
+        """Whether several ticks of a track may be taken in at once."""
+        return (
+            not isinstance(track, GpsTrack)
+            or self._receiver.has_begun()
+            or not np.any(np.isfinite(track.vertical_std_m))
+        )
+
+    def append(self, track: Track, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
+        """Take a track in, if it carries a height, or how good one is; ``edges`` as in ``TrackBuffer.append``."""
+        if isinstance(track, GpsTrack):
+            self._receiver.append(track, stamps_ns, edges)
         elif isinstance(track, PositionTrack) and HeightSource.HOME in self._samples:
             height = track.height_home_m + self._settings.home_above_plane_m
-            self._samples[HeightSource.HOME].append(stamps_ns, height, np.full_like(height, np.nan))
+            self._samples[HeightSource.HOME].append(stamps_ns, height, np.full_like(height, np.nan), edges)
         elif isinstance(track, HeightTrack) and track.source in self._samples:
             self._samples[track.source].append(
-                stamps_ns, track.value_m, track.std_m, is_slant=track.slant, lat_lon_rad=track.lat_lon_rad
+                stamps_ns, track.value_m, track.std_m, edges, is_slant=track.slant, lat_lon_rad=track.lat_lon_rad
             )
 
     def at(
@@ -93,11 +101,16 @@ class HeightSources:
             lat_lon_rad: Where the vehicle is, for the distance to what a terrain report is about; None skips that.
         """
         worst = Missing.NEVER
+        passed_over: list[str] = []
         for source in self._settings.order:
             found = self._found(source, stamp_ns, watermark_ns, vehicle_at, lat_lon_rad)
             if isinstance(found, Height):
                 against = [self._difference(source, other, stamp_ns, vehicle_at) for other in self._samples]
-                return replace(found, reasons=_remarks([each for each in against if each is not None]))
+                remarks = _remarks([each for each in against if each is not None])
+                return replace(found, reasons=(*passed_over, *remarks))
+            if self._is_far(source, stamp_ns, watermark_ns, lat_lon_rad):
+                limit_m = self._settings.terrain_max_distance_m
+                passed_over.append(f"{source} is of a place more than {limit_m:g} m away, and is not taken")
             if found is Missing.PENDING:
                 return found
             worst = Missing.STALE if Missing.STALE in (worst, found) else worst
@@ -133,7 +146,7 @@ class HeightSources:
         found = samples.stream.find(stamp_ns, watermark_ns)
         if isinstance(found, Missing):
             return found
-        if lat_lon_rad is not None and samples.is_far(found, lat_lon_rad):
+        if self._is_far(source, stamp_ns, watermark_ns, lat_lon_rad):
             return Missing.STALE
         vertical = samples.vertical(found, stamp_ns, vehicle_at)
         if isinstance(vertical, Missing):
@@ -141,18 +154,20 @@ class HeightSources:
         height = self._height(vertical.height_m, vertical.std_m, source, stamp_ns)
         return replace(height, age_s=samples.stream.age_s(stamp_ns) or 0.0, foot_m=vertical.foot_m)
 
+    def _is_far(
+        self, source: HeightSource, stamp_ns: int, watermark_ns: int, lat_lon_rad: tuple[float, float] | None
+    ) -> bool:
+        """Whether what a source says at a stamp is about a place too far away."""
+        if lat_lon_rad is None or source not in self._samples:
+            return False
+        samples = self._samples[source]
+        found = samples.stream.find(stamp_ns, watermark_ns)
+        return not isinstance(found, Missing) and samples.is_far(found, lat_lon_rad)
+
     def _height(self, value_m: float, std_m: float, source: HeightSource, stamp_ns: int) -> Height:
         """With the receiver's own opinion, where a height comes with the position and it is the worse one."""
-        receivers_m = self._fix_std_m(stamp_ns) if source is HeightSource.HOME else 0.0
+        receivers_m = self._receiver.std_m(stamp_ns) if source is HeightSource.HOME else 0.0
         return Height(value_m, max(std_m, receivers_m), source, DATUM[source], 0.0)
-
-    def _fix_std_m(self, stamp_ns: int) -> float:
-        """What the receiver said of its vertical accuracy by then; 0 where it did not."""
-        stamps = self._fixes.stamps_ns
-        row = int(np.searchsorted(stamps, stamp_ns, side="right")) - 1
-        if row < 0 or stamp_ns - int(stamps[row]) > _FIX_AGE_NS:
-            return 0.0
-        return float(np.nan_to_num(self._fixes.column("std_m")[row]))
 
     def _difference(
         self,

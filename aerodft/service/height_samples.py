@@ -42,19 +42,24 @@ class HeightSamples:
         stamps_ns: IntArray,
         value_m: FloatArray,
         std_m: FloatArray,
+        edges: IntArray | None = None,
         *,
         is_slant: bool = False,
         lat_lon_rad: FloatArray | None = None,
     ) -> None:
-        """Take in values ``(n,)``; slant ones are along the vehicle's down axis, places ``(n, 2)`` what they are of."""
+        """Take in values ``(n,)``; ``edges`` as in ``TrackBuffer.append``.
+
+        Slant ones are along the vehicle's down axis; places ``(n, 2)`` are what they are of.
+        """
         places = np.full((len(value_m), 2), np.nan) if lat_lon_rad is None else lat_lon_rad
         slant = np.full_like(value_m, float(is_slant))
-        self.stream.append(stamps_ns, value_m=value_m, std_m=std_m, slant=slant, lat_lon_rad=places)
+        self.stream.append(stamps_ns, edges, value_m=value_m, std_m=std_m, slant=slant, lat_lon_rad=places)
 
     def is_far(self, found: Bracket, lat_lon_rad: tuple[float, float]) -> bool:
         """Whether one of the samples is of another place than the vehicle's; unknown places are not far."""
         ends = self.stream.column("lat_lon_rad")[[found.before, found.after]]
-        apart = (ends - lat_lon_rad) * (1.0, math.cos(lat_lon_rad[0]))
+        apart = np.remainder(ends - lat_lon_rad + math.pi, 2 * math.pi) - math.pi  # also over 180 degrees of longitude
+        apart *= 1.0, math.cos(lat_lon_rad[0])
         return bool(np.any(_EARTH_M * np.linalg.norm(apart, axis=-1) > self._max_distance_m))
 
     def vertical(
@@ -85,13 +90,13 @@ class HeightSamples:
         return Vertical(down, math.hypot(upright * std_m, level_m * self._lean_std_rad), (east, north))
 
     def _std_m(self, found: Bracket) -> float:
-        """The larger of the stated and the reported one, and what a step between two samples adds.
+        """What the message says of itself, else the stated one; and what a step between two samples adds.
 
         Whatever no vehicle climbs, an edge below or a correction, happened at any time between the two: a share ``w``
         into the gap the interpolation is then off by ``step sqrt(w (1 - w))``.
         """
         reported_m, value_m = float(found.linear(self.stream.column("std_m"))), self.stream.column("value_m")
-        known_m = max(self._default_std_m, reported_m) if math.isfinite(reported_m) else self._default_std_m
+        known_m = reported_m if math.isfinite(reported_m) else self._default_std_m
         climb_m = _CLIMB_MPS * found.gap_ns / SECOND_NS
         step_m = max(0.0, abs(float(value_m[found.after] - value_m[found.before])) - climb_m)
         return math.hypot(known_m, step_m * math.sqrt(found.weight * (1 - found.weight)))

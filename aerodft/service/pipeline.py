@@ -7,7 +7,7 @@ landmarks teach is used from the next stamp on: of what is done on one tick, in 
 
 import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -15,6 +15,7 @@ from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.projection import shared_count
 from aerodft.dft.request import linked
 from aerodft.dft.sampling import standard_draws
+from aerodft.geometry.poses import camera_pose
 from aerodft.model.batch import Batch
 from aerodft.model.health import Health
 from aerodft.model.image import Image, StampClock
@@ -23,7 +24,9 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.probe import PixelSource, takes_pixels
 from aerodft.model.status import Status
+from aerodft.service.asked import Asked, measured
 from aerodft.service.feed import tick_after
+from aerodft.service.intake import Intake
 from aerodft.service.ports import Calibrator, LandmarkObserver, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
@@ -59,7 +62,6 @@ class Pipeline:
     ) -> None:
         self.counts = Counts()
         self._settings = settings
-        self._decoder = decoder
         self._calibrator = calibrator
         self._observer = observer
         self._setup = Setup(
@@ -81,12 +83,18 @@ class Pipeline:
             ground=settings.ground,
             camera=settings.camera,
         )
+        self._intake = Intake(decoder, self._poses)
         self._jobs: deque[Job] = deque()
         self._images = ImageMemory()
         self._last_pose: PoseSample | None = None
         self._height_source: HeightSource | None = None
-        standard_draws(shared_count(settings.camera) + 2)  # loads now what would hold up a measurement near the horizon
         self._lock = threading.Lock()  # between the ticks and the questions from outside
+
+    def warm_up(self) -> None:
+        """Load and compile now what would hold up the first measurements."""
+        standard_draws(shared_count(self._settings.camera) + 2)
+        down = camera_pose(height_agl_m=10.0, tilt_rad=0.5)
+        measure(self._setup, PoseSample(stamp_ns=0, status=Status.OK, pose=down), self._fixed)
 
     @property
     def last_pose(self) -> PoseSample | None:
@@ -100,13 +108,36 @@ class Pipeline:
             Finished work: for an image the image (stamp in UTC), its pose and its measurements; for an observation
             the observation with its image, and its measurement; for the landmarks of an image the new estimate.
         """
-        with self._lock:
-            return tuple(self._step(batch))
+        (outputs,) = self.advance((batch,))
+        return outputs
 
-    def _step(self, batch: Batch) -> list[Output]:
+    def advance(self, batches: Sequence[Batch]) -> list[tuple[Output, ...]]:
+        """Advance by some ticks at once.
+
+        Returns:
+            What ``step`` gives for each of them: it does not matter which ticks are together, only how long it takes.
+        """
+        with self._lock:
+            before = self._wait_until(batches[0].now_ns)
+            together = self._intake.take_together(batches, lambda: self._stamps(batches))
+            work = [self._tick(batch, tick if together else None) for tick, batch in enumerate(batches)]
+            return measured(self._setup, self._fixed, [before + work[0], *work[1:]])
+
+    def _stamps(self, batches: Sequence[Batch]) -> Iterator[tuple[int, int]]:
+        """UTC of the images that wait, and of those that come, with the tick on which they do."""
+        yield from ((job.stamp_ns, 0) for job in self._jobs if isinstance(job.subject, Image))
+        for tick, batch in enumerate(batches):
+            self._poses.clock.see(tick)
+            yield from ((self._utc(image.stamp_ns, image.clock), tick) for image in batch.images)
+
+    def _tick(self, batch: Batch, tick: int | None) -> list[Output | Asked]:
+        """What is done in one tick, yet to be measured; its telemetry is there already where it has a number."""
         outputs = self._wait_until(batch.now_ns)
-        for block in batch.raw:
-            self._shift(self._poses.append(self._decoder.decode(block)))
+        if tick is not None:
+            self._poses.see(tick)
+        else:
+            for shift_ns in self._intake.take(batch):
+                self._shift(shift_ns)
         for image in batch.images:
             self._accept_image(image)
         for observation in batch.observations:
@@ -122,7 +153,8 @@ class Pipeline:
     def finish(self) -> tuple[Output, ...]:
         """The end of the input: what still waits is answered with what there is."""
         with self._lock:
-            return tuple(self._wait_until(None))
+            (outputs,) = measured(self._setup, self._fixed, [self._wait_until(None)])
+            return outputs
 
     def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
         """Answer a question from outside, from any thread.
@@ -153,6 +185,11 @@ class Pipeline:
             return None
         with self._lock:
             return self._poses.health_at(self._utc(host_ns, StampClock.HOST))
+
+    def rejected(self) -> dict[str, int]:
+        """Telemetry that held no value so far, by ``MESSAGE: reason``."""
+        with self._lock:
+            return self._intake.rejected
 
     def in_utc(self, image: Image) -> Image:
         """The image with its stamp in UTC as it is known now, from any thread; what an observer's answer refers to."""
@@ -199,12 +236,12 @@ class Pipeline:
     def _utc(self, stamp_ns: int, clock: StampClock) -> int:
         return stamp_ns if clock is StampClock.UTC else self._poses.clock.host_to_utc(stamp_ns)
 
-    def _wait_until(self, now_ns: int | None) -> list[Output]:
+    def _wait_until(self, now_ns: int | None) -> list[Output | Asked]:
         """What the empty ticks before ``now_ns`` would have answered, whether they came or were left out."""
         deadlines_ns = {job.deadline_ns for job in self._jobs if now_ns is None or job.deadline_ns < now_ns}
         return [output for deadline_ns in sorted(deadlines_ns) for output in self._finish(deadline_ns)]
 
-    def _finish(self, now_ns: int) -> list[Output]:
+    def _finish(self, now_ns: int) -> list[Output | Asked]:
         ready: list[Ready] = []
         waiting: deque[Job] = deque()
         # An image and all that was seen in it share their pose.
@@ -228,16 +265,16 @@ class Pipeline:
         self._jobs = waiting
         return self._done(ready)
 
-    def _done(self, ready: list[Ready]) -> list[Output]:
+    def _done(self, ready: list[Ready]) -> list[Output | Asked]:
         """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
-        outputs: list[Output] = []
+        outputs: list[Output | Asked] = []
         landmarks = sorted((each for each in ready if each.job.is_landmark), key=lambda each: each.job.stamp_ns)
         for each in ready:
             if each.job.is_landmark:
                 continue
             earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
             landmarks = landmarks[len(earlier) :]
-            outputs += [*self._learn(earlier), *self._answer(each.job, self._refined(each.sample))]
+            outputs += [*self._learn(earlier), *self._answer(each.job.subject, self._refined(each.sample))]
         return outputs + self._learn(landmarks)
 
     def _learn(self, seen: list[Ready]) -> list[Output]:
@@ -262,15 +299,16 @@ class Pipeline:
     def _refined(self, sample: PoseSample) -> PoseSample:
         return self._calibrator.refine(sample) if self._calibrator else sample
 
-    def _answer(self, job: Job, sample: PoseSample) -> list[Output]:
-        if isinstance(job.subject, Image):
+    def _answer(self, subject: Image | Observation, sample: PoseSample) -> list[Output | Asked]:
+        if isinstance(subject, Image):
             switch, self._last_pose = self._height_switch(sample), sample
-            index = None if job.subject.width_px is None else job.subject.index
-            return [job.subject, *switch, sample, *measure(self._setup, sample, self._fixed, index)]
-        observation = self._linked(job.subject)
+            index = None if subject.width_px is None else subject.index
+            asked = [Asked(sample, self._fixed, index)] if self._fixed else []
+            return [subject, *switch, sample, *asked]
+        observation = self._linked(subject)
         probe = self._observed[observation.name]
         request = Request(probe=probe, pixels=observation.pixels, std_px=observation.std_px or probe.std_px)
-        return [observation, *measure(self._setup, sample, linked([request], self._fixed), observation.image)]
+        return [observation, Asked(sample, linked([request], self._fixed), observation.image)]
 
     def _height_switch(self, sample: PoseSample) -> list[Output]:
         """Whether an image's height is of another source than the last one's."""

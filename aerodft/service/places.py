@@ -1,6 +1,8 @@
 """Where the vehicle is, in the station's ENU frame."""
 
+import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from aerodft.model.pose import GeoOrigin
 from aerodft.model.telemetry import PositionTrack
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import Missing, Stream
+
+_JUMP_M: Final = 50.0  # an estimator may correct itself by that
+_FASTEST_MPS: Final = 150.0  # what moves faster between two samples is none of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +44,9 @@ class Places:
         self.origin = origin
         self._home_above_plane_m = settings.home_above_plane_m
 
-    def append(self, track: PositionTrack, stamps_ns: IntArray) -> None:
-        """Take positions in, at least one."""
-        self.stream.append(stamps_ns, lat_rad=track.lat_rad, lon_rad=track.lon_rad, alt_msl_m=track.alt_msl_m)
+    def append(self, track: PositionTrack, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
+        """Take positions in, at least one; ``edges`` as in ``TrackBuffer.append``."""
+        self.stream.append(stamps_ns, edges, lat_rad=track.lat_rad, lon_rad=track.lon_rad, alt_msl_m=track.alt_msl_m)
         if self.origin is None:
             above_plane = float(track.height_home_m[0]) + self._home_above_plane_m
             self.origin = GeoOrigin(
@@ -59,9 +64,16 @@ class Places:
         ends = [found.before, found.after]
         corners = np.column_stack([east_north(self.origin, lat[ends], lon[ends]), alt[ends]])
         apart = corners[1] - corners[0]
+        if np.linalg.norm(apart[:2]) > _JUMP_M + _FASTEST_MPS * found.gap_ns / SECOND_NS:
+            return Missing.STALE
         velocity = apart * (SECOND_NS / found.gap_ns) if found.gap_ns else np.zeros(3)
+        eastward_rad = math.remainder(lon[found.after] - lon[found.before], 2 * math.pi)  # also over the 180th meridian
         return Place(
             corners[0, :2] + found.weight * apart[:2],
             velocity,
-            (float(found.linear(lat)), float(found.linear(lon)), float(found.linear(alt))),
+            (
+                float(found.linear(lat)),
+                math.remainder(lon[found.before] + found.weight * eastward_rad, 2 * math.pi),
+                float(found.linear(alt)),
+            ),
         )

@@ -1,13 +1,13 @@
 """What the pipeline asks of the world: Protocols of one to three methods, wired together in ``cli``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Protocol
 
+from aerodft.dft.answers import ImageAnswers
 from aerodft.model.batch import Batch, Event
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.steadiness import SteadinessEstimate
@@ -46,6 +46,11 @@ class Feed(Protocol):
 
 class TelemetryDecoder(Protocol):
     """Raw frames to tracks; stateful, and independent of how frames are cut into blocks."""
+
+    @property
+    def rejected(self) -> Mapping[str, int]:
+        """Rows left out so far, by ``MESSAGE: reason``."""
+        ...
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
         """The tracks of this block's frames; unknown or damaged frames are counted, never raised."""
@@ -104,4 +109,4 @@ class Sink(Protocol):
         ...
 
 
-Output = Measurement | PoseSample | Observation | Image | Estimate | HeightSwitch
+Output = ImageAnswers | PoseSample | Observation | Image | Estimate | HeightSwitch

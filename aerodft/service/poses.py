@@ -1,31 +1,33 @@
 """Telemetry tracks in, the camera's pose at an image's stamp out; interpolated, never the nearest sample."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariance
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.health import Health, LinkTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample
 from aerodft.model.status import Status
-from aerodft.model.telemetry import PositionTrack, Track
-from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
+from aerodft.model.telemetry import CameraTrack, PositionTrack, Track
+from aerodft.service.attitude import AttitudeSources, CameraAttitude, Reading, Refused
+from aerodft.service.clock_ticks import Ticks, of_a_kind
 from aerodft.service.footing import footing
 from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
+from aerodft.service.pose_words import by_guess, by_host, no_height, no_place, sentence, unplaced
+from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
-from aerodft.service.timing import HOST_STD_S, ClockMap
-from aerodft.service.zoom import ZoomSources
+from aerodft.service.timing import ClockMap
+from aerodft.service.zoom_sources import ZoomSources
 
 
 class PoseSource:
@@ -56,7 +58,14 @@ class PoseSource:
         self._height = HeightSources(settings.height)
         self._places = Places(settings.height, origin)
         self._health = HealthSources(settings.health)
+        self._tick = -1
+        self._prepared: dict[tuple[int, int], CameraAttitude] = {}  # by tick and stamp
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether ticks may be taken in together."""
+        return self.clock.is_settled and self._places.origin is not None
 
     def append(self, tracks: tuple[Track, ...]) -> int:
         """Take in the tracks of one tick.
@@ -64,6 +73,7 @@ class PoseSource:
         Returns:
             What must be added to UTC that was made of this machine's stamps before (ns).
         """
+        self._settle()
         links = tuple(track for track in tracks if isinstance(track, LinkTrack))  # every frame: too many for the clock
         heard = self.clock.update(tuple(track for track in tracks if not isinstance(track, LinkTrack)))
         if heard.restarted:
@@ -77,14 +87,93 @@ class PoseSource:
                 stream.shift(heard.shift_ns)
         for track in (*heard.tracks, *links):
             stamps = self.clock.to_utc(track)
-            self._attitude.append(track, stamps)
-            self._height.append(track, stamps)
-            self._health.append(track, stamps)
+            self._take(track, stamps, None)
             if self._zoom is not None:
                 self._zoom.append(track, stamps)
-            if isinstance(track, PositionTrack) and len(stamps):
-                self._places.append(track, stamps)
         return heard.host_shift_ns
+
+    def append_ticks(self, tracks: tuple[Track, ...], ticks_ns: IntArray) -> bool:
+        """Take in the tracks of several ticks, to ``see`` one after the other as if each was taken in alone.
+
+        Args:
+            tracks: Of all ticks.
+            ticks_ns: ``(n,)`` when they end.
+
+        Returns:
+            False, and nothing was taken in, where they must be taken one by one: something is new, or jumps.
+        """
+        self._settle()
+        known = all(
+            self._health.knows(track) and self._height.may_come_together(track) and not isinstance(track, CameraTrack)
+            for track in tracks
+        )
+        if not self.is_settled or not known:
+            return False
+        is_link = [isinstance(track, LinkTrack) for track in tracks]
+        links, ticks = (
+            Ticks.of(tuple(t for t, link in zip(tracks, is_link, strict=True) if link is wanted), ticks_ns)
+            for wanted in (True, False)
+        )
+        before = self.clock.copy()
+        clocks = self.clock.update_ticks(ticks)
+        if clocks is None:
+            return False
+        followed, lines = clocks
+        all_tracks, edges = (*followed, *links.tracks), (*ticks.edges, *links.edges)
+        stamps = [lines.to_utc(track, ticks.tick_of(ends)) for track, ends in zip(all_tracks, edges, strict=True)]
+        if not self._health.goes_on(stamps, edges):
+            self.clock = before
+            return False
+        for each in of_a_kind(all_tracks, stamps, edges):
+            self._take(*each)
+        return True
+
+    def prepare(self, stamps: Iterable[tuple[int, int]]) -> None:
+        """Find attitudes that will be asked for when their telemetry is there; all at once is quicker.
+
+        Args:
+            stamps: UTC, and from which of the ticks that were taken in together last a stamp may be asked for.
+        """
+        newest = [each for each in (stream.newest_by_tick() for stream in self._streams()) if len(each)]
+        asked: dict[int, list[int]] = {}
+        for stamp_ns, from_tick in stamps:
+            tick = max([from_tick, *(int(np.searchsorted(each, stamp_ns)) for each in newest)])
+            if newest and tick < len(newest[0]):
+                asked.setdefault(tick, []).append(stamp_ns)
+        keys: list[tuple[int, int]] = []
+        readings: list[Reading] = []
+        for tick in sorted(asked):
+            self.see(tick)
+            for stamp_ns in asked[tick]:
+                found = self._attitude.found(stamp_ns, self._watermark_ns())
+                if isinstance(found, Reading):
+                    keys.append((tick, stamp_ns))
+                    readings.append(found)
+        self._prepared = dict(zip(keys, self._attitude.resolved(readings), strict=True))
+
+    def see(self, tick: int) -> None:
+        """Look at what was known at one of the ticks that were taken in together last."""
+        self._tick = tick
+        self.clock.see(tick)
+        self._attitude.see(tick)
+        for stream in (*self._streams(), *self._remarks()):
+            stream.see(tick)
+
+    def _take(self, track: Track, stamps_ns: IntArray, edges: IntArray | None) -> None:
+        self._attitude.append(track, stamps_ns, edges)
+        self._height.append(track, stamps_ns, edges)
+        self._health.append(track, stamps_ns, edges)
+        if isinstance(track, PositionTrack) and len(stamps_ns):
+            self._places.append(track, stamps_ns, edges)
+
+    def _settle(self) -> None:
+        """All ticks so far are over."""
+        self.see(-1)
+        self._prepared = {}
+        self.clock.settle()
+        for stream in (*self._streams(), *self._remarks()):
+            stream.settle()
+        self._attitude.settle()
 
     def at(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
         """The pose at a stamp.
@@ -101,20 +190,21 @@ class PoseSource:
         if sample is None:
             return None
         judged = self._health.judged(sample)
-        return judged if self._zoom is None else self._zoom.seen(judged, self._watermark_ns(), final=final)
+        return judged if self._zoom is None else self._zoom.seen(judged, self._watermark_ns(final=final))
 
     def health_at(self, stamp_ns: int) -> Health:
         """What the vehicle had said of itself by a stamp (UTC)."""
         return self._health.at(stamp_ns)
 
     def _by_telemetry(self, stamp_ns: int, *, final: bool, by_utc: bool) -> PoseSample | None:
-        is_guess, unsettled = by_utc and not self.clock.is_utc_known, self.clock.unsettled() if by_utc else None
+        is_guess = by_utc and not self.clock.is_utc_known
+        unsettled = self.clock.unsettled(by_utc=by_utc) or (self.clock.skipped(stamp_ns) if by_utc else None)
         if not final and (is_guess or unsettled is not None):
             return None
         if unsettled is not None:
             return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(unsettled,))
-        watermark = END_OF_TIME if final else self._watermark_ns()
-        attitude, place = self._attitude.at(stamp_ns, watermark), self._places.at(stamp_ns, watermark)
+        watermark = self._watermark_ns(final=final)
+        attitude, place = self._attitude_at(stamp_ns, watermark), self._places.at(stamp_ns, watermark)
         lat_lon_rad = None if isinstance(place, Missing) else place.lat_lon_alt[:2]
         height = self._height.at(stamp_ns, watermark, partial(self._vehicle_at, watermark), lat_lon_rad)
         if Missing.PENDING in (height, attitude, place):
@@ -122,8 +212,12 @@ class PoseSource:
         if isinstance(height, Missing) or isinstance(attitude, Missing | Refused):
             return self._miss(stamp_ns, height, attitude)
         sample = self._sample(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
-        if is_guess:
-            sample = _by_guess(sample)
+        if place is Missing.STALE:
+            sample = replace(
+                sample, reasons=(*sample.reasons, f"{no_place(self._settings.height)}: the place is not stated")
+            )
+        if not self.clock.is_utc_known:
+            sample = by_guess(sample) if by_utc else by_host(sample)
         if self._ground is not None:
             sample = self._over_ground(sample, self._ground, height, place)
         minimum = self._settings.height.min_m
@@ -140,6 +234,10 @@ class PoseSource:
         """What the sources of the height said last, two by two."""
         return self._height.differences(self._watermark_ns(), partial(self._vehicle_at, END_OF_TIME))
 
+    def _attitude_at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
+        prepared = self._prepared.get((self._tick, stamp_ns)) if watermark_ns != END_OF_TIME else None
+        return prepared or self._attitude.at(stamp_ns, watermark_ns)
+
     def _vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:
         return self._attitude.vehicle_at(stamp_ns, watermark_ns)
 
@@ -147,9 +245,13 @@ class PoseSource:
         """What the gimbals that reported are against, as far as it is known."""
         return self._attitude.evidence()
 
-    def _watermark_ns(self) -> int:
-        """The newest stamp of any telemetry."""
-        return max((stream.last_ns or 0 for stream in self._streams()), default=0)
+    def gimbal_demands(self) -> dict[GimbalSource, bool]:
+        """Whether the gimbals that reported may say what they were told, not where they are."""
+        return self._attitude.demands()
+
+    def _watermark_ns(self, *, final: bool = False) -> int:
+        """The newest stamp of any telemetry; where no more will be waited for, the last of all."""
+        return END_OF_TIME if final else max((stream.last_ns or 0 for stream in self._streams()), default=0)
 
     def _remarks(self) -> tuple[Stream, ...]:
         """What no pose is made of, and is held against."""
@@ -202,7 +304,7 @@ class PoseSource:
         if pose is None:
             return sample
         if isinstance(place, Missing) and (from_zero or not isinstance(ground, Plane)):  # a slope is alike everywhere
-            return _unplaced(sample, place, self._settings.height.max_gap_ns)
+            return unplaced(sample, place, self._settings.height)
         foot = pose.position_enu_m[:2] + height.foot_m
         below = footing(ground, foot)
         if below.status is Status.BEYOND_TERRAIN or not (from_zero or below.status is Status.OK):
@@ -216,10 +318,10 @@ class PoseSource:
     ) -> PoseSample:
         reasons = []
         if isinstance(height, Missing):
-            reasons.append(_no_height(height, self._settings.height))
+            reasons.append(no_height(height, self._settings.height))
         if isinstance(attitude, Missing):
             limits = self._settings.attitude
-            reasons.append(_sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
+            reasons.append(sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
         if isinstance(attitude, Refused):
             reasons.append(attitude.reason)
         broken_off = self.clock.broken_off()
@@ -232,34 +334,3 @@ class PoseSource:
         else:
             status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
         return PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons))
-
-
-def _by_guess(sample: PoseSample) -> PoseSample:
-    """A sample whose stamp is held against a clock that nobody vouches for."""
-    reason = "the vehicle has not said what UTC is: the receiving machine's clock is taken for it"
-    time_s = math.hypot(sample.std.time_s, HOST_STD_S)
-    pose = None if sample.pose is None else replace(sample.pose, time_std_s=time_s)
-    std = replace(sample.std, time_s=time_s)
-    return replace(sample, pose=pose, std=std, reasons=(*sample.reasons, reason))
-
-
-def _unplaced(sample: PoseSample, missing: Missing, max_gap_ns: int) -> PoseSample:
-    """What a sample becomes over ground of which nobody knows which part is below."""
-    status, when = Status.NO_HEIGHT, "received yet"
-    if missing is Missing.STALE:
-        status, when = Status.STALE_TELEMETRY, f"on both sides of the stamp within {max_gap_ns / SECOND_NS:g} s"
-    return replace(sample, pose=None, status=status, reasons=(f"no position {when}, and the ground is uneven",))
-
-
-def _no_height(missing: Missing, settings: HeightSettings) -> str:
-    if missing is Missing.NEVER:
-        return _sentence("height", missing, settings.order, settings.max_gap_ns)
-    within = ", ".join(f"{settings.gap_ns(source) / SECOND_NS:g} s from {source}" for source in settings.order)
-    return f"no height on both sides of the stamp within {within}"
-
-
-def _sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:
-    sources = ", ".join(order)
-    if missing is Missing.NEVER:
-        return f"no {what} received yet from {sources}"
-    return f"no {what} on both sides of the stamp within {max_gap_ns / SECOND_NS:g} s from {sources}"

@@ -22,7 +22,7 @@ class HeightSettings:
 
     Attributes:
         order: The first source with a value at the stamp wins.
-        std_m: Standard deviation per source, where the message does not bring a larger one.
+        std_m: Standard deviation per source, where no message brings its own (of a rangefinder), or a larger one (GPS).
         home_above_plane_m: Height of the home point above the measured plane; added to home-relative heights.
         manual_m: The height, where ``manual`` is in the order.
         min_m: Below it the status is ``BELOW_MIN_HEIGHT``.

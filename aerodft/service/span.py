@@ -23,6 +23,7 @@ class LogSpan:
         last_ns: Vehicle's UTC of the last sample.
         lateness_ns: Longest time from a sample's UTC to its arrival, since the clocks last jumped. An image that is
             to meet its telemetry must arrive this much after its stamp.
+        stretches: From which UTC and arrival on, and how late (ns), samples came between jumps of the clocks.
         jitter_ns: How much later the latest sample came than the earliest, likewise. Stamps of the host's own clock are
             matched to the earliest, and must wait this long.
         heights: Height sources with at least one sample.
@@ -33,9 +34,21 @@ class LogSpan:
     first_ns: int | None = None
     last_ns: int | None = None
     lateness_ns: int = 0
+    stretches: list[tuple[int, int, int]] = field(default_factory=list)
     jitter_ns: int = 0
     heights: set[HeightSource] = field(default_factory=set)
     attitudes: set[GimbalSource] = field(default_factory=set)
+
+    def lateness_at(self, stamp_ns: int) -> int:
+        """How much after its UTC an image must arrive to meet its telemetry (ns).
+
+        Where the vehicle's clock jumped, that is before the jump what it was before it; what the clock said twice is
+        taken for the later.
+        """
+        for first_ns, arrival_ns, lateness_ns in reversed(self.stretches):
+            if stamp_ns >= first_ns:
+                return max(lateness_ns, arrival_ns - stamp_ns)
+        return self.stretches[0][2] if self.stretches else self.lateness_ns
 
     @property
     def first_arrival_ns(self) -> int | None:
@@ -56,17 +69,29 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
         for block in batch.raw:
             _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
-        heard = clock.update(tracks)
-        if heard.restarted or heard.shift_ns:
+        was_known, heard = clock.is_utc_known, clock.update(tracks)
+        if (heard.restarted or heard.shift_ns) and late:
+            _close_stretch(span, late)
             late.clear()
+            if not was_known:
+                span.stretches.clear()  # they were not in UTC
         for track in heard.tracks:
             _note_source(span, track)
             stamps = clock.to_utc(track)
+            if not late:
+                since_ns = int(track.arrival_ns.min()) if span.stretches else 0
+                span.stretches.append((int(stamps.min()), since_ns, 0))
             late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
             _extend(span, int(stamps.min()), int(stamps.max()))
+    _close_stretch(span, late)
     span.lateness_ns = max(late, default=0)
     span.jitter_ns = span.lateness_ns - min(late, default=0)
     return span
+
+
+def _close_stretch(span: LogSpan, late: list[int]) -> None:
+    if late:
+        span.stretches[-1] = (*span.stretches[-1][:2], max(late))
 
 
 def _note_arrivals(span: LogSpan, first_ns: int, last_ns: int) -> None:

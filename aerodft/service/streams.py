@@ -45,15 +45,32 @@ class Stream:
         """``(n,)`` strictly ascending."""
         return self._buffer.stamps_ns
 
-    def append(self, stamps_ns: IntArray, **columns: npt.NDArray[np.generic]) -> None:
-        """Add samples in order of arrival."""
-        self._buffer.append(stamps_ns, **columns)
+    @property
+    def has_begun(self) -> bool:
+        """Whether there ever was a sample."""
+        return self._first_ns is not None
+
+    def append(self, stamps_ns: IntArray, edges: IntArray | None = None, **columns: npt.NDArray[np.generic]) -> None:
+        """Add samples in order of arrival; ``edges`` as in ``TrackBuffer.append``."""
+        self._buffer.append(stamps_ns, edges, **columns)
         if self._first_ns is None and len(stamps_ns):
             self._first_ns = int(stamps_ns[0])
 
     def began_by(self, stamp_ns: int) -> bool:
         """Whether there was a sample at the stamp or before it."""
         return self._first_ns is not None and self._first_ns <= stamp_ns
+
+    def newest_by_tick(self) -> IntArray:
+        """As ``TrackBuffer.newest_by_tick``."""
+        return self._buffer.newest_by_tick()
+
+    def settle(self) -> None:
+        """All ticks so far are over."""
+        self._buffer.settle()
+
+    def see(self, tick: int) -> None:
+        """Look at the samples that had come by one of the ticks of those that came last."""
+        self._buffer.see(tick)
 
     def clear(self) -> None:
         """Forget all samples: their stamps are of another clock."""

@@ -6,15 +6,17 @@ takes that one's: the link's delay, which comes and goes by seconds on a radio, 
 with what had arrived by the current tick, so the map is the same live and recomputed.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
-from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
+from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, SyncTrack, Track
 from aerodft.service.boot_clock import BootClock
-from aerodft.service.clock_line import JUMP_NS, DelayedLine, StatedLine
+from aerodft.service.clock_line import JUMP_NS, DelayedLine, Line, StatedLine
+from aerodft.service.clock_ticks import TickLines, Ticks
 
 HOST_STD_S = 0.1
 """Standard deviation of a machine's clock that nobody holds against UTC."""
@@ -67,6 +69,7 @@ class ClockMap:
         self._host_minus_boot = DelayedLine()
         self._host_minus_utc = DelayedLine()  # goes on through reboots
         self._jumps_ns: list[int] = []
+        self._host_lines: list[Line] = []  # at each of the ticks that were taken in together last
 
     @property
     def is_utc_known(self) -> bool:
@@ -115,6 +118,47 @@ class ClockMap:
             host_shift_ns=_change(host_before_ns, self.host_to_utc(arrived_ns), least_ns),
         )
 
+    def copy(self) -> "ClockMap":
+        """The same, to go on from; what was learned last is shared until more is learned."""
+        return copy(self)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the vehicle has said what UTC is, and nothing contradicts it now."""
+        waits = self.unsettled(by_utc=True) or self.unsettled(by_utc=False) or self.broken_off()
+        return self._stated.line is not None and waits is None
+
+    def see(self, tick: int) -> None:
+        """Look at what was known at one of the ticks that were taken in together last."""
+        if self._host_lines:
+            self._host_minus_utc.line = self._host_lines[tick]
+
+    def settle(self) -> None:
+        """All ticks so far are over."""
+        self._host_lines = []
+
+    def update_ticks(self, ticks: Ticks) -> tuple[tuple[Track, ...], TickLines] | None:
+        """Learn from several ticks' tracks at once, as ``update`` does from one after the other.
+
+        Returns:
+            The tracks on the followed clock, all rows of them, and what turns these into UTC; None, and nothing was
+            learned, where one of the ticks must be taken alone: a clock jumps, begins anew, or is not known yet.
+        """
+        if not self.is_settled or not ticks.tracks or any(isinstance(track, SyncTrack) for track in ticks.tracks):
+            return None
+        boot = self._boot.copy()
+        followed, _ = boot.follow(ticks.tracks)
+        is_whole = [len(track.boot_ns) for track in followed] == [len(track.boot_ns) for track in ticks.tracks]
+        if not is_whole or not boot.is_as_calm_as(self._boot):
+            return None
+        lines = TickLines(self._stated.copy(), self._host_minus_boot.copy(), self._host_minus_utc.copy())
+        if not lines.learn(followed, ticks, self._boot.last_boot_ns or 0):
+            return None
+        self._boot, self._stated = boot, lines.stated
+        self._host_minus_boot, self._host_minus_utc = lines.host_minus_boot, lines.host_minus_utc
+        self._host_lines = lines.host
+        return followed, lines
+
     def host_to_utc(self, host_ns: int) -> int:
         """UTC of a stamp of this machine's clock; the same as long as the vehicle has not said what UTC is."""
         line = self._host_minus_utc.line
@@ -132,12 +176,30 @@ class ClockMap:
         arrivals = boots + self._host_minus_boot.line.offset(boots)
         return np.where(bare, by_arrival, arrivals if host is None else arrivals - host.offset(arrivals))
 
-    def unsettled(self) -> str | None:
-        """Why stamps that are UTC by another clock than this machine's cannot be matched now, in a sentence."""
-        jump_ns = self._stated.unsettled_ns
-        if jump_ns is None:
+    def unsettled(self, *, by_utc: bool) -> str | None:
+        """Why stamps cannot be matched now, in a sentence.
+
+        Args:
+            by_utc: Whether they are UTC by another clock than this machine's, or this machine's.
+        """
+        if by_utc and self._stated.line is not None:
+            jump_ns = self._stated.unsettled_ns
+            if jump_ns is None:
+                return None
+            return f"the vehicle's UTC jumped by {jump_ns / SECOND_NS:+.3f} s, and has not settled yet"
+        late_ns = (self._host_minus_utc if self.is_utc_known else self._host_minus_boot).unsettled_ns
+        if late_ns is None:
             return None
-        return f"the vehicle's UTC jumped by {jump_ns / SECOND_NS:+.3f} s, and has not settled yet"
+        return (
+            f"all telemetry arrives {late_ns / SECOND_NS:.3f} s later than before: the receiving machine's clock was"
+            " set, or the link is slow; it is not settled yet which"
+        )
+
+    def skipped(self, stamp_ns: int) -> str | None:
+        """Why a stamp that is UTC by another clock than this machine's can have no telemetry, in a sentence."""
+        if any(first_ns < stamp_ns < last_ns for first_ns, last_ns in self._stated.skipped_ns):
+            return "the vehicle's UTC jumped ahead: it never said this time"
+        return None
 
     def remarks(self) -> tuple[str, ...]:
         """What is to be known of the clock behind every pose, in sentences."""

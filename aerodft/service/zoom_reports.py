@@ -1,4 +1,4 @@
-"""One source's reports of the camera's view around a stamp, and whether they are live at all."""
+"""One source's reports of one camera's view around a stamp, and whether they are live at all."""
 
 import math
 from dataclasses import dataclass
@@ -12,9 +12,7 @@ from aerodft.model.telemetry import CameraTrack
 from aerodft.service.streams import Missing, Stream
 
 _LATE: Final = 1.5  # periods that a report of a live source is waited for
-_SAME: Final = (
-    0.002  # focal lengths this close, as a share, are one: what is stored in 32 bits comes back with an error
-)
+_SAME: Final = 0.002  # focal lengths this close, as a share, are one: 32 bits bring them back with an error
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +38,18 @@ class ViewReports:
         size_px: Width and height of the images as last reported; None where they never were.
     """
 
-    def __init__(self, max_gap_ns: int, device: int | None) -> None:
+    def __init__(self, max_gap_ns: int, stream: int | None) -> None:
         self.is_live = False
         self.size_px: tuple[int, int] | None = None
-        self._device = device
+        self._number = stream
         self._first: float | None = None
         self.stream = Stream(max_gap_ns)
 
     def append(self, track: CameraTrack, focal: FloatArray, stamps_ns: IntArray) -> None:
-        """Take reports in: those of the camera that was heard first, or is asked for."""
-        if self._device is None and len(track.device):
-            self._device = int(track.device[0])
-        own = track.device == self._device
+        """Take reports in: those of the stream that was heard first, or is asked for."""
+        if self._number is None and len(track.stream):
+            self._number = int(track.stream[0])
+        own = track.stream == self._number
         sized = own & np.all(track.size_px > 0, axis=-1)
         if np.any(sized):
             width, height = track.size_px[np.flatnonzero(sized)[-1]].tolist()
@@ -64,18 +62,17 @@ class ViewReports:
         self.is_live = self.is_live or bool(np.any(np.abs(focal[known] - self._first) > _SAME * self._first))
         self.stream.append(stamps_ns[known], focal=focal[known])
 
-    def at(self, stamp_ns: int, watermark_ns: int, *, final: bool) -> View | Missing:
+    def at(self, stamp_ns: int, watermark_ns: int) -> View | Missing:
         """The focal length at a stamp: between two reports where they are near, else as last reported.
 
         A change between two reports may have been at any time: the mean of that is the line between them, and the
         variance that of a coin that falls as often as the stamp is past the change.
         """
-        stamps, focal = (
-            self.stream.stamps_ns,
-            self.stream.column("focal") if len(self.stream.stamps_ns) else np.empty(0),
-        )
-        after = int(np.searchsorted(stamps, stamp_ns))
-        if after == len(stamps) and not final and self._awaited(watermark_ns):
+        stamps = self.stream.stamps_ns
+        if not len(stamps):
+            return Missing.NEVER
+        focal, after = self.stream.column("focal"), int(np.searchsorted(stamps, stamp_ns))
+        if after == len(stamps) and self._awaited(watermark_ns):
             return Missing.PENDING
         if after < len(stamps) and int(stamps[after]) == stamp_ns:
             return View(float(focal[after]), 0.0, 0.0)

@@ -18,7 +18,9 @@ class ZoomSettings:
         reported_hfov_rad: What the vehicle reports where the camera file holds; None for the file's own.
         hfov_std_rad: Standard deviation of reported fields of view.
         std_per_doubling: Relative standard deviation of the focal length for each doubling against the file's.
-        camera: Number of the camera or stream whose reports count; None for the first heard.
+        camera: Whose reports count: up to 6 the number of a camera that the autopilot speaks for, from 7 on a camera's
+            component id; None where there is one.
+        stream: Number of the camera's video stream whose reports count; None for the first heard.
         max_gap_ns: Longest gap between two reports that is interpolated over.
     """
 
@@ -29,4 +31,5 @@ class ZoomSettings:
     hfov_std_rad: float = math.radians(0.5)
     std_per_doubling: float = 0.02
     camera: int | None = None
+    stream: int | None = None
     max_gap_ns: int = 2 * SECOND_NS

@@ -93,7 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{args.seconds:g} s, {sum(RATES_HZ.values()):g} messages/s, {args.probes} probes at {args.rate:g}/s")
         _timed("measure, not recorded", args.seconds, lambda: _measure_alone(log, config))
         _timed("import", args.seconds, lambda: import_(log, config, folder / "a"))
-        _timed("recompute", args.seconds, lambda: recompute(folder / "a", folder / "b"))
+        _timed("recompute", args.seconds, lambda: recompute([str(folder / "a")], folder / "b"))
         with cProfile.Profile() as profile:
             _measure_alone(log, config)
         pstats.Stats(profile).sort_stats("tottime").print_stats(15)

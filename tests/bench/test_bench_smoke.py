@@ -25,6 +25,8 @@ HERE = Path(__file__).parent
             r"500 messages/s: 0 of 250 lost[^$]*pymavlink: .* of it[^$]*garbage datagrams/s: 0 of",
         ),
         ("bench_query.py", ["--queries", "50"], r"p99 \d+\.\d\d ms"),
+        ("bench_replay.py", ["--megabytes", "4"], r"MB of memory in all[^$]*of the time that the stock reader"),
+        ("bench_recompute.py", ["--seconds", "16", "--rate", "2"], r"recompute: \d+ times real time.*MB on disk"),
         (
             "bench_sync.py",
             ["--seeds", "1", "--first", "1", "--seconds", "12", "--width", "320"],

@@ -50,6 +50,7 @@ class Flight:
         spread_deg: By how much tilts and rolls differ.
         speed_mps: Largest.
         turn_radps: Largest.
+        relief_m: Largest height of a landmark.
         noise: ``(7,)`` standard deviations of what is new in every image.
     """
 
@@ -62,6 +63,7 @@ class Flight:
     height_m: float = 50.0
     speed_mps: float = 6.0
     turn_radps: float = 0.25
+    relief_m: float = 4.0
     noise: np.ndarray = field(default_factory=lambda: NOISE)
 
     def views(self, rng):
@@ -96,7 +98,7 @@ class Flight:
             ray = attitude.apply([*((wanted - lens[:2, 2]) / [CAMERA.fx_px, CAMERA.fy_px]), 1.0])
             if ray[2] > -0.15:
                 continue
-            up = rng.uniform(0, 4)
+            up = rng.uniform(0, self.relief_m)
             point = position_m + ray * (up - position_m[2]) / ray[2]
             turn = attitude.inv().as_rotvec()
             shift = attitude.inv().apply(-position_m)

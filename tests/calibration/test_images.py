@@ -188,25 +188,33 @@ def test_the_lens_is_found_with_the_biases():
     assert np.any(result.bias_covariance[:, len(BIASES) :])
 
 
+def ranged(view, height_m=0.0):
+    """An image with slant ranges in the place of landmarks, of a vehicle that is higher than reported."""
+    eye = view.track.pose(0.0)[0] + [0.0, 0.0, height_m]
+    return replace(
+        view,
+        evidence=tuple(
+            SlantRange(name=each.name, pixel=each.pixel, range_m=math.dist(eye, each.position_m), std_m=0.05)
+            for each in view.evidence
+        ),
+    )
+
+
 def test_evidence_without_a_place_counts_too():
-    truth = {"height": 0.8}
-    views = Flight(truth, images=4, landmarks=5, noise=np.zeros(OWN), **STILL).views(np.random.default_rng(12))
-    ranged = []
-    for view in views:
-        eye = view.track.pose(0.0)[0] + [0.0, 0.0, 0.8]
-        ranged.append(
-            replace(
-                view,
-                evidence=tuple(
-                    SlantRange(name=each.name, pixel=each.pixel, range_m=math.dist(eye, each.position_m), std_m=0.05)
-                    for each in view.evidence
-                    if each.position_m[2] < 0.05
-                )
-                or view.evidence,
-            )
-        )
-    result = calibrate_images(tuple(ranged), without(PRIORS, "time"), CAMERA, ("height",))
+    flight = Flight({"height": 0.8}, images=4, relief_m=0.0, noise=np.zeros(OWN), **STILL)
+    views = tuple(ranged(view, 0.8) for view in flight.views(np.random.default_rng(12)))
+    result = calibrate_images(views, without(PRIORS, "time"), CAMERA, ("height",))
     assert_allclose(found(result)["height"], 0.8, atol=4 * stds(result)["height"])
+
+
+def test_a_height_above_unknown_ground_is_as_uncertain_as_that():
+    """A telemetry that knows its height exactly does not know the ground."""
+    flight = Flight(images=4, relief_m=0.0, noise=np.zeros(OWN), **STILL)
+    views = tuple(ranged(view) for view in flight.views(np.random.default_rng(14)))
+    result = calibrate_images(views, without(PRIORS, "height", "time"), CAMERA, ("tilt", "elevation"))
+    variance = result.bias_covariance[BIASES.index("height"), BIASES.index("height")]
+    assert_allclose(math.sqrt(variance), stds(result)["elevation"])
+    assert 0 < variance < 1
 
 
 def problem_and_guess():

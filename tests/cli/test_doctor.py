@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from typer.testing import CliRunner
 
 from aerodft.cli.doctor import doctor
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, LinkError, NoAnswerError
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 app = typer.Typer(pretty_exceptions_enable=False)
@@ -33,7 +33,9 @@ def test_people_get_tables_and_sentences(flight: Path) -> None:
     result = CliRunner().invoke(app, [str(flight)])
     assert result.exit_code == 0
     assert "GIMBAL_DEVICE_ATTITUDE_STATUS" in result.stdout
-    assert "rangefinder says 0.22 m at its lowest" in result.stdout
+    assert "images could be measured in 18" in result.stdout
+    assert "the recording machine's clock is 1.2 s ahead" in result.stdout
+    assert "-0.00 m" not in result.stdout
 
 
 def test_unreadable_and_useless_input(tmp_path: Path) -> None:
@@ -57,6 +59,7 @@ def test_a_live_link() -> None:
         for message in (
             dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0, 0, 0),
             dialect.MAVLink_distance_sensor_message(1, 20, 6000, 500, 0, 0, 25, 255),
+            dialect.MAVLink_mount_orientation_message(1, 0.0, -60.0, 0.0),
         )
     ]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reserved:
@@ -79,7 +82,7 @@ def test_a_live_link() -> None:
         thread.join()
     found = json.loads(result.stdout)
     assert result.exit_code == 0
-    assert {stream["message"] for stream in found["streams"]} == {"ATTITUDE", "DISTANCE_SENSOR"}
+    assert {stream["message"] for stream in found["streams"]} == {"ATTITUDE", "DISTANCE_SENSOR", "MOUNT_ORIENTATION"}
     assert [source["source"] for source in found["heights"]] == ["rangefinder"]
 
 
@@ -99,7 +102,8 @@ def test_a_servo_mount_is_explained_in_a_sentence(flight: Path) -> None:
 def test_what_keeps_to_the_horizon_is_no_problem(flight: Path) -> None:
     document = json.loads(CliRunner().invoke(app, [str(flight), "--json"]).stdout)
     assert document["attitudes"][0]["frame"] == "earth"
-    assert not [each for each in document["problems"] if "frame" in each]
+    assert not [each for each in document["problems"] if "-frame" in each]
+    assert [each for each in document["notes"] if "is earth-frame (against the horizon" in each]
 
 
 def test_a_vehicle_that_never_tilts_tells_nothing_of_its_gimbal(flight: Path) -> None:
@@ -107,3 +111,13 @@ def test_a_vehicle_that_never_tilts_tells_nothing_of_its_gimbal(flight: Path) ->
     assert document["attitudes"][0]["frame"] is None
     (sentence,) = [each for each in document["problems"] if "body-frame" in each]
     assert "cannot be told from the vehicle's 0 motions" in sentence
+
+
+def test_what_is_neither_a_file_nor_a_link_is_told_which_links_there_are() -> None:
+    result = CliRunner().invoke(app, ["foo:14550"])
+    assert isinstance(result.exception, LinkError)
+    assert "udpin:[HOST:]PORT" in str(result.exception)
+
+
+def test_help_says_what_its_exit_codes_mean() -> None:
+    assert "4 no image could be measured" in " ".join(CliRunner().invoke(app, ["--help"]).stdout.split())

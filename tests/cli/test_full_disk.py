@@ -4,17 +4,22 @@ import json
 import subprocess
 import sys
 
-FEW_BYTES = 40_000
+LIMITED = """
+import resource
+from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.cli.main import main
+begin = McapRecorder.__init__
+def begin_and_fill_up(*arguments, **options):
+    begin(*arguments, **options)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+McapRecorder.__init__ = begin_and_fill_up
+main()
+"""
 
 
 def test_a_recording_that_does_not_fit_is_a_loss(desk):
-    limited = (
-        f"import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        f" resource.setrlimit(resource.RLIMIT_FSIZE, ({FEW_BYTES}, {FEW_BYTES}));"
-        f" from aerodft.cli.main import main; main()"
-    )
     out = desk.folder / "rec"
-    line = [sys.executable, "-c", limited, "import", desk.tlog(seconds=30.0), "-c", desk.config, "-o", out, "--json"]
+    line = [sys.executable, "-c", LIMITED, "import", desk.tlog(seconds=30.0), "-c", desk.config, "-o", out, "--json"]
     done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 5, done.stderr
     lost = json.loads(done.stdout)["lost"]

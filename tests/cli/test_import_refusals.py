@@ -201,7 +201,7 @@ def test_a_folder_that_cannot_be_written(aerodft, desk):
 
 @pytest.mark.parametrize("ending", [InputError("the disk went away"), KeyboardInterrupt()])
 def test_what_ends_halfway_says_that_it_did(aerodft, desk, monkeypatch, ending):
-    def interrupted(feed, pipeline, sinks, _):
+    def interrupted(feed, pipeline, sinks, *_, **__):
         for number, batch in enumerate(feed.batches()):
             if number == 20:
                 raise ending
@@ -209,7 +209,7 @@ def test_what_ends_halfway_says_that_it_did(aerodft, desk, monkeypatch, ending):
                 sink.inputs(batch)
                 sink.outputs(pipeline.step(batch))
 
-    monkeypatch.setattr("aerodft.cli.import_.run", interrupted)
+    monkeypatch.setattr("aerodft.cli.flight_run.run", interrupted)
     out = desk.folder / "out"
     found = aerodft("import", desk.log, "-c", desk.config, "-o", out)
     assert found.code == (3 if isinstance(ending, InputError) else 130)

@@ -66,7 +66,7 @@ def write_station(path, world, **tables):
         "lon_deg": math.degrees(origin.lon_rad),
         "alt_msl_m": origin.alt_msl_m,
     }
-    heights, attitude = {"order": ["home"], "std_m": {"home": 1.5}}, {"feedback": "measured"}
+    heights, attitude = {"order": ["home"], "std_m": {"home": 1.5}}, {"feedback": "measured", "frame": "earth"}
     telemetry = {"height": heights, "attitude": attitude, **tables.pop("telemetry", {})}
     document = {
         "station": {"name": "live", "origin": place},
@@ -264,3 +264,29 @@ def test_live_recomputed_is_the_same_to_the_byte(served):
     assert comparison.is_identical
     assert comparison.common > 5
     assert decoded(served / "again", ESTIMATE) == decoded(served / "recording", ESTIMATE)
+
+
+def test_markers_are_found_again_in_the_recorded_images(flight, scenario, tmp_path):
+    markers, record = markers_of(scenario.world), {"image_hz": 1000.0, "jpeg_quality": 95}
+    seen = ("--observations", flight / "observations.jsonl")
+    imported(flight, scenario.world, "kept", *seen, markers=markers, record=record)
+    count = len(seen_in(flight / "kept"))
+    run = run_aerodft("recompute", flight / "kept", "--vision", "-o", tmp_path / "again", "--json")
+    assert run.code == 0, run.err
+    vision = run.json["vision"]
+    assert (vision["found"] + vision["lost"], vision["kept"]) == (count, 0)
+    assert vision["lost"] + vision["new"] <= 0.05 * count
+    assert vision["median_px"] < 0.1
+    assert len(seen_in(tmp_path / "again")) == vision["found"] + vision["new"]
+    errors, stds = width_errors(flight, tmp_path / "again", SETTLED_S)
+    assert np.sqrt(np.mean(errors**2)) < 0.01
+    assert np.all(np.abs(errors) < 4 * stds)
+
+
+def test_what_cannot_be_looked_at_again_is_refused(flight, scenario, refined, tmp_path):
+    bare = run_aerodft("recompute", refined[0], "--vision", "-o", tmp_path / "again")
+    assert (bare.code, "no images in the recording; record.image_hz" in bare.last) == (4, True)
+    imported(flight, scenario.world, "blind", "--observations", flight / "observations.jsonl")
+    blind = run_aerodft("recompute", flight / "blind", "--vision", "-o", tmp_path / "again")
+    assert (blind.code, "--vision: got a configuration without [markers] and [watch]" in blind.last) == (2, True)
+    assert not (tmp_path / "again").exists()

@@ -89,6 +89,7 @@ def test_a_process_says_its_error_once_on_stderr(tmp_path):
     [
         (("measur",), "no such command: got measur, expected one of measure, "),
         (("calibrte", "x.toml"), "did you mean calibrate?"),
+        (("--verbose", "it's"), "no such command: got it's, expected one of measure, "),
         (("measure", "--heigth", "3"), "measure: no such option: got --heigth; did you mean --height?"),
         (("measure", "--height", "tall"), "measure: --height: got tall, expected a number; see aerodft measure --help"),
         (("measure", "--height=tall"), "measure: --height: got tall, expected a number"),

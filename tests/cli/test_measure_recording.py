@@ -51,3 +51,16 @@ def test_what_is_no_recording_is_refused(aerodft, tmp_path, make):
     make(folder)
     found = aerodft("measure", "--recording", folder, "--at", "1", "--probe", "range 1,1")
     assert (found.code, f"{folder}: there is no recording" in found.err) == (3, True)
+
+
+def test_a_recording_is_measured_with_another_calibration(aerodft, flight_recording, tmp_path):
+    """Biases are added: 36 m at 31 deg."""
+    path = tmp_path / "biases.toml"
+    path.write_text("[bias]\nheight_m = { value = -4.0, std = 0.1 }\ntilt_deg = { value = 1.0, std = 0.1 }\n")
+    asked = ("measure", "--recording", flight_recording, "--at", "1.0", "--json", "--probe", "range 31.5,23.5")
+    found = aerodft(*asked, "--calibration", path)
+    assert found.code == 0, found.err
+    (centre,) = found.json
+    assert centre["value"] == pytest.approx(36.0 / math.cos(math.radians(31.0)), abs=1e-5)
+    assert centre["calibration"] != aerodft(*asked).json[0]["calibration"]
+    assert centre["calibration"].startswith("sha256:")

@@ -6,6 +6,9 @@ import shutil
 import orjson
 import pytest
 
+from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from replay.recording import Recording
 from replay.source import RecordingSource
@@ -97,21 +100,29 @@ def test_what_is_no_recording_is_refused(aerodft, tmp_path):
         assert not (tmp_path / "out").exists()
 
 
-def test_a_recording_without_its_configuration_asks_for_one(aerodft, flight_recording, tmp_path):
+def test_a_recording_that_lost_its_configuration_is_computed_with_the_one_in_its_segments(
+    aerodft, flight_recording, tmp_path
+):
     bare = tmp_path / "bare"
     shutil.copytree(flight_recording, bare)
-    config = bare / "config.toml"
-    text = config.read_text()
-    config.unlink()
+    (bare / "config.toml").unlink()
+    for number, recording in enumerate((bare, bare / "data_000.mcap")):
+        out = tmp_path / f"out{number}"
+        run = aerodft("recompute", recording, "-o", out)
+        assert run.code == 0, run.err
+        assert payloads(out) == payloads(flight_recording)
+
+
+def test_a_recording_without_any_configuration_asks_for_one(aerodft, tmp_path):
+    bare = tmp_path / "bare"
+    camera = Camera.from_fov(name="small", width_px=64, height_px=48, hfov_rad=1.0, vfov_rad=0.8)
+    recorder = McapRecorder(bare, RecorderSettings(station="test", camera=camera, lossless=True), started_ns=1)
+    recorder.close()
     run = aerodft("recompute", bare, "-o", tmp_path / "out")
     assert (
         run.code,
         "no config.toml beside the segments; `aerodft recompute` takes one with --config" in run.last,
     ) == (3, True)
-    (tmp_path / "config.toml").write_text(text)
-    run = aerodft("recompute", bare, "-c", tmp_path / "config.toml", "-o", tmp_path / "out")
-    assert run.code == 0, run.err
-    assert payloads(tmp_path / "out") == payloads(flight_recording)
 
 
 def test_it_never_writes_into_the_recording(aerodft, flight_recording):
@@ -119,3 +130,14 @@ def test_it_never_writes_into_the_recording(aerodft, flight_recording):
     run = aerodft("recompute", flight_recording, "-o", flight_recording)
     assert (run.code, "a recording is never written over something else" in run.last) == (3, True)
     assert sorted((path.name, path.stat().st_size) for path in flight_recording.iterdir()) == before
+
+
+def test_a_time_offset_does_not_move_stamps_at_a_rate(aerodft, desk, tmp_path):
+    """They are no camera's clock: import leaves them where they are, and so does recompute."""
+    moved = desk.station(desk.config.read_text().replace("rate_hz = 5", "rate_hz = 5\ntime_offset_s = 0.7"), "m.toml")
+    assert aerodft("import", desk.log, "-c", desk.config, "-o", tmp_path / "plain").code == 0
+    assert aerodft("import", desk.log, "-c", moved, "-o", tmp_path / "moved").code == 0
+    assert aerodft("recompute", tmp_path / "plain", "-c", moved, "-o", tmp_path / "again").code == 0
+    assert payloads(tmp_path / "again") == payloads(tmp_path / "moved")
+    stamps = [[json["stamp_ns"] for json in found(tmp_path / name, "centre")] for name in ("plain", "moved")]
+    assert stamps[0] == stamps[1]

@@ -43,7 +43,7 @@ def _statuses(recording: Path) -> list[dict]:
 
 def test_the_status_says_how_the_vehicle_is(tmp_path: Path) -> None:
     vehicle = StandIn(free_port())
-    vehicle.intervals_s |= {"GPS_RAW_INT": 0.5, "EKF_STATUS_REPORT": 0.5}
+    vehicle.intervals_s |= {"GPS_RAW_INT": 0.5, "EKF_STATUS_REPORT": 0.5, "RANGEFINDER": 0.2}
     config = tmp_path / "station.toml"
     config.write_text(STATION.format(port=vehicle.port))
     command = [sys.executable, "-m", "aerodft", "serve", config, "-o", tmp_path / "recording", "--seconds", "4"]
@@ -54,6 +54,9 @@ def test_the_status_says_how_the_vehicle_is(tmp_path: Path) -> None:
         jsonschema.validate(status, json.loads(SCHEMA.read_text()))
     running = [each for each in statuses if each["state"] == "running"]
     assert len(running) >= 3
+    (rejected,) = running[-1]["rejected"].items()
+    assert rejected[0] == "RANGEFINDER: distance is no height"
+    assert running[0]["rejected"].get(rejected[0], 0) < rejected[1] < 30
     health = running[-1]["health"]
     assert health["heartbeat_age_s"] < 1.5
     assert (health["gps"]["fix"], health["gps"]["satellites"], health["gps"]["horizontal_std_m"]) == (3, 14, 0.8)

@@ -164,3 +164,19 @@ def test_what_cannot_be_watched_is_refused_in_a_sentence(tables, said, watched, 
     assert run.code == 3
     assert said in run.last
     assert not (tmp_path / "recording").exists()
+
+
+def test_steady_points_are_found_again_in_the_recorded_images_and_hardly_moved(aerodft, imported, tmp_path):
+    """Every other image was recorded; the encoder's noise is all that moves a point."""
+    run = aerodft("recompute", imported[1], "--vision", "-o", tmp_path / "again", "--json")
+    assert run.code == 0, run.err
+    vision = run.json["vision"]
+    assert run.json["watch"]["images"] == vision["kept"] == LENGTH // 2
+    assert vision["found"] > 1000 > 5 * vision["lost"]  # fewer looks have seen fewer points restless: some are new
+    assert 0 < vision["median_px"] < 0.1
+    assert f"{vision['found']} points found again, {vision['lost']} lost" in run.err
+    first, again = (list(map(orjson.loads, payloads(folder))) for folder in (imported[1], tmp_path / "again"))
+    assert [each["stamp_ns"] for each in again] == [each["stamp_ns"] for each in first]
+    for old, new in zip(first, again, strict=True):
+        assert (old["value"] is None) == (new["value"] is None)
+        assert old["value"] is None or abs(new["value"] - old["value"]) < 0.2 * old["std"]

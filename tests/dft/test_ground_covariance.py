@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from aerodft.dft.ground_covariance import GroundCovariance
 from aerodft.dft.ground_map import GroundMap
 from aerodft.dft.projection import project
-from aerodft.dft.uncertainty import point_covariances, shared_covariance
+from aerodft.dft.uncertainty import point_spread, shared_covariance
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.model.camera import Camera, CameraStd, LensModel
@@ -67,9 +67,10 @@ def poses(draw):
 def test_they_are_what_the_jacobians_give(camera, pose, elevation_m, stds):
     elevation_std_m, std_px = stds
     exact = project(camera, pose, PIXELS, elevation_m, ProjectionModel.PINHOLE)
-    shared = shared_covariance(camera, pose, np.full(len(PIXELS), elevation_std_m))
+    shared = shared_covariance(camera, pose, np.zeros(1))
+    stds = np.full(len(PIXELS), elevation_std_m), np.full(len(PIXELS), std_px)
     with np.errstate(all="ignore"):  # above the horizon
-        wanted = point_covariances(exact, shared, np.full(len(PIXELS), std_px))[:, :2, :2]
+        wanted = point_spread(exact[None], pose.position_enu_m[None], shared, *stds).cov_enu_m2[0, :, :2, :2]
     ground = GroundCovariance.at(camera, pose, std_px=std_px, elevation_m=elevation_m, elevation_std_m=elevation_std_m)
     points, covs = ground.points_and_covariances(PIXELS)
     clear = np.abs(exact.depression_rad) > 1e-3

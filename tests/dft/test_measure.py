@@ -13,7 +13,7 @@ from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, Pose, PoseSample, PoseStd
+from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 
@@ -132,11 +132,32 @@ def test_distance_does_not_depend_on_heading_but_positions_do():
 
 
 def test_near_the_horizon_the_refusal_says_why():
-    pose = camera_pose(height_agl_m=30.0, tilt_rad=math.radians(88.0), std=PoseStd(tilt_rad=math.radians(1.0)))
-    (answer,) = measure(Setup(camera=CAMERA), sample_of(pose), (request_of(ProbeKind.RANGE, ((990.0, 510.0),)),))
+    std = PoseStd(tilt_rad=math.radians(1.0))
+    pose = camera_pose(height_agl_m=30.0, tilt_rad=math.radians(88.0), std=std)
+    (answer,) = measure(
+        Setup(camera=CAMERA), sample_of(pose, std=std), (request_of(ProbeKind.RANGE, ((990.0, 510.0),)),)
+    )
     assert answer.status is Status.ILL_CONDITIONED
-    assert "deg below the horizon, range" in answer.reasons[0]
+    assert answer.reasons[0].startswith("point 0 is 2.4 deg below the horizon, range 729 m")
+    assert "of the variance is from tilt (std 1.0 deg); add a landmark, look more steeply down" in answer.reasons[0]
     assert (answer.value, answer.std, answer.ground_m, answer.cov_enu_m2) == (None, None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("std", "cause"),
+    [
+        (PoseStd(tilt_rad=0.5, roll_rad=0.01), "tilt (std 28.6 deg); know the attitude better: wait until the gimbal"),
+        (PoseStd(height_agl_m=12.0), "height of terrain (std 12.0 m); measure the height better"),
+    ],
+)
+def test_what_is_seen_from_above_is_refused_for_what_it_is(std, cause):
+    pose = camera_pose(height_agl_m=30.0, tilt_rad=math.radians(30.0), std=std)
+    sample = replace(sample_of(pose, std=std), height_source=HeightSource.TERRAIN, reasons=("GPS has no 3D fix",))
+    answers = measure(Setup(camera=CAMERA), sample, (request_of(ProbeKind.RANGE, ((990.0, 510.0),)),))
+    assert answers[0].status is Status.ILL_CONDITIONED
+    assert f"% of the variance is from {cause}" in answers[0].reasons[0]
+    assert "horizon" not in answers[0].reasons[0]
+    assert answers[0].reasons[1:] == ("GPS has no 3D fix",)
 
 
 def test_beyond_the_configured_range():

@@ -4,11 +4,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from pymavlink.generator.mavcrc import x25crc
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.framing import StreamFramer
+from aerodft.adapters.mavlink.layout import SIGNATURE, V1, V2
+from aerodft.adapters.mavlink.signing import sign
 from aerodft.adapters.mavlink.tlog import TlogSource
-from aerodft.model.telemetry import RawBlock
+from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.feed import block_of
 
 FRAMES = 5000
 NOISE_BYTES = 10_000_000
@@ -159,6 +163,60 @@ def test_a_frame_whose_last_byte_is_the_next_ones_first(magic: bytes) -> None:
         framer = StreamFramer()
         found = [frame for byte in cut[:-1] + whole for frame in framer.push(bytes([byte]))]
         assert found + framer.flush() == [cut, whole]
+
+
+def _signed(frames: list[bytes]) -> list[bytes]:
+    return [sign(frame, bytes(32), link_id=0, stamp=k) for k, frame in enumerate(frames) if frame[0] == V2]
+
+
+@pytest.mark.parametrize("cut", range(1, SIGNATURE + 1))
+def test_a_cut_signature_swallows_no_neighbour(cut: int, tmp_path: Path) -> None:
+    frames = _signed(_frames(12)[:400])
+    frames[3::5] = [frame for frame in _frames(13)[:400] if frame[0] == V1][: len(frames[3::5])]
+    stream = [frame[:-cut] if k % 5 == 2 else frame for k, frame in enumerate(frames)]
+    intact = set(frames) - set(frames[2::5])
+    framer = StreamFramer()
+    found = [frame for piece in stream for frame in framer.push(piece)] + framer.flush()
+    assert intact <= set(found)
+    path = tmp_path / "signed.tlog"
+    path.write_bytes(b"".join((START_US + k * 1000).to_bytes(8, "big") + piece for k, piece in enumerate(stream)))
+    assert intact <= set(_frames_of(TlogSource(path)))
+
+
+def test_whole_signed_frames_delay_nobody() -> None:
+    framer = StreamFramer()
+    for frame in _signed(_frames(14)[:1000]):
+        assert framer.push(frame) == [frame]
+
+
+def test_what_waits_behind_a_cut_frame_comes_when_that_one_is_overdue() -> None:
+    long = bytes(dialect.MAVLink_statustext_message(6, b"x" * 50, 1).pack(dialect.MAVLink(None)))
+    frames = _frames(15)[:2]
+    framer = StreamFramer()
+    assert framer.push(long[:20]) == []
+    assert framer.push(frames[0]) == []  # 54 bytes are claimed
+    assert framer.overdue() == []  # it has only just begun
+    assert framer.overdue() == frames[:1]
+    assert framer.push(frames[1]) == frames[1:]
+
+
+def test_a_frame_that_a_link_stopped_in_is_waited_for() -> None:
+    (frame,) = _frames(15)[:1]
+    framer = StreamFramer()
+    assert framer.push(frame[:20]) == []
+    assert [framer.overdue() for _ in range(5)] == [[]] * 5
+    assert framer.push(frame[20:]) == [frame]
+    assert framer.counts.truncated == framer.counts.skipped_bytes == 0
+
+
+def test_a_payload_of_zeros_that_was_cut_off_altogether() -> None:
+    body = bytes([V2, 0, 0, 0, 7, 1, 1, 30, 0, 0])  # as the first senders of MAVLink 2 did
+    crc = x25crc(body[1:] + bytes([dialect.MAVLink_attitude_message.crc_extra])).crc
+    frame = body + crc.to_bytes(2, "little")
+    assert dialect.MAVLink(None).decode(bytearray(frame)).to_dict()["pitch"] == 0.0
+    assert StreamFramer().push(frame) == [frame]
+    (track,) = MavlinkDecoder().decode(block_of(WireProtocol.MAVLINK, "x", [1], [frame]))[:1]
+    np.testing.assert_array_equal(track.wxyz, [[1.0, 0.0, 0.0, 0.0]])
 
 
 def test_a_shared_byte_delays_nobody() -> None:

@@ -1,4 +1,4 @@
-"""Whatever bytes come in: nothing raises, nothing warns, and what comes out is finite."""
+"""Whatever bytes come in: nothing raises, nothing warns, and what comes out is finite, or is not said where it may."""
 
 import struct
 from pathlib import Path
@@ -16,11 +16,13 @@ from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.framing import StreamFramer
 from aerodft.adapters.mavlink.selection import WANTED
 from aerodft.errors import InputError
-from aerodft.model.telemetry import RawBlock, Track, WireProtocol
+from aerodft.model.health import GpsTrack
+from aerodft.model.telemetry import CameraTrack, HeightTrack, RawBlock, Track, WireProtocol
+from aerodft.model.zoom import ZoomSource
 from aerodft.service.feed import block_of
 
 START_NS = 10**18
-_MAY_BE_UNKNOWN = {"std_m", "horizontal_std_m", "vertical_std_m", "hfov_rad", "level"}
+SPECIAL = [struct.pack("<f", value) for value in (0, 1, -1, 30, 1e-40, 1e30, np.nan, np.inf, -np.inf)] + [b"\xff" * 4]
 quickly = settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -33,22 +35,63 @@ def _frame(message_id: int, payload: bytes) -> bytes:
 
 @st.composite
 def valid_frames(draw: st.DrawFn) -> bytes:
-    """A frame of a wanted message with any payload."""
+    """A frame of a wanted message with any payload, or with one of special numbers."""
     message_id = draw(st.sampled_from(WANTED))
     size = draw(st.integers(1, dialect.mavlink_map[message_id].unpacker.size))
+    chosen = draw(st.none() | st.binary(min_size=64, max_size=64))
+    if chosen is not None:
+        return _frame(message_id, b"".join(SPECIAL[each % len(SPECIAL)] for each in chosen)[:size])
     return _frame(message_id, draw(st.binary(min_size=size, max_size=size)))
+
+
+def _not_said(track: Track) -> dict[str, np.ndarray]:
+    """Where each field of a track may be NaN, which means that nobody said it; nowhere in all other fields."""
+    size = len(track.arrival_ns)
+    always, never = np.ones(size, dtype=bool), np.zeros(size, dtype=bool)
+    match track:
+        case HeightTrack():
+            return {"std_m": always}
+        case GpsTrack():
+            return {"horizontal_std_m": always, "vertical_std_m": always}
+        case CameraTrack(source=ZoomSource.CAMERA_SETTINGS):
+            return {"hfov_rad": always, "level": never}
+        case CameraTrack(source=ZoomSource.CAMERA_FOV_STATUS):
+            return {"hfov_rad": never, "level": always}
+        case CameraTrack(source=ZoomSource.VIDEO_STREAM_INFORMATION):
+            return {"hfov_rad": (track.size_px > 0).any(axis=-1), "level": always}
+        case _:
+            return {}
 
 
 def _assert_sound(tracks: tuple[Track, ...]) -> None:
     for track in tracks:
+        not_said = _not_said(track)
         for cls in type(track).__mro__:
             for name in getattr(cls, "__slots__", ()):
                 values = getattr(track, name)
                 if isinstance(values, np.ndarray):
                     assert len(values) == len(track.arrival_ns) > 0
-                    assert name in _MAY_BE_UNKNOWN or np.isfinite(values).all()
+                    unknown = np.isnan(values) & not_said.get(name, np.zeros(len(values), dtype=bool)).reshape(
+                        -1, *(1,) * (values.ndim - 1)
+                    )
+                    assert (np.isfinite(values) | unknown).all()
                 if name == "wxyz":
                     np.testing.assert_allclose(np.linalg.norm(values, axis=-1), 1, atol=1e-9)
+        _assert_possible(track)
+
+
+def _assert_possible(track: Track) -> None:
+    """What is said is what can be."""
+    match track:
+        case HeightTrack():
+            assert (np.abs(track.value_m) <= 50_000).all()
+            assert not (track.std_m <= 0).any()
+        case GpsTrack():
+            assert not (track.horizontal_std_m <= 0).any()
+            assert not (track.vertical_std_m <= 0).any()
+        case CameraTrack():
+            assert not ((track.hfov_rad <= 0) | (track.hfov_rad >= np.pi)).any()
+            assert not ((track.level < 0) | (track.level > 1)).any()
 
 
 @quickly

@@ -11,8 +11,10 @@ import orjson
 import pytest
 
 from aerodft.adapters.codec.measurement import encode_measurement
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.adapters.zenoh.session import free_endpoint, session_on
+from aerodft.dft.answers import answers_of
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
@@ -22,8 +24,10 @@ from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.clock import VirtualClock
 from aerodft.service.feed import batch_of
-from replay.publish import Republisher
+from replay.player import Player
+from replay.publish import Republisher, is_published
 from replay.recording import Recording
+from replay.timeline import timeline
 
 START_NS = 1_795_221_278_000_000_000
 TICK_NS = 50_000_000
@@ -82,9 +86,15 @@ def recording(tmp_path: Path) -> Recording:
             pixels=lambda: np.zeros((6, 8, 3), np.uint8),
         )
         recorder.inputs(batch_of(now_ns, [shot] if step % 40 == 0 else []))
-        recorder.outputs((value_at(step).pose, value_at(step)))
+        recorder.outputs((value_at(step).pose, answers_of(value_at(step))))
     recorder.close()
     return Recording(tmp_path / "r")
+
+
+def played(recording: Recording, publisher: Republisher) -> None:
+    Player(outlets=[publisher], clock=VirtualClock(), rate=None).play(
+        lambda: timeline([recording], None, None, is_published)
+    )
 
 
 def test_another_process_receives_every_measurement_in_order_byte_by_byte(recording: Recording) -> None:
@@ -95,9 +105,13 @@ def test_another_process_receives_every_measurement_in_order_byte_by_byte(record
         ) as process,
         session_on(endpoint) as session,
     ):
-        publisher = Republisher(session=session, clock=VirtualClock(), rate=None)
-        assert publisher.wait_for_subscriber(recording, 20.0)
-        totals = publisher.publish(recording)
+        publisher = Republisher(session)
+        assert publisher.wait_for_link(20.0)
+        assert publisher.wait_for_subscriber([recording], 20.0)
+        played(recording, publisher)
+        totals = publisher.published
+        assert publisher.has_listeners
+        publisher.close()
         assert process.stdout is not None
         got = [orjson.loads(line) for line in process.stdout]
     assert (totals.measurements, totals.others, totals.images) == (400, 402, 10)
@@ -108,24 +122,13 @@ def test_another_process_receives_every_measurement_in_order_byte_by_byte(record
     assert {magic for magic, _ in images} == {b"\xff\xd8"}
 
 
-@pytest.mark.parametrize(("rate", "length_s"), [(1.0, 5.0), (4.0, 1.25)])
-def test_the_pace_is_the_recordings(recording: Recording, rate: float, length_s: float) -> None:
-    clock = VirtualClock(7)
-    times: list[int] = []
-    with session_on(None) as session:
-        publisher = Republisher(session=session, clock=clock, rate=rate)
-        first_ns = START_NS + 100 * TICK_NS
-        totals = publisher.publish(
-            recording, from_ns=first_ns, to_ns=first_ns + 100 * TICK_NS + 1, on_time=times.append
-        )
-    assert totals.measurements == 101
-    assert (times[0], times[-1]) == (first_ns, first_ns + 100 * TICK_NS)
-    assert (clock.now_ns() - 7) / 1e9 == pytest.approx(length_s)
-
-
 def test_waiting_for_nobody_ends(recording: Recording) -> None:
     start_s = time.monotonic()
     with session_on(None) as session:
-        publisher = Republisher(session=session, clock=VirtualClock(), rate=None)
-        assert not publisher.wait_for_subscriber(recording, 0.05)
-    assert time.monotonic() - start_s < 5
+        publisher = Republisher(session)
+        assert not publisher.wait_for_link(0.05)
+        assert not publisher.wait_for_subscriber([recording], 0.05)
+        played(recording, publisher)
+        assert not publisher.has_listeners
+        publisher.close()
+    assert time.monotonic() - start_s < 10

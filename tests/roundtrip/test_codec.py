@@ -14,6 +14,7 @@ from jsonschema import Draft202012Validator
 
 from aerodft.adapters.codec import events, measurement, pose, schemas, status, wire
 from aerodft.adapters.codec.angles import camera_angles_deg
+from aerodft.dft.answers import ImageAnswers, answers_of
 from aerodft.errors import InputError
 from aerodft.geometry.rotation import camera_angles, camera_attitude
 from aerodft.model.image import Image, StampClock
@@ -190,9 +191,16 @@ def test_an_observation_comes_back_exactly(observation: Observation) -> None:
     assert events.decode_observation(payload) == observation
 
 
-@given(st.dictionaries(text, st.integers(0, 2**53), max_size=3), st.sampled_from(status.STATES), stamp)
-def test_a_status_comes_back_exactly(counts: dict[str, int], state: str, stamp_ns: int) -> None:
-    value = status.StationStatus(station="s", stamp_ns=stamp_ns, state=state, text="t", counts=counts)
+totals = st.dictionaries(text, st.integers(0, 2**53), max_size=3)
+
+
+@given(totals, totals, st.sampled_from(status.STATES), stamp)
+def test_a_status_comes_back_exactly(
+    counts: dict[str, int], rejected: dict[str, int], state: str, stamp_ns: int
+) -> None:
+    value = status.StationStatus(
+        station="s", stamp_ns=stamp_ns, state=state, text="t", counts=counts, rejected=rejected
+    )
     payload = status.encode_status(value)
     check(status.SCHEMA, payload)
     assert status.decode_status(payload) == value
@@ -262,6 +270,33 @@ def test_the_wire_form_is_the_one_that_the_design_shows() -> None:
 def test_a_list_of_measurements_is_one_json_list() -> None:
     payload = measurement.encode_measurements([a_measurement(name="a"), a_measurement(name="b")])
     assert [item["name"] for item in orjson.loads(payload)] == ["a", "b"]
+
+
+def an_image(count: int) -> ImageAnswers:
+    """Measurements with values of all kinds, as if one image had them."""
+    values = [a_measurement(name=f"m/{k}", value=0.1 * k) for k in range(count)]
+    values.append(a_measurement(name="lost", status=Status.STALE_TELEMETRY, value=None, geo=None, reasons=("old",)))
+    values.append(a_measurement(name="far", std=math.inf, ci95=(0.0, math.inf), ground_m=((math.nan, -0.0, 1e-300),)))
+    apart = [answers_of(replace(value, pose=values[0].pose)) for value in values]
+    requests = tuple(request for each in apart for request in each.requests)
+    return replace(apart[0], requests=requests, answers=[answer for each in apart for answer in each.answers])
+
+
+def test_an_images_record_has_all_of_its_measurements_byte_by_byte() -> None:
+    image = an_image(3)
+    encoder = measurement.MeasurementEncoder()
+    record = encoder.image(image)
+    check(measurement.IMAGE_SCHEMA, record)
+    single = [measurement.encode_measurement(each) for each in image]
+    assert [payload for _, payload in measurement.split_measurements(record)] == single == encoder.each(image)
+    assert [name for name, _ in measurement.split_measurements(record)] == ["m/0", "m/1", "m/2", "lost", "far"]
+    assert len(record) < 0.7 * sum(map(len, single))
+
+
+@pytest.mark.parametrize("payload", [b"{}", b"[]", b'{"schema": "aerodft.measurements/1", "measurements": [{}]}'])
+def test_what_is_no_images_record_is_refused(payload: bytes) -> None:
+    with pytest.raises(InputError, match=r"aerodft.measurements/1"):
+        measurement.split_measurements(payload)
 
 
 @pytest.mark.parametrize("name", schemas.SCHEMAS)

@@ -8,12 +8,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.codec.events import encode_image, encode_observation
-from aerodft.adapters.codec.measurement import encode_measurement
+from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.codec.pose import encode_pose
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.dft.answers import ImageAnswers
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, StampClock
-from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
@@ -35,7 +35,7 @@ SETTINGS = PipelineSettings(
     tick_ns=50 * MS,
 )
 ENCODERS = {
-    Measurement: encode_measurement,
+    ImageAnswers: MeasurementEncoder().image,
     PoseSample: encode_pose,
     Image: encode_image,
     Observation: encode_observation,
@@ -134,13 +134,18 @@ class Bench:
         return [item for item in outputs if isinstance(item, PoseSample)]
 
     def measured(self, outputs, name):
-        return [item for item in outputs if isinstance(item, Measurement) and item.name == name]
+        images = [item for item in outputs if isinstance(item, ImageAnswers)]
+        return [item for image in images for item in image if item.name == name]
 
     def run(self, batches, made=None):
+        return self.run_groups(([batch] for batch in batches), made)
+
+    def run_groups(self, groups, made=None):
+        """As ``run``, some ticks at once."""
         made = made or self.pipeline()
         outputs = []
-        for batch in batches:
-            outputs += made.step(batch)
+        for batches in groups:
+            outputs += [output for tick in made.advance(batches) for output in tick]
         return [*outputs, *made.finish()]
 
     def run_events(self, *events, made=None, **feed):

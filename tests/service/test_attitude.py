@@ -275,3 +275,14 @@ def test_only_what_varies_by_itself_and_keeps_to_the_horizon_is_a_measurement():
         assert attitude.at(stamps[-1], END_OF_TIME).is_demand is is_demand
         stated = sources(vehicle(stamps, bodies), gimbal(stamps, reports, earth=True), is_demand=not is_demand)
         assert stated.at(stamps[-1], END_OF_TIME).is_demand is not is_demand
+
+
+@pytest.mark.parametrize(("demand", "after_s", "is_said"), [(True, 0.2, True), (True, 3.0, False), (False, 0.2, False)])
+def test_a_gimbal_that_may_still_be_on_its_way_is_said(demand, after_s, is_said):
+    stamps = np.arange(0, 10 * SECOND, 100 * MS)
+    way = [ypr(0.3, -1.0 if stamp < 5 * SECOND else -0.5, 0.0) for stamp in stamps]
+    attitude = sources(gimbal(stamps, way, earth=True), frame=ReportFrame.EARTH, is_demand=demand)
+    found = attitude.at(5 * SECOND + round(after_s * SECOND), END_OF_TIME)
+    said = [reason for reason in found.reasons if "may still be turning" in reason]
+    assert bool(said) is is_said
+    assert is_said == (np.max(found.report_std_rad) > math.radians(5))

@@ -170,7 +170,7 @@ def test_a_lost_position_is_stale_over_uneven_ground():
     clock = ClockTrack(arrival_ns=np.array([UTC0]), boot_ns=np.array([0]), unix_ns=np.array([UTC0]))
     poses.append((clock, position(0.0, 0.0), gimbal))
     found = poses.at(UTC0 + 4 * SECOND, final=True)
-    reason = "no position on both sides of the stamp within 2 s, and the ground is uneven"
+    reason = "no believable position on both sides of the stamp within 2 s, and the ground is uneven"
     assert (found.status, found.reasons, found.pose) == (Status.STALE_TELEMETRY, (reason,), None)
     assert poses.at(UTC0 + 450 * MS, final=True).status is Status.OK
 

@@ -5,10 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.gimbal_frame import FrameDetector
-from aerodft.service.gravity import LAGS_NS, Moment
+from aerodft.service.gimbal_frame import PRIOR_BODY, FrameDetector
+from aerodft.service.gravity import LAGS_NS, Moment, moments
+from aerodft.service.streams import Stream
 
 STEP_NS = 100_000_000
 SWAY_RAD = math.radians(8)
@@ -62,6 +65,52 @@ def test_a_report_at_the_end_of_its_range_may_be_a_servo_at_its_limit():
     flight = Flight()
     assert flight.rock(600, -90, undone=0.0).frame is None
     assert flight.rock(30, -45, undone=1.0).frame is ReportFrame.BODY
+
+
+def test_what_a_limit_explains_is_not_forgotten_for_chances():
+    """A camera that holds its pitch in gusts: every other motion happens to fit the vehicle of a moment ago."""
+    detector = FrameDetector()
+    for k in range(6000):
+        sway = SWAY_RAD * math.sin(k / 5)
+        report = math.radians(-45) + SWAY_RAD / 30 * math.sin(k / 5)
+        if_body = np.tile(down(report + sway), (len(LAGS_NS), 1))
+        if k // 60 % 2:
+            if_body[2] = down(math.radians(-45))
+        detector.weigh(Moment(k * STEP_NS, report, down(sway), down(report), if_body))
+    assert detector.evidence.motions > 500
+    assert detector.evidence.frame is not ReportFrame.BODY
+    assert detector.evidence.body_probability < PRIOR_BODY
+
+
+def test_what_a_slow_noisy_attitude_does_is_no_motion():
+    """In a hover the vehicle's attitude comes four times a second with 0.6 degrees of noise, the gimbal's without."""
+    rng = np.random.default_rng(5)
+    vehicle = Stream(1_000_000_000)
+    attitudes = Rotation.from_rotvec(np.radians(0.6) * rng.standard_normal((440, 3)))
+    vehicle.append(np.arange(440) * 250_000_000, wxyz=attitudes.as_quat(scalar_first=True))
+    gimbal = Stream(1_000_000_000)
+    reports = np.tile(from_yaw_pitch_roll(0.0, math.radians(-45), 0.0), (1000, 1))
+    gimbal.append(10**9 + np.arange(1000) * STEP_NS, wxyz=reports, yaw_in_earth=np.zeros(1000))
+    detector = FrameDetector()
+    for moment in moments(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9):
+        detector.weigh(moment)
+    assert detector.evidence.motions == 0
+
+
+def test_the_parts_of_one_motion_are_no_verdict():
+    """The vehicle leans by 20 degrees within a second, and the camera is commanded up by as much at the same time."""
+    flight = Flight()
+    vary(flight, 30, 0.5)  # which tells nothing
+    before = flight.detector.evidence.body_probability
+    flight.detector.break_off()
+    for lean in np.radians(np.linspace(0, 20, 11)):
+        report = math.radians(-40) - lean
+        if_body = np.tile(down(report + lean), (len(LAGS_NS), 1))
+        flight.detector.weigh(Moment(flight.now_ns, report, down(lean), down(report), if_body))
+        flight.now_ns += STEP_NS
+    evidence = flight.detector.evidence
+    assert evidence.frame is None
+    assert evidence.body_probability / (1 - evidence.body_probability) <= 101 * before / (1 - before)
 
 
 def test_a_verdict_stays_until_the_opposite_is_as_certain_and_changes_once():

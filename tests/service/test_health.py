@@ -133,6 +133,15 @@ def test_a_silent_receiver_is_said(fly):
     assert any("GPS is silent for 6" in reason for reason in poses[10500].reasons)
 
 
+def test_an_estimator_that_ends_in_nan_is_not_forgotten_without_a_word(fly):
+    said = [*_every(500, _ekf(horizontal=1.2), 4000), *_every(500, _ekf(horizontal=float("nan")))[8:]]
+    poses = fly([*BEATS, *said])
+    assert poses[8000].status is Status.UNHEALTHY
+    assert poses[10_000].status is Status.OK
+    (remark,) = [reason for reason in poses[10_000].reasons if "estimator" in reason]
+    assert re.fullmatch(r"the autopilot's estimator has said nothing believable for 6\.[3-7] s", remark)
+
+
 @pytest.mark.parametrize(("share", "is_said"), [(0.3, True), (0.02, False)])
 def test_a_lossy_link_is_said(fly, share, is_said):
     lost = np.random.default_rng(3).random(2000) < share

@@ -129,8 +129,8 @@ def test_a_slant_range_without_the_vehicles_attitude_has_no_height():
     assert fallen.source is HeightSource.HOME
 
 
-@pytest.mark.parametrize(("reported_m", "expected_m"), [(NAN, 0.2), (0.05, 0.2), (0.7, 0.7)])
-def test_the_larger_of_the_reported_and_the_configured_std_counts(reported_m, expected_m):
+@pytest.mark.parametrize(("reported_m", "expected_m"), [(NAN, 0.2), (0.05, 0.05), (0.7, 0.7)])
+def test_a_sensor_that_states_its_std_is_believed(reported_m, expected_m):
     track = measured(HeightSource.RANGEFINDER, (0, 100), (40.0, 40.5), std_m=reported_m)
     assert sources(track).at(50 * MS, 100 * MS, LEVEL).std_m == pytest.approx(expected_m)
 

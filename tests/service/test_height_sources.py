@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
+from aerodft.model.health import GpsTrack
 from aerodft.model.pose import HeightSource
-from aerodft.model.telemetry import FixTrack, HeightTrack, PositionTrack
+from aerodft.model.telemetry import HeightTrack, PositionTrack
 from aerodft.service.height import HeightSources
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, Missing
@@ -97,13 +98,43 @@ def test_stated_stds_are_those_of_monte_carlo(seed):
     assert np.mean(np.abs(off) < 1.96) == pytest.approx(0.95, abs=0.02)
 
 
+def fixes(ms, accuracy_m, fix=3):
+    accuracy = np.atleast_1d(np.asarray(accuracy_m, dtype=np.float64))
+    kind = np.broadcast_to(fix, accuracy.shape)
+    return GpsTrack(**stamps(ms), fix=kind, satellites=kind, horizontal_std_m=accuracy, vertical_std_m=accuracy)
+
+
 @pytest.mark.parametrize(
-    ("accuracy_m", "age_s", "expected_m"), [(2.5, 1, 2.5), (0.4, 1, 1.0), (2.5, 6, 1.0), (math.nan, 1, 1.0)]
+    ("accuracy_m", "age_s", "expected_m"), [(2.5, 1, 2.5), (0.4, 1, 1.0), (2.5, 100, 2.5), (math.nan, 1, 1.0)]
 )
 def test_a_height_with_the_position_is_no_better_than_the_fix(accuracy_m, age_s, expected_m):
-    fix = FixTrack(**stamps(10_000 - 1000 * age_s), vertical_std_m=np.array([accuracy_m]))
-    found = sources(fix, home([9_900, 10_100], [50, 50])).at(10 * SECOND, END_OF_TIME, level)
+    fix = fixes(200_000 - 1000 * age_s, accuracy_m)
+    found = sources(fix, home([199_900, 200_100], [50, 50])).at(200 * SECOND, END_OF_TIME, level)
     assert found.std_m == expected_m
+
+
+@pytest.mark.parametrize(
+    ("later", "expected_m"),
+    [
+        (fixes([2000, 3000], [math.nan, math.nan]), 2.5),
+        (fixes([2000, 3000], [0.1, 0.2], fix=1), 2.5),
+        (fixes([2000, 3000], [9.0, 65.0], fix=[3, 1]), 65.0),
+        (fixes([2000, 3000], [65.0, 1.5], fix=[1, 3]), 1.5),
+    ],
+)
+def test_a_fix_that_is_lost_makes_no_height_better(later, expected_m):
+    made = sources(fixes([0, 1000], [4.0, 2.5]), later, home([9_900, 10_100], [50, 50]))
+    assert made.at(10 * SECOND, END_OF_TIME, level).std_m == expected_m
+
+
+def test_clocks_that_start_anew_make_no_height_better():
+    made = sources(fixes([0, 1000], [4.0, 2.5]))
+    for stream in (*made.streams(), *made.remarks()):
+        stream.clear()
+    for track in (home([500, 1500, 2500, 3500], [50, 50, 50, 50]), fixes(3000, 1.5)):
+        made.append(track, track.boot_ns)
+    found = [made.at(ms * MS, END_OF_TIME, level).std_m for ms in (1000, 2900, 3100)]
+    assert found == [2.5, 2.5, 1.5]
 
 
 @given(st.floats(0.0, 1.0))
@@ -123,7 +154,16 @@ def test_a_terrain_report_of_elsewhere_is_none(north_m, source):
     place = (0.6, 1.2)
     reported = np.array([[place[0] + north_m / EARTH_M, place[1]]] * 2)
     made = sources(measured(TERRAIN, [0, 1000], [40, 40], places=reported), home([0, 1000], [50, 50]))
-    assert made.at(500 * MS, END_OF_TIME, level, place).source is source
+    found = made.at(500 * MS, END_OF_TIME, level, place)
+    assert found.source is source
+    passed_over = "terrain is of a place more than 150 m away, and is not taken"
+    assert (passed_over in found.reasons) == (source is HOME)
+
+
+def test_a_terrain_report_from_across_the_180th_meridian_is_near():
+    reported = np.array([[0.6, -math.pi + 1e-6]] * 2)
+    made = sources(measured(TERRAIN, [0, 1000], [40, 40], places=reported), home([0, 1000], [50, 50]))
+    assert made.at(500 * MS, END_OF_TIME, level, (0.6, math.pi - 1e-6)).source is TERRAIN
 
 
 def test_a_source_that_disagrees_is_named_with_both_values():

@@ -2,14 +2,18 @@
 
 import struct
 from dataclasses import dataclass, replace
+from itertools import cycle
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from aerodft.model.image import StampClock
 from aerodft.model.status import Status
 from aerodft.service.feed import MergedFeed
+from aerodft.service.poses import PoseSource
 
 MS, SECOND = 1_000_000, 1_000_000_000
 FRAMES = 131
@@ -80,6 +84,44 @@ def test_sparse_input_does_not_depend_on_empty_ticks_either(bench, silence_at, s
     every = bench.run_events(*events, made=bench.pipeline(telemetry=telemetry), linger_ns=20 * SECOND)
     none = bench.run_events(*events, made=bench.pipeline(telemetry=telemetry), linger_ns=0)
     assert bench.encoded(every) == bench.encoded(none)
+
+
+@pytest.fixture(scope="module")
+def long_flight(bench):
+    """Half a minute: batches of all kinds of telemetry with a silence, images on two clocks, and observations."""
+    frames, images, seen = bench.events_of(30.0, gap_ms=(21_000, 22_700))
+    images = [
+        replace(image, clock=StampClock.HOST, stamp_ns=image.arrival_ns) if k % 3 else image
+        for k, image in enumerate(images)
+    ]
+    images = [image for image in images if not 20_500 <= (image.arrival_ns - bench.host0_ns) / MS < 23_500]
+    events = (*bench.blocks(frames), *images, *[each for k, each in enumerate(seen) if k % 9 == 0 and k < 60])
+    batches = list(MergedFeed([bench.source(*events)], bench.tick_ns, linger_ns=0).batches())
+    return batches, bench.encoded(bench.run(batches))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=20))
+def test_it_does_not_matter_which_ticks_are_taken_together(bench, long_flight, sizes):
+    batches, answers = long_flight
+    groups, first = [], 0
+    for size in cycle(sizes):
+        groups.append(batches[first : first + size])
+        first += size
+        if first >= len(batches):
+            break
+    taken = []
+    with patch.object(PoseSource, "append_ticks", noting(PoseSource.append_ticks, taken)):
+        assert bench.encoded(bench.run_groups(groups)) == answers
+    assert max(sizes) == 1 or any(taken)
+
+
+def noting(function, results):
+    def noted(*arguments):
+        results.append(function(*arguments))
+        return results[-1]
+
+    return noted
 
 
 def test_sources_can_be_read_twice(bench, reference):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from pyproj import Geod
@@ -81,6 +81,7 @@ def source(*tracks, origin=None, time_std_s=0.02, **settings):
     return poses
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2900 * MS))
 def test_height_position_and_attitude_are_the_closed_forms(boot_ns):
     poses = source(position(0, 3 * SECOND), gimbal(0, 3 * SECOND), vehicle(0, 3 * SECOND))

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from aerodft.geometry.interpolation import bracket
-from aerodft.service.slew import lag_std
+from aerodft.service.slew import demands_before, lag_std
 
 MS, SECOND = 1_000_000, 1_000_000_000
 LAG_NS, SLEW = 300 * MS, math.radians(60)
@@ -23,7 +23,15 @@ def pitches(values_rad):
 
 def std_at(demands_rad, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW):
     found = bracket(STAMPS, stamp_ns, SECOND)
-    return lag_std(pitches(demands_rad), STAMPS, found, stamp_ns, lag_ns=lag_ns, slew_radps=slew_radps)
+    return lag_at(pitches(demands_rad), found, stamp_ns, lag_ns, slew_radps)
+
+
+def lag_at(reported_wxyz, found, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW):
+    demands = demands_before(reported_wxyz, STAMPS, found, stamp_ns, lag_ns=lag_ns, slew_radps=slew_radps)
+    now = found.spherical(reported_wxyz)
+    together = lag_std([demands] * 3, np.array([now] * 3), slew_radps)
+    assert np.array_equal(together[1:], together[:-1])
+    return together[0]
 
 
 def followed(demands_rad, lag_s, rate_radps):
@@ -68,6 +76,6 @@ def test_the_answer_is_about_the_axis_that_turns():
     reported = Rotation.from_euler("ZY", np.column_stack([yaws, np.full(len(STAMPS), -math.pi / 2)]))
     stamp_ns = 2 * SECOND + 100 * MS
     found = bracket(STAMPS, stamp_ns, SECOND)
-    std = lag_std(reported.as_quat(scalar_first=True), STAMPS, found, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW)
+    std = lag_at(reported.as_quat(scalar_first=True), found, stamp_ns)
     assert abs(std[0]) == pytest.approx(0.5 / math.sqrt(3), abs=1e-9)  # at nadir a pan is a roll of the image
     assert_allclose(std[1:], 0.0, atol=1e-9)

@@ -37,8 +37,8 @@ class Log:
 class Decoder:
     """Every frame is a sample of all the tracks that are asked for."""
 
-    def __init__(self, *kinds):
-        self._kinds = kinds
+    def __init__(self, *kinds, jump_ms=0):
+        self._kinds, self._jump_ms = kinds, jump_ms  # of UTC, after 30 s
 
     def decode(self, block):
         boot_ns = np.frombuffer(block.data, dtype=">i8").astype(np.int64) * MS
@@ -46,7 +46,9 @@ class Decoder:
         count = len(boot_ns)
         values, turns = np.zeros(count), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
         made = {
-            "clock": lambda: ClockTrack(**stamps, unix_ns=boot_ns + UTC0),
+            "clock": lambda: ClockTrack(
+                **stamps, unix_ns=boot_ns + UTC0 + (boot_ns >= 30 * SECOND) * self._jump_ms * MS
+            ),
             "position": lambda: PositionTrack(
                 **stamps, lat_rad=values, lon_rad=values, alt_msl_m=values, height_home_m=values
             ),
@@ -84,6 +86,15 @@ def test_lateness_is_the_clocks_difference_and_the_links_worst_delay():
     boots = [b for b in range(0, 9_000, 100) if not 5_500 <= b < 7_600]
     span = survey_span(Log(boots, delay_ms), Decoder("clock"))
     assert (span.lateness_ns, span.jitter_ns) == (5_000 * MS, 1_980 * MS)
+
+
+@pytest.mark.parametrize("jump_ms", [5_000, -5_000])
+def test_lateness_before_a_jump_is_what_it_was_before_it(jump_ms):
+    """Images of before the jump meet their telemetry when it came, not when the clock of after the jump says."""
+    decoder = Decoder("clock", jump_ms=jump_ms)
+    span = survey_span(Log(range(0, 60_000, 100), lambda _: 20), decoder)
+    late_ms = [span.lateness_at(UTC0 + boot_ms * MS) // MS for boot_ms in (10_000, 20_000, 58_000 + jump_ms)]
+    assert late_ms == pytest.approx([3_020, 3_020, 3_020 - jump_ms], abs=1)
 
 
 def test_a_clock_that_is_set_while_logging_is_no_flight_of_fifty_years():

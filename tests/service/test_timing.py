@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
-from aerodft.service.clock_line import JUMP_NS
+from aerodft.service.clock_line import JUMP_NS, StatedLine
 from aerodft.service.timing import ClockMap
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -82,6 +82,48 @@ def test_a_step_of_this_machines_clock_is_found(step_ms):
     assert clock.host_to_utc(host_ns + LINK) == pytest.approx(UTC0 + 42 * SECOND, abs=MS)
 
 
+@pytest.mark.parametrize("step_ms", [150, 500, 3000])
+def test_until_a_step_of_this_machines_clock_is_believed_its_stamps_are_unsettled(step_ms):
+    clock, _ = told(*[UTC0] * 30)
+    off_ns, waits = [], []
+    for tenth in range(300, 420):
+        boot_ns = tenth * SECOND // 10
+        clock.update((sent(boot_ns, LINK + (step_ms + tenth % 4) * MS),))
+        off_ns.append(abs(clock.host_to_utc(HOST0 + boot_ns + LINK + step_ms * MS) - UTC0 - boot_ns))
+        waits.append(clock.unsettled(by_utc=False))
+        assert clock.unsettled(by_utc=True) is None  # the vehicle's UTC did not jump
+    assert waits[:5] == [None] * 5  # a receiver that is held up
+    assert f"arrives {step_ms / 1000:.3f} s later than before" in waits[5]
+    wrong = np.array(off_ns) > 10 * MS
+    np.testing.assert_array_equal([wait is not None for wait in waits[5:]], wrong[5:])
+    assert np.count_nonzero(wrong) in range(50, 101)
+
+
+def test_a_link_that_is_slow_for_some_and_not_for_others_leaves_this_machines_clock_alone():
+    rng = np.random.default_rng(7)
+    clock, _ = told(*[UTC0] * 30)
+    waits = []
+    for second in range(30, 40):
+        boots = second * SECOND + np.arange(10) * SECOND // 10
+        clock.update((track(boots, HOST0 + boots + LINK + rng.integers(110, 900, 10) * MS),))
+        waits.append(clock.unsettled(by_utc=False) is not None)
+    assert sum(waits) <= 1
+    clock.update((sent(41 * SECOND),))
+    assert clock.unsettled(by_utc=False) is None
+    assert abs(clock.host_to_utc(HOST0 + 41 * SECOND + LINK) - UTC0 - 41 * SECOND) < MS
+
+
+def test_before_utc_is_known_a_step_leaves_all_stamps_unsettled():
+    clock = ClockMap()
+    for second in range(1, 21):
+        clock.update((sent(second * SECOND),))
+    assert (clock.unsettled(by_utc=False), clock.unsettled(by_utc=True)) == (None, None)
+    for tenth in range(6):
+        clock.update((sent(21 * SECOND + tenth * 100 * MS, LINK + SECOND),))
+    for by_utc in (False, True):
+        assert "arrives 1.000 s later" in clock.unsettled(by_utc=by_utc)
+
+
 def test_host_stamps_are_mapped_with_the_fastest_message():
     clock, _ = told(UTC0)
     clock.update((sent(2 * SECOND, 5 * SECOND),))
@@ -116,9 +158,9 @@ def test_a_small_correction_is_no_jump():
 
 def test_until_a_jump_is_believed_it_is_said():
     clock, _ = told(*[UTC0] * 5, *[UTC0 + 2 * SECOND] * 2)
-    assert clock.unsettled() == "the vehicle's UTC jumped by +2.000 s, and has not settled yet"
+    assert clock.unsettled(by_utc=True) == "the vehicle's UTC jumped by +2.000 s, and has not settled yet"
     clock.update((system_time(8 * SECOND, UTC0 + 2 * SECOND),))
-    assert clock.unsettled() is None
+    assert clock.unsettled(by_utc=True) is None
     assert clock.health.jumps_s == (2.0,)
 
 
@@ -173,3 +215,13 @@ def test_stamps_do_not_depend_on_delays_once_utc_is_known(delays_ns, learnt_at):
         stamps.append(int(clock.to_utc(message)[0]))
     known = stamps[learnt_at:]
     assert known == [UTC0 + (k + 1) * 100 * MS for k in range(learnt_at, len(delays_ns))][: len(known)]
+
+
+def test_what_a_jump_ahead_never_said_is_known():
+    ahead, back = StatedLine(), StatedLine()
+    for second in range(40):
+        for line, jump_s in ((ahead, 5), (back, -5)):
+            line.learn(second * SECOND, (jump_s if second >= 30 else 0) * SECOND)
+    assert (ahead.jumps_ns, ahead.skipped_ns) == ([5 * SECOND], [(29 * SECOND, 35 * SECOND)])
+    assert ahead.copy().skipped_ns == ahead.skipped_ns
+    assert (back.jumps_ns, back.skipped_ns) == ([-5 * SECOND], [])

@@ -35,11 +35,17 @@ def _video_message(_boot_ms, hfov_deg, width=1920, height=1080):
 
 @pytest.fixture
 def fly(bench):
-    """Measures ``WIDTH`` in an image every 150 ms of a flight, with reports ``(boot_ms, message)`` in between."""
+    """Measures ``WIDTH`` in an image every 150 ms of a flight, with reports in between.
+
+    Those are ``(boot_ms, message)`` of the autopilot, or ``(boot_ms, component, message)``.
+    """
 
     def measured(reports=(), zoom=None, camera=None, seconds=6.0):
-        mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-        extra = [(bench.host0_ns + ms * MS + 5 * MS, bytes(message.pack(mav))) for ms, message in reports]
+        sent = [each if len(each) > 2 else (each[0], 1, each[1]) for each in reports]
+        extra = [
+            (bench.host0_ns + ms * MS + 5 * MS, bytes(message.pack(dialect.MAVLink(None, 1, component))))
+            for ms, component, message in sent
+        ]
         telemetry = replace(bench.settings.telemetry, zoom=zoom or ZoomSettings())
         made = bench.pipeline(telemetry=telemetry, camera=camera or bench.settings.camera, probes=(WIDTH,))
         images = [bench.image(k, 500 + 150 * k) for k in range(int((seconds - 1) / 0.15))]
@@ -130,16 +136,62 @@ def test_a_zoom_of_unknown_effect_has_no_answer(fly, bench):
     assert all(each.value is None and "zoom 50.0 %" in each.reasons[0] for each in late)
 
 
-def test_the_first_camera_of_two_is_heard_or_the_one_asked_for(fly):
-    def both(ms):
-        second = dialect.MAVLink_camera_settings_message(ms, 0, zoomLevel=70.0, camera_device_id=2)
-        return [(ms, _settings_message(ms, 0.0)), (ms + 1, second)]
+def _every(*messages, after_ms=0):
+    """``(boot_ms, component, message)`` of the makers of messages ``(component, maker)``, twice a second."""
+    return [(ms, *each) for ms in range(after_ms, 6000, 500) for each in ((c, make(ms)) for c, make in messages)]
 
-    reports = [each for ms in range(0, 6000, 500) for each in both(ms)]
-    first, _ = fly(reports)
-    assert {each.status for each in first} == {Status.OK}
-    asked, _ = fly(reports, ZoomSettings(camera=2))
-    assert asked[-1].status is Status.CAMERA_ZOOMED
+
+def _attached(number, percent):
+    return lambda ms: dialect.MAVLink_camera_settings_message(ms, 0, percent, camera_device_id=number)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "numbers"),
+    [
+        ((100, _attached(0, 0.0)), (101, _attached(0, 70.0)), (100, 101)),
+        ((1, _attached(0, 0.0)), (1, _attached(2, 70.0)), (1, 2)),
+    ],
+)
+def test_of_two_cameras_the_one_asked_for_counts_and_without_a_choice_none(fly, bench, first, second, numbers):
+    reports = _every(first, second)
+    asked = [fly(reports, ZoomSettings(camera=number, curve=CURVE)) for number in numbers]
+    wide, _ = fly()
+    assert [each.value for each in asked[0][0]] == [each.value for each in wide]
+    np.testing.assert_allclose([each.zoom.magnification for each in bench.poses(asked[1][1])], 4.5, rtol=1e-9)
+    neither, _ = fly(reports, ZoomSettings(curve=CURVE))
+    said = f"several cameras report ({numbers[0]}, {numbers[1]}), and not the same zoom: "
+    said += "set telemetry.zoom.camera to one of them"
+    assert {(each.status, each.reasons[0]) for each in neither} == {(Status.CAMERA_ZOOMED, said)}
+    assert f"camera {numbers[1]}: CAMERA_SETTINGS says zoom x 4.50" in neither[-1].reasons
+
+
+def test_cameras_that_are_not_zoomed_need_no_choice(fly):
+    found, _ = fly(_every((100, _attached(0, 0.0)), (1, lambda ms: _fov_message(ms, 80.0))))
+    plain, _ = fly()
+    assert [each.value for each in found] == [each.value for each in plain]
+    assert any(each.startswith("camera 1: CAMERA_FOV_STATUS says hfov 80.0 deg") for each in found[-1].reasons)
+
+
+def test_reports_of_another_camera_leave_no_trace(fly, bench):
+    narrow = _every((101, lambda ms: _fov_message(ms, 63.0 if ms < 2000 else 40.0)))
+    other = _every((100, _attached(0, 30.0)), (100, lambda ms: _video_message(ms, 20.0 + ms / 1000, 640, 480)))
+    zoom = ZoomSettings(camera=101, curve=CURVE)
+    alone, mixed = fly(narrow, zoom), fly(sorted([*narrow, *other], key=lambda each: each[0]), zoom)
+    assert [bench.encoded([each]) for each in alone[1]] == [bench.encoded([each]) for each in mixed[1]]
+
+
+def test_of_two_streams_of_a_camera_one_counts(fly, bench):
+    def stream(number, hfov_deg):
+        return lambda ms: dialect.MAVLink_video_stream_information_message(
+            number, 2, 0, 1, 30.0, 1920, 1080, 0, 0, hfov_deg(ms), b"", b""
+        )
+
+    reports = _every((100, stream(1, lambda _: 63)), (100, stream(2, lambda ms: 63 if ms < 2000 else 20)))
+    first, second = (fly(reports, ZoomSettings(stream=number)) for number in (None, 2))
+    assert all(each.zoom is None and each.status is Status.OK for each in bench.poses(first[1]))
+    assert bench.poses(second[1])[-1].zoom.magnification == pytest.approx(
+        math.tan(HFOV_RAD / 2) / math.tan(math.radians(10)), rel=1e-6
+    )
 
 
 def test_a_report_now_and_then_holds_until_the_next(fly, bench):

@@ -6,6 +6,7 @@ import numpy as np
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.conventions import SECOND_NS
+from aerodft.dft.answers import ImageAnswers
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
 from aerodft.model.batch import Batch
@@ -240,8 +241,8 @@ def flown(draw, truth, std, seen, errors, *, every_width=False):
     batch = Batch(now_ns=truth.end_ns, raw=(raw,), observations=tuple(observations))
     flight = Flight(truth, points)
     for output in (*pipeline.step(batch), *pipeline.finish()):
-        if isinstance(output, Measurement):
-            flight.measured.setdefault(output.stamp_ns, []).append(output)
+        if isinstance(output, ImageAnswers):
+            flight.measured.setdefault(output.stamp_ns, []).extend(output)
         elif isinstance(output, CalibrationEstimate):
             flight.estimates.append(output)
     return flight

@@ -56,7 +56,13 @@ def test_utc_that_becomes_known_in_flight_comes_with_no_gap(by):
     taken, _ = flown(Clocks(utc_known_at_s=10.0, host_ahead_s=0.06), 30.0, by=by)
     assert len(good(taken, 1.0)) > 0.95 * len([each for each in taken if each.true_s > 1.0])
     assert np.max(np.abs(off_s(taken, 8.5))) < (BY_HOST_S if by is StampClock.HOST else BY_UTC_S)
-    guessed = [each for each in good(taken) if any("has not said what UTC is" in why for why in each.sample.reasons)]
+    guessed, hosted = (
+        [each for each in good(taken) if f"the vehicle has not said what UTC is: {what}" in each.sample.reasons]
+        for what in ("the receiving machine's clock is taken for it", "the stamp is the receiving machine's clock")
+    )
+    assert bool(hosted) == (by is StampClock.HOST)
+    assert all(each.true_s < 10.0 for each in hosted)
+    assert all(each in hosted for each in good(taken) if by is StampClock.HOST and each.true_s < 9.0)
     assert all(each.true_s < 10.0 and each.sample.pose.time_std_s >= 0.1 for each in guessed)
     assert bool(guessed) == (by is StampClock.UTC)
     assert all(abs(each.off_s) < 2 * each.sample.pose.time_std_s for each in guessed)

@@ -11,6 +11,7 @@ import pytest
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.conventions import SECOND_NS
+from aerodft.dft.answers import ImageAnswers
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
 from aerodft.model.batch import Batch
@@ -143,7 +144,8 @@ def _flight(
     )
     pipeline = Pipeline(_settings(std), CompositeDecoder())
     outputs = (*pipeline.step(Batch(now_ns=truth.end_ns, raw=(raw,), observations=seen)), *pipeline.finish())
-    return pose, points, [output for output in outputs if isinstance(output, Measurement)]
+    images = [output for output in outputs if isinstance(output, ImageAnswers)]
+    return pose, points, [measurement for image in images for measurement in image]
 
 
 def _is_inside(measured: Measurement, pose: Pose, points: np.ndarray) -> bool:

@@ -12,7 +12,7 @@ from aerodft.adapters.codec import estimate, pose
 from aerodft.adapters.codec.estimate import decode_estimate
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.main import main
-from aerodft.cli.recorded import recorded_setup
+from aerodft.cli.recorded_pose import Instead, recorded_setup
 from aerodft.conventions import SECOND_NS
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
@@ -195,6 +195,6 @@ def test_an_imported_flight_with_landmarks_is_computed_anew_to_the_byte(monkeypa
     assert named[0] is None
     assert named[-1].startswith("live:")
     middle = payloads(recording, pose.SCHEMA)[60]
-    _, asked = recorded_setup(recording.folder, unix_ns_to_iso(pose.decode_pose(middle).stamp_ns))
+    _, asked = recorded_setup(recording.folder, unix_ns_to_iso(pose.decode_pose(middle).stamp_ns), Instead())
     assert asked.calibration.startswith("live:")
     assert pose.encode_pose(asked) == middle

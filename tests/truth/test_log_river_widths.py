@@ -235,7 +235,9 @@ def test_the_legs_show_as_tilt_and_nothing_before_take_off_has_a_number(flight, 
         assert_allclose(tilts, tilt_deg, rtol=0, atol=0.5)
     grounded = [pose for pose, s in zip(poses, elapsed_s, strict=True) if s < TAKE_OFF_S]
     assert len(grounded) > 50
-    assert {pose["status"] for pose in grounded} <= {"NO_TELEMETRY", "NO_HEIGHT", "NO_ATTITUDE", "BELOW_MIN_HEIGHT"}
+    stood_still = {"CLOCK_JUMPED"}  # the simulator that the log is from, for 0.21 s
+    ready = {"NO_TELEMETRY", "NO_HEIGHT", "NO_ATTITUDE", "BELOW_MIN_HEIGHT"}
+    assert {pose["status"] for pose in grounded} <= ready | stood_still
     assert "BELOW_MIN_HEIGHT" in {pose["status"] for pose in grounded}
 
 

@@ -1,15 +1,26 @@
-"""``aerodft.measurement/1``: one measurement, as ``--json``, zenoh, MCAP and the query answers show it."""
+"""``aerodft.measurement/1``: one measurement, as ``--json``, zenoh and the query answers show it.
+
+A recording has ``aerodft.measurements/1``: all of one image in one record, what they share only once. From it the
+single payloads come back byte by byte.
+"""
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.pose import sample_of_summary, summary
+from aerodft.dft.answers import Answer, ImageAnswers, answers_of
+from aerodft.dft.request import Request
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 
 SCHEMA = "aerodft.measurement/1"
+IMAGE_SCHEMA = "aerodft.measurements/1"
+
+_LIST = "measurements"
 
 
 class MeasurementEncoder:
@@ -27,40 +38,65 @@ class MeasurementEncoder:
 
     def payload(self, measurement: Measurement) -> wire.Json:
         """The measurement as ``aerodft.measurement/1``, before it is written out; not to be changed."""
-        if measurement.pose is not self._sample:
-            self._sample, self._summary = measurement.pose, summary(measurement.pose)
-        ellipse = measurement.ellipse95
-        return {
-            "schema": SCHEMA,
-            "name": measurement.name,
-            "kind": measurement.kind,
-            "value": measurement.value,
-            "unit": measurement.unit,
-            "std": measurement.std,
-            "ci95": measurement.ci95,
-            "ellipse95": None if ellipse is None else _ellipse_payload(ellipse),
-            "status": measurement.status,
-            "reasons": measurement.reasons,
-            "pixels": measurement.pixels,
-            "std_px": measurement.std_px,
-            "ground_m": measurement.ground_m,
-            "enu_m": measurement.enu_m,
-            "cov_enu_m2": measurement.cov_enu_m2,
-            "geo": None if measurement.geo is None else [_geo_payload(point) for point in measurement.geo],
-            "range_m": measurement.range_m,
-            "stamp_ns": str(measurement.stamp_ns),
-            "image": measurement.image,
-            "model": measurement.model,
-            "camera": measurement.camera,
-            "calibration": measurement.calibration,
-            "config": measurement.config,
-            "software": wire.SOFTWARE,
-            "pose": self._summary,
-        }
+        (payload,) = self._payloads(answers_of(measurement))
+        return payload
 
     def encode(self, measurement: Measurement) -> bytes:
         """The measurement's payload."""
         return wire.dump(self.payload(measurement))
+
+    def each(self, image: ImageAnswers) -> list[bytes]:
+        """One payload of ``aerodft.measurement/1`` for each of an image's answers."""
+        return [wire.dump(payload) for payload in self._payloads(image)]
+
+    def image(self, image: ImageAnswers) -> bytes:
+        """All of an image's answers as ``aerodft.measurements/1``."""
+        answers = [_own(request, answer) for request, answer in zip(image.requests, image.answers, strict=True)]
+        return wire.dump({"schema": IMAGE_SCHEMA, **self._shared(image), _LIST: answers})
+
+    def _payloads(self, image: ImageAnswers) -> Iterator[wire.Json]:
+        shared = self._shared(image)
+        for request, answer in zip(image.requests, image.answers, strict=True):
+            yield {"schema": SCHEMA, **_own(request, answer), **shared}
+
+    def _shared(self, image: ImageAnswers) -> wire.Json:
+        """What all measurements of an image have in common."""
+        sample = image.sample
+        if sample is not self._sample:
+            self._sample, self._summary = sample, summary(sample)
+        return {
+            "stamp_ns": str(image.stamp_ns),
+            "image": image.image,
+            "model": image.model,
+            "camera": image.camera,
+            "calibration": image.calibration,
+            "config": image.config,
+            "software": wire.SOFTWARE,
+            "pose": self._summary,
+        }
+
+
+def _own(request: Request, answer: Answer) -> wire.Json:
+    """What is one measurement's own."""
+    probe, ellipse = request.probe, answer.ellipse95
+    return {
+        "name": probe.name,
+        "kind": probe.kind._value_,
+        "value": answer.value,
+        "unit": answer.unit,
+        "std": answer.std,
+        "ci95": answer.ci95,
+        "ellipse95": None if ellipse is None else _ellipse_payload(*ellipse),
+        "status": answer.status._value_,
+        "reasons": answer.reasons,
+        "pixels": request.pixels,
+        "std_px": request.std_px,
+        "ground_m": answer.ground_m,
+        "enu_m": answer.enu_m,
+        "cov_enu_m2": answer.cov_enu_m2,
+        "geo": None if answer.geo is None else [_geo_payload(*point) for point in answer.geo],
+        "range_m": answer.range_m,
+    }
 
 
 def encode_measurement(measurement: Measurement) -> bytes:
@@ -72,6 +108,20 @@ def encode_measurements(measurements: list[Measurement]) -> bytes:
     """A JSON list of ``aerodft.measurement/1``."""
     encoder = MeasurementEncoder()
     return b"[" + b",".join(map(encoder.encode, measurements)) + b"]"
+
+
+def split_measurements(data: bytes) -> list[tuple[str, bytes]]:
+    """``aerodft.measurements/1`` as the probes' names and payloads of ``aerodft.measurement/1``, byte by byte.
+
+    Raises:
+        InputError: The payload is not of that schema.
+    """
+    return wire.load(data, IMAGE_SCHEMA, _split)
+
+
+def _split(payload: wire.Json) -> list[tuple[str, bytes]]:
+    shared: dict[str, Any] = {key: value for key, value in payload.items() if key not in {"schema", _LIST}}
+    return [(own["name"], wire.dump({"schema": SCHEMA, **own, **shared})) for own in payload[_LIST]]
 
 
 def decode_measurement(data: bytes) -> Measurement:
@@ -116,12 +166,8 @@ def _measurement(payload: wire.Json) -> Measurement:
     )
 
 
-def _ellipse_payload(ellipse: Ellipse95) -> wire.Json:
-    return {
-        "semi_major_m": ellipse.semi_major_m,
-        "semi_minor_m": ellipse.semi_minor_m,
-        "azimuth_deg": math.degrees(ellipse.azimuth_rad),
-    }
+def _ellipse_payload(semi_major_m: float, semi_minor_m: float, azimuth_rad: float) -> wire.Json:
+    return {"semi_major_m": semi_major_m, "semi_minor_m": semi_minor_m, "azimuth_deg": math.degrees(azimuth_rad)}
 
 
 def _ellipse(payload: wire.Json) -> Ellipse95:
@@ -132,12 +178,8 @@ def _ellipse(payload: wire.Json) -> Ellipse95:
     )
 
 
-def _geo_payload(point: GeoPoint) -> wire.Json:
-    return {
-        "lat": math.degrees(point.lat_rad),
-        "lon": math.degrees(point.lon_rad),
-        "alt_msl_m": point.alt_msl_m,
-    }
+def _geo_payload(lat_rad: float, lon_rad: float, alt_msl_m: float) -> wire.Json:
+    return {"lat": math.degrees(lat_rad), "lon": math.degrees(lon_rad), "alt_msl_m": alt_msl_m}
 
 
 def _geo(payload: wire.Json) -> GeoPoint:

@@ -1,14 +1,7 @@
 """What the schemas of all payloads are made of: JSON Schema (draft 2020-12) as plain dictionaries."""
 
+from enum import StrEnum
 from typing import Any, Final
-
-from aerodft.model.image import StampClock
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from aerodft.model.steadiness import Steadiness
-from aerodft.model.zoom import ZoomSource
 
 Schema = dict[str, Any]
 
@@ -29,11 +22,7 @@ def said(schema: Schema, description: str) -> Schema:
     return {**schema, "description": description}
 
 
-def one_of(
-    values: type[
-        ProbeKind | Status | ProjectionModel | HeightSource | GimbalSource | StampClock | Steadiness | ZoomSource
-    ],
-) -> Schema:
+def one_of(values: type[StrEnum]) -> Schema:
     """One of the values of an enumeration."""
     return {"enum": [member.value for member in values]}
 

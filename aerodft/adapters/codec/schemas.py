@@ -47,34 +47,40 @@ _SUMMARY = {
     "telemetry_age_s": NUMBER,
 }
 
-MEASUREMENT: Final = document(
-    measurement.SCHEMA,
-    "One measurement, or why there is none",
-    {
-        "name": said(TEXT, "The probe"),
-        "kind": one_of(ProbeKind),
-        "value": said(NUMBER, "Null unless the status is ok"),
-        "unit": TEXT,
-        "std": NUMBER,
-        "ci95": or_null(list_of(NUMBER, length=2)),
-        "ellipse95": or_null(object_of({"semi_major_m": NUMBER, "semi_minor_m": NUMBER, "azimuth_deg": NUMBER})),
-        "status": one_of(Status),
-        "reasons": list_of(TEXT),
-        "pixels": _PIXELS,
-        "std_px": NUMBER,
-        "ground_m": said(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
-        "enu_m": said(_POINTS, "East, north, up of the station's origin"),
-        "cov_enu_m2": said(or_null(list_of(list_of(NUMBER, length=3), length=3)), "Of the first point"),
-        "geo": or_null(list_of(object_of(_GEO))),
-        "range_m": or_null(list_of(NUMBER)),
-        "stamp_ns": STAMP,
-        "image": INTEGER,
-        "model": one_of(ProjectionModel),
-        "camera": TEXT,
-        "calibration": TEXT_OR_NULL,
-        "config": TEXT_OR_NULL,
-        "pose": object_of({**_SUMMARY, "std": object_of(_SUMMARY_STD)}),
-    },
+_OWN: Final[dict[str, Schema]] = {
+    "name": said(TEXT, "The probe"),
+    "kind": one_of(ProbeKind),
+    "value": said(NUMBER, "Null unless the status is ok"),
+    "unit": TEXT,
+    "std": NUMBER,
+    "ci95": or_null(list_of(NUMBER, length=2)),
+    "ellipse95": or_null(object_of({"semi_major_m": NUMBER, "semi_minor_m": NUMBER, "azimuth_deg": NUMBER})),
+    "status": one_of(Status),
+    "reasons": list_of(TEXT),
+    "pixels": _PIXELS,
+    "std_px": NUMBER,
+    "ground_m": said(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
+    "enu_m": said(_POINTS, "East, north, up of the station's origin"),
+    "cov_enu_m2": said(or_null(list_of(list_of(NUMBER, length=3), length=3)), "Of the first point"),
+    "geo": or_null(list_of(object_of(_GEO))),
+    "range_m": or_null(list_of(NUMBER)),
+}
+_OF_IMAGE: Final[dict[str, Schema]] = {
+    "stamp_ns": STAMP,
+    "image": INTEGER,
+    "model": one_of(ProjectionModel),
+    "camera": TEXT,
+    "calibration": TEXT_OR_NULL,
+    "config": TEXT_OR_NULL,
+    "pose": object_of({**_SUMMARY, "std": object_of(_SUMMARY_STD)}),
+}
+
+MEASUREMENT: Final = document(measurement.SCHEMA, "One measurement, or why there is none", {**_OWN, **_OF_IMAGE})
+
+MEASUREMENTS: Final = document(
+    measurement.IMAGE_SCHEMA,
+    "All measurements of one image, as a recording has them: what they share, and a list",
+    {**_OF_IMAGE, "measurements": list_of(object_of(_OWN))},
 )
 
 POSE: Final = document(
@@ -250,11 +256,16 @@ STATUS: Final = document(
         "text": TEXT,
         "counts": {"type": "object", "additionalProperties": {"type": "integer"}},
         "health": said(or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
+        "rejected": said(
+            {"type": "object", "additionalProperties": {"type": "integer"}},
+            "Telemetry that held no value since the start (NaN, impossible, of somebody else), by MESSAGE: reason",
+        ),
     },
 )
 
 SCHEMAS: Final[dict[str, Schema]] = {
     measurement.SCHEMA: MEASUREMENT,
+    measurement.IMAGE_SCHEMA: MEASUREMENTS,
     pose.SCHEMA: POSE,
     events.IMAGE_SCHEMA: IMAGE,
     events.OBSERVATION_SCHEMA: OBSERVATION,

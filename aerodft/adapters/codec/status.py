@@ -21,6 +21,8 @@ class StationStatus:
         text: One sentence for people.
         counts: Totals since the start, by name: images, measurements, shed, lost.
         health: What the vehicle says of itself now; None of a fixed camera.
+        rejected: Telemetry that held no value since the start (NaN, impossible, of somebody else), by
+            ``MESSAGE: reason``.
     """
 
     station: str
@@ -29,6 +31,7 @@ class StationStatus:
     text: str = ""
     counts: Mapping[str, int] = field(default_factory=dict)
     health: Health | None = None
+    rejected: Mapping[str, int] = field(default_factory=dict)
 
 
 def encode_status(status: StationStatus) -> bytes:
@@ -42,6 +45,7 @@ def encode_status(status: StationStatus) -> bytes:
             "text": status.text,
             "counts": dict(status.counts),
             "health": None if status.health is None else _health_payload(status.health),
+            "rejected": dict(status.rejected),
             "software": wire.SOFTWARE,
         }
     )
@@ -64,6 +68,7 @@ def _status(payload: wire.Json) -> StationStatus:
         text=payload["text"],
         counts=payload["counts"],
         health=None if payload.get("health") is None else _health(payload["health"]),
+        rejected=payload.get("rejected", {}),
     )
 
 

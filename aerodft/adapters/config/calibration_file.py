@@ -1,6 +1,5 @@
 """Calibrations to files, as ``calibration.load_calibration`` and ``load_calibrated_camera`` read them."""
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.config.station import FixedPose
 from aerodft.adapters.config.units import to_deg
+from aerodft.adapters.whole_file import replaced
 from aerodft.errors import InputError
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
@@ -59,18 +59,9 @@ def _write(
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write all of a file or none of it; what is no file (a pipe, a device) is written to as it is."""
-    if path.exists() and not path.is_file():
-        path.write_bytes(data)
-        return
-    path = path.resolve()  # a link stays one
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_bytes(data)
-        beside.replace(path)
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
+    """Write all of a file or none of it, as ``replaced``."""
+    with replaced(path) as partial:
+        partial.write_bytes(data)
 
 
 def _pose(pose: FixedPose) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.tables import Gap, Many, NonNegative, Positive, Table, impossible
+from aerodft.adapters.config.tables import FieldOfViewDeg, Gap, Many, NonNegative, Positive, Table, impossible
 from aerodft.adapters.config.units import to_deg, to_ns, to_percent, to_s
 from aerodft.model.zoom import ZoomSource
 from aerodft.service.health_settings import HealthSettings
@@ -16,7 +16,6 @@ _PERCENT = 100.0
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
 Percent = Annotated[float, Field(ge=0, le=100)]
 ZoomPoint = Annotated[tuple[Percent, Positive], Field(strict=False)]
-FovDeg = Annotated[float, Field(gt=0, lt=180)]
 
 
 class HealthTable(Table):
@@ -36,10 +35,11 @@ class ZoomTable(Table):
     order: Many[ZoomName] = ("CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION")
     at_percent: Percent = 0.0
     curve: Many[ZoomPoint] = ()
-    reported_hfov_deg: FovDeg | None = None
+    reported_hfov_deg: FieldOfViewDeg | None = None
     hfov_std_deg: NonNegative = 0.5
     std_percent_per_doubling: NonNegative = 2.0
-    camera: Annotated[int, Field(ge=0, le=255)] | None = None
+    camera: Annotated[int, Field(ge=1, le=255)] | None = None
+    stream: Annotated[int, Field(ge=0, le=255)] | None = None
     max_gap_s: Gap = 2.0
 
     @model_validator(mode="after")
@@ -85,6 +85,7 @@ def zoom_from(table: ZoomTable) -> ZoomSettings:
         hfov_std_rad=math.radians(table.hfov_std_deg),
         std_per_doubling=table.std_percent_per_doubling / _PERCENT,
         camera=table.camera,
+        stream=table.stream,
         max_gap_ns=to_ns(table.max_gap_s),
     )
 
@@ -100,6 +101,7 @@ def zoom_document(settings: ZoomSettings) -> dict[str, Any]:
         "hfov_std_deg": to_deg(settings.hfov_std_rad),
         "std_percent_per_doubling": to_percent(settings.std_per_doubling),
         "camera": settings.camera,
+        "stream": settings.stream,
         "max_gap_s": to_s(settings.max_gap_ns),
     }
     return {key: value for key, value in table.items() if value is not None}

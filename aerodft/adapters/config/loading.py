@@ -25,6 +25,7 @@ from aerodft.adapters.config.settings import (
     placed,
     probes_from,
     telemetry_from,
+    topics_from,
 )
 from aerodft.adapters.config.station import (
     FixedPose,
@@ -96,7 +97,12 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             ),
             zenoh=ZenohSettings(enabled=zenoh.enabled, listen=zenoh.listen, connect=zenoh.connect),
             record=RecordSettings(
-                folder=Path(record.folder), image_hz=record.image_hz, jpeg_quality=record.jpeg_quality
+                folder=Path(record.folder),
+                image_hz=record.image_hz,
+                video=record.video,
+                jpeg_quality=record.jpeg_quality,
+                segment_s=record.segment_s,
+                segment_mb=record.segment_mb,
             ),
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
             ground=ground,
@@ -104,6 +110,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             live=_live(table, pipeline, markers, where),
             markers=markers,
             watch=watch_from(table.watch, pipeline.model, pipeline.probes, where, folder),
+            topics=topics_from(table.topics),
         ),
         where,
     )

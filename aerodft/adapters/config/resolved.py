@@ -23,6 +23,7 @@ from aerodft.adapters.config.station import (
     StationConfig,
     Stills,
     Stream,
+    Topics,
     VideoFile,
 )
 from aerodft.adapters.config.units import to_deg, to_s
@@ -60,8 +61,8 @@ def config_id(station: StationConfig) -> str:
     hash of its bytes.
     """
     document = station_document(station)
-    for key in ("zenoh", "record"):
-        del document[key]
+    for key in ("zenoh", "record", "topics"):
+        document.pop(key, None)
     document["station"].pop("name")
     timing = ("time_offset_s", "time_drift", "time_reference", "time_std_s")
     document["images"] = {key: value for key, value in document["images"].items() if key in timing}
@@ -129,8 +130,13 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
     document["record"] = {
         "folder": str(station.record.folder),
         "image_hz": station.record.image_hz,
+        "video": station.record.video,
         "jpeg_quality": station.record.jpeg_quality,
+        "segment_s": station.record.segment_s,
+        "segment_mb": station.record.segment_mb,
     }
+    if topics := _topics(station.topics):
+        document["topics"] = topics
     document["probe"] = [_probe(probe) for probe in pipeline.probes]
     if station.live is not None:
         document |= live_document(station.live, frozenset(each.name for each in marker_landmarks(station.markers)))
@@ -247,6 +253,11 @@ def _images(settings: ImageSettings) -> dict[str, Any]:
         time_reference=None if reference_ns is None else unix_ns_to_iso(reference_ns),
     )
     return {**document, "time_offset_s": offset, **drift}
+
+
+def _topics(topics: Topics) -> dict[str, Any]:
+    images, camera = next(iter(topics.images), None), next(iter(topics.camera), None)
+    return _stated(mavlink=list(topics.mavlink) or None, images=images, camera=camera)
 
 
 def _probe(probe: Probe) -> dict[str, Any]:

@@ -18,9 +18,10 @@ from aerodft.adapters.config.station import (
     Rate,
     Stills,
     Stream,
+    Topics,
     VideoFile,
 )
-from aerodft.adapters.config.station_tables import ImagesTable, OriginTable, ProbeTable
+from aerodft.adapters.config.station_tables import ImagesTable, OriginTable, ProbeTable, TopicsTable
 from aerodft.adapters.config.units import to_ns
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
@@ -234,6 +235,15 @@ def _image_input(table: ImagesTable, folder: Path) -> ImageInput | None:
     if table.device is not None:
         return Device(path=table.device)
     return None if table.rate_hz is None else Rate(rate_hz=table.rate_hz)
+
+
+def topics_from(table: TopicsTable) -> Topics:
+    """What the topics of other tools' recordings are."""
+    return Topics(
+        mavlink=(table.mavlink,) if isinstance(table.mavlink, str) else table.mavlink,
+        images=() if table.images is None else (table.images,),
+        camera=() if table.camera is None else (table.camera,),
+    )
 
 
 def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> tuple[Probe, ...]:

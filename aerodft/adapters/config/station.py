@@ -137,11 +137,38 @@ class ZenohSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordSettings:
-    """The recorder. ``folder`` is against the current directory; ``image_hz`` 0 records no images."""
+    """The recorder.
+
+    Attributes:
+        folder: Against the current directory.
+        image_hz: JPEGs per second that are kept; 0 records no images at all.
+        video: Whether the packets of an H.264 stream are kept as they come, in place of JPEGs.
+        jpeg_quality: 1 to 100.
+        segment_s: A new file begins after this time ...
+        segment_mb: ... or at this size.
+    """
 
     folder: Path = Path("recordings")
     image_hz: float = 1.0
+    video: bool = True
     jpeg_quality: int = 80
+    segment_s: float = 900.0
+    segment_mb: float = 2000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topics:
+    """What the topics of another tool's recording are; empty where they tell it themselves.
+
+    Attributes:
+        mavlink: Of the telemetry.
+        images: Of the images or the video, at most one.
+        camera: Of the camera's calibration, at most one.
+    """
+
+    mavlink: tuple[str, ...] = ()
+    images: tuple[str, ...] = ()
+    camera: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,6 +269,7 @@ class StationConfig:
             none.
         markers: Markers that are looked for in the images; None where there are none.
         watch: How a fixed camera is watched for bumps; None where it is not.
+        topics: Of other tools' recordings.
     """
 
     pipeline: PipelineSettings
@@ -256,6 +284,7 @@ class StationConfig:
     live: LiveCalibration | None = None
     markers: MarkerSettings | None = None
     watch: Watch | None = None
+    topics: Topics = field(default_factory=Topics)
 
     @property
     def image_offset_s(self) -> float:

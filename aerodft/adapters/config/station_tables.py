@@ -141,7 +141,18 @@ class RecordTable(Table):
 
     folder: Text = "recordings"
     image_hz: NonNegative = 1.0
+    video: bool = True
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
+    segment_s: Annotated[float, Field(ge=1, le=86_400)] = 900.0
+    segment_mb: Annotated[float, Field(ge=1, le=100_000)] = 2000.0
+
+
+class TopicsTable(Table):
+    """Which topic is what in another tool's recording, where its channels do not tell."""
+
+    mavlink: Many[Text] | Text = ()
+    images: Text | None = None
+    camera: Text | None = None
 
 
 class PointTable(Table):
@@ -228,6 +239,7 @@ class ConfigTable(Table):
     markers: dict[str, Any] | None = None
     calibration: LiveTable = LiveTable()
     watch: WatchTable | None = None
+    topics: TopicsTable = TopicsTable()
 
     @model_validator(mode="after")
     def _telemetry_or_pose(self) -> Self:

@@ -15,12 +15,14 @@ import av
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
+from aerodft.adapters.images.annexb import PacketTap
 from aerodft.adapters.images.arrival import ArrivalClock
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.images.udp import UdpFile
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError
 from aerodft.model.image import Image, StampClock
+from aerodft.model.packet import VideoPacket
 from aerodft.service.ports import Clock
 
 _LOG = logging.getLogger(__name__)
@@ -71,6 +73,7 @@ class StreamReader:
         on_image: Callable[[Image], None],
         *,
         clock: Clock,
+        on_packet: Callable[[VideoPacket], None] | None = None,
         time_offset_s: float = 0.0,
         silence_s: float = 3.0,
     ) -> None:
@@ -80,11 +83,13 @@ class StreamReader:
             url: The stream.
             on_image: Called with each image, from one thread; while it takes long, older images give way.
             clock: The host's clock.
+            on_packet: Called with each packet of an H.264 stream whose images come in order, from another thread.
             time_offset_s: Added to every stamp; usually negative, by the time from exposure to arrival.
             silence_s: How long a silence counts as a loss; the stream is then opened again.
         """
         self.url = url
         self._on_image = on_image
+        self._on_packet = on_packet
         self._clock = clock
         self._silence_s = silence_s
         self._offset_ns = round(time_offset_s * SECOND_NS)
@@ -181,6 +186,7 @@ class StreamReader:
 
     def _read(self, container: InputContainer, stream: VideoStream) -> None:
         arrivals = ArrivalClock()
+        tap = PacketTap(stream, self.url, self._on_packet)
         base = stream.time_base or Fraction(1, SECOND_NS)
         seen_key = False
         for packet in container.demux(stream):
@@ -193,7 +199,8 @@ class StreamReader:
                 seen_key = True
                 _LOG.info("%s: first key image", self.url)
             if seen_key:
-                self._decode(packet, base, arrivals, arrival_ns)
+                image = self._decode(packet, base, arrivals, arrival_ns)
+                tap(packet, image, self._clock.now_ns())
 
     def _arrival_ns(self, offset: int | None) -> int:
         known = self._udp.arrival_ns(offset) if self._udp is not None and offset is not None and offset >= 0 else None
@@ -201,12 +208,14 @@ class StreamReader:
 
     def _decode(
         self, packet: "av.Packet[VideoStream]", base: Fraction, arrivals: ArrivalClock, arrival_ns: int
-    ) -> None:
+    ) -> Image | None:
+        """Decode a packet and deliver what it gives; returns the last of it."""
+        image: Image | None = None
         try:
             frames = packet.decode()
         except av.FFmpegError:
             self._leave_out()
-            return
+            return None
         for frame in frames:
             if frame.pts is None:
                 stamp_ns = arrival_ns
@@ -218,9 +227,10 @@ class StreamReader:
                 self._leave_out()
                 continue
             self._last_stamp_ns = stamp_ns
-            self._put(frame, stamp_ns)
+            image = self._put(frame, stamp_ns)
+        return image
 
-    def _put(self, frame: av.VideoFrame, stamp_ns: int) -> None:
+    def _put(self, frame: av.VideoFrame, stamp_ns: int) -> Image:
         image = Image(
             index=self._index,
             stamp_ns=stamp_ns + self._offset_ns,
@@ -240,6 +250,7 @@ class StreamReader:
                 self._status = replace(self._status, left_out=self._status.left_out + 1)
             self._waiting.append(image)
             self._changed.notify_all()
+        return image
 
     def _leave_out(self) -> None:
         with self._changed:

@@ -7,17 +7,18 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from aerodft.adapters.mavlink.blocks import headers, payload_rows
 from aerodft.adapters.mavlink.dialect import payload_dtype
 from aerodft.adapters.mavlink.link import OWN_SYSTEM, MavlinkLink
 from aerodft.adapters.mavlink.requests import MessageRequest
 from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Batch
+from aerodft.model.telemetry import RawBlock
 
 _ATTEMPTS: Final = 3
 _PATIENCE_NS: Final = SECOND_NS
-_V1: Final = 0xFE
-_V1_HEAD, _V2_HEAD = 6, 10
-_COMMAND_ACK: Final = 77
+_COMMAND_ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
 _ACK: Final = payload_dtype(_COMMAND_ACK)
 _ANSWERS: Final = {
     dialect.MAV_RESULT_ACCEPTED: "accepted",
@@ -26,13 +27,13 @@ _ANSWERS: Final = {
     dialect.MAV_RESULT_UNSUPPORTED: "unsupported",
     dialect.MAV_RESULT_FAILED: "failed",
 }
-NO_ANSWER: Final = "no answer"
-ACCEPTED: Final = "accepted"
+_NO_ANSWER: Final = "no answer"
+_Senders = dict[tuple[int, int], str]  # by system and component
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A request and what the vehicle answered: ``accepted``, ``denied``, ``unsupported``, ..., or ``no answer``."""
+    """A request and what was answered: ``accepted``, ``denied``, ``unsupported``, ..., or ``no answer``."""
 
     request: MessageRequest
     answer: str
@@ -47,15 +48,6 @@ class Outcome:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    sender: str
-    system: int
-    component: int
-    message_id: int
-    payload: bytes
-
-
 def ask(link: MavlinkLink, batches: Iterator[Batch], requests: Iterable[MessageRequest]) -> tuple[Outcome, ...]:
     """Send each request to who shall fulfil it, and wait for the answer; up to three times.
 
@@ -66,47 +58,41 @@ def ask(link: MavlinkLink, batches: Iterator[Batch], requests: Iterable[MessageR
         batches: One a tick, empty ones included.
         requests: To systems that are heard on the link; to nobody else anything is sent.
     """
-    senders: dict[int, str] = {}
+    senders: _Senders = {}
     return tuple(Outcome(request, _asked(link, batches, request, senders)) for request in requests)
 
 
-def _asked(link: MavlinkLink, batches: Iterator[Batch], request: MessageRequest, senders: dict[int, str]) -> str:
+def _asked(link: MavlinkLink, batches: Iterator[Batch], request: MessageRequest, senders: _Senders) -> str:
     attempts, due_ns, first_ns = 0, 0, None
     for batch in batches:
         first_ns = batch.now_ns if first_ns is None else first_ns
-        for frame in _frames(batch):
-            senders[frame.system] = frame.sender
-            answer = _answer(frame, request) if attempts else None
+        for block in batch.raw:
+            heads = headers(block)
+            senders |= dict.fromkeys(map(tuple, np.unique(heads[1:3, heads[0] >= 0], axis=1).T.tolist()), block.sender)
+            answer = _answer(block, heads, request) if attempts else None
             if answer is not None:
                 return answer
         if batch.now_ns < due_ns:
             continue
         if attempts == _ATTEMPTS or batch.now_ns - first_ns > _ATTEMPTS * _PATIENCE_NS:
             break
-        if request.system in senders:
-            link.send(senders[request.system], request.command(attempts))
+        sender = _sender_of(request, senders)
+        if sender is not None:
+            link.send(sender, request.command(attempts))
             attempts, due_ns = attempts + 1, batch.now_ns + _PATIENCE_NS
-    return NO_ANSWER
+    return _NO_ANSWER
 
 
-def _answer(frame: _Frame, request: MessageRequest) -> str | None:
-    """What a frame says of a request; None where it is of something else, or only that it is being worked on."""
-    if frame.message_id != _COMMAND_ACK or (frame.system, frame.component) != (request.system, request.component):
-        return None
-    payload = np.frombuffer(frame.payload[: _ACK.itemsize].ljust(_ACK.itemsize, b"\0"), dtype=_ACK)[0]
-    is_ours = int(payload["target_system"]) in {0, OWN_SYSTEM}
-    if int(payload["command"]) != dialect.MAV_CMD_SET_MESSAGE_INTERVAL or not is_ours:
-        return None
-    result = int(payload["result"])
-    return None if result == dialect.MAV_RESULT_IN_PROGRESS else _ANSWERS.get(result, f"refused (result {result})")
+def _sender_of(request: MessageRequest, senders: _Senders) -> str | None:
+    """Where who is asked sends from, else somebody of its system, who may pass it on; None where nobody was heard."""
+    of_system = (sender for (system, _), sender in senders.items() if system == request.system)
+    return senders.get((request.system, request.component)) or next(of_system, None)
 
 
-def _frames(batch: Batch) -> Iterator[_Frame]:
-    for block in batch.raw:
-        for offset, length in zip(block.offset.tolist(), block.length.tolist(), strict=True):
-            raw = block.data[offset : offset + length]
-            if raw[0] == _V1:
-                yield _Frame(block.sender, raw[3], raw[4], raw[5], raw[_V1_HEAD : _V1_HEAD + raw[1]])
-            else:
-                message_id = int.from_bytes(raw[7:10], "little")
-                yield _Frame(block.sender, raw[5], raw[6], message_id, raw[_V2_HEAD : _V2_HEAD + raw[1]])
+def _answer(block: RawBlock, heads: IntArray, request: MessageRequest) -> str | None:
+    """What a block's frames say of a request; None where they are of something else, or it is being worked on."""
+    sender = (heads[1] == request.system) & (heads[2] == request.component)
+    said = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
+    is_ours = np.isin(said["target_system"], (0, OWN_SYSTEM)) & (said["command"] == request.command_id)
+    results = said["result"][is_ours & (said["result"] != dialect.MAV_RESULT_IN_PROGRESS)].tolist()
+    return _ANSWERS.get(results[0], f"refused (result {results[0]})") if results else None

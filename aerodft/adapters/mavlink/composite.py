@@ -38,9 +38,14 @@ class CompositeDecoder:
 
 def decoder_of(telemetry: TelemetrySettings | None) -> CompositeDecoder:
     """The decoder that follows the vehicle of a station."""
+    return CompositeDecoder(followed_by(telemetry))
+
+
+def followed_by(telemetry: TelemetrySettings | None) -> Followed:
+    """The vehicle of a station."""
     if telemetry is None:
-        return CompositeDecoder()
-    return CompositeDecoder(Followed(system=telemetry.system, component=telemetry.component, gimbal=telemetry.gimbal))
+        return Followed()
+    return Followed(system=telemetry.system, component=telemetry.component, gimbal=telemetry.gimbal)
 
 
 def open_log(path: Path) -> TlogSource | DataflashSource:

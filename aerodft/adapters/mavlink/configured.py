@@ -10,14 +10,7 @@ from aerodft.service.settings import TelemetrySettings
 
 def contradictions(report: SurveyReport, settings: TelemetrySettings) -> list[str]:
     """One sentence for each setting that does not fit what came."""
-    return [*_vehicle(report, settings), *_heights(report, settings), *_attitudes(report, settings)]
-
-
-def _vehicle(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
-    heard = sorted({each.system for each in report.streams if each.system is not None})
-    if settings.system is not None and heard and settings.system not in heard:
-        systems = ", ".join(map(str, heard))
-        yield f"telemetry.system = {settings.system} is not heard, systems {systems} are: nothing would be measured"
+    return [*_heights(report, settings), *_attitudes(report, settings)]
 
 
 def _heights(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
@@ -27,6 +20,19 @@ def _heights(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]
         yield f"telemetry.height.order lists {', '.join(missing)}, and none of them comes: no image would have a height"
     elif missing:
         yield f"telemetry.height.order lists {', '.join(missing)}, which does not come: the next in the order is taken"
+    yield from _minimum(report, settings)
+
+
+def _minimum(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
+    """The minimum height against the highest flown."""
+    above_m = {str(HeightSource.HOME): settings.height.home_above_plane_m}
+    order = {str(each) for each in settings.height.order}
+    highest_m = [each.high + above_m.get(each.name, 0.0) for each in report.heights if each.name in order]
+    if highest_m and max(highest_m) < settings.height.min_m:
+        yield (
+            f"telemetry.height.min_m is {settings.height.min_m:g} m, and the highest flown is {max(highest_m):.1f} m: "
+            "no image would have an answer"
+        )
 
 
 def _attitudes(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:

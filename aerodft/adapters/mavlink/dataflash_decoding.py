@@ -3,15 +3,17 @@
 import math
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from aerodft.adapters.mavlink import rows as to
+from aerodft.adapters.mavlink.blocks import payload_rows
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat, parse_format
+from aerodft.adapters.mavlink.dataflash_rangefinders import Rangefinders
 from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
-from aerodft.adapters.mavlink.layout import MAX_STAMP_US, Bytes
-from aerodft.adapters.mavlink.loops import gather
+from aerodft.adapters.mavlink.layout import MAX_STAMP_US
 from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
@@ -32,8 +34,14 @@ _WEEK_MS: Final = 7 * 86_400_000
 _MAX_WEEK: Final = 11_480  # in the year 2200
 _RANGEFINDER_GOOD: Final = 4
 _TERRAIN_OK: Final = 2
+_NUMBERS: Final = ("i", "u", "f")
 _MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
 _FULL_TURN_DEG: Final = math.degrees(to.MAX_ANGLE_RAD)
+
+
+def _kind(dtype: np.dtype[np.void], column: str) -> str | None:
+    """The letter of numpy for what a field holds (arrays are V); None where there is no such field."""
+    return dtype[column].kind if column in (dtype.names or ()) else None
 
 
 class _Messages:
@@ -44,13 +52,19 @@ class _Messages:
         self.rows = rows
 
     def has(self, *columns: str) -> bool:
-        """Whether the log's version of the message has these fields."""
-        return self.scale.keys() >= set(columns)
+        """Whether the log's version of the message has these fields, as numbers."""
+        return all(_kind(self.rows.payload.dtype, column) in _NUMBERS for column in columns)
 
     def values(self, column: str) -> FloatArray:
         """A field as float64, scaled."""
         raw = self.rows.column(column)
         return raw if self.scale[column] == 1 else raw * self.scale[column]
+
+    def text(self, column: str) -> list[str] | None:
+        """A field as text; None where the log's version has no such."""
+        if _kind(self.rows.payload.dtype, column) != "S":
+            return None
+        return [value.decode("ascii", "replace") for value in self.rows.payload[column].tolist()]
 
     def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> bool:
         """Leave faulty rows out; whether any is left."""
@@ -135,15 +149,30 @@ def _height(m: _Messages, source: HeightSource, column: str, *, slant: bool) -> 
     )
 
 
-def _rfnd(m: _Messages, rejected: Counter[str]) -> Track | None:
+def _rfnd(sensors: Rangefinders, m: _Messages, rejected: Counter[str]) -> Track | None:
     if not m.has("Dist", "Stat", "Orient"):
         return None
+    payload = m.rows.payload
+    sensor = m.values("Instance") if m.has("Instance") else np.zeros(len(payload))
+    looks_away, is_bad = payload["Orient"] != ORIENTATION_DOWN, payload["Stat"] != _RANGEFINDER_GOOD
+    distance_m = m.values("Dist")
+    least_m, most_m = (sensors.limit_m(bound, sensor, m.rows.boot_ns) for bound in ("MIN", "MAX"))
     faults = {
-        "does not look down": m.rows.payload["Orient"] != ORIENTATION_DOWN,
-        "status is not good": m.rows.payload["Stat"] != _RANGEFINDER_GOOD,
+        "does not look down": looks_away,
+        "status is not good": is_bad,
+        **sensors.others(sensor, ~looks_away & ~is_bad),
         **m.no_height("Dist"),
+        "below the sensor's minimum": distance_m < least_m,
+        "at the sensor's maximum or above": (most_m > 0) & (distance_m >= most_m),
     }
     return _height(m, HeightSource.RANGEFINDER, "Dist", slant=True) if m.kept(rejected, faults) else None
+
+
+def _parm(sensors: Rangefinders, m: _Messages, _rejected: Counter[str]) -> Track | None:
+    names = m.text("Name")
+    if names is not None and m.has("Value"):
+        sensors.learn(names, m.values("Value").tolist(), m.rows.boot_ns.tolist())
+    return None
 
 
 def _terr(m: _Messages, rejected: Counter[str]) -> Track | None:
@@ -157,12 +186,13 @@ def _terr(m: _Messages, rejected: Counter[str]) -> Track | None:
     return _height(m, HeightSource.TERRAIN, "CHeight", slant=False) if m.kept(rejected, faults) else None
 
 
-_MAKERS: Final[dict[str, Callable[[_Messages, Counter[str]], Track | None]]] = {
+_Maker = Callable[[_Messages, Counter[str]], Track | None]
+_PARAMETER: Final = "PARM"
+_MAKERS: Final[dict[str, _Maker]] = {
     "GPS": _gps,
     "ATT": _att,
     "MNT": _mnt,
     "POS": _pos,
-    "RFND": _rfnd,
     "TERR": _terr,
 }
 
@@ -180,6 +210,12 @@ class DataflashDecoder:
         self.rejected: Counter[str] = Counter()
         self.damaged = 0
         self.formats: dict[int, MessageFormat] = {}
+        sensors = Rangefinders()
+        self._makers: dict[str, _Maker] = {
+            **_MAKERS,
+            _PARAMETER: partial(_parm, sensors),
+            "RFND": partial(_rfnd, sensors),
+        }
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
         """The tracks of this block's messages, at most one a message; no message is an error.
@@ -195,8 +231,9 @@ class DataflashDecoder:
         kinds = np.full(len(whole), -1, dtype=np.int64)
         kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
         self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
-        wanted = sorted(kind for kind, layout in self.formats.items() if layout.name in _MAKERS)
-        tracks = (self._track(kind, np.flatnonzero(kinds == kind), data, block) for kind in wanted)
+        wanted = sorted(kind for kind, layout in self.formats.items() if layout.name in self._makers)
+        wanted.sort(key=lambda kind: self.formats[kind].name != _PARAMETER)  # those of a block hold for its readings
+        tracks = (self._track(kind, np.flatnonzero(kinds == kind), block) for kind in wanted)
         return tuple(track for track in tracks if track is not None)
 
     def _learn(self, block: RawBlock, index: IntArray) -> None:
@@ -205,16 +242,15 @@ class DataflashDecoder:
             if declared is not None:
                 self.formats[declared[0]] = declared[1]
 
-    def _track(self, kind: int, index: IntArray, data: Bytes, block: RawBlock) -> Track | None:
+    def _track(self, kind: int, index: IntArray, block: RawBlock) -> Track | None:
         """The track of one message's rows."""
         layout = self.formats[kind]
-        if not len(index) or "TimeUS" not in layout.scale:
+        if not len(index) or _kind(layout.dtype, "TimeUS") != "u":
             return None
-        raw = np.zeros((len(index), layout.dtype.itemsize), dtype=np.uint8)
-        gather(data, np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE]), raw)
-        payload = raw.view(layout.dtype)[:, 0]
+        places = np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE])
+        payload = payload_rows(block, places, layout.dtype)
         late = payload["TimeUS"] >= MAX_STAMP_US
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
         rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns)
         good = rows.kept(self.rejected, {"impossible time": late})
-        return None if good is None else _MAKERS[layout.name](_Messages(layout, good), self.rejected)
+        return None if good is None else self._makers[layout.name](_Messages(layout, good), self.rejected)

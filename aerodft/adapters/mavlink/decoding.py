@@ -6,11 +6,15 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.mavlink import camera_rows as cameras
 from aerodft.adapters.mavlink import health_rows as health
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
-from aerodft.adapters.mavlink.dialect import frame_table, message_name, payload_dtype
-from aerodft.adapters.mavlink.loops import gather, read_headers, select
+from aerodft.adapters.mavlink.blocks import headers, payload_rows
+from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
+from aerodft.adapters.mavlink.loops import select
+from aerodft.adapters.mavlink.one_address import OneAddress
+from aerodft.adapters.mavlink.rivals import Rivals
 from aerodft.adapters.mavlink.sequence import SequenceWatch
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
@@ -31,9 +35,9 @@ _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
     pick.GPS_RAW_INT: health.gps_track,
     pick.EKF_STATUS_REPORT: health.ekf_track,
     pick.ESTIMATOR_STATUS: health.estimator_track,
-    pick.CAMERA_SETTINGS: health.camera_settings_track,
-    pick.VIDEO_STREAM_INFORMATION: health.video_stream_track,
-    pick.CAMERA_FOV_STATUS: health.camera_fov_track,
+    pick.CAMERA_SETTINGS: cameras.settings_track,
+    pick.VIDEO_STREAM_INFORMATION: cameras.video_stream_track,
+    pick.CAMERA_FOV_STATUS: cameras.fov_track,
 }
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
 
@@ -58,8 +62,11 @@ class MavlinkDecoder:
     """
 
     def __init__(self, followed: pick.Followed | None = None) -> None:
-        self._state = pick.fresh_state(followed or pick.Followed())
+        followed = followed or pick.Followed()
+        self._state = pick.fresh_state(followed)
+        self._rivals = Rivals(followed)
         self.rejected: Counter[str] = Counter()
+        self._address = OneAddress()
         self._sequence = SequenceWatch()
         self.decode(_EMPTY)  # compiles on the very first run, which takes seconds: not while frames wait
 
@@ -81,18 +88,16 @@ class MavlinkDecoder:
         return int(self._state[pick.DAMAGED])
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
-        """The tracks of this block's frames, at most one a message, and one of the link; no frame is an error.
+        """The tracks of this block's frames, at most one a message, one a rival, one of the link; no frame is an error.
 
         Raises:
             ValueError: The block is not MAVLink.
         """
         if block.protocol is not WireProtocol.MAVLINK:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.MAVLINK}")
-        count = len(block.offset)
-        heads, slots = np.empty((5, count), dtype=np.int64), np.empty(count, dtype=np.int64)
         data = np.frombuffer(block.data, dtype=np.uint8)
-        frames = np.stack([block.offset, block.length])
-        read_headers(data, frames, frame_table(), heads, checked=block.checked)
+        block, heads = self._address.kept(block, headers(block), self._state, self.rejected)
+        slots = np.empty(heads.shape[1], dtype=np.int64)
         before = self._state.copy()
         select(data, heads, pick.SLOTS, self._state, slots)
         self._note_others(before)
@@ -102,10 +107,14 @@ class MavlinkDecoder:
             if pick.WANTED[slot] in _MAKERS
         )
         link = self._sequence.track(block, data, heads, self._state)
-        return tuple(track for track in (*tracks, link) if track is not None)
+        rivals = self._rivals.tracks(block, heads, slots, self._state)
+        return tuple(track for track in (*tracks, link, *rivals) if track is not None)
 
     def _note_others(self, before: IntArray) -> None:
-        """Count what came of other gimbals and sensors since the state was that."""
+        """Count what came of other gimbals and sensors, and of those that look elsewhere, since the state was that."""
+        aside = int(self._state[pick.LOOKS_ASIDE] - before[pick.LOOKS_ASIDE])
+        if aside:
+            self.rejected[f"{message_name(pick.DISTANCE_SENSOR)}: does not look down"] += aside
         for counter, message_id, what in (
             (pick.OTHER_GIMBALS, pick.GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal"),
             (pick.OTHER_SENSORS, pick.DISTANCE_SENSOR, "sensor"),
@@ -118,11 +127,10 @@ class MavlinkDecoder:
     def _track(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Track | None:
         """The track of one message's rows."""
         message_id = pick.WANTED[slot]
-        dtype = _DTYPES[message_id]
-        raw = np.zeros((len(index), dtype.itemsize), dtype=np.uint8)
-        gather(np.frombuffer(block.data, dtype=np.uint8), heads[3:, index], raw)
-        payload = raw.view(dtype)[:, 0]
-        own_clock = pick.component_of(self._state, slot) not in {-1, self._state[pick.COMPONENT]}
-        boot_ns = np.full(len(index), NO_BOOT_TIME, dtype=np.int64) if own_clock else to.boot_ns_of(payload)
+        payload = payload_rows(block, heads[3:, index], _DTYPES[message_id])
+        component = heads[2, index]
+        boot_ns = np.where(component == self._state[pick.COMPONENT], to.boot_ns_of(payload), NO_BOOT_TIME)
+        if message_id in pick.OF_CAMERAS:
+            cameras.number(payload, component)
         rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns)
         return _MAKERS[message_id](rows, self.rejected)

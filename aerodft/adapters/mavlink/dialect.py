@@ -8,8 +8,9 @@ import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.generator.mavcrc import x25crc
 
+from aerodft.adapters.mavlink.layout import TABLE_IDS
+
 MESSAGES: Final[dict[int, Any]] = ardupilotmega.mavlink_map
-_TABLE_SIZE: Final = 1 << 16
 _NUMPY_TYPES: Final = {
     "char": "i1",
     "int8_t": "<i1",
@@ -74,7 +75,7 @@ def _base_length(message: Any) -> int:  # noqa: ANN401 - pymavlink's classes hav
 @cache
 def frame_table() -> npt.NDArray[np.int32]:
     """``(65536,)`` by message id: CRC_EXTRA | base length << 8 | full length << 16, or -1 for an unknown id."""
-    table = np.full(_TABLE_SIZE, -1, dtype=np.int32)
+    table = np.full(TABLE_IDS, -1, dtype=np.int32)
     for message_id, message in MESSAGES.items():
         full = message.unpacker.size
         table[message_id] = message.crc_extra | _base_length(message) << 8 | full << 16

@@ -68,6 +68,7 @@ class StreamFramer:
 
     def __init__(self) -> None:
         self._rest = b""
+        self._seen_before = 0
         self._state = np.zeros(STATE_SIZE, dtype=np.int64)
         self._offsets = np.empty(64, dtype=np.int64)
         self._lengths = np.empty(64, dtype=np.int64)
@@ -79,26 +80,39 @@ class StreamFramer:
 
     def push(self, data: bytes) -> list[bytes]:
         """Whole frames that are complete with these bytes."""
-        return self._scan(self._rest + data, final=False)
+        return self._scan(self._rest + data)
 
     def flush(self) -> list[bytes]:
         """What is left when nothing follows."""
-        return self._scan(self._rest, final=True)
+        return self._scan(self._rest, given_up=len(self._rest))
 
-    def _scan(self, data: bytes, *, final: bool) -> list[bytes]:
+    def overdue(self) -> list[bytes]:
+        """Frames behind one that was begun before the last call and is not whole yet: that one is cut.
+
+        Without any it is waited for: the link may just have stopped.
+        """
+        state, rest, given_up = self._state.copy(), self._rest, self._seen_before
+        frames = self._scan(rest, given_up=given_up) if given_up else []
+        if not frames:
+            self._state, self._rest = state, rest
+        self._seen_before = len(self._rest)
+        return frames
+
+    def _scan(self, data: bytes, *, given_up: int = 0) -> list[bytes]:
         capacity = len(data) // MIN_FRAME + 1
         if capacity > len(self._offsets):
             self._offsets = np.empty(capacity, dtype=np.int64)
             self._lengths = np.empty(capacity, dtype=np.int64)
         found, done = scan_stream(
             np.frombuffer(data, dtype=np.uint8),
-            final=final,
+            given_up=given_up,
             table=frame_table(),
             offsets=self._offsets,
             lengths=self._lengths,
             state=self._state,
         )
         self._rest = data[done:]
+        self._seen_before = max(self._seen_before - done, 0)
         self._state[AT_SYNC:] -= done
         starts, sizes = self._offsets[:found].tolist(), self._lengths[:found].tolist()
         return [data[start : start + size] for start, size in zip(starts, sizes, strict=True)]

@@ -1,4 +1,4 @@
-"""Payload rows of what a vehicle says of itself: that it is alive, how good its estimate is, what its camera sees."""
+"""Payload rows of what a vehicle says of itself: that it is alive, where it is fixed, how good its estimate is."""
 
 from collections import Counter
 from typing import Final
@@ -6,18 +6,15 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink.rows import Rows, beyond
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.health import EstimatorTrack, GpsTrack, HeartbeatTrack
-from aerodft.model.telemetry import NO_BOOT_TIME, CameraTrack, Track
-from aerodft.model.zoom import ZoomSource
+from aerodft.model.telemetry import NO_BOOT_TIME, Track
 
 _SATELLITES_UNKNOWN: Final = 255
 _MAX_FIX: Final = 8
 _MOST_MM: Final = 10**8  # what says that it is off by 100 km says nothing
 _HAS_ATTITUDE: Final = 1  # of EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS alike
 _UNINITIALIZED: Final = 1024
-_MAX_FOV_DEG: Final = 180.0
-_FULL_LEVEL: Final = 100.0
 _MOST_RATIO: Final = 1e6
 
 
@@ -72,61 +69,3 @@ def _estimator_track(
         has_attitude=((flags & _HAS_ATTITUDE) != 0) & ((flags & _UNINITIALIZED) == 0),
         **good.stamps(),
     )
-
-
-def camera_fov_track(rows: Rows, rejected: Counter[str]) -> Track | None:
-    """CAMERA_FOV_STATUS, degrees."""
-    return _fov_track(ZoomSource.CAMERA_FOV_STATUS, rows, rejected, "camera_device_id")
-
-
-def video_stream_track(rows: Rows, rejected: Counter[str]) -> Track | None:
-    """VIDEO_STREAM_INFORMATION: whole degrees, 0 where not known; and the size of the images."""
-    return _fov_track(
-        ZoomSource.VIDEO_STREAM_INFORMATION, rows, rejected, "stream_id", ("resolution_h", "resolution_v")
-    )
-
-
-def _fov_track(
-    source: ZoomSource, rows: Rows, rejected: Counter[str], device: str, size: tuple[str, ...] = ()
-) -> Track | None:
-    hfov_deg = rows.column("hfov")
-    known = np.logical_or.reduce([rows.payload[field] > 0 for field in size]) if size else False
-    impossible = ~((hfov_deg >= 0) & (hfov_deg < _MAX_FOV_DEG))
-    good = rows.kept(
-        rejected, {"impossible hfov": impossible, "hfov is not known": (hfov_deg == 0) & ~np.asarray(known)}
-    )
-    if good is None:
-        return None
-    hfov_deg = good.column("hfov")
-    sizes = [good.payload[field].astype(np.int64) for field in size] or [np.zeros(len(hfov_deg), dtype=np.int64)] * 2
-    return CameraTrack(
-        source=source,
-        device=_device(good, device),
-        hfov_rad=np.where(hfov_deg > 0, np.radians(hfov_deg), np.nan),
-        level=np.full(len(hfov_deg), np.nan),
-        size_px=np.stack(sizes, axis=-1),
-        **good.stamps(),
-    )
-
-
-def camera_settings_track(rows: Rows, rejected: Counter[str]) -> Track | None:
-    """CAMERA_SETTINGS: the zoom in percent of its range, NaN of a camera that cannot zoom."""
-    percent = rows.column("zoomLevel")
-    outside = ~((percent >= 0) & (percent <= _FULL_LEVEL))
-    good = rows.kept(rejected, {"zoomLevel is not known": np.isnan(percent), "impossible zoomLevel": outside})
-    if good is None:
-        return None
-    count = len(good.arrival_ns)
-    return CameraTrack(
-        source=ZoomSource.CAMERA_SETTINGS,
-        device=_device(good, "camera_device_id"),
-        hfov_rad=np.full(count, np.nan),
-        level=good.column("zoomLevel") / _FULL_LEVEL,
-        size_px=np.zeros((count, 2), dtype=np.int64),
-        **good.stamps(),
-    )
-
-
-def _device(rows: Rows, field: str) -> IntArray:
-    names = rows.payload.dtype.names or ()
-    return rows.payload[field].astype(np.int64) if field in names else np.zeros(len(rows.arrival_ns), dtype=np.int64)

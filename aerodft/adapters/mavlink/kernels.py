@@ -18,6 +18,7 @@ from aerodft.adapters.mavlink.layout import (
     LAST_US,
     MAX_FRAME,
     MIN_FRAME,
+    MOST_SHARED,
     N_BAD_CRC,
     N_OK,
     N_SKIPPED,
@@ -88,8 +89,8 @@ def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, in
         if flags & SIGNED:
             size += SIGNATURE
     entry = int(table[message_id]) if message_id < TABLE_IDS else -1
-    # MAVLink 1 has no truncation; in MAVLink 2 a later dialect may have added fields.
-    if entry < 0 or length < 1 or (magic == V1 and not ((entry >> 8) & 0xFF) <= length <= entry >> 16):
+    # MAVLink 1 cuts nothing off; MAVLink 2 zeros, some senders all, and a later dialect may have added fields.
+    if entry < 0 or (magic == V1 and not ((entry >> 8) & 0xFF) <= length <= entry >> 16):
         return UNKNOWN, size, 0
     return (FRAME if at + size <= stop else INCOMPLETE), size, entry & 0xFF
 
@@ -133,16 +134,29 @@ def note_damage(state: IntArray, at: int, verdict: int, size: int) -> None:
 
 
 @njit
+def shared_tail(data: Bytes, at: int, end: int) -> int:
+    """How many bytes at the end of the frame ``data[at:end]`` may be the next one's: its last byte, or its signature.
+
+    The checksum covers neither: where the frame was cut there, what it lacks is taken from the next one's start.
+    """
+    signed = data[at] == V2 and data[at + 2] & SIGNED
+    for first in range(end - MOST_SHARED if signed else end - 1, end):
+        if data[first] in (V1, V2):
+            return end - first
+    return 0
+
+
+@njit
 def scan_stream(
-    data: Bytes, *, final: bool, table: Table, offsets: IntArray, lengths: IntArray, state: IntArray
+    data: Bytes, *, given_up: int, table: Table, offsets: IntArray, lengths: IntArray, state: IntArray
 ) -> tuple[int, int]:
     """Find the frames of a byte stream.
 
-    A frame that was cut by one byte may be made whole by the next frame's first: then both count (``SHARED``).
+    A frame that was cut at its end may be made whole by the next frame's first bytes: then both count (``SHARED``).
 
     Args:
-        data: The bytes so far; with ``SHARED`` the first of them ended the last frame.
-        final: Whether nothing follows; else an incomplete frame at the end is waited for.
+        data: The bytes so far; with ``SHARED`` so many of them ended the last frame.
+        given_up: So many of them begin nothing that is not whole by now; an incomplete frame behind is waited for.
         table: ``frame_table()``.
         offsets: ``(n,)`` filled with the start of each frame.
         lengths: ``(n,)`` filled with the size of each frame.
@@ -154,13 +168,14 @@ def scan_stream(
     at, found, stop = int(state[SHARED]), 0, len(data)
     while at < stop and found < len(offsets):
         verdict, size = probe(data, at, stop, table)
-        waits = verdict == INCOMPLETE and not final
-        if state[SHARED] and verdict != FRAME and not waits:
-            shared, shared_size = probe(data, at - 1, stop, table)
-            waits = shared == INCOMPLETE and not final
+        waits = verdict == INCOMPLETE and at >= given_up
+        for early in range(at if waits else at - int(state[SHARED]), at):
+            shared, shared_size = probe(data, early, stop, table)
             if shared == FRAME:
-                at, verdict, size = at - 1, shared, shared_size
-        if waits:
+                at, verdict, size = early, shared, shared_size
+                break
+            waits = waits or (shared == INCOMPLETE and early >= given_up)
+        if waits and verdict != FRAME:
             break
         state[SHARED] = 0
         if verdict == FRAME:
@@ -169,7 +184,7 @@ def scan_stream(
             state[N_OK] += 1
             at += size
             state[AT_SYNC] = at
-            state[SHARED] = int(data[at - 1] in (V1, V2))
+            state[SHARED] = shared_tail(data, at - size, at)
             continue
         note_damage(state, at, verdict, size)
         at += 1
@@ -178,11 +193,12 @@ def scan_stream(
 
 @njit
 def overlapping(data: Bytes, end: int, table: Table) -> int:
-    """Where the record starts whose frame begins in the last byte before ``end``, or in the eight after it; else -1.
+    """Where the record starts whose frame begins shortly before or after ``end``, at most a stamp later; else -1.
 
-    A cut frame may be made whole by the first bytes of the next record, which are then short of their stamp.
+    A cut frame may be made whole by the first bytes of the next record, which are then short of their stamp, and where
+    a signature was cut of their first bytes.
     """
-    for at in range(max(end - STAMP_SIZE - 1, 0), end):
+    for at in range(max(end - MOST_SHARED, 0), end):
         if at + STAMP_SIZE < len(data) and probe(data, at + STAMP_SIZE, len(data), table)[0] == FRAME:
             return at
     return -1

@@ -22,6 +22,7 @@ V1, V2 = 0xFE, 0xFD
 V1_HEAD, V2_HEAD = 6, 10
 SIGNED = 1
 SIGNATURE = 13
+MOST_SHARED = SIGNATURE + 1  # bytes of a cut frame that the next one may have begun in
 TABLE_IDS = 1 << 16
 
 

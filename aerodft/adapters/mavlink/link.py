@@ -23,6 +23,7 @@ _LOG: Final = logging.getLogger(__name__)
 _WAIT_S: Final = 0.1
 _HEARTBEAT_S: Final = 1.0
 _STOP_S: Final = 2.0
+_OVERDUE_S: Final = 0.5  # what is not whole after that is cut: 280 bytes take 0.2 s at 14400 baud
 OWN_SYSTEM: Final = 255
 OWN_COMPONENT: Final = 190
 
@@ -115,7 +116,7 @@ class MavlinkLink:
     def _run(self) -> None:
         heartbeat = _heartbeat()
         talks = self.address.kind is not LinkKind.UDP_IN
-        due_s = time.monotonic()
+        due_s = overdue_s = time.monotonic()
         while not self._stop.is_set():
             while not self._outbox.empty():
                 sender, frame = self._outbox.get()
@@ -130,19 +131,26 @@ class MavlinkLink:
                 self._stop.wait(_HEARTBEAT_S / 4)
                 continue
             self._take(reads)
+            if time.monotonic() >= overdue_s:
+                for sender, frames in self._senders.overdue():
+                    self._put(sender, frames)
+                overdue_s = time.monotonic() + _OVERDUE_S
 
     def _signed(self, frame: bytes) -> bytes:
         return frame if self._signing is None else self._signing.sign(frame)
 
     def _take(self, reads: Reads) -> None:
         for sender, data in reads:
-            frames = self._senders.push(sender, data)
-            if self._signing is not None:
-                frames = self._signing.passed(frames)
-            if frames:
-                self._inbox.put_frames(WireProtocol.MAVLINK, sender, frames)
+            self._put(sender, self._senders.push(sender, data))
         if self._signing is not None:
             self._signing.settle()
+
+    def _put(self, sender: str, frames: list[bytes]) -> None:
+        """Hand on what may be believed."""
+        if self._signing is not None:
+            frames = self._signing.passed(frames)
+        if frames:
+            self._inbox.put_frames(WireProtocol.MAVLINK, sender, frames)
 
 
 def _heartbeat() -> bytes:

@@ -1,7 +1,7 @@
 """Which messages, how often: what a survey lacks, as requests to the vehicle and as its autopilot's parameters."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink import selection as pick
 from aerodft.adapters.mavlink.dialect import message_name
 from aerodft.adapters.mavlink.link import OWN_COMPONENT, OWN_SYSTEM
+from aerodft.adapters.mavlink.parameters import Parameters
 from aerodft.adapters.mavlink.streams import Stream
 
 ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -16,32 +17,53 @@ PX4: Final = dialect.MAV_AUTOPILOT_PX4
 _SLOW: Final = 0.8  # of the wanted rate
 _SECOND_US: Final = 1_000_000
 _WAYS: Final = {"ardupilot": "for ArduPilot set", "px4": "for PX4 put"}
+_OF_AUTOPILOT: Final = frozenset(map(message_name, pick.OF_AUTOPILOT))
 _GIMBALS: Final = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION"})
+_PORTS: Final = {"SR0": "USB", "SR1": "TELEM1", "SR2": "TELEM2"}
+# What a vehicle without it has set to 0, by message: the type of every instance, by its names of all versions.
+OFF: Final = {
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": ("MNT[12]?_TYPE",),
+    "MOUNT_STATUS": ("MNT[12]?_TYPE",),
+    "DISTANCE_SENSOR": ("RNGFND[1-9A]?_TYPE",),
+    "TERRAIN_REPORT": ("TERRAIN_ENABLE",),
+}
+_OLD_MOUNT: Final = "MNT_TYPE"  # MNT1_TYPE since the firmware knows GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """A message, how often it is wanted, and ArduPilot's group of it (empty: on request alone)."""
+    """A message, how often it is wanted, ArduPilot's group of it (empty: none), and what must be set for it to come."""
 
     message_id: int
     rate_hz: float
     group: str
     autopilots: tuple[int, ...] = (ARDUPILOT, PX4)
+    needs: str = ""
+
+    @property
+    def name(self) -> str:
+        """The message's name."""
+        return message_name(self.message_id)
 
 
+# ArduPilot's groups are the STREAM_*_msgs of its GCS_MAVLink_Parameters.cpp: SRn_ of port n counted from 0, from 4.7 on
+# MAVn_ counted from 1 (early 4.7-dev still had SRn_), read at start-up. PX4's names of streams are those of its
+# mavlink_main.cpp; system_startup.md describes extras.txt, module.yaml MAV_0_MODE and MAV_0_RATE.
 _CATALOGUE: Final = (
     _Wanted(pick.SYSTEM_TIME, 1, "EXTRA3"),
     _Wanted(pick.ATTITUDE, 10, "EXTRA1"),
     _Wanted(pick.GLOBAL_POSITION_INT, 5, "POSITION"),
-    _Wanted(pick.GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3"),
-    _Wanted(pick.DISTANCE_SENSOR, 5, "EXTRA3"),
-    _Wanted(pick.TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
+    _Wanted(pick.GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3", needs="MNT1_TYPE set to the gimbal's"),
+    _Wanted(pick.DISTANCE_SENSOR, 5, "EXTRA3", needs="RNGFND1_TYPE set to the sensor's and RNGFND1_ORIENT = 25"),
+    _Wanted(pick.TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,), needs="TERRAIN_ENABLE = 1"),
     _Wanted(pick.ALTITUDE, 5, "", (PX4,)),
     _Wanted(pick.GPS_RAW_INT, 1, "EXT_STAT"),
     _Wanted(pick.EKF_STATUS_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
     _Wanted(pick.ESTIMATOR_STATUS, 1, "", (PX4,)),
-    _Wanted(pick.CAMERA_FOV_STATUS, 1, "", (ARDUPILOT,)),
 )
+# Which of them tell a port by its rates: what autopilots send of a group whatever is fitted.
+_OF_PORT: Final = frozenset({pick.SYSTEM_TIME, pick.ATTITUDE, pick.GLOBAL_POSITION_INT, pick.GPS_RAW_INT})
+_MOUNT_STATUS: Final = message_name(pick.MOUNT_STATUS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,21 +72,27 @@ class MessageRequest:
 
     Attributes:
         message_id: Its id.
-        rate_hz: Wanted.
+        rate_hz: Wanted; None for once, of who says it again by itself when it changes.
         now_hz: As it comes; 0 where it does not.
         system: Whom to ask.
-        component: Of it: who sends the message now, else the autopilot.
-        autopilot: MAV_AUTOPILOT; None where not known.
+        component: Of it: who sends the message now, else the autopilot, or a camera.
+        autopilot: MAV_AUTOPILOT of whom is asked; None where not known.
         group: ArduPilot's stream of it; empty where it comes on request alone.
+        group_hz: What that must be set to, so that all that is wanted of it comes.
+        needs: What ArduPilot must be set to besides; empty for nothing.
+        port: ArduPilot's name of the port that the link is on; empty where not known.
     """
 
     message_id: int
-    rate_hz: float
+    rate_hz: float | None
     now_hz: float
     system: int
     component: int
     autopilot: int | None
-    group: str
+    group: str = ""
+    group_hz: float = 0.0
+    needs: str = ""
+    port: str = ""
 
     @property
     def name(self) -> str:
@@ -72,29 +100,60 @@ class MessageRequest:
         return message_name(self.message_id)
 
     @property
-    def interval_us(self) -> int:
-        """The wanted interval."""
-        return round(_SECOND_US / self.rate_hz)
+    def interval_us(self) -> int | None:
+        """The wanted interval; None for once."""
+        return None if self.rate_hz is None else round(_SECOND_US / self.rate_hz)
+
+    @property
+    def command_id(self) -> int:
+        """The MAV_CMD that asks for it."""
+        return int(dialect.MAV_CMD_REQUEST_MESSAGE if self.rate_hz is None else dialect.MAV_CMD_SET_MESSAGE_INTERVAL)
+
+    @property
+    def often(self) -> str:
+        """How often it is wanted, in words."""
+        return "once" if self.rate_hz is None else f"at {self.rate_hz:g} Hz"
 
     @property
     def parameters(self) -> dict[str, str]:
         """What to set instead, by autopilot."""
         ways = {}
         if self.autopilot != PX4 and self.group:
-            ways["ardupilot"] = f"SR0_{self.group} = {self.rate_hz:g} (MAV1_{self.group} from 4.7 on)"
-        if self.autopilot != ARDUPILOT:
-            stream = f"mavlink stream -d DEVICE -s {self.name} -r {self.rate_hz:g}"
-            ways["px4"] = f"{stream} in etc/extras.txt (MAV_0_MODE chooses the set of messages, MAV_0_RATE its limit)"
+            needs = f"; it needs {self.needs}" if self.needs else ""
+            ways["ardupilot"] = f"{self._rate_parameter} and restart it{needs}"
+        if self.autopilot != ARDUPILOT and self.rate_hz is not None:
+            ways["px4"] = (
+                f"mavlink stream -d DEVICE -s {self.name} -r {self.rate_hz:g} (-u PORT on UDP) in etc/extras.txt of "
+                "its SD card (MAV_0_MODE chooses the set of messages, MAV_0_RATE limits all of them in bytes a second)"
+            )
         return ways
+
+    @property
+    def _rate_parameter(self) -> str:
+        """ArduPilot's parameter of the group's rate, set to what is wanted, and which port that is of."""
+        if self.port:
+            called = f", usually {_PORTS[self.port]}" if self.port in _PORTS else ""
+            return (
+                f"{self.port}_{self.group} = {self.group_hz:g} ({self.port} is this link's port by its rates{called})"
+            )
+        ports = ", ".join(f"{port} {called}" for port, called in _PORTS.items())
+        return (
+            f"SRn_{self.group} = {self.group_hz:g} of the port that this link is on ({ports}; from 4.7 on "
+            f"MAVn_{self.group}, the first port being MAV1)"
+        )
 
     def sentence(self) -> str:
         """What is wrong, and what to do."""
         comes = f"comes at {self.now_hz:.1f} Hz" if self.now_hz else "does not come"
+        if self.rate_hz is None:
+            asked = f"MAV_CMD_REQUEST_MESSAGE with {self.message_id}"
+        else:
+            asked = f"MAV_CMD_SET_MESSAGE_INTERVAL with {self.message_id} and {self.interval_us} us"
         ways = [
-            f"request it (--fix, or MAV_CMD_SET_MESSAGE_INTERVAL with {self.message_id} and {self.interval_us} us)",
+            f"request it from component {self.component} (--fix, or {asked})",
             *(f"{_WAYS[name]} {how}" for name, how in self.parameters.items()),
         ]
-        return f"{self.name} {comes}, {self.rate_hz:g} Hz is wanted: {', or '.join(ways)}"
+        return f"{self.name} {comes}, it is wanted {self.often}: {', or '.join(ways)}"
 
     def document(self) -> dict[str, Any]:
         """Plain JSON values."""
@@ -118,48 +177,75 @@ class MessageRequest:
         message = dialect.MAVLink_command_long_message(
             self.system,
             self.component,
-            dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+            self.command_id,
             attempt,
             self.message_id,
-            self.interval_us,
+            self.interval_us or 0,  # asked for once: 0 for all video streams
             *(0.0,) * 5,
         )
         return bytes(message.pack(dialect.MAVLink(None, srcSystem=OWN_SYSTEM, srcComponent=OWN_COMPONENT)))
 
 
 def wanted(
-    streams: Sequence[Stream], *, system: int | None, component: int | None, autopilot: int | None
+    streams: Sequence[Stream],
+    *,
+    system: int | None,
+    component: int | None,
+    autopilot: int | None,
+    parameters: Parameters | None = None,
 ) -> tuple[MessageRequest, ...]:
-    """What a vehicle should send more often than it does.
+    """What a vehicle should send more often than it does; not what its parameters switch off.
 
     Args:
         streams: All that came.
         system: The vehicle that is followed; None where there is none, or in an on-board log.
         component: Its autopilot.
         autopilot: MAV_AUTOPILOT; None where not known.
+        parameters: What the autopilot said of its parameters.
     """
     if system is None or component is None:
         return ()
-    own = {stream.name: stream for stream in streams if stream.system == system}
+    said = parameters or Parameters()
+    own = _heard(streams, system, component)
     known = autopilot if autopilot in {ARDUPILOT, PX4} else None
-    return tuple(
+    port = said.port({each.group: _rate_hz(own, each.name) for each in _CATALOGUE if each.message_id in _OF_PORT})
+    requests = [
         MessageRequest(
             message_id=each.message_id,
             rate_hz=each.rate_hz,
-            now_hz=_rate_hz(own, message_name(each.message_id)),
+            now_hz=_rate_hz(own, each.name),
             system=system,
-            component=_sender(own, message_name(each.message_id), component),
+            component=_sender(own, each.name, component),
             autopilot=known,
             group=each.group,
+            group_hz=each.rate_hz,
+            needs=each.needs,
+            port=port,
         )
-        for each in _CATALOGUE
+        for each in _catalogue(own, said)
         if (known is None or known in each.autopilots) and _is_slow(own, each)
-    )
+    ]
+    group_hz = {each.group: max(other.group_hz for other in requests if other.group == each.group) for each in requests}
+    return tuple(replace(each, group_hz=group_hz[each.group]) for each in requests)
+
+
+def _catalogue(own: dict[str, Stream], parameters: Parameters) -> Iterator[_Wanted]:
+    """What this vehicle can send: nothing that is switched off, and of an old firmware the old gimbal message."""
+    for each in _CATALOGUE:
+        is_gimbal = each.message_id == pick.GIMBAL_DEVICE_ATTITUDE_STATUS
+        is_old = is_gimbal and each.name not in own and (_OLD_MOUNT in parameters.values or _MOUNT_STATUS in own)
+        if not parameters.switch_off(*OFF.get(each.name, ())):
+            yield replace(each, message_id=pick.MOUNT_STATUS, needs="") if is_old else each
+
+
+def _heard(streams: Sequence[Stream], system: int, autopilot: int) -> dict[str, Stream]:
+    """By message, who of a system sends it: only the autopilot what is its own, else whoever sends it most often."""
+    of_system = sorted((each for each in streams if each.system == system), key=lambda each: each.rate_hz)
+    return {each.name: each for each in of_system if each.component == autopilot or each.name not in _OF_AUTOPILOT}
 
 
 def _is_slow(own: dict[str, Stream], each: _Wanted) -> bool:
-    name = message_name(each.message_id)
-    names = _GIMBALS if name in _GIMBALS else {name}
+    names = _GIMBALS if each.name in _GIMBALS else {each.name}
     return max(_rate_hz(own, other) for other in names) < _SLOW * each.rate_hz
 
 

@@ -267,6 +267,7 @@ def altitude_track(rows: Rows, rejected: Counter[str]) -> Track | None:
         "bottom_clearance is no height": clearance_m > MAX_HEIGHT_M,
         "altitude_terrain is no height": terrain_m > MAX_HEIGHT_M,
         "no height above terrain": ~(has_clearance | has_terrain),
+        "altitude_terrain is far below the ground": ~has_clearance & (terrain_m < _UNDERGROUND_M),
     }
     good = rows.kept(rejected, faults)
     if good is None:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import payload_dtype
-from aerodft.adapters.mavlink.layout import Bytes
+from aerodft.adapters.mavlink.layout import TABLE_IDS, Bytes
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 
@@ -40,7 +40,7 @@ WANTED: Final = (
     CAMERA_FOV_STATUS,
     TIMESYNC,
 )
-_OF_AUTOPILOT: Final = (
+OF_AUTOPILOT: Final = (
     HEARTBEAT,
     SYSTEM_TIME,
     ATTITUDE,
@@ -50,24 +50,26 @@ _OF_AUTOPILOT: Final = (
     ESTIMATOR_STATUS,
     TIMESYNC,
 )
+OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS)
 # The selection's state: what was decided so far, then each wanted message's component.
 SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS = 0, 1, 2, 3, 4, 5
-ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOCKS = 6, 7, 8, 9
-COUNTERS: Final = (DAMAGED, OTHER_GIMBALS, OTHER_SENSORS)
+ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 6, 7, 8, 9, 10
+COUNTERS: Final = (DAMAGED, OTHER_GIMBALS, OTHER_SENSORS, LOOKS_ASIDE)
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
-_IDS = 1 << 16
 _TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # structured: it has fields
 _AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
 _ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
 _DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
+_SPACING_AT = payload_dtype(TERRAIN_REPORT).fields["spacing"][1]  # type: ignore[index] # as above
 _SENSOR_AT = payload_dtype(DISTANCE_SENSOR).fields["id"][1]  # type: ignore[index] # as above
 # The payload bytes that what is decided depends on, by message.
 LOOKED_AT: Final = {
     HEARTBEAT: (_TYPE_AT, _AUTOPILOT_AT),
     DISTANCE_SENSOR: (_ORIENTATION_AT, _SENSOR_AT),
     GIMBAL_DEVICE_ATTITUDE_STATUS: (_DEVICE_AT,),
+    TERRAIN_REPORT: (_SPACING_AT, _SPACING_AT + 1),
 }
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
 _TYPE_GCS, _AUTOPILOT_NONE = 6, 8
@@ -79,7 +81,7 @@ _CAMERA_FIRST, _CAMERA_LAST, _GIMBAL, _OTHER_FIRST, _OTHER_LAST = 100, 105, 154,
 
 def _slots() -> npt.NDArray[np.int16]:
     """``(65536,)`` index into ``WANTED`` by message id, -1 for the rest."""
-    slots = np.full(_IDS, -1, dtype=np.int16)
+    slots = np.full(TABLE_IDS, -1, dtype=np.int16)
     slots[list(WANTED)] = np.arange(len(WANTED))
     slots.setflags(write=False)
     return slots
@@ -106,7 +108,7 @@ class Followed:
 def fresh_state(followed: Followed) -> IntArray:
     """The state before the first frame."""
     state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
-    state[SENSOR_SEEN:ASKED_COMPONENT] = state[OTHER_SENSORS] = 0
+    state[SENSOR_SEEN:ASKED_COMPONENT] = state[OTHER_SENSORS:LOCKS] = 0
     asked = ((SYSTEM, followed.system), (ASKED_COMPONENT, followed.component), (ASKED_GIMBAL, followed.gimbal))
     for place, value in asked:
         state[place] = _UNDECIDED if value is None else value
@@ -119,12 +121,6 @@ def is_peripheral(component: int) -> bool:
     return (
         _CAMERA_FIRST <= component <= _CAMERA_LAST or component == _GIMBAL or _OTHER_FIRST <= component <= _OTHER_LAST
     )
-
-
-def component_of(state: IntArray, slot: int) -> int:
-    """The component that is listened to for a message; -1 where that is not decided."""
-    sender = int(state[LOCKS + slot])
-    return sender if sender == _UNDECIDED else sender & _COMPONENT_MASK
 
 
 def device_of(state: IntArray, slot: int) -> int:
@@ -167,11 +163,14 @@ def _asked_for(state: IntArray, message_id: int, component: int, device: int) ->
 def _admit(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
     """Whether a message of the followed system comes from the component that is listened to for it.
 
-    The clock, the attitude, the position and the vehicle's health come from the autopilot; anything else from whoever
-    sent it first, and of several gimbals or sensors that one component speaks for from the first.
+    The clock, the attitude, the position and the vehicle's health come from the autopilot, reports of cameras from all
+    of them (``service.zoom_sources`` chooses); anything else from whoever sent it first, and of several gimbals or
+    sensors that one component speaks for from the first.
     """
-    if message_id in _OF_AUTOPILOT:
+    if message_id in OF_AUTOPILOT:
         return bool(component == state[COMPONENT])
+    if message_id in OF_CAMERAS:
+        return True
     if not _asked_for(state, message_id, component, device):
         return False
     sender = component | device << _DEVICE_BITS
@@ -194,11 +193,15 @@ def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
 
 
 @njit
-def _superseded(state: IntArray, message_id: int) -> bool:
-    """Whether a better message of the same height is known (notes it where this is the one)."""
+def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
+    """Whether a better message of the same height is known (notes it where this is the one).
+
+    A sensor that sees nothing still speaks for RANGEFINDER, which does not say so; a terrain report without a database,
+    of ``spacing`` 0, speaks for nobody.
+    """
     if message_id == DISTANCE_SENSOR:
         state[SENSOR_SEEN] = 1
-    elif message_id == TERRAIN_REPORT:
+    elif message_id == TERRAIN_REPORT and spacing != 0:
         state[TERRAIN_SEEN] = 1
     return (message_id == RANGEFINDER and state[SENSOR_SEEN] == 1) or (
         message_id == ALTITUDE and state[TERRAIN_SEEN] == 1
@@ -221,7 +224,7 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
         message_id, system, component, payload_at, length = heads[:, k]
         if message_id < 0:
             state[DAMAGED] += 1
-        slot = slots[message_id] if 0 <= message_id < _IDS else -1
+        slot = slots[message_id] if 0 <= message_id < TABLE_IDS else -1
         if slot < 0:
             continue
         if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, payload_at, length):
@@ -232,5 +235,9 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
         if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM]:
             continue
         device = _device(data, message_id, payload_at, length)
-        if device >= 0 and _admit(state, message_id, slot, component, device) and not _superseded(state, message_id):
+        if device < 0:
+            state[LOOKS_ASIDE] += 1
+            continue
+        spacing = _byte(data, payload_at, length, _SPACING_AT) | _byte(data, payload_at, length, _SPACING_AT + 1)
+        if _admit(state, message_id, slot, component, device) and not _superseded(state, message_id, spacing):
             rows[k] = slot

@@ -42,6 +42,10 @@ class Senders:
             return []
         return framer.push(data)
 
+    def overdue(self) -> list[tuple[str, list[bytes]]]:
+        """By sender, frames that wait behind one which never became whole; to be asked for every half second or so."""
+        return [(sender, frames) for sender, framer in self._framers.items() if (frames := framer.overdue())]
+
     def _admit(self, sender: str) -> StreamFramer:
         """A framer for a new sender; where they are too many, one that never sent a good frame gives way first."""
         if len(self._framers) >= _MAX_SENDERS:

@@ -16,6 +16,7 @@ import numpy as np
 
 from aerodft.adapters.mavlink.dialect import frame_table
 from aerodft.adapters.mavlink.kernels import checksum
+from aerodft.adapters.mavlink.layout import SIGNATURE, SIGNED, V2
 from aerodft.adapters.mavlink.signing_state import SigningState, StreamKey
 
 KEY_SIZE: Final = 32
@@ -26,10 +27,7 @@ REPLAYED: Final = "replayed or late"
 OLD: Final = "too old for a new sender"
 FUTURE: Final = "far in the future"
 
-MAVLINK2: Final = 0xFD  # a frame's first byte
-_SIGNED: Final = 1
 _FLAGS_AT: Final = 2
-_SIGNATURE: Final = 13
 _HASH: Final = 6
 _STEP_NS: Final = 10_000
 _EPOCH_NS: Final = 1_420_070_400 * 10**9  # 2015-01-01
@@ -68,11 +66,11 @@ def sign(frame: bytes, key: bytes, *, link_id: int, stamp: int) -> bytes:
     Raises:
         ValueError: MAVLink 1, or signed already.
     """
-    if frame[0] != MAVLINK2 or frame[_FLAGS_AT] & _SIGNED:
+    if frame[0] != V2 or frame[_FLAGS_AT] & SIGNED:
         raise ValueError("only an unsigned MAVLink 2 frame can be signed")
     extra = int(frame_table()[int.from_bytes(frame[7:10], "little")]) & 0xFF
     body = bytearray(frame[:-2])
-    body[_FLAGS_AT] |= _SIGNED
+    body[_FLAGS_AT] |= SIGNED
     crc = checksum(np.frombuffer(body, dtype=np.uint8), 1, len(body), extra)
     signed = bytes(body) + crc.to_bytes(2, "little") + bytes([link_id]) + stamp.to_bytes(6, "little")
     return signed + _digest(key, signed)
@@ -126,7 +124,7 @@ class SignatureCheck:
         return [frame for frame in frames if self._believes(frame, known)]
 
     def _believes(self, frame: bytes, known: int) -> bool:
-        if frame[0] != MAVLINK2 or not frame[_FLAGS_AT] & _SIGNED:
+        if frame[0] != V2 or not frame[_FLAGS_AT] & SIGNED:
             return self._takes_unsigned(frame)
         reason = self._fault(frame, known)
         if reason:
@@ -136,7 +134,7 @@ class SignatureCheck:
         return True
 
     def _takes_unsigned(self, frame: bytes) -> bool:
-        message_id = int.from_bytes(frame[7:10], "little") if frame[0] == MAVLINK2 else frame[5]
+        message_id = int.from_bytes(frame[7:10], "little") if frame[0] == V2 else frame[5]
         if message_id not in self._unsigned_ids:
             self._refused[UNSIGNED] += 1
             return False
@@ -147,7 +145,7 @@ class SignatureCheck:
         """Why a signed frame is not believed, empty where it is; only then its time stamp is remembered."""
         if not hmac.compare_digest(_digest(self._key, frame[:-_HASH]), frame[-_HASH:]):
             return WRONG
-        stream, stamp = _stream(frame, frame[-_SIGNATURE]), int.from_bytes(frame[-12:-_HASH], "little")
+        stream, stamp = _stream(frame, frame[-SIGNATURE]), int.from_bytes(frame[-12:-_HASH], "little")
         last = self._state.streams.get(stream)
         if last is not None and stamp <= last:
             return REPLAYED

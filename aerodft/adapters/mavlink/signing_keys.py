@@ -17,6 +17,7 @@ from aerodft.errors import ConfigError
 _LOG: Final = logging.getLogger(__name__)
 _MOST_BYTES: Final = 4096
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
+_SHORT: Final = 12  # characters: one hash a try, ten thousand million of them a second
 _EXPECTED: Final = "64 hexadecimal digits, or a passphrase"
 
 
@@ -46,11 +47,14 @@ def load_key(path: Path) -> bytes:
 
 def _key_of(text: str, path: Path) -> bytes:
     """The key that a text stands for; one that is almost 64 hexadecimal digits is a mistake, no passphrase."""
-    if re.fullmatch(rf"[0-9a-fA-F]{{{KEY_SIZE},}}", text) is None:
+    digits = text.strip()
+    if re.fullmatch(rf"[0-9a-fA-F]{{{KEY_SIZE},}}", digits) is None:
+        if len(text) < _SHORT:
+            _LOG.warning("%s: a passphrase of %d characters is soon guessed; take %d or more", path, len(text), _SHORT)
         return hashlib.sha256(text.encode()).digest()
-    if len(text) != 2 * KEY_SIZE:
-        raise ConfigError("no signing key", where=path, got=f"{len(text)} hexadecimal digits", expected=_EXPECTED)
-    return bytes.fromhex(text)
+    if len(digits) != 2 * KEY_SIZE:
+        raise ConfigError("no signing key", where=path, got=f"{len(digits)} hexadecimal digits", expected=_EXPECTED)
+    return bytes.fromhex(digits)
 
 
 def open_signing(settings: SigningSettings, now_ns: Callable[[], int]) -> SignatureCheck:

@@ -59,7 +59,7 @@ class SigningState:
                 state._take_up(path.read_bytes(), path)
             state._write(path)
         except OSError as error:
-            state.close()
+            state._release()
             hint = "name a file that can be written with state_file"
             raise InputError("cannot keep signing time stamps", where=path, got=error.strerror, hint=hint) from error
         except InputError:

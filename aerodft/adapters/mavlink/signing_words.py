@@ -21,6 +21,14 @@ def signing_sentences(counts: SigningCounts) -> list[str]:
     return sentences
 
 
+def unchecked(signed: int, frames: int) -> str:
+    """That a link without a key is signed: how many of its frames are."""
+    return (
+        f"this link is signed ({signed} of {frames} frames): without --signing-key, or telemetry.signing of a --config,"
+        " nothing is checked, and the vehicle would ignore requests"
+    )
+
+
 def signing_document(counts: SigningCounts) -> dict[str, Any]:
     """The counters as plain JSON values."""
     return {"verified": counts.verified, "unsigned": counts.unsigned, "refused": dict(sorted(counts.refused.items()))}

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from aerodft.adapters.mavlink.blocks import headers, payload_rows
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat
-from aerodft.adapters.mavlink.dialect import frame_table, message_name
-from aerodft.adapters.mavlink.loops import gather, read_headers
+from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
 from aerodft.adapters.mavlink.selection import RANGEFINDER
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray, IntArray
@@ -15,15 +15,7 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 _SYSTEM_BITS, _COMPONENT_BITS = 24, 32
 _BYTE = 0xFF
 _ID_MASK = (1 << 24) - 1
-
-
-def _heads(block: RawBlock) -> IntArray:
-    """``(5, n)`` from ``kernels.read_headers``; no good frame has id -1."""
-    heads = np.empty((5, len(block.offset)), dtype=np.int64)
-    data = np.frombuffer(block.data, dtype=np.uint8)
-    frames = np.stack([block.offset, block.length])
-    read_headers(data, frames, frame_table(), heads, checked=block.checked)
-    return heads
+_RANGEFINDER = payload_dtype(RANGEFINDER)
 
 
 @dataclass(slots=True)
@@ -78,7 +70,7 @@ class StreamTable:
         if not len(block.offset):
             return
         if block.protocol is WireProtocol.MAVLINK:
-            heads = _heads(block)
+            heads = headers(block)
             keys = np.where(heads[0] < 0, -1, heads[0] | heads[1] << _SYSTEM_BITS | heads[2] << _COMPONENT_BITS)
         else:
             kinds = np.frombuffer(block.data, dtype=np.uint8)[block.offset + HEAD_SIZE - 1]
@@ -104,10 +96,9 @@ def rangefinder_readings_m(block: RawBlock) -> FloatArray:
     """Every finite RANGEFINDER distance in a block ``(n,)``, also where a better message makes it superfluous."""
     if block.protocol is not WireProtocol.MAVLINK:
         return np.empty(0)
-    heads = _heads(block)
+    heads = headers(block)
     index = np.flatnonzero(heads[0] == RANGEFINDER)
-    raw = np.zeros((len(index), 4), dtype=np.uint8)
-    gather(np.frombuffer(block.data, dtype=np.uint8), heads[3:, index], raw)
+    payload = payload_rows(block, heads[3:, index], _RANGEFINDER)
     with np.errstate(invalid="ignore"):  # damaged senders write signalling NaN too
-        distance_m = raw.view("<f4")[:, 0].astype(np.float64)
+        distance_m = payload["distance"].astype(np.float64)
     return distance_m[np.isfinite(distance_m)]

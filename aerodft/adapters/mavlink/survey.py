@@ -1,22 +1,29 @@
 """What a log or link is good for: its streams, the height and attitude sources in them, its clock and its faults."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.mavlink.camera_requests import wanted_of_cameras
+from aerodft.adapters.mavlink.clock_survey import ClockSurvey
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
+from aerodft.adapters.mavlink.layout import SIGNED, V2
+from aerodft.adapters.mavlink.parameters import ParameterTable
+from aerodft.adapters.mavlink.pose_survey import PoseSurvey
 from aerodft.adapters.mavlink.requests import wanted
 from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Stream, StreamTable, rangefinder_readings_m
-from aerodft.adapters.mavlink.survey_report import USED, ClockSummary, Gap, SurveyReport, ValueSource
+from aerodft.adapters.mavlink.survey_report import USED, Gap, SurveyReport, ValueSource
+from aerodft.adapters.mavlink.unknown_frames import unknown_ids
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.rotation import yaw_pitch_roll
 from aerodft.model.arrays import FloatArray
@@ -28,6 +35,7 @@ from aerodft.model.telemetry import (
     RawBlock,
     Track,
     VehicleTrack,
+    WireProtocol,
 )
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
@@ -53,33 +61,37 @@ class _Range:
         self.high = max(self.high, float(values.max()))
 
 
-@dataclass(slots=True)
-class _Clock:
-    """First UTC and the offsets of the host's clock, thinned."""
-
-    first_ns: int | None = None
-    offsets_ns: list[int] = field(default_factory=list)
-
-
 class Survey:
     """Takes in blocks of frames and reports on them.
 
     Args:
         target: The file or link, for the report.
         followed: The vehicle to follow; None for the first one heard.
+        settings: What a station's configuration asks of the telemetry; None for no configuration.
     """
 
-    def __init__(self, target: str, *, followed: Followed | None = None) -> None:
+    def __init__(
+        self, target: str, *, followed: Followed | None = None, settings: TelemetrySettings | None = None
+    ) -> None:
         self._target = target
+        self._settings = settings
+        self._followed = followed or Followed()
         self._decoder = CompositeDecoder(followed)
         self._table = StreamTable()
+        self._parameters = ParameterTable()
+        self._unknown: Counter[int] = Counter()
+        self._signed = 0
         self._heights: dict[str, _Range] = {}
         self._attitudes: dict[str, _Range] = {}
         self._vehicle = _Range("deg")
-        self._frames = PoseSource(TelemetrySettings(), origin=None, time_std_s=0.0)
+        height = (settings or TelemetrySettings()).height
+        self._frames = PoseSource(TelemetrySettings(height=height), origin=None, time_std_s=0.0)
+        judge = self._frames if settings is None else PoseSource(settings, origin=None, time_std_s=0.0)
+        self._sources = tuple(dict.fromkeys((self._frames, judge)))
+        self._poses = PoseSurvey(judge)
         self._pairs = HeightPairs()
         self._rangefinder = _Range("m")
-        self._clock = _Clock()
+        self._clock = ClockSurvey()
         self._health = HealthSurvey()
         self._first_ns: int | None = None
         self._last_ns: int | None = None
@@ -91,22 +103,30 @@ class Survey:
         first_ns, last_ns = int(block.arrival_ns[0]), int(block.arrival_ns[-1])
         self._first_ns = first_ns if self._first_ns is None else min(self._first_ns, first_ns)
         self._last_ns = last_ns if self._last_ns is None else max(self._last_ns, last_ns)
+        self._health.start_ns = self._first_ns
         for rows in _short(block):
-            tracks = self._decoder.decode(rows)
-            self._frames.append(tracks)
-            self._pairs.add(self._frames.height_differences())
-            for track in tracks:
-                self._add_track(track)
+            self._add_rows(rows)
         self._table.add(block, self._decoder.dataflash.formats)
+        self._parameters.add(block, self._decoder.dataflash.formats)
         self._rangefinder.add(rangefinder_readings_m(block))
+        self._unknown += unknown_ids(block)
+        self._signed += _signed(block)
+
+    def _add_rows(self, rows: RawBlock) -> None:
+        tracks = self._decoder.decode(rows)
+        for source in self._sources:
+            source.append(tracks)
+        self._poses.add(int(rows.arrival_ns[0]), int(rows.arrival_ns[-1]))
+        self._pairs.add(self._frames.height_differences())
+        for track in tracks:
+            self._add_track(track)
+        self._clock.note(self._frames.clock.health, int(rows.arrival_ns[-1]))
 
     def _add_track(self, track: Track) -> None:
         self._health.add(track)
         match track:
             case ClockTrack():
-                if self._clock.first_ns is None:
-                    self._clock.first_ns = int(track.arrival_ns[0])
-                self._clock.offsets_ns.append(int(np.median(track.arrival_ns - track.unix_ns)))
+                self._clock.add(track)
             case VehicleTrack():
                 self._vehicle.add(_pitch_deg(track.wxyz))
             case GimbalTrack():
@@ -128,6 +148,9 @@ class Survey:
         """
         streams = self._table.streams()
         vehicle = self._decoder.mavlink
+        zoom = (self._settings or TelemetrySettings()).zoom
+        asked = {"system": vehicle.system, "component": vehicle.component, "autopilot": self._health.autopilot}
+        parameters = self._parameters.of(vehicle.system, vehicle.component)
         systems = {s.system for s in streams if s.name in {"ATTITUDE", "GLOBAL_POSITION_INT"}}
         return SurveyReport(
             target=self._target,
@@ -138,12 +161,12 @@ class Survey:
             attitudes=_sources(self._attitudes),
             frames={str(source): evidence for source, evidence in self._frames.gimbal_frames().items()},
             vehicle_attitude=next(iter(_sources({"vehicle": self._vehicle})), None),
-            clock=self._clock_summary(),
+            clock=self._clock.summary(self._first_ns),
             clock_health=self._frames.clock.health,
             height_pairs=self._pairs,
-            gaps=tuple(gap for stream in streams if stream.name in USED for gap in self._gaps(stream)),
+            gaps=tuple(gap for stream in streams if _is_used(stream, vehicle.system) for gap in self._gaps(stream)),
             system=vehicle.system,
-            component=vehicle.component,
+            component=self._followed.component if vehicle.component is None else vehicle.component,
             systems=tuple(sorted(system for system in systems if system is not None)),
             rejected=dict(sorted(self._decoder.rejected.items())),
             rangefinder=next(iter(_sources({"RANGEFINDER": self._rangefinder})), None),
@@ -151,17 +174,17 @@ class Survey:
             warnings=warnings,
             signing=signing,
             health=self._health,
-            requests=wanted(
-                streams, system=vehicle.system, component=vehicle.component, autopilot=self._health.autopilot
+            settings=self._settings,
+            requests=(
+                *wanted(streams, **asked, parameters=parameters),
+                *wanted_of_cameras(streams, **asked, zoom=zoom),
             ),
-        )
-
-    def _clock_summary(self) -> ClockSummary:
-        if self._clock.first_ns is None or self._first_ns is None:
-            return ClockSummary(known_after_s=None, host_minus_utc_s=None)
-        return ClockSummary(
-            known_after_s=(self._clock.first_ns - self._first_ns) / SECOND_NS,
-            host_minus_utc_s=float(np.median(self._clock.offsets_ns)) / SECOND_NS,
+            poses=self._poses.poses(),
+            demands={str(source): is_demand for source, is_demand in self._frames.gimbal_demands().items()},
+            parameters=parameters,
+            unknown_ids=self._unknown,
+            signed_frames=self._signed,
+            gimbal=self._followed.gimbal,
         )
 
     def _gaps(self, stream: Stream) -> list[Gap]:
@@ -185,6 +208,18 @@ def _short(block: RawBlock) -> Iterator[RawBlock]:
     edges = np.flatnonzero(np.diff(block.arrival_ns // _PART_NS)) + 1
     for start, stop in pairwise([0, *edges.tolist(), len(block.arrival_ns)]):
         yield block.rows(start, stop)
+
+
+def _signed(block: RawBlock) -> int:
+    """How many frames carry a signature."""
+    if block.protocol is not WireProtocol.MAVLINK:
+        return 0
+    data = np.frombuffer(block.data, dtype=np.uint8)
+    return int(np.count_nonzero((data[block.offset] == V2) & (data[block.offset + 2] & SIGNED != 0)))
+
+
+def _is_used(stream: Stream, system: int | None) -> bool:
+    return stream.name in USED and stream.system == system
 
 
 def _pitch_deg(wxyz: FloatArray) -> FloatArray:

@@ -1,11 +1,14 @@
 """What a survey of a log or link reports."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
 from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
+from aerodft.adapters.mavlink.parameters import Parameters
+from aerodft.adapters.mavlink.pose_survey import Poses
 from aerodft.adapters.mavlink.requests import MessageRequest
 from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Stream
@@ -36,6 +39,7 @@ USED: Final = frozenset(
         "TERR",
     }
 )
+_NO_UTC_YET: Final = frozenset({"SYSTEM_TIME: no UTC yet", "GPS: no UTC yet"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,10 +83,14 @@ class ClockSummary:
     Attributes:
         known_after_s: First UTC, since the log's first frame; None where the sender never knew it.
         host_minus_utc_s: Median of arrival minus the sender's UTC; None likewise.
+        reboots_at_s: When the sender's time since boot was found to begin anew, since the log's first frame.
+        jumps_at_s: When its UTC was found to have jumped, likewise.
     """
 
     known_after_s: float | None
     host_minus_utc_s: float | None
+    reboots_at_s: tuple[float, ...] = ()
+    jumps_at_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,6 +122,13 @@ class SurveyReport:
         requests: What it should send more often.
         camera: What the vehicle's reports are held against; None for nothing.
         settings: What the configuration asks of the telemetry, likewise.
+        poses: What an import would make of it.
+        demands: Whether each source of the camera's attitude may be a demand, by its name.
+        parameters: What the autopilot said of its parameters.
+        unknown_ids: How often messages came that the dialect does not know, by id, as far as that was seen.
+        signed_frames: Frames that carry a signature.
+        gimbal: The gimbal that was asked for; None for the first one heard.
+        is_silent_since: Whether the vehicle was not heard any more after it was asked for messages.
     """
 
     target: str
@@ -140,11 +155,38 @@ class SurveyReport:
     requests: tuple[MessageRequest, ...] = ()
     camera: Camera | None = None
     settings: TelemetrySettings | None = None
+    poses: Poses = field(default_factory=Poses)
+    demands: dict[str, bool] = field(default_factory=dict)
+    parameters: Parameters = field(default_factory=Parameters)
+    unknown_ids: Counter[int] = field(default_factory=Counter)
+    signed_frames: int = 0
+    gimbal: int | None = None
+    is_silent_since: bool = False
 
     @property
     def usable(self) -> bool:
-        """Whether a height and an attitude (a gimbal's, or the vehicle's for a fixed mount) could be had."""
-        return bool(self.heights) and bool(self.attitudes or self.vehicle_attitude)
+        """Whether any image could be measured: as the configuration has it, or the defaults."""
+        return self.poses.ok_s > 0
+
+    @property
+    def heard(self) -> tuple[int, ...]:
+        """All systems that sent anything."""
+        return tuple(sorted({each.system for each in self.streams if each.system is not None}))
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether the followed autopilot sent anything; also where there was none to follow."""
+        asked = (self.system, self.component)
+        return any(
+            all(want is None or want == got for want, got in zip(asked, (each.system, each.component), strict=True))
+            for each in self.streams
+        )
+
+    @property
+    def ready_s(self) -> float:
+        """When a vehicle that starts up in this log knew UTC, since the first frame; 0 where it does not start up."""
+        after_s = self.clock.known_after_s
+        return after_s if after_s is not None and after_s >= 1 and _NO_UTC_YET & self.rejected.keys() else 0.0
 
     @property
     def duration_s(self) -> float:

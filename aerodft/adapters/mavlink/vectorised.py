@@ -118,7 +118,7 @@ class Region:
         message_id = _message_id(head)
         entry = np.where(message_id < TABLE_IDS, table.take(message_id, mode="clip"), -1)
         fits_v1 = ((entry >> 8 & 0xFF) <= length) & (length <= entry >> 16) & (head[0] == V1)
-        fits = (entry >= 0) & (length >= 1) & np.where(is_v2, flags & ~SIGNED == 0, fits_v1)
+        fits = (entry >= 0) & np.where(is_v2, flags & ~SIGNED == 0, fits_v1)
         signature = SIGNATURE * (is_v2 & (flags & SIGNED != 0))
         size = np.where(is_v2, V2_HEAD + 2, V1_HEAD + 2) + length + signature
         return np.where(fits & (at + size <= self.size), size, 0).astype(np.int64), entry & 0xFF

@@ -15,9 +15,8 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
     """As ``selection.select``."""
     rows[:] = -1
     state[pick.DAMAGED] += np.count_nonzero(heads[0] < 0)
-    known = heads[0]
-    index = np.flatnonzero((known >= 0) & (slots[np.where((known >= 0) & (known < len(slots)), known, -1)] >= 0))
-    index = index[known[index] < len(slots)]
+    index = np.flatnonzero((heads[0] >= 0) & (heads[0] < len(slots)))
+    index = index[slots[heads[0, index]] >= 0]
     kinds = _kinds(data, heads[:, index])
     done = 0
     while done < len(index):

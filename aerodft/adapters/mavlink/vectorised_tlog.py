@@ -16,6 +16,7 @@ from aerodft.adapters.mavlink.layout import (
     LAST_US,
     MAX_FRAME,
     MAX_STAMP_US,
+    MOST_SHARED,
     N_OK,
     N_SKIPPED,
     STAMP_SIZE,
@@ -32,7 +33,7 @@ def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray,
     """As ``kernels.scan_tlog``; goes less far at once."""
     stop = min(limit, len(data), start + _RECORD * rows.shape[1])
     resumes = start == state[AT_SYNC]
-    first = max(start - 1 if resumes else start + STAMP_SIZE, STAMP_SIZE)
+    first = max(start + STAMP_SIZE - (MOST_SHARED if resumes else 0), STAMP_SIZE)
     low = first - STAMP_SIZE
     region = Region(data[low : stop + STAMP_SIZE + MAX_FRAME])
     frames = region.frames(table)
@@ -60,7 +61,7 @@ def _apart(frames: IntArray, last_end: int) -> IntArray:
     places = {place: k for k, place in enumerate(starts)}
     k = 0
     while k < len(starts):
-        if starts[k] < last_end - 1:
+        if starts[k] < last_end + STAMP_SIZE - MOST_SHARED:
             k += 1
             continue
         due = last_end + STAMP_SIZE

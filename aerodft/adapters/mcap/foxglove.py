@@ -3,11 +3,13 @@
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from aerodft.model.camera import Camera, LensModel
 from aerodft.model.image import Image
+from aerodft.model.packet import VideoPacket
 from aerodft.model.pose import PoseSample
 
 _BROWN_COEFFICIENTS = 5
@@ -16,6 +18,13 @@ _BROWN_COEFFICIENTS = 5
 def compressed_image(image: Image, jpeg: bytes, frame: str) -> bytes:
     """A JPEG at the image's stamp as ``foxglove.CompressedImage``."""
     message = CompressedImage(timestamp=_timestamp(image.stamp_ns), frame_id=frame, data=jpeg, format="jpeg")
+    return bytes(message.SerializeToString())
+
+
+def compressed_video(packet: VideoPacket, frame: str) -> bytes:
+    """An image of an H.264 stream at its stamp as ``foxglove.CompressedVideo``."""
+    stamp = _timestamp(packet.stamp_ns)
+    message = CompressedVideo(timestamp=stamp, frame_id=frame, data=packet.data, format="h264")
     return bytes(message.SerializeToString())
 
 

@@ -10,10 +10,10 @@ from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
 from aerodft.conventions import SECOND_NS
+from aerodft.dft.answers import ImageAnswers
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
-from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, WireProtocol
@@ -37,14 +37,14 @@ def image_sequence(index: int) -> int:
 
 
 class Records:
-    """Makes records; remembers the channels of senders and probes. Used by one thread."""
+    """Makes records; remembers the channels of senders and observed probes. Used by one thread."""
 
     def __init__(self, keys: Keys, frame: str) -> None:
         self._keys = keys
         self._frame = frame
         self._senders: dict[tuple[WireProtocol, str], Channel] = {}
-        self._probes: dict[str, Channel] = {}
         self._observed: dict[str, Channel] = {}
+        self._measured = json_channel(keys.measurements, measurement.IMAGE_SCHEMA)
         self._image = json_channel(keys.image, events.IMAGE_SCHEMA)
         self._pose = json_channel(keys.pose, pose.SCHEMA)
         self._calibration = json_channel(keys.calibration, estimate.SCHEMA)
@@ -58,7 +58,7 @@ class Records:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """The channels that every data file has from the start."""
-        return self._image, self._pose, self._status, self._location
+        return self._image, self._pose, self._measured, self._status, self._location
 
     def of_inputs(self, batch: Batch) -> list[Record]:
         """All inputs of a tick, in order of arrival."""
@@ -75,13 +75,9 @@ class Records:
         records.sort(key=lambda record: record.log_ns)
         return records
 
-    def of_measurement(self, value: Measurement, now_ns: int) -> Record:
-        """A measurement, at the tick that made it."""
-        channel = self._probes.get(value.name)
-        if channel is None:
-            channel = json_channel(self._keys.measurement(value.name), measurement.SCHEMA)
-            self._probes[value.name] = channel
-        return Record(now_ns, channel, self._measurements.encode(value))
+    def of_answers(self, value: ImageAnswers, now_ns: int) -> Record:
+        """All that was measured in an image, at the tick that made it."""
+        return Record(now_ns, self._measured, self._measurements.image(value))
 
     def of_pose(self, sample: PoseSample, now_ns: int) -> list[Record]:
         """A pose, and a few times a second a position for maps."""

@@ -1,10 +1,11 @@
-"""Where the chunks of an MCAP segment are, found by hopping from record to record.
+"""Where the chunks of an MCAP segment are: by its index, or where that is missing by hopping from record to record.
 
 Works on files without an index too: a recorder that was killed leaves whole chunks and a torn end.
 """
 
+import logging
 import struct
-from dataclasses import dataclass
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -12,54 +13,24 @@ from typing import BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import MessageIndex, Metadata
+from mcap.records import Channel, MessageIndex, Metadata, Schema
 
 from aerodft.adapters.mcap.channels import STATION_KEY
-from aerodft.adapters.mcap.segment import METADATA_NAME
+from aerodft.adapters.mcap.layout import MAGIC
+from aerodft.adapters.mcap.layout import RECORD_HEAD as HEAD
+from aerodft.adapters.mcap.places import Channels, ChunkPlace, SegmentScan
+from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
+from aerodft.adapters.mcap.summary import indexed_segment
 from aerodft.errors import InputError
 
-MAGIC = b"\x89MCAP0\r\n"
-_HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
-_MAX_SMALL_RECORD = 64 << 20
+_CHANNEL_ID = struct.Struct("<H")
+_MESSAGE_HEAD = struct.Struct("<HIQ")
+_MAX_SMALL_RECORD = 4 << 20
+_BARE_BYTES = 1 << 20  # messages without a chunk are read so many at a time
+_DAMAGED = (McapError, struct.error, UnicodeDecodeError, OverflowError)
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChunkPlace:
-    """A whole chunk in a file.
-
-    Attributes:
-        path: The file.
-        offset: Where the chunk's content begins.
-        length: Bytes of it.
-        start_ns: Earliest log time in it.
-        end_ns: Latest.
-        log_ns: Log times by channel id, from the message indexes behind the chunk; None where they are missing.
-    """
-
-    path: Path
-    offset: int
-    length: int
-    start_ns: int
-    end_ns: int
-    log_ns: dict[int, tuple[int, ...]] | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SegmentScan:
-    """What a segment holds.
-
-    Attributes:
-        path: The file.
-        chunks: Its whole chunks, in order.
-        station: From its metadata; None where it has none.
-        is_whole: Whether it ends as it should.
-    """
-
-    path: Path
-    chunks: tuple[ChunkPlace, ...]
-    station: str | None
-    is_whole: bool
+_log = logging.getLogger(__name__)
 
 
 def scan_segment(path: Path) -> SegmentScan:
@@ -75,26 +46,63 @@ def scan_segment(path: Path) -> SegmentScan:
                 return SegmentScan(path=path, chunks=(), station=None, is_whole=False)
             if magic != MAGIC:
                 raise InputError("the file is no MCAP recording", where=path, got=repr(magic), expected=repr(MAGIC))
-            return _Scan(path, file).run()
+            size = path.stat().st_size
+            found = indexed_segment(path, file, size)
+            if found is not None:
+                return found
+            file.seek(len(MAGIC))
+            return _Scan(path, file, size).run()
     except OSError as error:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
 
 
+def log_times(place: ChunkPlace) -> dict[int, tuple[int, ...]] | None:
+    """Log times by channel id, from the message indexes behind a chunk; None where they are missing.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
+    times: dict[int, tuple[int, ...]] = {}
+    try:
+        with place.path.open("rb") as file:
+            file.seek(place.offset + place.length)
+            for content in _message_indexes(file):
+                index = MessageIndex.read(ReadDataStream(BytesIO(content)))
+                times[index.channel_id] = tuple(at for at, _ in index.records)
+    except OSError as error:
+        raise InputError("the recording cannot be read", where=place.path, got=error.strerror) from error
+    except _DAMAGED:
+        return None
+    return times or None
+
+
+def _message_indexes(file: BinaryIO) -> Iterator[bytes]:
+    """The contents of the message indexes that begin where the file stands."""
+    while len(head := file.read(HEAD.size)) == HEAD.size:
+        opcode, length = HEAD.unpack(head)
+        if opcode != Opcode.MESSAGE_INDEX or length > _MAX_SMALL_RECORD:
+            return
+        yield file.read(length)
+
+
 class _Scan:
-    def __init__(self, path: Path, file: BinaryIO) -> None:
+    def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
         self._path = path
         self._file = file
-        self._size = path.stat().st_size
+        self._size = size
         self._places: list[ChunkPlace] = []
-        self._indexes: list[dict[int, tuple[int, ...]]] = []
+        self._ids: list[set[int]] = []
+        self._known: dict[frozenset[int], frozenset[int]] = {}
+        self._channels = Channels()
         self._station: str | None = None
+        self._texts: dict[str, str] = {}
 
     def run(self) -> SegmentScan:
         is_whole = False
         position = self._file.tell()
-        while len(head := self._file.read(_HEAD.size)) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
-            position += _HEAD.size
+        while len(head := self._file.read(HEAD.size)) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            position += HEAD.size
             if position + length > self._size:
                 break
             if not self._take(opcode, position, length):
@@ -104,46 +112,95 @@ class _Scan:
                 is_whole = self._size - position == len(MAGIC)
                 break
             self._file.seek(position)
-        chunks = tuple(
-            ChunkPlace(
-                path=place.path,
-                offset=place.offset,
-                length=place.length,
-                start_ns=place.start_ns,
-                end_ns=place.end_ns,
-                log_ns=index or None,
-            )
-            for place, index in zip(self._places, self._indexes, strict=True)
+        places = list(map(self._with_channels, self._places, self._ids))
+        if not all(place.is_bare for place in places) and any(place.is_bare for place in places):
+            # No recorder mixes the two: what looks like a message between chunks is a damaged record.
+            _log.warning("%s: messages outside its chunks are left out", self._path)
+            places = [place for place in places if not place.is_bare]
+        return SegmentScan(
+            path=self._path,
+            chunks=tuple(places),
+            station=self._station,
+            is_whole=is_whole,
+            channels=self._channels,
+            texts=self._texts,
         )
-        return SegmentScan(path=self._path, chunks=chunks, station=self._station, is_whole=is_whole)
+
+    def _with_channels(self, place: ChunkPlace, ids: set[int]) -> ChunkPlace:
+        frozen = frozenset(ids)
+        return ChunkPlace(
+            path=place.path,
+            offset=place.offset,
+            length=place.length,
+            start_ns=place.start_ns,
+            end_ns=place.end_ns,
+            channels=self._known.setdefault(frozen, frozen) or None,
+            is_bare=place.is_bare,
+        )
 
     def _take(self, opcode: int, position: int, length: int) -> bool:
         """Look at one record; False where it is damaged."""
         if opcode == Opcode.CHUNK:
-            if length < _CHUNK_TIMES.size:
-                return False
-            start_ns, end_ns = _CHUNK_TIMES.unpack(self._file.read(_CHUNK_TIMES.size))
-            place = ChunkPlace(
-                path=self._path, offset=position, length=length, start_ns=start_ns, end_ns=end_ns, log_ns=None
-            )
-            self._places.append(place)
-            self._indexes.append({})
-            return True
-        if opcode not in {Opcode.MESSAGE_INDEX, Opcode.METADATA}:
-            return True
-        if length > _MAX_SMALL_RECORD:
-            return False
-        try:
-            self._take_small(opcode, ReadDataStream(BytesIO(self._file.read(length))))
-        except (McapError, struct.error, UnicodeDecodeError, OverflowError):
-            return False
+            return self._take_chunk(position, length)
+        if opcode == Opcode.MESSAGE:
+            return self._take_message(position, length)
+        if opcode == Opcode.MESSAGE_INDEX:
+            return self._take_index(length)
+        if opcode in {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA}:
+            return length <= _MAX_SMALL_RECORD and self._take_small(opcode, self._file.read(length))
         return True
 
-    def _take_small(self, opcode: int, content: ReadDataStream) -> None:
-        if opcode == Opcode.METADATA:
-            metadata = Metadata.read(content)
-            if metadata.name == METADATA_NAME:
-                self._station = metadata.metadata.get(STATION_KEY)
-        elif self._indexes:
-            index = MessageIndex.read(content)
-            self._indexes[-1][index.channel_id] = tuple(at for at, _ in index.records)
+    def _take_chunk(self, position: int, length: int) -> bool:
+        if length < _CHUNK_TIMES.size:
+            return False
+        start_ns, end_ns = _CHUNK_TIMES.unpack(self._file.read(_CHUNK_TIMES.size))
+        self._add(position, length, start_ns, end_ns, is_bare=False)
+        return True
+
+    def _take_index(self, length: int) -> bool:
+        if length < _CHANNEL_ID.size:
+            return False
+        if self._ids:
+            self._ids[-1].add(*_CHANNEL_ID.unpack(self._file.read(_CHANNEL_ID.size)))
+        return True
+
+    def _take_message(self, position: int, length: int) -> bool:
+        """Add a message that stands in no chunk to the ones right before it."""
+        if length < _MESSAGE_HEAD.size:
+            return False
+        channel_id, _, log_ns = _MESSAGE_HEAD.unpack(self._file.read(_MESSAGE_HEAD.size))
+        start = position - HEAD.size
+        last = self._places[-1] if self._places else None
+        if last is not None and last.is_bare and last.offset + last.length == start and last.length < _BARE_BYTES:
+            self._places.pop()
+            start_ns, end_ns = min(last.start_ns, log_ns), max(last.end_ns, log_ns)
+            ids = self._ids.pop()
+            self._add(last.offset, position + length - last.offset, start_ns, end_ns, is_bare=True)
+            self._ids[-1] |= ids
+        else:
+            self._add(start, position + length - start, log_ns, log_ns, is_bare=True)
+        self._ids[-1].add(channel_id)
+        return True
+
+    def _add(self, offset: int, length: int, start_ns: int, end_ns: int, *, is_bare: bool) -> None:
+        self._places.append(
+            ChunkPlace(path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare)
+        )
+        self._ids.append(set())
+
+    def _take_small(self, opcode: int, data: bytes) -> bool:
+        content = ReadDataStream(BytesIO(data))
+        try:
+            if opcode == Opcode.SCHEMA:
+                self._channels.add_schema(Schema.read(content))
+            elif opcode == Opcode.CHANNEL:
+                self._channels.add(Channel.read(content))
+            else:
+                metadata = Metadata.read(content)
+                if metadata.name == METADATA_NAME:
+                    self._station = metadata.metadata.get(STATION_KEY)
+                elif metadata.name == CONFIG_NAME:
+                    self._texts = dict(metadata.metadata)
+        except _DAMAGED:
+            return False
+        return True

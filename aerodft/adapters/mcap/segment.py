@@ -1,46 +1,20 @@
-"""Segments: numbered MCAP files of one series, each readable up to its last flush whatever happens."""
+"""Segments: numbered MCAP files of one series, each readable up to its last chunk whatever happens."""
 
-import os
+import logging
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
-from mcap.writer import CompressionType, Writer
-
 from aerodft.adapters.codec.wire import SOFTWARE
-from aerodft.adapters.mcap.channels import STATION_KEY, Channel
+from aerodft.adapters.mcap.ending import Summary
+from aerodft.adapters.mcap.file import SegmentFile
+from aerodft.adapters.mcap.layout import BuiltChunk, Registry
 
 METADATA_NAME = "aerodft"
-_CHUNK_BYTES = 1 << 20
+CONFIG_NAME = "config"
+PROFILE = "x-aerodft"
 
-
-class _File:
-    """The file under the MCAP writer: unbuffered, so that a failed write is known at once and can be cut off."""
-
-    def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
-        self._size = 0
-
-    def write(self, data: bytes) -> int:
-        rest = memoryview(data)
-        while rest:
-            written = os.write(self._descriptor, rest)
-            self._size += written
-            rest = rest[written:]
-        return len(data)
-
-    def tell(self) -> int:
-        return self._size
-
-    def flush(self) -> None:
-        """Nothing is held back."""
-
-    def sync(self) -> None:
-        os.fdatasync(self._descriptor)
-
-    def close(self) -> None:
-        os.close(self._descriptor)
-
-    def cut(self, size: int) -> None:
-        os.ftruncate(self._descriptor, size)
+_log = logging.getLogger(__name__)
 
 
 class Segment:
@@ -48,96 +22,152 @@ class Segment:
 
     Attributes:
         path: The file.
-        number: Its place in its series, from 0.
-        messages: Messages that are readable whatever happens now.
+        deleted: Messages that went with the file, where ``abandon`` found it deleted.
+
+    Args:
+        path: A file that does not exist yet.
+        registry: Channels, which it shares with the other segments of its series.
+        metadata: Keys and values, by name, that every segment carries.
+        spare_bytes: Room that is allocated ahead, beyond what the end of the file needs.
+        segment_bytes: Size that it should not exceed.
 
     Raises:
-        OSError: From any method; the segment must then be given up with ``abandon``.
+        OSError: From any method but ``abandon``, which must then be called.
     """
 
-    def __init__(self, path: Path, station: str, *, number: int, compress: bool) -> None:
+    def __init__(
+        self,
+        path: Path,
+        registry: Registry,
+        metadata: Mapping[str, dict[str, str]],
+        *,
+        spare_bytes: int,
+        segment_bytes: int,
+    ) -> None:
         self.path = path
-        self.number = number
-        self.messages = 0
-        self._unflushed = 0
-        self._file = _File(path)
-        self._whole = 0
-        self._schemas: dict[tuple[str, bytes], int] = {}
-        self._channels: dict[Channel, int] = {}
-        # The writer asks for write, tell and flush only.
-        self._writer = Writer(
-            self._file,  # type: ignore[arg-type]
-            chunk_size=_CHUNK_BYTES,
-            compression=CompressionType.ZSTD if compress else CompressionType.NONE,
-        )
-        self._writer.start(profile="x-aerodft", library=SOFTWARE)
-        self._writer.add_metadata(METADATA_NAME, {STATION_KEY: station, "software": SOFTWARE})
+        self.deleted = 0
+        self._registry = registry
+        self._spare_bytes = spare_bytes
+        self._summary = Summary(PROFILE, SOFTWARE, metadata.items(), registry.schemas, registry.channels)
+        self._file = SegmentFile(path)
+        self._segment_bytes = segment_bytes
+        self._unsynced: list[BuiltChunk] = []
+        self._chunks = 0
+        self._whole = self._synced = 0
+        try:
+            self._file.write(self._summary.beginning)
+            self._whole = self._synced = self._file.size
+        except OSError:
+            self.remove()
+            raise
 
     @property
-    def size_bytes(self) -> int:
-        """Bytes in the file so far."""
-        return self._file.tell()
+    def messages(self) -> int:
+        """Messages in the file; none once somebody has deleted it."""
+        return self._summary.messages - self.deleted
 
     @property
-    def unflushed(self) -> int:
-        """Messages that a crash would cost now."""
-        return self._unflushed
+    def has_content(self) -> bool:
+        """Whether it holds more than what every segment begins with."""
+        return self._chunks > 1
 
-    def write(self, channel: Channel, log_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Add a message to the chunk in progress."""
-        identity = self._channels.get(channel) or self._register(channel)
-        self._unflushed += 1
-        self._writer.add_message(identity, log_ns, data, log_ns, sequence)
+    @property
+    def unsynced(self) -> tuple[BuiltChunk, ...]:
+        """What is in the file, but perhaps not on the disk yet."""
+        return tuple(self._unsynced)
 
-    def register(self, channel: Channel) -> None:
-        """Make a channel known before its first message."""
-        if channel not in self._channels:
-            self._register(channel)
+    @property
+    def unsynced_bytes(self) -> int:
+        """How much that is."""
+        return self._whole - self._synced
 
-    def flush(self) -> None:
-        """Close the chunk in progress: what was written so far is readable."""
-        self._writer.flush()  # type: ignore[no-untyped-call]  # the writer is annotated in part
-        self.messages += self._unflushed
-        self._unflushed = 0
-        self._whole = self._file.tell()
+    @property
+    def room_bytes(self) -> int:
+        """By how much the file should grow, its end included; less than nothing where it is too large."""
+        return min(self._segment_bytes - self._needed(0), self.most_room_bytes)
+
+    @property
+    def most_room_bytes(self) -> int:
+        """By how much it may grow at the very most."""
+        return min(2 * self._segment_bytes, self._file.most_bytes) - self._needed(0)
+
+    def reserve(self, bytes_more: int) -> None:
+        """Make sure that there is room for so much, and for the end of the file behind it."""
+        self._file.reserve(self._needed(bytes_more), self._spare_bytes)
+
+    def append(self, chunk: BuiltChunk) -> None:
+        """Add a chunk; it is readable as soon as this returns."""
+        offset = self._whole
+        for part in (chunk.head, chunk.content, chunk.indexes):
+            self._file.write(part)
+        self._summary.add(offset, chunk)
+        self._whole = self._file.size
+        self._unsynced.append(chunk)
+        self._chunks += 1
 
     def sync(self) -> None:
-        """Wait until the disk has it."""
+        """Wait until the disk has it; may run beside ``append``, in a thread of its own."""
         self._file.sync()
 
-    def finish(self) -> None:
-        """Write index and footer, and close the file."""
-        self.flush()
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        self._file.sync()
+    def synced(self, chunks: int, size: int) -> None:
+        """Take note that the disk has the first ``chunks`` of ``unsynced``, which end at ``size``."""
+        del self._unsynced[:chunks]
+        self._synced = size
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """What a sync that begins now will have synced, as ``synced`` takes it."""
+        return len(self._unsynced), self._whole
+
+    def end(self) -> None:
+        """Write index and footer."""
+        self._file.write(self._summary.ending(self._whole))
+
+    def close(self) -> None:
+        """Wait until the disk has it all, and close the file."""
+        self._file.cut(self._file.size)  # gives back what was allocated beyond
+        self._file.sync_all()
         self._file.close()
 
-    def abandon(self) -> int:
-        """Cut the file after its last whole chunk and close it; returns the number of messages that this costs."""
+    def abandon(self, *, unsynced: bool) -> tuple[BuiltChunk, ...]:
+        """Cut off what is torn, end the file as well as it goes, and close it.
+
+        Args:
+            unsynced: Also cut off what the disk may not have.
+
+        Returns:
+            The chunks that were cut off.
+        """
+        cut: tuple[BuiltChunk, ...] = ()
+        end = self._synced if unsynced else self._whole
         try:
-            self._file.cut(self._whole)
-        finally:
+            if self._file.size != end:  # else what is allocated beyond is there for the end
+                self._file.cut(end)
+        except OSError as error:
+            _log.error("%s: what is torn cannot be cut off (%s)", self.path, error.strerror)
             self._file.close()
-        lost, self._unflushed = self._unflushed, 0
-        return lost
+            return ()
+        if unsynced:
+            cut = tuple(self._unsynced)
+            self._summary.forget(end)
+        if self._file.is_gone:
+            self.deleted = self._summary.messages
+        try:
+            self._file.write(self._summary.ending(end))
+            self._file.sync_all()
+            end = self._file.size
+        except OSError:
+            _log.warning("%s: has no index; `aerodft recover` adds it", self.path)
+        with suppress(OSError):
+            self._file.cut(end)
+        self._file.close()
+        return cut
 
-    def _register(self, channel: Channel) -> int:
-        schema = 0
-        if channel.schema_name:
-            key = (channel.schema_name, channel.schema)
-            schema = self._schemas.get(key) or self._writer.register_schema(
-                channel.schema_name, channel.schema_encoding, channel.schema
-            )
-            self._schemas[key] = schema
-        identity = self._writer.register_channel(channel.topic, channel.encoding, schema, dict(channel.metadata))
-        self._channels[channel] = identity
-        return identity
+    def remove(self) -> None:
+        """Close and delete a file that holds nothing yet."""
+        self._file.close()
+        with suppress(OSError):
+            self.path.unlink()
 
-
-def sync_folder(folder: Path) -> None:
-    """Make new names in a folder survive a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    def _needed(self, bytes_more: int) -> int:
+        return self._whole + bytes_more + self._summary.most_bytes(len(self._registry.definitions))

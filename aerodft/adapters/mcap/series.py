@@ -1,16 +1,33 @@
-"""A series of segments: rolls over at a size, flushes and syncs by time, and outlives a full disk."""
+"""A series of segments: rolls over by size and time, flushes and syncs by time, and outlives a disk that fails.
+
+What the disk may not have yet is kept as the chunks that were written. After a failure the torn end of the segment is
+cut off, and they are written again into a new one: a single failure costs nothing, a full disk what comes until there
+is room again, and that is counted.
+"""
 
 import logging
 import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 
 from aerodft.adapters.mcap.channels import Channel
-from aerodft.adapters.mcap.segment import Segment, sync_folder
+from aerodft.adapters.mcap.file import free_bytes, sync_folder
+from aerodft.adapters.mcap.layout import BuiltChunk, ChunkBuffer, Registry
+from aerodft.adapters.mcap.records import Record
+from aerodft.adapters.mcap.segment import Segment
+from aerodft.adapters.mcap.settings import SeriesSettings
+from aerodft.conventions import SECOND_NS
 
-FLUSH_S = 0.5
+FLUSH_S = 0.25  # chunks are closed at least every 0.5 s, also where whoever calls `tend` comes late
 SYNC_S = 1.0
-RETRY_S = 5.0
+RETRY_S = 1.0
+_CHUNK_BYTES = 1 << 20
+_LEAST_CHUNK_BYTES = 4096  # with less room than that a segment is full
+_MESSAGE_BYTES = 64  # what a message takes beside its data, in chunk and index, generously
+_CLOSINGS = 3  # of the last segment: what a failure cuts off goes into another one
+_UNSYNCED_BYTES = 32 << 20  # beyond it, writing waits for the disk
+_RESUME_BYTES = 512 << 10  # less room is not worth a segment
 
 _log = logging.getLogger(__name__)
 
@@ -18,43 +35,35 @@ _log = logging.getLogger(__name__)
 class Series:
     """Writes ``{stem}_000.mcap``, ``{stem}_001.mcap``, ... from one thread at a time.
 
-    A disk that fails or is full costs messages, never the caller: the torn end is cut off, the loss is counted, and a
-    new segment is tried every ``RETRY_S``.
-
     Args:
-        folder: Where.
-        stem: First part of the file names.
-        station: For the files' metadata.
-        compress: Whether chunks are compressed.
-        segment_bytes: Size at which a new segment begins.
-        first_messages: Written at the start of every segment, so that it is valid from the beginning.
+        settings: How.
+        first_records: What every segment begins with, by its number, so that it is valid from the beginning.
 
     Raises:
         OSError: The first segment cannot be written.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        stem: str,
-        station: str,
-        *,
-        compress: bool,
-        segment_bytes: int,
-        first_messages: Callable[[Segment], None],
-    ) -> None:
-        self._folder = folder
-        self._stem = stem
-        self._station = station
-        self._compress = compress
-        self._segment_bytes = segment_bytes
-        self._first_messages = first_messages
-        self._segments = 0
-        self._done = 0
-        self._lost = 0
+    def __init__(self, settings: SeriesSettings, first_records: Callable[[int], Iterable[Record]]) -> None:
+        self._settings = settings
+        self._first_records = first_records
+        self._registry = Registry()
+        for channel in settings.channels:
+            self._registry.register(channel)
+        self._buffer = ChunkBuffer()
+        self._repeated = b""
+        self._segments = self._done = self._own = self._lost = self._offered = 0
         self._retry_s = 0.0
+        self._room_bytes = _CHUNK_BYTES
+        self._until_ns = 0
         self._flushed_s = self._synced_s = time.monotonic()
+        self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"sync-{settings.stem}")
+        self._syncing: tuple[Future[None], int, int] | None = None
         self._segment: Segment | None = self._open()
+
+    @property
+    def offered(self) -> int:
+        """Messages that were to be written, those that segments begin with included."""
+        return self._offered + self._own
 
     @property
     def stored(self) -> int:
@@ -62,82 +71,218 @@ class Series:
         return self._done + (self._segment.messages if self._segment else 0)
 
     @property
+    def own(self) -> int:
+        """How many of them segments begin with."""
+        return self._own
+
+    @property
     def lost(self) -> int:
         """Messages that a failing disk cost."""
         return self._lost
 
-    def write(self, channel: Channel, log_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Add a message, or count it as lost."""
-        segment = self._segment or self._reopened()
-        if segment is None:
+    def write(self, channel: Channel, log_ns: int, data: bytes, sequence: int = 0, *, may_begin: bool = True) -> None:
+        """Add a message, or count it as lost.
+
+        Args:
+            channel: Its channel.
+            log_ns: Its log time.
+            data: Its payload.
+            sequence: Its sequence number.
+            may_begin: Whether a segment may begin with it; not with what can be read only after others.
+        """
+        self._offered += 1
+        if self._segment is None and self._reopened() is None:
             self._lost += 1
             return
-        try:
-            segment.write(channel, log_ns, data, sequence)
-        except OSError as error:
-            self._give_up(segment, error)
+        identity = self._registry.find(channel)
+        if identity is None:
+            identity = self._define(channel)
+        self._room_bytes -= len(data) + _MESSAGE_BYTES
+        if self._room_bytes < 0 or log_ns >= self._until_ns:
+            self._make_room(log_ns, len(data), may_begin=may_begin)
+        self._buffer.add(identity, log_ns, data, sequence)
 
     def tend(self) -> None:
-        """Flush, sync and roll over where it is time; to be called at least every ``FLUSH_S``."""
-        segment, now_s = self._segment, time.monotonic()
-        if segment is None or now_s < self._flushed_s + FLUSH_S:
-            return
-        try:
-            if segment.unflushed:
-                segment.flush()
-                self._flushed_s = now_s
-            if now_s >= self._synced_s + SYNC_S:
-                segment.sync()
-                self._synced_s = now_s
-            if segment.size_bytes >= self._segment_bytes:
-                segment.finish()
-                self._done += segment.messages
-                self._segment = None
-                self._segment = self._open()
-        except OSError as error:
-            self._give_up(segment, error)
+        """Flush, sync and roll over where it is time; to be called at least every 0.1 s."""
+        now_s = time.monotonic()
+        self._check_sync(wait=False)
+        if self._buffer.messages and now_s >= self._flushed_s + FLUSH_S:
+            self._flush()
+        segment = self._segment
+        if segment is not None and segment.unsynced and now_s >= self._synced_s + SYNC_S:
+            self._sync(segment)
 
     def close(self) -> None:
         """Finish the last segment."""
+        self._flush()
+        for _ in range(_CLOSINGS):
+            if self._segment is not None:
+                self._finish(self._segment)
+        self._syncer.shutdown()
+
+    def _define(self, channel: Channel) -> int:
+        definition = self._registry.register(channel)
+        self._buffer.define(definition)
+        self._room_bytes -= 2 * len(definition)  # it also stands in the summary
+        self._repeated += definition  # in the next chunk as well: one that is damaged must not cost all that follow
+        return len(self._registry.channels)
+
+    def _make_room(self, log_ns: int, size: int, *, may_begin: bool) -> None:
+        """Close the chunk in progress, and the segment where the message would be too much for it."""
+        segment, is_late = self._segment, log_ns >= self._until_ns
+        needed = self._buffer.content_bytes + _MESSAGE_BYTES * self._buffer.messages + size + _LEAST_CHUNK_BYTES
+        is_over = segment is not None and (
+            segment.most_room_bytes < needed or (may_begin and (is_late or segment.room_bytes < needed))
+        )
+        if is_over or self._buffer.content_bytes + size > _CHUNK_BYTES:
+            self._flush()
+        if is_over and segment is self._segment and segment is not None and segment.has_content:
+            self._finish(segment)
+            if self._segment is None:
+                self._retry_s = 0.0
+                self._reopened()
+        if is_late and may_begin:
+            self._until_ns = log_ns + round(self._settings.segment_s * SECOND_NS)
+        self._measure_room()
+        self._room_bytes -= size
+
+    def _flush(self) -> None:
+        """Close the chunk in progress."""
+        self._flushed_s = time.monotonic()
+        buffer = self._buffer
+        if not buffer.messages:
+            return
+        self._buffer, self._repeated = ChunkBuffer(self._repeated), b""
+        chunk = buffer.built(compress=self._settings.compress)
         segment = self._segment
         if segment is None:
+            self._lost += chunk.messages
             return
         try:
-            segment.finish()
+            if segment.unsynced_bytes > _UNSYNCED_BYTES:
+                self._check_sync(wait=True)
+            segment.reserve(chunk.size_bytes)
+            segment.append(chunk)
+        except OSError as error:
+            self._give_up(segment, error, (chunk,), unsynced=False)
+        self._measure_room()
+
+    def _measure_room(self) -> None:
+        """How much may go into the chunk in progress."""
+        room_bytes = _CHUNK_BYTES if self._segment is None else min(_CHUNK_BYTES, self._segment.room_bytes)
+        self._room_bytes = room_bytes - self._buffer.content_bytes
+
+    def _sync(self, segment: Segment) -> None:
+        """Sync in a thread of its own, unless that is still at the last one."""
+        if self._syncing is None:
+            self._synced_s = time.monotonic()
+            self._syncing = (self._syncer.submit(segment.sync), *segment.place)
+
+    def _check_sync(self, *, wait: bool) -> None:
+        """See what became of the last sync."""
+        if self._syncing is None or self._segment is None:
+            return
+        future, chunks, size = self._syncing
+        if not (wait or future.done()):
+            return
+        self._syncing = None
+        try:
+            future.result()
+        except OSError as error:
+            self._give_up(self._segment, error, (), unsynced=True)
+        else:
+            self._segment.synced(chunks, size)
+
+    def _finish(self, segment: Segment) -> None:
+        """End a segment as it should; another one is open afterwards only where something had to be written again."""
+        self._check_sync(wait=True)
+        if segment is not self._segment:
+            return
+        written = False
+        try:
+            segment.end()
+            written = True
+            segment.close()
+        except OSError as error:
+            self._give_up(segment, error, (), unsynced=written)
+        else:
             self._done += segment.messages
             self._segment = None
-        except OSError as error:
-            self._give_up(segment, error)
 
     def _open(self) -> Segment:
-        path = self._folder / f"{self._stem}_{self._segments:03d}.mcap"
-        segment = Segment(path, self._station, number=self._segments, compress=self._compress)
-        self._segments += 1
+        settings = self._settings
+        path = settings.folder / f"{settings.stem}_{self._segments:03d}.mcap"
+        segment = Segment(
+            path,
+            self._registry,
+            settings.metadata,
+            spare_bytes=settings.spare_bytes,
+            segment_bytes=settings.segment_bytes,
+        )
         try:
-            self._first_messages(segment)
-            segment.flush()
+            buffer = ChunkBuffer(self._registry.definitions)
+            for record in self._first_records(self._segments):
+                identity = self._registry.find(record.channel)
+                if identity is None:
+                    raise ValueError(f"{record.channel.topic} is not among the channels")
+                buffer.add(identity, record.log_ns, record.data, record.sequence)
+            chunk = buffer.built(compress=settings.compress)
+            segment.reserve(chunk.size_bytes)
+            segment.append(chunk)
             segment.sync()
-            sync_folder(self._folder)
+            sync_folder(settings.folder)
         except OSError:
-            segment.abandon()
+            segment.remove()
             raise
+        segment.synced(*segment.place)
+        self._segments += 1
+        self._own += chunk.messages
+        if self._buffer.messages:
+            self._repeated = self._registry.definitions
+        else:
+            self._buffer, self._repeated = ChunkBuffer(self._registry.definitions), b""
+        self._until_ns = chunk.start_ns + round(settings.segment_s * SECOND_NS)
         return segment
 
     def _reopened(self) -> Segment | None:
         if time.monotonic() < self._retry_s:
             return None
+        self._retry_s = time.monotonic() + RETRY_S
         try:
-            self._segment = self._open()
+            if free_bytes(self._settings.folder) >= _RESUME_BYTES:
+                self._segment = self._open()
+                self._measure_room()
         except OSError:
-            self._retry_s = time.monotonic() + RETRY_S
             return None
-        _log.warning("recording again: %s", self._segment.path)
         return self._segment
 
-    def _give_up(self, segment: Segment, error: OSError) -> None:
-        if segment is self._segment:
-            self._done += segment.messages
-            self._lost += segment.abandon()
+    def _give_up(self, segment: Segment, error: OSError, chunks: tuple[BuiltChunk, ...], *, unsynced: bool) -> None:
+        """Leave a segment behind, and write what it does not hold into a new one."""
+        if self._syncing is not None:
+            with suppress(OSError):  # one failure is enough
+                self._syncing[0].result()
+            self._syncing = None
+        chunks = self._leave(segment, unsynced=unsynced) + chunks
+        self._retry_s = 0.0 if segment.has_content else time.monotonic() + RETRY_S
+        again = self._reopened()
+        follows = "what comes is lost until it can" if again is None else "going on in another segment"
+        _log.error("%s: cannot be written (%s); %s", segment.path, error.strerror or repr(error), follows)
+        for index, chunk in enumerate(chunks):
+            try:
+                if again is None:
+                    raise error
+                again.reserve(chunk.size_bytes)
+                again.append(chunk)
+            except OSError:
+                self._lost += sum(each.messages for each in chunks[index:])
+                if again is not None:
+                    self._leave(again, unsynced=False)
+                return
+
+    def _leave(self, segment: Segment, *, unsynced: bool) -> tuple[BuiltChunk, ...]:
+        """Count what stays in a segment that is given up; returns what does not."""
+        chunks = segment.abandon(unsynced=unsynced)
+        self._done += segment.messages
+        self._lost += segment.deleted
         self._segment = None
-        self._retry_s = time.monotonic() + RETRY_S
-        _log.error("%s: cannot be written (%s); what comes now is lost until it can", segment.path, error.strerror)
+        return chunks

@@ -31,6 +31,7 @@ from aerodft.adapters.zenoh.answering import Answer, declare_answer
 from aerodft.adapters.zenoh.publishing import Publishers
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, close_session, open_session
 from aerodft.conventions import SECOND_NS
+from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
@@ -144,7 +145,7 @@ class ZenohBus:
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
         """Publish one tick's poses, measurements and estimates."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | Measurement | Estimate | HeightSwitch))
+        kept = tuple(item for item in outputs if isinstance(item, PoseSample | ImageAnswers | Estimate | HeightSwitch))
         if kept:
             self._shed_outputs += not self._lane.put(kept)
 
@@ -167,11 +168,11 @@ class ZenohBus:
             self._publishers.json(self._keys.status, encode_status(work))
             return
         for item in work:
-            if isinstance(item, Measurement):
-                payload = self._encoder.encode(item)
-                with self._history_lock:
-                    self._history.append(_Remembered(item.name, payload))
-                self._publishers.json(self._keys.measurement(item.name), payload)
+            if isinstance(item, ImageAnswers):
+                for request, payload in zip(item.requests, self._encoder.each(item), strict=True):
+                    with self._history_lock:
+                        self._history.append(_Remembered(request.probe.name, payload))
+                    self._publishers.json(self._keys.measurement(request.probe.name), payload)
             elif isinstance(item, PoseSample):
                 self._publishers.json(self._keys.pose, encode_pose(item))
             elif isinstance(item, HeightSwitch):

@@ -4,20 +4,30 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.mavlink.contradictions import HeightPairs, clock_document, clock_sentences
+from aerodft.adapters.mavlink.clock_words import clock_document, clock_sentences
+from aerodft.adapters.mavlink.contradictions import HeightPairs
+from aerodft.adapters.mavlink.survey_report import ClockSummary
 from aerodft.model.height import HeightDifference
 from aerodft.model.pose import HeightSource
 from aerodft.service.timing import ClockHealth
 
 SECOND = 1_000_000_000
 QUIET = ClockHealth(drift=2.5e-6, restarts=0, wraps=0, jumps_s=(), left_out=0, rivals=False)
+KNOWN = ClockSummary(known_after_s=0.0, host_minus_utc_s=0.0, reboots_at_s=(236.2,), jumps_at_s=(30.0, 41.0))
 
 
-def difference(second: float, step_m: float, std_m: float = 1.0) -> HeightDifference:
+def difference(
+    second: float,
+    step_m: float,
+    std_m: float = 1.0,
+    *,
+    source: HeightSource = HeightSource.RANGEFINDER,
+    other: HeightSource = HeightSource.HOME,
+) -> HeightDifference:
     return HeightDifference(
         stamp_ns=round(second * SECOND),
-        source=HeightSource.RANGEFINDER,
-        other=HeightSource.HOME,
+        source=source,
+        other=other,
         height_m=40.0,
         other_m=40.0 + step_m,
         std_m=std_m,
@@ -39,7 +49,7 @@ def test_a_pair_is_compared_once_a_second() -> None:
         "step_high_m": 9.0,
     }
     (sentence,) = pairs.sentences()
-    assert "home is +4.50 m above rangefinder in the median (+0.00 to +9.00 m)" in sentence
+    assert "home is 4.50 m above rangefinder in the median (+0.00 to +9.00 m)" in sentence
     assert "beyond their std in 8 of 10 comparisons" in sentence
 
 
@@ -50,22 +60,40 @@ def test_noise_is_no_disagreement() -> None:
     assert pairs.sentences() == []
 
 
+@pytest.mark.parametrize(
+    ("step_m", "added_m", "said"),
+    [
+        (-6.0, 0.0, "home is 6.00 m below rangefinder and 6.00 m below terrain in the median"),
+        (-6.0, 0.0, "set telemetry.height.home_above_plane_m = 6"),
+        (4.0, 1.5, "set telemetry.height.home_above_plane_m = -2.5"),
+    ],
+)
+def test_a_source_that_is_alone_is_one_sentence_with_what_to_set(step_m: float, added_m: float, said: str) -> None:
+    pairs, (rangefinder, terrain) = HeightPairs(), (HeightSource.RANGEFINDER, HeightSource.TERRAIN)
+    for k in range(20):
+        pairs.add([difference(k, 0.1, source=rangefinder, other=terrain)])
+        pairs.add([difference(k, step_m, source=rangefinder), difference(k, step_m, source=terrain)])
+    (sentence,) = pairs.sentences(added_m)
+    assert said in sentence
+    assert "beyond their std in 20 of 20 and 20 of 20 comparisons, while rangefinder and terrain agree" in sentence
+
+
 def test_clocks_without_trouble_are_not_talked_about() -> None:
-    assert clock_sentences(QUIET) == []
-    assert clock_document(QUIET)["drift_ppm"] == 2.5
+    assert clock_sentences(QUIET, KNOWN) == []
+    assert clock_document(QUIET, KNOWN)["drift_ppm"] == 2.5
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"jumps_s": (18.0, -0.25)}, "the vehicle's UTC jumped by +18.000 s, -0.250 s"),
+        ({"jumps_s": (18.0, -0.25)}, "the vehicle's UTC jumped by +18.000 s, -0.250 s about 30, 41 s after the start"),
         ({"rivals": True, "left_out": 300}, "300 messages of the other one are left out"),
-        ({"restarts": 1}, "the vehicle rebooted once"),
+        ({"restarts": 1}, "the vehicle rebooted once about 236 s after the start"),
     ],
 )
 def test_what_happened_to_clocks_is_a_sentence(changes: dict[str, object], said: str) -> None:
     base = {name: getattr(QUIET, name) for name in ("drift", "restarts", "wraps", "jumps_s", "left_out", "rivals")}
-    (sentence,) = clock_sentences(ClockHealth(**{**base, **changes}))
+    (sentence,) = clock_sentences(ClockHealth(**{**base, **changes}), KNOWN)
     assert said in sentence
 
 
@@ -73,7 +101,10 @@ def test_a_real_flight_over_a_hill(data_folder: Path) -> None:
     """Home-relative heights know nothing of the hill; the rangefinder and the terrain do, and agree on it."""
     from aerodft.cli.doctor_survey import survey_log  # noqa: PLC0415 - the survey as doctor makes it
 
-    pairs = survey_log(data_folder / "sitl/servo_consumer.tlog").height_pairs.documents()
+    survey = survey_log(data_folder / "sitl/servo_consumer.tlog").height_pairs
+    (sentence,) = survey.sentences()
+    assert "while terrain and rangefinder agree: the ground below is not level with home" in sentence
+    pairs = survey.documents()
     by_names = {(pair["source"], pair["other"]): pair for pair in pairs}
     agreed = by_names["rangefinder", "terrain"]
     assert agreed["beyond_std"] == 0

@@ -184,3 +184,73 @@ def test_leap_seconds_of_their_time() -> None:
     # 2016-07-01 00:00:00 UTC was GPS week 1903, second 432017; 2020-01-01 00:00:00 UTC was week 2086, second 259218.
     unix_ns = gps_to_unix_ns(np.array([1903, 2086]), np.array([432_017_000, 259_218_000]))
     assert unix_ns.tolist() == [1_467_331_200 * 10**9, 1_577_836_800 * 10**9]
+
+
+_PARM = _fmt(11, 28, b"PARM", b"QNf", b"TimeUS,Name,Value")
+_RFND = _fmt(12, 15, b"RFND", b"QBfBB", b"TimeUS,Instance,Dist,Stat,Orient")
+
+
+def _parameter(time_us: int, name: bytes, value: float) -> bytes:
+    return _message(11, struct.pack("<Q16sf", time_us, name, value))
+
+
+def _reading(time_us: int, distance_m: float, *, sensor: int = 0, status: int = 4, orientation: int = 25) -> bytes:
+    return _message(12, struct.pack("<QBfBB", time_us, sensor, distance_m, status, orientation))
+
+
+def _seen_m(path: Path, messages: list[bytes]) -> tuple[list[float], dict[str, int]]:
+    """Heights, and what was left out of a log of these messages, whole as in pieces of one."""
+    path.write_bytes(_PARM + _RFND + b"".join(messages))
+    (block,) = _blocks(path)
+    found = []
+    for pieces in ([block], [block.rows(k, k + 1) for k in range(len(block.offset))]):
+        decoder = DataflashDecoder()
+        heights = [track for piece in pieces for track in decoder.decode(piece) if isinstance(track, HeightTrack)]
+        found.append((np.concatenate([each.value_m for each in heights]).round(3).tolist(), dict(decoder.rejected)))
+    assert found[0] == found[1]
+    return found[0]
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "per_m"), [(b"RNGFND1_MIN", b"RNGFND1_MAX", 1), (b"RNGFND1_MIN_CM", b"RNGFND1_MAX_CM", 100)]
+)
+def test_a_rangefinder_is_believed_within_the_limits_that_the_log_states(
+    tmp_path: Path, least: bytes, most: bytes, per_m: int
+) -> None:
+    messages = [
+        _reading(1, 0.1),  # before anything is known of its limits
+        _parameter(2, least, 0.25 * per_m),
+        _parameter(3, most, 40.0 * per_m),
+        _parameter(4, most.replace(b"1", b"2"), 5.0 * per_m),  # of another sensor
+        *(_reading(10 + k, metres) for k, metres in enumerate([0.1, 0.3, 39.9, 40.0, 65.0])),
+        _parameter(20, most, 100.0 * per_m),
+        _reading(21, 65.0),
+    ]
+    heights_m, rejected = _seen_m(tmp_path / "limits.bin", messages)
+    assert heights_m == [0.1, 0.3, 39.9, 65.0]
+    assert rejected == {"RFND: below the sensor's minimum": 1, "RFND: at the sensor's maximum or above": 2}
+
+
+def test_readings_of_two_rangefinders_are_not_mixed(tmp_path: Path) -> None:
+    messages = [
+        _reading(1, 3.0, sensor=2, orientation=0),
+        _reading(2, 9.0, sensor=1, status=1),
+        _reading(3, 20.0),
+        _reading(4, 21.5, sensor=1),
+        _reading(5, 20.2),
+    ]
+    heights_m, rejected = _seen_m(tmp_path / "two.bin", messages)
+    assert heights_m == [20.0, 20.2]
+    assert rejected == {
+        "RFND: does not look down": 1,
+        "RFND: status is not good": 1,
+        "RFND: of another sensor than number 0": 1,
+    }
+
+
+@pytest.mark.parametrize("codes", [b"Qnff", b"nnfff", b"fffff"])
+def test_a_field_that_is_text_where_a_number_belongs_is_no_message_of_ours(tmp_path: Path, codes: bytes) -> None:
+    path = tmp_path / "text.bin"
+    columns = b"TimeUS,Roll,Pitch,Yaw" if len(codes) == 4 else b"TimeUS,Other,Roll,Pitch,Yaw"
+    path.write_bytes(_fmt(10, 20, b"ATT", codes, columns) + _message(10, b"abcd" * 5))
+    assert [DataflashDecoder().decode(block) for block in _blocks(path)] == [()]

@@ -77,6 +77,15 @@ def _is_heartbeat(data: bytes) -> bool:
     return message is not None and message.get_type() == "HEARTBEAT" and message.type == dialect.MAV_TYPE_GCS
 
 
+def test_a_cut_datagram_holds_nothing_back(received: Received, sender: socket.socket) -> None:
+    long = bytes(dialect.MAVLink_statustext_message(6, b"x" * 50, 1).pack(dialect.MAVLink(None)))
+    frames = _attitudes(3)
+    with MavlinkLink("udpin:127.0.0.1:0", received) as link:
+        for piece in (*frames[:2], long[:20], frames[2]):
+            sender.sendto(piece, (LOOPBACK, link.local_port))
+        assert received.wait_for(3) == frames
+
+
 def test_udpin_hears_pymavlink(received: Received) -> None:
     with MavlinkLink("udpin:0", received) as link:
         peer = mavutil.mavlink_connection(f"udpout:{LOOPBACK}:{link.local_port}")

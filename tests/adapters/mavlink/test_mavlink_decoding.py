@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.selection import Followed
-from aerodft.model.health import HeartbeatTrack, LinkTrack
+from aerodft.model.health import HeartbeatTrack, LinkTrack, RivalTrack
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (
     NO_BOOT_TIME,
@@ -64,7 +64,9 @@ def _terrain(spacing: int, height_m: float) -> dialect.MAVLink_message:
 
 def _besides_life(decoder: MavlinkDecoder, made: RawBlock) -> tuple[Track, ...]:
     """The tracks of what messages say, not of that there are any."""
-    return tuple(track for track in decoder.decode(made) if not isinstance(track, HeartbeatTrack | LinkTrack))
+    return tuple(
+        track for track in decoder.decode(made) if not isinstance(track, HeartbeatTrack | LinkTrack | RivalTrack)
+    )
 
 
 @pytest.fixture
@@ -215,7 +217,8 @@ def test_distance_sensor_rows(decode: Decode) -> None:
     assert track.slant
     np.testing.assert_array_equal(track.value_m, [5.0, 59.99])
     np.testing.assert_array_equal(track.std_m, [0.02, NAN])
-    assert decoder.rejected.total() == len(bad)
+    assert decoder.rejected.total() == len(bad) + 1
+    assert decoder.rejected["DISTANCE_SENSOR: does not look down"] == 1
 
 
 def test_of_two_sensors_that_look_down_the_first_is_followed(decode: Decode) -> None:
@@ -225,7 +228,10 @@ def test_of_two_sensors_that_look_down_the_first_is_followed(decode: Decode) -> 
     (track,) = decode(*sensors, _sensor(5002, number=1), decoder=decoder)
     assert isinstance(track, HeightTrack)
     np.testing.assert_array_equal(track.value_m, [50.0, 50.02])
-    assert decoder.rejected == {"DISTANCE_SENSOR: of another sensor than number 1": 2}
+    assert decoder.rejected == {
+        "DISTANCE_SENSOR: of another sensor than number 1": 2,
+        "DISTANCE_SENSOR: does not look down": 1,
+    }
 
 
 def test_timesync_says_its_senders_own_time(decode: Decode) -> None:
@@ -258,12 +264,28 @@ def test_terrain_rows(decode: Decode) -> None:
 
 @pytest.mark.parametrize(
     ("terrain_m", "clearance_m", "value_m"),
-    [(540.0, 30.0, [30.0]), (31.0, -1.0, [31.0]), (31.0, NAN, [31.0]), (-2000.0, -1.0, []), (NAN, NAN, [])],
+    [
+        (540.0, 30.0, [30.0]),
+        (31.0, -1.0, [31.0]),
+        (31.0, NAN, [31.0]),
+        (-2000.0, -1.0, []),
+        (-999.0, -1.0, []),
+        (NAN, NAN, []),
+    ],
 )
 def test_altitude_rows(decode: Decode, terrain_m: float, clearance_m: float, value_m: list[float]) -> None:
     tracks = decode(dialect.MAVLink_altitude_message(7_000_000, 0, 0, 0, 0, terrain_m, clearance_m))
     assert [v for t in tracks if isinstance(t, HeightTrack) for v in t.value_m.tolist()] == value_m
     assert all(t.boot_ns.tolist() == [7 * 10**9] for t in tracks)
+
+
+@pytest.mark.parametrize(("spacing", "values_m"), [(0, [30.0]), (100, [42.5])])
+def test_a_terrain_report_without_a_database_silences_no_altitude(
+    decode: Decode, spacing: int, values_m: list[float]
+) -> None:
+    altitude = dialect.MAVLink_altitude_message(7_000_000, 0, 0, 0, 0, NAN, 30.0)
+    tracks = decode(_terrain(spacing, 42.5), altitude)
+    assert [v for t in tracks if isinstance(t, HeightTrack) for v in t.value_m.tolist()] == values_m
 
 
 def test_the_first_vehicle_is_followed(pack: Pack, block: MakeBlock) -> None:

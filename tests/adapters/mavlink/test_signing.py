@@ -157,6 +157,7 @@ def test_own_time_stamps_go_on_after_those_heard(check: SignatureCheck, peer: Pe
     [
         (KEY.hex(), KEY),
         (KEY.hex().upper() + "\r\n", KEY),
+        (f"  {KEY.hex()} \n", KEY),
         ("correct horse\n", hashlib.sha256(b"correct horse").digest()),  # as MAVProxy does
         ("grün", hashlib.sha256("grün".encode()).digest()),
     ],
@@ -182,7 +183,7 @@ def test_what_is_no_key(tmp_path: Path, content: bytes, got: str) -> None:
 
 def test_a_key_that_others_can_read_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "vehicle.key"
-    path.write_text("passphrase")
+    path.write_text("a long passphrase")
     path.chmod(0o644)
     load_key(path)
     assert "chmod 600" in caplog.text
@@ -254,6 +255,26 @@ def test_a_damaged_state_is_refused_and_not_forgotten(tmp_path: Path, content: b
     assert path.read_bytes() == content
 
 
+def test_a_state_that_cannot_be_read_is_refused_and_not_forgotten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "state"
+    state = SigningState.open(path, KEY)
+    state.note((1, 1, 0), 99)
+    state.close()
+
+    def failing(_path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_bytes", failing)
+        with pytest.raises(InputError, match="cannot keep signing time stamps"):
+            SigningState.open(path, KEY)
+    again = SigningState.open(path, KEY)
+    assert again.streams == {(1, 1, 0): 99}
+    again.close()
+
+
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     held = SigningState.open(tmp_path / "state", KEY)
     with pytest.raises(InputError, match="another aerodft"):
@@ -265,6 +286,15 @@ def test_one_process_at_a_time(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="state_file"):
         SigningState.open(tmp_path / "none" / "state", KEY)
+
+
+@pytest.mark.parametrize(("text", "is_said"), [("bad", True), ("a much longer passphrase", False), ("0" * 64, False)])
+def test_a_passphrase_that_is_soon_guessed_is_said(tmp_path: Path, caplog, text: str, is_said: bool) -> None:  # noqa: FBT001
+    path = tmp_path / "vehicle.key"
+    path.write_text(text)
+    path.chmod(0o600)
+    load_key(path)
+    assert ("a passphrase of 3 characters is soon guessed" in caplog.text) is is_said
 
 
 def test_a_disk_that_fails_later_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -9,10 +9,12 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink.composite import open_log
-from aerodft.adapters.mavlink.findings import document, problems
+from aerodft.adapters.mavlink.findings import notes, problems
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.selection import Followed
+from aerodft.adapters.mavlink.signing import sign
 from aerodft.adapters.mavlink.survey import Survey
+from aerodft.adapters.mavlink.survey_document import document
 from aerodft.adapters.mavlink.survey_report import SurveyReport
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of
@@ -54,6 +56,8 @@ def test_a_cold_boot(data_folder: Path) -> None:
     assert _says(report, "above home only")
     assert _says(report, "TERRAIN_REPORT", "spacing is 0", "102 of 178")
     assert _says(report, "RANGEFINDER never says more than 0.00 m")
+    assert _says(report, "no image could be measured: BELOW_MIN_HEIGHT in 11 s", "home says 0.00 m, the minimum is 1 m")
+    assert not report.usable
     assert report.clock.known_after_s == pytest.approx(9.0, abs=0.2)
 
 
@@ -65,7 +69,7 @@ def test_an_old_quad(data_folder: Path) -> None:
     assert _says(report, "MOUNT_STATUS has no time stamp")
     assert _says(report, "telemetry ends at 1051.7 s")
     assert _says(report, "cut off")
-    assert _says(report, "1314 frames", "not known")
+    assert _says(report, "1314 frames", "not known", "1314 of 142 (RESOURCE_REQUEST of another length)")
     (gimbal,) = report.attitudes
     assert (gimbal.low, gimbal.high) == (pytest.approx(-20.9, abs=0.05), pytest.approx(48.6, abs=0.05))
 
@@ -73,8 +77,11 @@ def test_an_old_quad(data_folder: Path) -> None:
 def test_a_plane_without_gimbal(data_folder: Path) -> None:
     report = _survey(data_folder / "logs/vtol.tlog")
     assert report.attitudes == ()
-    assert report.usable
-    assert _says(report, "no gimbal attitude")
+    assert not report.usable
+    assert _says(report, "no gimbal attitude (switched off by MNT_TYPE = 0", 'order = ["fixed"] and fixed_mount')
+    assert _says(report, "EKF_STATUS_REPORT", "812 of 812", "(AHRS_EKF_TYPE = 10)")
+    assert _says(report, "TERRAIN_REPORT) is silent 145 times for more than a second, the longest time for 6.0 s")
+    assert sum("silent" in sentence and "HEARTBEAT" not in sentence for sentence in problems(report)) == 1
     assert _says(report, "clock is 15.9 s ahead")
 
 
@@ -121,7 +128,74 @@ def test_problems_of_a_made_log(made: Callable[..., SurveyReport]) -> None:
     assert _says(report, "no UTC")
     assert _says(report, "ATTITUDE is silent for 4.1 s at 4.9 s")
     assert _says(report, "telemetry ends at 12.1 s, 17.9 s before")
-    assert _says(report, "fixed to the vehicle")
+    assert _says(report, "bolted to the vehicle")
+
+
+def test_what_stops_before_the_rest_is_said(made: Callable[..., SurveyReport]) -> None:
+    attitude = dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0, 0, 0)
+    fix = dialect.MAVLink_gps_raw_int_message(1, 3, 1, 1, 1, 120, 150, 0, 0, 12)
+    report = made(*sorted([(t / 2, attitude, 1) for t in range(120)] + [(t / 2, fix, 1) for t in range(60)], key=_time))
+    assert _says(report, "GPS_RAW_INT stops at 29.5 s, 30.0 s before the telemetry does", "how good the fix is")
+    assert not _says(report, "ATTITUDE stops")
+
+
+def test_what_was_worst_is_said_with_its_time(made: Callable[..., SurveyReport]) -> None:
+    beats = [(t, dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3), 1) for t in (0, 1, 2, 9, 10)]
+    ratios = [
+        (t + 0.1, dialect.MAVLink_ekf_status_report_message(831, 0, 0, 0, 0.1 + 0.1 * t, 0), 1) for t in range(10)
+    ]
+    fixes = [
+        (t + 0.2, dialect.MAVLink_gps_raw_int_message(1, 1 + (t < 3) * 2, 1, 1, 1, 9, 9, 0, 0, 9), 1) for t in range(6)
+    ]
+    report = made(*sorted(beats + ratios + fixes, key=_time))
+    assert _says(report, "HEARTBEAT of the autopilot is silent for up to 7.0 s (2 s after the start)")
+    assert _says(report, "ratio of compass reaches 1.00", "9 s after the start")
+    assert _says(report, "no 3D fix in 3 of 6 reports, from 3 to 5 s after the start")
+    assert document(report)["health"]["estimator"]["worst_at_s"]["compass"] == pytest.approx(9.1)
+
+
+def _time(row: tuple[float, dialect.MAVLink_message, int]) -> float:
+    return row[0]
+
+
+def test_a_vehicle_that_is_not_heard_is_one_sentence(pack: Callable[..., bytes], block: MakeBlock) -> None:
+    report = _surveyed(block([pack(_position(1000)) for _ in range(5)]), system=7)
+    assert problems(report) == ["--system = 7 is not heard, systems 1 are: nothing would be measured"]
+
+
+def test_an_autopilot_or_gimbal_that_is_not_heard_is_named(pack: Callable[..., bytes], block: MakeBlock) -> None:
+    (sentence,) = problems(_surveyed(block([pack(_position(1000))]), component=9))
+    assert sentence.startswith("--component = 9 is not heard, components 1 are")
+    q = (1.0, 0.0, 0.0, 0.0)
+    message = dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, 4000, 44, q, 0, 0, 0, 0, gimbal_device_id=1)
+    report = _surveyed(block([pack(_position(1000)), *[pack(message)] * 3]), gimbal=3)
+    assert _says(report, "of gimbal number 3 is not heard")
+    assert not _says(report, "no gimbal attitude")
+
+
+def test_signed_frames_of_a_link_without_a_key_are_said(pack: Callable[..., bytes], block: MakeBlock) -> None:
+    frames = [sign(pack(_position(1000)), bytes(32), link_id=0, stamp=k) for k in range(3)] + [pack(_position(1000))]
+    survey = Survey("udpin:14550")
+    survey.add(block(frames))
+    report = survey.report(counts=FrameCounts(frames=4))
+    assert _says(report, "this link is signed (3 of 4 frames): without --signing-key", "would ignore requests")
+    assert document(report)["frames"]["signed"] == 3
+
+
+def test_what_gimbals_are_and_tell_is_said(data_folder: Path) -> None:
+    report = _survey(data_folder / "sitl/brushless_consumer.tlog")
+    (kept,) = [each for each in notes(report) if "earth-frame" in each]
+    assert "against the horizon, as the standard says" in kept
+    assert _says(report, "may be what the gimbal was told", "at least 1 deg", 'feedback = "measured"')
+    assert document(report)["attitudes"][0]["feedback"] == "demand"
+
+
+def test_landing_is_no_problem(data_folder: Path) -> None:
+    report = _survey(data_folder / "sitl/brushless_consumer.tlog")
+    assert report.usable
+    assert not _says(report, "lowest")
+    assert not _says(report, "BELOW_MIN_HEIGHT")
+    assert any("BELOW_MIN_HEIGHT in 4" in each for each in notes(report))
 
 
 def test_nothing_received(made: Callable[..., SurveyReport]) -> None:
@@ -186,7 +260,10 @@ def test_of_two_gimbals_one_is_followed_and_named(pack: Callable[..., bytes], bl
         assert count == 5
         assert low == pytest.approx(pitch)
         assert high == pytest.approx(pitch)
-        assert _says(report, "MOUNT_ORIENTATION comes from more than one gimbal (components 154, 171)")
+        assert _says(
+            report, "MOUNT_ORIENTATION comes from more than one gimbal (components 154, 171): component", " is followed"
+        )
+        assert _says(report, f"component {171 if pitch == -60 else 154} is followed; choose with telemetry.gimbal")
 
 
 def test_of_two_gimbals_behind_one_autopilot_the_one_asked_for_is_followed(
@@ -204,6 +281,8 @@ def test_of_two_gimbals_behind_one_autopilot_the_one_asked_for_is_followed(
     assert attitude.count == 3
     assert attitude.high == pytest.approx(math.degrees(-1.0), abs=1e-3)
     assert report.rejected == {"GIMBAL_DEVICE_ATTITUDE_STATUS: of another gimbal than number 2": 3}
+    assert _says(report, "number 2 is followed, 3 messages of others are left out; choose with telemetry.gimbal")
+    assert not _says(report, "of another gimbal than")
 
 
 def _position(height_mm: int) -> dialect.MAVLink_message:

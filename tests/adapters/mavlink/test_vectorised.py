@@ -47,9 +47,10 @@ def damaged_logs(draw: st.DrawFn) -> bytes:
     """A log of a few frames with pieces cut out, bytes changed, noise between and stamps that jump."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    mav.signing.secret_key = bytes(32)
     pieces, stamp_us = [], START_US
     for k in range(draw(st.integers(1, 40))):
-        mav.seq = k
+        mav.seq, mav.signing.sign_outgoing = k, k % 4 == 0
         text = dialect.MAVLink_statustext_message(6, rng.bytes(int(rng.integers(0, 40))))
         angles = dialect.MAVLink_attitude_message(k, *rng.uniform(-3, 3, 6))
         frame = bytes((text if k % 3 == 0 else angles).pack(mav, force_mavlink1=bool(k % 2)))

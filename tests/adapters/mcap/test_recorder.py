@@ -15,11 +15,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from aerodft.adapters.codec.events import decode_image, decode_observation
-from aerodft.adapters.codec.measurement import decode_measurement
+from aerodft.adapters.codec.measurement import split_measurements
 from aerodft.adapters.codec.pose import decode_pose
 from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.codec.status import decode_status
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.dft.answers import ImageAnswers, answers_of
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.batch import Batch, Event
@@ -66,7 +68,7 @@ def a_batch(step: int, *, pixels: bool = True) -> Batch:
     return batch_of(now_ns, events)
 
 
-def outputs_of(batch: Batch) -> tuple[PoseSample | Measurement, ...]:
+def outputs_of(batch: Batch) -> tuple[PoseSample | ImageAnswers, ...]:
     sample = PoseSample(
         stamp_ns=batch.now_ns - 100,
         status=Status.OK,
@@ -88,7 +90,7 @@ def outputs_of(batch: Batch) -> tuple[PoseSample | Measurement, ...]:
         pose=sample,
         value=float(batch.now_ns % 1000),
     )
-    return sample, value
+    return sample, answers_of(value)
 
 
 def settings(**changes: object) -> RecorderSettings:
@@ -119,7 +121,7 @@ def test_the_stock_reader_finds_everything_valid_and_in_order(tmp_path: Path) ->
     totals = record(tmp_path / "r").totals
     times: list[int] = []
     counts: dict[str, int] = {}
-    decoders = {"image/1": decode_image, "observation/1": decode_observation, "measurement/1": decode_measurement}
+    decoders = {"image/1": decode_image, "observation/1": decode_observation, "measurements/1": split_measurements}
     decoders |= {"pose/1": decode_pose, "status/1": decode_status}
     with (tmp_path / "r" / "data_000.mcap").open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
@@ -138,7 +140,7 @@ def test_the_stock_reader_finds_everything_valid_and_in_order(tmp_path: Path) ->
         "aerodft/s/observation/w%2Fa": 10,
         "aerodft/s/pose": 40,
         "aerodft/s/location": 10,
-        "aerodft/s/measurement/w%2Fa": 40,
+        "aerodft/s/measurements": 40,
         "aerodft/s/status": 2,
     }
     assert (totals.messages, totals.images, totals.shed_messages, totals.lost) == (sum(counts.values()), 10, 0, 0)
@@ -286,7 +288,7 @@ def test_a_file_or_an_empty_folder_is_no_recording(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("x")
     with pytest.raises(InputError, match=r"a.txt and no data"):
         Recording(tmp_path)
-    with pytest.raises(InputError, match="a file"):
+    with pytest.raises(InputError, match="got text"):
         Recording(tmp_path / "a.txt")
     (tmp_path / "data_000.mcap").write_bytes(b"")
     with pytest.raises(NoAnswerError, match="holds nothing"):
@@ -350,7 +352,8 @@ def run(code: str, *arguments: str) -> subprocess.Popen[bytes]:
 WRITE_FOREVER = """
     import sys
     from pathlib import Path
-    from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+    from aerodft.adapters.mcap.recorder import McapRecorder
+    from aerodft.adapters.mcap.settings import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.feed import batch_of, block_of
@@ -384,26 +387,33 @@ def test_a_killed_recorder_leaves_a_recording(tmp_path: Path, word: bytes) -> No
 
 
 FULL_DISK = """
-    import logging, resource, signal, sys
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
-    import aerodft.adapters.mcap.series as series
-    series.RETRY_S = 0.0
-    series.FLUSH_S = 0.0
-    import os
+    import os, resource, signal, sys, time
     from pathlib import Path
-    from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+    import aerodft.adapters.mcap.series as series
+    from aerodft.adapters.mcap.recorder import McapRecorder
+    from aerodft.adapters.mcap.settings import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.feed import batch_of, block_of
+    series.RETRY_S = series.FLUSH_S = 0.01
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     camera = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
     recorder = McapRecorder(
         Path(sys.argv[1]), RecorderSettings(station="s", camera=camera, lossless=True), started_ns=1
     )
-    for step in range(1, 101):
-        recorder.inputs(batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", [step * 100], [os.urandom(900)])]))
+    def send(steps):
+        for step in steps:
+            frame = os.urandom(900)
+            recorder.inputs(batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", [step * 100], [frame])]))
+            time.sleep(0.002)
+    send(range(1, 101))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, most))
+    send(range(101, 201))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    send(range(201, 301))
     recorder.close()
-    print(recorder.totals.messages, recorder.totals.lost)
+    totals = recorder.totals
+    print(totals.offered, totals.messages, totals.lost_messages)
 """
 
 
@@ -411,15 +421,17 @@ def test_a_disk_that_refuses_costs_counted_messages_and_nothing_else(tmp_path: P
     with run(FULL_DISK, str(tmp_path / "r")) as process:
         out, _ = process.communicate(timeout=60)
     assert process.returncode == 0
-    stored, lost = map(int, out.split())
+    offered, stored, lost = map(int, out.split())
+    assert offered == stored + lost
     recording = Recording(tmp_path / "r")
-    segments = len(recording.data)
-    assert segments > 1, "every new segment has a limit of its own"
+    assert len(recording.data) > 1
     messages = list(recording.messages())
     assert len(messages) == stored
-    frames = [message for message in messages if message.channel.encoding == "mavlink"]
-    assert len(frames) + lost in {100, 101}, "all accounted for, the last status perhaps among the lost"
+    frames = [message.log_ns // 100 for message in messages if message.channel.encoding == "mavlink"]
+    assert len(frames) + lost in {300, 301}, "the last status perhaps among the lost"
     assert lost > 0
+    assert frames == sorted(set(frames)), "in order, and none twice"
+    assert set(range(1, 90)) | set(range(280, 301)) <= set(frames), "only what came in between is lost"
 
 
 def test_a_recorder_that_waits_loses_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

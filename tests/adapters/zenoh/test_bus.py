@@ -23,6 +23,7 @@ from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.codec.status import StationStatus
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.adapters.zenoh.session import free_endpoint, open_session, session_on
+from aerodft.dft.answers import answers_of
 from aerodft.errors import InputError, LinkError
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.estimate import CalibrationEstimate
@@ -130,7 +131,7 @@ def test_another_process_receives_everything_valid(endpoint: str) -> None:
         wait_for_listener(endpoint)
         bus.inputs(batch_of(50, [shot]))
         for index in range(100):
-            bus.outputs((a_sample(), a_measurement(index), a_measurement(index, "w/b")))
+            bus.outputs((a_sample(), answers_of(a_measurement(index)), answers_of(a_measurement(index, "w/b"))))
         bus.outputs((CalibrationEstimate(stamp_ns=9, calibration="live:x:1"),))
         bus.outputs(())
         bus._image_lane.close()  # noqa: SLF001 - the image is on its way before the last message
@@ -173,7 +174,7 @@ def test_questions_are_answered(endpoint: str) -> None:
         assert (asked[0].stamp_ns, asked[0].probe.std_px, asked[0].probe.elevation_m) == (12, 0.5, 2.0)
         (probe,) = ask(client, "aerodft/s/probes")
         assert (probe["name"], probe["kind"], probe["pixels"]) == ("w", "distance", [[1, 2], [3, 4]])
-        bus.outputs(tuple(a_measurement(index, name) for index, name in enumerate("abab")))
+        bus.outputs(tuple(answers_of(a_measurement(index, name)) for index, name in enumerate("abab")))
         bus._lane.close()  # noqa: SLF001 - history is written by the lane
         assert [item["name"] for item in ask(client, "aerodft/s/history")] == ["b", "a", "b"]
         assert [item["stamp_ns"] for item in ask(client, "aerodft/s/history", {"last": 1, "name": "b"})] == ["3"]

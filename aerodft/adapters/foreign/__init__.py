@@ -1,0 +1,1 @@
+"""Messages that other tools record: raw MAVLink in its wrappings, compressed images and video, cameras, places."""

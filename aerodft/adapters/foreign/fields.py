@@ -1,0 +1,84 @@
+"""The fields of a ROS message, one after the other: CDR as ROS 2 writes it, or ROS 1's own layout."""
+
+import struct
+from typing import Final
+
+from aerodft.conventions import SECOND_NS
+
+_PLAIN_CDR: Final = (0, 1)
+_PLAIN_CDR2: Final = (6, 7)
+_ENCAPSULATION_BYTES: Final = 4
+
+
+class Fields:
+    """Reads from the front; every method raises ``ValueError`` where the message ends before the field.
+
+    Args:
+        data: The message.
+        is_ros1: ROS 1: nothing is aligned, and a header begins with a sequence number.
+    """
+
+    def __init__(self, data: bytes, *, is_ros1: bool) -> None:
+        self._data = data
+        self._is_ros1 = is_ros1
+        self._at = self._zero = 0 if is_ros1 else _ENCAPSULATION_BYTES
+        self._order = "<"
+        self._widest = 1 if is_ros1 else 8
+        if not is_ros1:
+            kind = data[1] if len(data) >= _ENCAPSULATION_BYTES else -1
+            if kind not in _PLAIN_CDR + _PLAIN_CDR2:
+                raise ValueError("no plain CDR")
+            self._order = "<" if kind % 2 else ">"
+            self._widest = 4 if kind in _PLAIN_CDR2 else 8
+
+    def number(self, code: str) -> int | float:
+        """One number, by its ``struct`` code."""
+        (value,) = self._numbers(code, 1)
+        return value
+
+    def integer(self, code: str = "I") -> int:
+        """One integer."""
+        return int(self.number(code))
+
+    def floats(self, count: int | None = None) -> tuple[float, ...]:
+        """So many doubles; None for a sequence, which says itself how many."""
+        return self._numbers("d", self.integer() if count is None else count)
+
+    def raw(self, item_bytes: int = 1) -> bytes:
+        """A sequence of numbers as its bytes."""
+        count = self.integer()
+        if count:  # what is empty is not aligned
+            self._align(item_bytes)
+        return self._take(count * item_bytes)
+
+    def text(self) -> str:
+        """A string."""
+        return self._take(self.integer()).rstrip(b"\0").decode(errors="replace")
+
+    def time_ns(self) -> int:
+        """Seconds and nanoseconds."""
+        return self.integer("I" if self._is_ros1 else "i") * SECOND_NS + self.integer()
+
+    def header_ns(self) -> int:
+        """The stamp of a ``std_msgs/Header``, which is passed."""
+        if self._is_ros1:
+            self.integer()
+        stamp_ns = self.time_ns()
+        self.text()
+        return stamp_ns
+
+    def _numbers(self, code: str, count: int) -> tuple[float, ...]:
+        size = struct.calcsize(f"={code}")
+        if count:
+            self._align(size)
+        return struct.unpack(f"{self._order}{count}{code}", self._take(size * count))
+
+    def _align(self, size: int) -> None:
+        step = min(size, self._widest)
+        self._at += -(self._at - self._zero) % step
+
+    def _take(self, size: int) -> bytes:
+        start, self._at = self._at, self._at + size
+        if self._at > len(self._data):
+            raise ValueError("it ends within a field")
+        return self._data[start : self._at]

@@ -1,0 +1,104 @@
+"""MAVLink frames out of whatever another tool wrapped them in."""
+
+import base64
+import binascii
+import struct
+from collections.abc import Iterator
+from typing import Any, Final
+
+import orjson
+
+from aerodft.adapters.foreign.fields import Fields
+from aerodft.adapters.foreign.kinds import JSON, ROS1, type_of
+from aerodft.adapters.foreign.mavlink_json import JsonPacker
+from aerodft.adapters.mavlink.framing import FrameCounts, StreamFramer
+from aerodft.adapters.mavlink.layout import SIGNATURE, SIGNED, V1, V2
+from aerodft.adapters.mcap.places import ReadChannel
+
+_V1_HEAD: Final = struct.Struct("<BBBBBB")
+_V2_HEAD: Final = struct.Struct("<BBBBBBB")
+_GOOD: Final = 1  # mavros: the frame's checksum was right
+_DEPTH: Final = 3
+_BYTE: Final = 255
+
+
+class FrameReader:
+    """The frames of one channel, in order; only those whose checksum is right.
+
+    Raw bytes, also in a wrapping that holds them in one piece (protobuf, CDR, ...), are looked through for frames; a
+    frame may be spread over messages. JSON holds them as base64, or each message as an object with its fields; the
+    message type of mavros has their parts.
+    """
+
+    def __init__(self, channel: ReadChannel) -> None:
+        self._framer = StreamFramer()
+        self._is_mavros = type_of(channel.schema) == ("mavros_msgs", "Mavlink")
+        self._is_ros1 = channel.encoding == ROS1
+        self._is_json = channel.encoding == JSON
+        self._packer = JsonPacker()
+        self.unreadable = 0
+
+    @property
+    def counts(self) -> FrameCounts:
+        """What was seen so far."""
+        return self._framer.counts
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether frames had to be made from fields: they are not the bytes that were sent."""
+        return self._packer.packed > 0
+
+    def frames(self, data: bytes) -> list[bytes]:
+        """The frames that are complete with this message."""
+        try:
+            if self._is_mavros:
+                return self._framer.push(_of_mavros(Fields(data, is_ros1=self._is_ros1)))
+            if self._is_json:
+                return self._framer.push(self._of_json(data))
+        except (ValueError, struct.error, KeyError, TypeError):
+            self.unreadable += 1
+            return []
+        return self._framer.push(data)
+
+    def _of_json(self, data: bytes) -> bytes:
+        item = orjson.loads(data)
+        if isinstance(item, dict) and isinstance(item.get("message"), dict):
+            return self._packer.pack(item)
+        return b"".join(_bytes_in(item, _DEPTH))
+
+
+def _bytes_in(item: Any, depth: int) -> Iterator[bytes]:  # noqa: ANN401 - whatever JSON holds
+    """What base64 texts and lists of bytes hold."""
+    if isinstance(item, str):
+        try:
+            yield base64.b64decode(item, validate=True)
+        except binascii.Error:
+            return
+    elif isinstance(item, list) and item and all(isinstance(each, int) and 0 <= each <= _BYTE for each in item):
+        yield bytes(item)
+    elif isinstance(item, dict | list) and depth:
+        for each in item.values() if isinstance(item, dict) else item:
+            yield from _bytes_in(each, depth - 1)
+
+
+def _of_mavros(fields: Fields) -> bytes:
+    """A frame from the parts of ``mavros_msgs/Mavlink``.
+
+    Raises:
+        ValueError: It is none, or its sender's check failed.
+    """
+    fields.header_ns()
+    if fields.integer("B") != _GOOD:
+        raise ValueError("not valid when it was received")
+    magic, length, incompatible, compatible, sequence, system, component = (fields.integer("B") for _ in range(7))
+    message_id, checksum = fields.integer(), fields.integer("H")
+    payload = fields.raw(8)[:length]
+    signature = fields.raw()
+    if magic == V1:
+        head = _V1_HEAD.pack(V1, length, sequence, system, component, message_id & 0xFF)
+        return head + payload + checksum.to_bytes(2, "little")
+    if magic != V2:
+        raise ValueError("no MAVLink frame")
+    head = _V2_HEAD.pack(V2, length, incompatible, compatible, sequence, system, component)
+    tail = signature[:SIGNATURE] if incompatible & SIGNED else b""
+    return head + message_id.to_bytes(3, "little") + payload + checksum.to_bytes(2, "little") + tail

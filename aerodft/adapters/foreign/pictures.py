@@ -1,0 +1,105 @@
+"""Compressed images and video packets out of the messages that other tools record."""
+
+import base64
+import binascii
+from datetime import timedelta
+from typing import Any, Final, NamedTuple
+
+import orjson
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from google.protobuf.message import DecodeError
+
+from aerodft.adapters.foreign.fields import Fields
+from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.timestamps import iso_to_unix_ns
+from aerodft.conventions import SECOND_NS
+
+_OLDEST_NS: Final = 946_684_800 * SECOND_NS  # the year 2000: before it nobody set the clock
+_STILL_MAGICS: Final = (b"\xff\xd8\xff", b"\x89PNG")
+
+
+class Picture(NamedTuple):
+    """An image, or one packet of a video.
+
+    Attributes:
+        stamp_ns: By the recording machine's clock; None where the message does not say.
+        data: The compressed bytes.
+        format: ``jpeg``, ``png``, ``h264``, ... as the message says it.
+    """
+
+    stamp_ns: int | None
+    data: bytes
+    format: str
+
+
+def read_picture(channel: ReadChannel, data: bytes) -> Picture:
+    """One message's picture.
+
+    Raises:
+        ValueError: There is none in it.
+    """
+    if kind_of(channel) not in {Kind.IMAGES, Kind.VIDEO}:
+        return _bare(data)
+    if channel.encoding == PROTOBUF:
+        return _of_protobuf(channel, data)
+    if channel.encoding == JSON:
+        return _of_json(data)
+    if channel.encoding not in {CDR, ROS1}:
+        raise ValueError(f"encoding {channel.encoding!r} is not read")
+    fields = Fields(data, is_ros1=channel.encoding == ROS1)
+    if type_of(channel.schema)[0] == "sensor_msgs":
+        stamp_ns, name = fields.header_ns(), fields.text()
+        return _picture(stamp_ns, fields.raw(), name)
+    stamp_ns, _ = fields.time_ns(), fields.text()
+    return _picture(stamp_ns, fields.raw(), fields.text())
+
+
+def _bare(data: bytes) -> Picture:
+    """A message that is nothing but the image's file."""
+    if not data.startswith(_STILL_MAGICS):
+        raise ValueError("neither a known schema nor a JPEG or PNG")
+    return _picture(None, data, "jpeg" if data.startswith(_STILL_MAGICS[0]) else "png")
+
+
+def _of_protobuf(channel: ReadChannel, data: bytes) -> Picture:
+    parser = CompressedVideo if kind_of(channel) is Kind.VIDEO else CompressedImage
+    try:
+        message = parser.FromString(data)
+    except DecodeError as error:
+        raise ValueError(str(error)) from error
+    stamp_ns = message.timestamp.seconds * SECOND_NS + message.timestamp.nanos
+    return _picture(stamp_ns, message.data, message.format)
+
+
+def _of_json(data: bytes) -> Picture:
+    try:
+        item = orjson.loads(data)
+        header = item.get("header") or {}
+        stamp = item.get("timestamp") or header.get("stamp")
+        return _picture(json_stamp_ns(stamp), base64.b64decode(item["data"], validate=True), item.get("format", ""))
+    except (orjson.JSONDecodeError, binascii.Error, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from error
+
+
+def json_stamp_ns(stamp: Any) -> int | None:  # noqa: ANN401 - whatever somebody writes
+    """Seconds and nanoseconds in their usual names, or ISO 8601; None where it is neither.
+
+    Raises:
+        TypeError: They are no numbers.
+    """
+    if isinstance(stamp, str):
+        try:
+            return iso_to_unix_ns(stamp, default_offset=timedelta())
+        except ValueError:
+            return None
+    if not isinstance(stamp, dict):
+        return None
+    whole = next((stamp[key] for key in ("sec", "secs", "seconds") if key in stamp), None)
+    rest = next((stamp[key] for key in ("nsec", "nsecs", "nanosec", "nanos") if key in stamp), 0)
+    return None if whole is None else int(whole) * SECOND_NS + int(rest)
+
+
+def _picture(stamp_ns: int | None, data: bytes, name: str) -> Picture:
+    return Picture(stamp_ns if stamp_ns is not None and stamp_ns >= _OLDEST_NS else None, data, name.lower())

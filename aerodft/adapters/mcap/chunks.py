@@ -1,0 +1,122 @@
+"""One chunk record, checked to the last byte before any of it is believed."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import lz4.frame
+import zstandard
+
+from aerodft.adapters.mcap.layout import CHUNK_HEAD, RECORD_HEAD
+
+MAX_CHUNK_BYTES = 32 << 20
+"""A few kilobytes of zstd can claim gigabytes; the recorder's own chunks are of a megabyte, or of one image."""
+
+_COUNT = struct.Struct("<I")
+_SIZE = struct.Struct("<Q")
+_LONGEST_NAME = 8
+LEAST_CHUNK_BYTES = CHUNK_HEAD.size + _COUNT.size + _SIZE.size
+HEAD_BYTES = LEAST_CHUNK_BYTES + _LONGEST_NAME
+
+
+class ChunkHead(NamedTuple):
+    """What a chunk record says of its content.
+
+    Attributes:
+        start_ns: Earliest log time.
+        end_ns: Latest.
+        content_bytes: Uncompressed.
+        crc: Of the content; 0 for none.
+        compression: Its name.
+        data_at: Where the content begins in the record.
+        data_bytes: Of the content as it is stored.
+    """
+
+    start_ns: int
+    end_ns: int
+    content_bytes: int
+    crc: int
+    compression: bytes
+    data_at: int
+    data_bytes: int
+
+
+def chunk_head(data: bytes, length: int) -> ChunkHead:
+    """The head of a chunk record.
+
+    Args:
+        data: The record's beginning, ``HEAD_BYTES`` of it where it has so many.
+        length: Of the whole record.
+
+    Raises:
+        ValueError: It is none, or claims more than is believed.
+    """
+    if len(data) < min(HEAD_BYTES, LEAST_CHUNK_BYTES, length):
+        raise ValueError("too short for a chunk")
+    try:
+        start_ns, end_ns, content_bytes, crc = CHUNK_HEAD.unpack_from(data)
+        (name_bytes,) = _COUNT.unpack_from(data, CHUNK_HEAD.size)
+        name_at = CHUNK_HEAD.size + _COUNT.size
+        if name_bytes > _LONGEST_NAME:
+            raise ValueError("names no compression")
+        (data_bytes,) = _SIZE.unpack_from(data, name_at + name_bytes)
+    except struct.error:
+        raise ValueError("too short for a chunk") from None
+    data_at = name_at + name_bytes + _SIZE.size
+    if data_at + data_bytes != length:
+        raise ValueError("claims another size than it has")
+    if max(content_bytes, data_bytes) > MAX_CHUNK_BYTES:
+        raise ValueError(f"claims {max(content_bytes, data_bytes)} bytes")
+    return ChunkHead(start_ns, end_ns, content_bytes, crc, data[name_at : name_at + name_bytes], data_at, data_bytes)
+
+
+def chunk_content(head: ChunkHead, data: bytes) -> bytes:
+    """A chunk's records, uncompressed and checked.
+
+    Args:
+        head: What the record says.
+        data: The content as it is stored.
+
+    Raises:
+        ValueError: It is damaged, or of a compression that is not known.
+    """
+    try:
+        content = _uncompressed(head, data)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise ValueError(str(error)) from error
+    if len(content) != head.content_bytes or (head.crc and zlib.crc32(content) != head.crc):
+        raise ValueError("checksum or size differs")
+    return content
+
+
+def _uncompressed(head: ChunkHead, data: bytes) -> bytes:
+    if head.compression == b"":
+        return data
+    if head.compression == b"zstd":
+        claimed = zstandard.get_frame_parameters(data).content_size
+        if claimed not in {head.content_bytes, zstandard.CONTENTSIZE_UNKNOWN}:
+            raise ValueError("claims two sizes")
+        return zstandard.decompress(data, head.content_bytes)
+    if head.compression == b"lz4":
+        # One byte more than claimed: a frame that goes on is told from one that ends there.
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, head.content_bytes + 1))
+    raise ValueError(f"compression {head.compression!r} is not known")
+
+
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record of a chunk's content.
+
+    Raises:
+        ValueError: A record ends outside of it.
+    """
+    position, end = 0, len(content)
+    while position < end:
+        if position + RECORD_HEAD.size > end:
+            raise ValueError("ends within a record")
+        opcode, length = RECORD_HEAD.unpack_from(content, position)
+        position += RECORD_HEAD.size
+        if position + length > end:
+            raise ValueError("ends within a record")
+        yield opcode, position, position + length
+        position += length

@@ -1,0 +1,141 @@
+"""The images of a recording: JPEGs at a rate, or the packets of a video that is compressed already."""
+
+import logging
+import threading
+from pathlib import Path
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+
+from aerodft.adapters.codec.keys import Keys
+from aerodft.adapters.jpeg import encode_jpeg
+from aerodft.adapters.lane import Lane
+from aerodft.adapters.mcap.channels import Channel, protobuf_channel
+from aerodft.adapters.mcap.foxglove import compressed_image, compressed_video
+from aerodft.adapters.mcap.pairing import PacketPairing
+from aerodft.adapters.mcap.records import image_sequence
+from aerodft.adapters.mcap.series import Series
+from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import AerodftError
+from aerodft.model.image import Image
+from aerodft.model.packet import VideoPacket
+
+_IMAGE_BYTES = 1 << 20  # what an image counts for in the queue
+_NO_IMAGE = 0xFFFFFFFF  # sequence of a packet that became no image
+_SILENCE_NS = 2 * SECOND_NS  # without packets for so long, images are recorded as JPEGs
+
+_log = logging.getLogger(__name__)
+
+
+def picture_channels(settings: RecorderSettings) -> tuple[Channel, Channel]:
+    """The channels of JPEGs and of video."""
+    keys = Keys(settings.station)
+    return protobuf_channel(keys.jpeg, CompressedImage), protobuf_channel(keys.video, CompressedVideo)
+
+
+class Pictures:
+    """Records images from a thread of its own; sheds them when that is too slow.
+
+    Args:
+        series: Where to; closed with this.
+        settings: How.
+        folder: Of the recording, for messages.
+    """
+
+    def __init__(self, series: Series, settings: RecorderSettings, folder: Path) -> None:
+        self._series = series
+        self._settings = settings
+        self._folder = folder
+        self._jpeg, self._video = picture_channels(settings)
+        self._last_image_ns: int | None = None
+        self._last_packet_ns: int | None = None
+        self._is_decodable = False
+        self._pairing = PacketPairing()
+        self._packets = threading.Lock()  # they come from the stream's thread, what they wait for from another
+        self._failed = 0
+        self.offered = self.shed = 0
+        self._lane: Lane[Image | VideoPacket] = Lane(
+            "record-images",
+            self._do,
+            series.tend,
+            capacity=settings.queued_images * _IMAGE_BYTES,
+            lossless=settings.lossless,
+        )
+
+    @property
+    def stored(self) -> int:
+        """Images and packets that are in the files."""
+        return self._series.stored - self._series.own
+
+    @property
+    def lost(self) -> int:
+        """Those that a failing disk cost, or that could not be encoded."""
+        return self._series.lost + self._failed
+
+    def image(self, image: Image) -> None:
+        """Record an image where one is due, and it does not come as video."""
+        with self._packets:
+            for packet in self._pairing.arrived(image.index, image.arrival_ns):
+                self._put(packet)
+        if image.pixels is None or not self._is_due(image.arrival_ns) or self._has_video(image.arrival_ns):
+            return
+        self._last_image_ns = image.arrival_ns
+        self.offered += 1
+        self.shed += not self._lane.put(image, _IMAGE_BYTES)
+
+    def packet(self, packet: VideoPacket) -> None:
+        """Record a packet; after one that was shed, all are up to the next that can be decoded."""
+        if not self._settings.video or self._settings.max_image_hz <= 0:
+            return
+        if not packet.is_key and self._last_packet_ns is None:
+            return  # the recording begins with the next key image
+        self._last_packet_ns = packet.arrival_ns
+        with self._packets:
+            for waited in self._pairing.add(packet):
+                self._put(waited)
+
+    def _put(self, packet: VideoPacket) -> None:
+        self.offered += 1
+        self._is_decodable = (self._is_decodable or packet.is_key) and self._lane.put(packet, len(packet.data))
+        self.shed += not self._is_decodable
+
+    def close(self) -> None:
+        """Write out what is left."""
+        with self._packets:
+            for packet in self._pairing.rest():
+                self._put(packet)
+        try:
+            self._lane.close()
+        finally:
+            self._series.close()
+
+    def _has_video(self, now_ns: int) -> bool:
+        last_ns = self._last_packet_ns
+        return last_ns is not None and now_ns - last_ns < _SILENCE_NS
+
+    def _is_due(self, arrival_ns: int) -> bool:
+        rate_hz = self._settings.max_image_hz
+        if rate_hz <= 0 or self._last_image_ns is None:
+            return rate_hz > 0
+        # A tenth of slack: a camera at exactly the rate jitters around its period.
+        return arrival_ns - self._last_image_ns >= 0.9 * SECOND_NS / rate_hz
+
+    def _do(self, item: Image | VideoPacket) -> None:
+        if isinstance(item, VideoPacket):
+            data = compressed_video(item, self._settings.camera.name)
+            sequence = _NO_IMAGE if item.index is None else image_sequence(item.index)
+            self._series.write(self._video, item.arrival_ns, data, sequence, may_begin=item.is_key)
+        else:
+            self._do_image(item)
+
+    def _do_image(self, image: Image) -> None:
+        try:
+            jpeg = encode_jpeg(image, self._settings.jpeg_quality)
+        except (AerodftError, OSError, ValueError) as error:
+            if not self._failed:
+                _log.warning("%s: image %d cannot be recorded: %s", self._folder, image.index, error)
+            self._failed += 1
+            return
+        data = compressed_image(image, jpeg, self._settings.camera.name)
+        self._series.write(self._jpeg, image.arrival_ns, data, image_sequence(image.index))

@@ -1,0 +1,70 @@
+"""Telemetry to import or to look through: logs, and the MAVLink of recordings."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from aerodft.adapters.config.station import Topics
+from aerodft.adapters.mavlink.composite import open_log
+from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.model.batch import Event
+from aerodft.model.telemetry import RawBlock
+from replay.foreign import ForeignRecording
+from replay.foreign_sources import ForeignTelemetry
+from replay.opening import open_recording
+from replay.segments import is_mcap
+from replay.source import RecordingSource
+
+
+class TelemetryLog(Protocol):
+    """A recorded flight's telemetry; a ``service.ports.Source``."""
+
+    @property
+    def counts(self) -> FrameCounts:
+        """What was read so far."""
+        ...
+
+    def events(self) -> Iterator[Event]:
+        """All frames, arrivals not decreasing."""
+        ...
+
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with it, one sentence each; complete once ``events`` has ended."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Recorded:
+    """The telemetry of aerodft's own recording, whose frames were checked as they came."""
+
+    source: RecordingSource
+    counts: FrameCounts = field(default_factory=FrameCounts)
+
+    def events(self) -> Iterator[Event]:
+        return (event for event in self.source.events() if isinstance(event, RawBlock))
+
+    def warnings(self) -> tuple[str, ...]:
+        return ()
+
+
+def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[TelemetryLog, ForeignRecording | None]:
+    """Open a log or a recording by what it holds, whatever its name.
+
+    Args:
+        path: A .tlog, a .bin, a recording, or another tool's MCAP file or folder.
+        topics: Which topic of the latter is what.
+
+    Returns:
+        Its telemetry; and the recording, where another tool made it.
+
+    Raises:
+        InputError: It cannot be read, or is none of these.
+        NoAnswerError: It holds nothing.
+    """
+    if not is_mcap(path):
+        return open_log(path), None
+    recording = open_recording(path, topics)
+    if isinstance(recording, ForeignRecording):
+        return ForeignTelemetry(recording), recording
+    return _Recorded(RecordingSource(recording)), None

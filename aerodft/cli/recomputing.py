@@ -1,0 +1,103 @@
+"""What it takes to compute a recording anew: its stations, then and now, and the pipeline that its input is fed to."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from aerodft.adapters.config.loading import load_station, with_calibration
+from aerodft.adapters.config.station import StationConfig
+from aerodft.cli.looking import Eyes, build_eyes
+from aerodft.cli.recorded import recorded_station, reoffset
+from aerodft.cli.wiring import build_pipeline, check_size
+from aerodft.errors import NoAnswerError, UsageError
+from aerodft.model.image import Image
+from aerodft.service.feed import MergedFeed
+from aerodft.service.pipeline import Pipeline
+from aerodft.service.ports import Feed, Source
+from replay.recording import Recording
+from replay.seen_again import SeenAgain
+from replay.source import RecordingSource
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recomputation:
+    """A recording, ready to be computed anew.
+
+    Attributes:
+        recording: What is read.
+        was: The configuration that it was made with; where it has none, the one to compute with.
+        station: The configuration to compute with.
+        pipeline: Of that.
+        feed: The recording's input as that configuration stamps it.
+        again: What is looked for again in the recorded images; None where observations are taken as recorded.
+        eyes: Who looks.
+    """
+
+    recording: Recording
+    was: StationConfig
+    station: StationConfig
+    pipeline: Pipeline
+    feed: Feed
+    again: SeenAgain | None = None
+    eyes: Eyes = field(default_factory=Eyes)
+
+
+def prepare(folder: Path, config: Path | None, calibration: Path | None, *, vision: bool = False) -> Recomputation:
+    """Open a recording with its own configuration or another one, and another calibration where there is one.
+
+    Args:
+        folder: The recording.
+        config: None for its own configuration.
+        calibration: None for that of the configuration.
+        vision: Look again into the recorded images; else it starts from the recorded observations.
+
+    Raises:
+        InputError: The folder is no recording, has no configuration, or its images are not of the camera.
+        ConfigError: A configuration or a calibration is not one.
+        NoAnswerError: The recording holds nothing, or with ``vision`` no images.
+        UsageError: There is nothing to look for.
+    """
+    recording = Recording(folder)
+    was, station = _stations(recording, config)
+    if calibration is not None:
+        station = with_calibration(station, calibration)
+    _check_sizes(recording, station)
+    pipeline = build_pipeline(station)
+    source = reoffset(RecordingSource(recording, pixels=vision), was, station)
+    again, eyes = None, Eyes()
+    if vision:
+        eyes = build_eyes(station, pipeline, config or folder, may_record=True)
+        again = _seen_again(source, recording, eyes)
+    feed = MergedFeed([source if again is None else again], station.pipeline.tick_ns)
+    return Recomputation(
+        recording=recording, was=was, station=station, pipeline=pipeline, feed=feed, again=again, eyes=eyes
+    )
+
+
+def _seen_again(source: Source, recording: Recording, eyes: Eyes) -> SeenAgain:
+    if not eyes.lookouts:
+        got = "a configuration without [markers] and [watch]"
+        raise UsageError("--vision", got=got, expected="one of them: else aerodft looks for nothing itself")
+    if next(recording.image_messages(), None) is None:
+        hint = "record.image_hz says how many are kept"
+        raise NoAnswerError("no images in the recording", where=recording.folder, hint=hint)
+    return SeenAgain(source, eyes.lookouts)
+
+
+def _stations(recording: Recording, config: Path | None) -> tuple[StationConfig, StationConfig]:
+    """The recording's own configuration (where it has none: the new one) and the one to compute with."""
+    if config is None:
+        own = recorded_station(recording)
+        return own, own
+    new = load_station(config)
+    return (new if recording.text("config.toml") is None else recorded_station(recording)), new
+
+
+def _check_sizes(recording: Recording, station: StationConfig) -> None:
+    """Refuse a camera that the recorded images are not from; one source has images of one size.
+
+    Raises:
+        InputError: The sizes differ.
+    """
+    images = (event for event in RecordingSource(recording).events() if isinstance(event, Image))
+    if (first := next(images, None)) is not None:
+        check_size(first, station.pipeline.camera, recording.folder)

@@ -1,0 +1,232 @@
+"""Answers by linear propagation, of many images and all probes of a kind at once; what needs more is left out.
+
+Left out is what misses the ground, is too far away, too uncertain, or must be drawn: ``measure`` looks at these one by
+one, and says why.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.dft.answers import Answer
+from aerodft.dft.limits import (
+    FIRST_ORDER_LIMIT,
+    LEANING_STDS,
+    MAX_BEARING_STD_RAD,
+    MAX_RELATIVE_RANGE_STD,
+    NEAR_FOOT,
+    NO_RAY,
+)
+from aerodft.dft.points import ImagePoints, lat_lon_alt, to_ground_frame
+from aerodft.dft.polygons import crosses_itself
+from aerodft.dft.propagation import joint_variances
+from aerodft.dft.quantities import SCALARS, Gradient, Sight, beside, foot_distance, gradient
+from aerodft.dft.record import UNITS
+from aerodft.dft.request import Request, Setup
+from aerodft.dft.seen import BY_DIRECTION, directions_with_jacobians, on_ground_count
+from aerodft.dft.uncertainty import Z95, ellipses95
+from aerodft.dft.values import SIGNED
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import PoseSample
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import CODES, Status
+
+_NO_RAY = [CODES.index(status) for status in NO_RAY]
+
+Column = list[Answer | None]
+"""One request's answers in all images; None where first order gives none."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Requests of one kind with as many pixels each.
+
+    Attributes:
+        kind: The kind.
+        members: Which of the requests.
+        columns: ``(g, q)`` which of the points.
+        pixels_px: ``(g, q, 2)``.
+    """
+
+    kind: ProbeKind
+    members: tuple[int, ...]
+    columns: IntArray
+    pixels_px: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Scalars:
+    """Values and standard deviations ``(n, g)``."""
+
+    value: FloatArray
+    std: FloatArray
+
+    @property
+    def high(self) -> FloatArray:
+        return self.value + Z95 * self.std
+
+
+def first_order_answers(
+    setup: Setup, samples: Sequence[PoseSample], requests: tuple[Request, ...], points: ImagePoints
+) -> list[Column]:
+    """A column for each of the requests; ``points`` are theirs, in order, in the samples' images."""
+    columns: list[Column] = [[None] * len(samples) for _ in requests]
+    for group in _groups(setup, requests):
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # misses
+            found = _Answers(setup, group, points)
+            rows = found.rows(samples)
+        for member, column in zip(group.members, rows, strict=True):
+            columns[member] = column
+    return columns
+
+
+def _groups(setup: Setup, requests: tuple[Request, ...]) -> Iterator[_Group]:
+    alike: dict[tuple[ProbeKind, int], list[tuple[int, int]]] = {}
+    first = 0
+    for member, request in enumerate(requests):
+        alike.setdefault((request.probe.kind, len(request.pixels)), []).append((member, first))
+        first += len(request.pixels)
+    for (kind, count), found in alike.items():
+        if setup.model is ProjectionModel.DFT and kind in BY_DIRECTION:
+            continue  # the paper's own equations
+        members = tuple(member for member, _ in found)
+        yield _Group(
+            kind,
+            members,
+            np.array([range(start, start + count) for _, start in found]),
+            np.array([requests[member].pixels for member in members], dtype=np.float64),
+        )
+
+
+class _Answers:
+    """What a group comes to in all images."""
+
+    def __init__(self, setup: Setup, group: _Group, points: ImagePoints) -> None:
+        self._setup, self._group, self._points = setup, group, points
+        self._status = points.ground.status[:, group.columns]
+        self._enu_m = points.ground.points_enu_m[:, group.columns]
+        self._cov = points.spread.cov_enu_m2[:, group.columns[:, 0]]
+        self._camera_m = points.pose.position_enu_m[:, None]
+        count = on_ground_count(group.kind, group.columns.shape[1], setup.model)
+        self._on_ground = group.columns[:, :count]
+        self._range_m = points.spread.range_m[:, self._on_ground]
+        self._is_open = self._reachable()
+
+    def rows(self, samples: Sequence[PoseSample]) -> list[Column]:
+        """A column for each of the group's requests."""
+        scalars = None if self._group.kind is ProbeKind.POSITION else self._scalars()
+        reasons = [sample.reasons for sample in samples]
+        columns = self._columns(scalars)
+        unit, _ = UNITS.get(self._group.kind, ("m", 1.0))
+        found: list[Column] = []
+        for g in range(len(self._group.members)):
+            rows = zip(self._is_open[:, g].tolist(), reasons, *(column[g] for column in columns), strict=True)
+            found.append([Answer(Status.OK, why, unit, *rest) if is_open else None for is_open, why, *rest in rows])
+        return found
+
+    def _reachable(self) -> BoolArray:
+        """Where all that must be on the ground is, near enough and well enough known for first order; ``(n, g)``."""
+        count = self._on_ground.shape[1]
+        misses = np.any(self._status[..., :count] > 0, axis=-1) | np.any(np.isin(self._status, _NO_RAY), axis=-1)
+        is_open: BoolArray = ~misses
+        if self._setup.max_range_m is not None:
+            is_open &= ~np.any(self._range_m > self._setup.max_range_m, axis=-1)
+        limit = FIRST_ORDER_LIMIT if self._setup.model is ProjectionModel.PINHOLE else MAX_RELATIVE_RANGE_STD
+        relative = self._points.spread.range_std_m[:, self._on_ground] / self._range_m
+        is_open &= ~np.any(relative > limit, axis=-1)
+        if count and self._setup.ground is not None and self._setup.ground.has_edges:
+            is_open[:] = False
+        if self._group.kind is ProbeKind.AREA:
+            for n, g in np.argwhere(is_open).tolist():
+                is_open[n, g] = not crosses_itself(self._enu_m[n, g])
+        return is_open
+
+    def _scalars(self) -> _Scalars:
+        """Values with standard deviations; closes what they show to be no first order, or no answer."""
+        kind = self._group.kind
+        if kind in BY_DIRECTION:
+            rays = directions_with_jacobians(self._setup.camera, self._points.pose, self._group.pixels_px)
+            jacobians = self._jacobians(rays.jac_shared, rays.jac_px)
+            sight = Sight(self._camera_m, rays.directions_enu, self._enu_m)
+        else:
+            jacobians = self._jacobians()
+            sight = Sight(self._camera_m, np.zeros_like(self._enu_m), self._enu_m)
+        value = SCALARS[kind](sight)
+        scalars = _Scalars(value, self._std(gradient(kind, sight), jacobians))
+        if kind is ProbeKind.BEARING:
+            self._is_open &= scalars.std <= MAX_BEARING_STD_RAD / 3
+        elif kind is ProbeKind.HEIGHT:
+            aside, by = beside(sight)
+            self._close_heights(scalars, np.abs(aside), self._std(by, jacobians))
+            away, by = foot_distance(sight)
+            self._is_open &= self._std(by, jacobians) <= NEAR_FOOT * away
+        return scalars
+
+    def _close_heights(self, scalars: _Scalars, aside_m: FloatArray, aside_std_m: FloatArray) -> None:
+        """Heights that are of no upright object."""
+        size = np.maximum((self._camera_m - self._enu_m[..., 0, :])[..., 2], np.abs(scalars.value))
+        self._is_open &= (scalars.std <= MAX_RELATIVE_RANGE_STD * size) & np.isfinite(scalars.value)
+        self._is_open &= (scalars.high >= 0) & (
+            aside_m <= np.maximum(np.abs(scalars.value), LEANING_STDS * aside_std_m)
+        )
+
+    def _jacobians(self, *of_rays: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        ground, columns = self._points.ground, self._group.columns
+        shared, own = ground.jac_shared[:, columns], ground.jac_px[:, columns]
+        ray_shared, ray_own = of_rays or (shared, own)
+        return shared, own, ray_shared, ray_own
+
+    def _std(self, by: Gradient, jacobians: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> FloatArray:
+        points, first = self._points, self._group.columns[:, 0]
+        elevation_var, pixel_var = np.square(points.elevation_std_m[first]), np.square(points.std_px[first])
+        variance = np.empty(by.by_camera.shape[:-1])
+        joint_variances(
+            (by.by_camera, by.by_directions, by.by_points),
+            jacobians,
+            points.shared_cov,
+            elevation_var,
+            pixel_var,
+            variance,
+        )
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def _columns(self, scalars: _Scalars | None) -> list[list[list[object]]]:
+        """The numbers of an ``Answer``, each by request and image."""
+        kind, enu_m = self._group.kind, self._enu_m
+        nothing: list[list[object]] = [[None] * len(enu_m)] * enu_m.shape[1]
+        columns = [nothing] * 3
+        if scalars is not None:
+            _, scale = UNITS.get(kind, ("m", 1.0))
+            low = scalars.value - Z95 * scalars.std
+            low = low if kind in SIGNED else np.maximum(low, 0.0)
+            ends = zip((scale * low).T.tolist(), (scale * scalars.high).T.tolist(), strict=True)
+            columns = [
+                (scale * scalars.value).T.tolist(),
+                (scale * scalars.std).T.tolist(),
+                [list(zip(*each, strict=True)) for each in ends],
+            ]
+        if kind is ProbeKind.BEARING and enu_m.shape[2] == 1:
+            return [*columns, *([nothing] * 6)]
+        if kind is ProbeKind.HEIGHT and scalars is not None:
+            enu_m = np.stack([enu_m[..., 0, :]] * 2, axis=-2)  # the top above the base
+            enu_m[..., 1, 2] += scalars.value
+        return [*columns, *self._places(enu_m, nothing)]
+
+    def _places(self, enu_m: FloatArray, nothing: list[list[object]]) -> list[list[list[object]]]:
+        points, kind = self._points, self._group.kind
+        count, per_image = len(enu_m), enu_m.shape[1] * enu_m.shape[2]
+        ground_m = to_ground_frame(points.pose, enu_m.reshape(count, per_image, 3)).reshape(enu_m.shape)
+        away = enu_m - self._camera_m[:, None]
+        range_m = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
+        geo = None if points.origin is None else lat_lon_alt(points.origin, enu_m)
+        arrays = (
+            ellipses95(self._cov) if kind is ProbeKind.POSITION else None,
+            ground_m,
+            enu_m,
+            self._cov,
+            geo,
+            range_m,
+        )
+        return [nothing if array is None else array.swapaxes(0, 1).tolist() for array in arrays]

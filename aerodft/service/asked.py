@@ -1,0 +1,42 @@
+"""What is to be measured, gathered over some ticks and then measured at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from aerodft.dft.measure import measure_images
+from aerodft.dft.request import Request, Setup
+from aerodft.model.pose import PoseSample
+from aerodft.service.ports import Output
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is to be measured at a pose."""
+
+    sample: PoseSample
+    requests: tuple[Request, ...]
+    image: int | None
+
+
+def measured(
+    setup: Setup, fixed: tuple[Request, ...], work: Sequence[list[Output | Asked]]
+) -> list[tuple[Output, ...]]:
+    """Outputs with the answers to what is asked among them.
+
+    Args:
+        setup: What all measurements share.
+        fixed: What is asked in every image: these are measured all at once, others one by one.
+        work: For each tick.
+    """
+    in_images = [item for items in work for item in items if isinstance(item, Asked) and item.requests is fixed]
+    samples, indices = [item.sample for item in in_images], [item.image for item in in_images]
+    answers = iter(measure_images(setup, samples, fixed, indices))
+
+    def answered(item: Output | Asked) -> Output:
+        if not isinstance(item, Asked):
+            return item
+        if item.requests is fixed:
+            return next(answers)
+        return measure_images(setup, (item.sample,), item.requests, (item.image,))[0]
+
+    return [tuple(map(answered, items)) for items in work]

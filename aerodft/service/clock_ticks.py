@@ -1,0 +1,202 @@
+"""Several ticks' telemetry at once: which rows came by which tick, and what the clocks were at each of them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from aerodft.model.arrays import IntArray
+from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track, joined
+from aerodft.service.clock_line import JUMP_NS, DelayedLine, Line, StatedLine
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """Tracks that came over several ticks, at least one row in each.
+
+    Attributes:
+        tracks: Their rows in order of arrival.
+        edges: For each track ``(ticks,)`` how many of its rows had come by each tick.
+        count: Number of ticks.
+    """
+
+    tracks: tuple[Track, ...]
+    edges: tuple[IntArray, ...]
+    count: int
+
+    @classmethod
+    def of(cls, tracks: tuple[Track, ...], ticks_ns: IntArray) -> "Ticks":
+        """Tracks ``(n,)`` whose rows arrived by the last of ``ticks_ns (ticks,)``."""
+        edges = tuple(np.searchsorted(track.arrival_ns, ticks_ns, side="right") for track in tracks)
+        return cls(tracks, edges, len(ticks_ns))
+
+    def tick_of(self, edges: IntArray) -> IntArray:
+        """By which tick each row ``(n,)`` of a track had come."""
+        return np.repeat(np.arange(self.count), np.diff(edges, prepend=0))
+
+    def last_arrivals(self) -> list[int]:
+        """When the last row of each tick arrived; 0 where none did."""
+        last = np.zeros(self.count, dtype=np.int64)
+        for track, edges in zip(self.tracks, self.edges, strict=True):
+            came = np.flatnonzero(np.diff(edges, prepend=0))
+            last[came] = np.maximum(last[came], track.arrival_ns[edges[came] - 1])
+        return last.tolist()
+
+    def alone(self, tick: int) -> tuple[Track, ...]:
+        """The rows that came in one tick."""
+        parts = []
+        for track, edges in zip(self.tracks, self.edges, strict=True):
+            start, stop = int(edges[tick - 1]) if tick else 0, int(edges[tick])
+            if stop > start:
+                rows = np.zeros(len(track.boot_ns), dtype=np.bool_)
+                rows[start:stop] = True
+                parts.append(track.rows(rows, boot_ns=track.boot_ns))
+        return tuple(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownRows:
+    """All rows with a time since boot, tick after tick; within a tick track after track."""
+
+    boot_ns: IntArray
+    arrival_ns: IntArray
+    tick: IntArray
+
+    @classmethod
+    def of(cls, tracks: tuple[Track, ...], ticks: Ticks) -> "KnownRows":
+        """The known rows of tracks with the edges of ``ticks``."""
+        boots = np.concatenate([track.boot_ns for track in tracks])
+        arrivals = np.concatenate([track.arrival_ns for track in tracks])
+        tick = np.concatenate([ticks.tick_of(edges) for edges in ticks.edges])
+        known = np.flatnonzero(boots != NO_BOOT_TIME)
+        order = known[np.argsort(tick[known], kind="stable")]
+        return cls(boots[order], arrivals[order], tick[order])
+
+    def fastest(self, own_ns: IntArray, tick_count: int) -> list[tuple[int, int] | None]:
+        """Own time and arrival of the fastest row of each tick, of those the first; None without a row."""
+        edges = np.searchsorted(self.tick, np.arange(tick_count + 1)).tolist()
+        delays = self.arrival_ns - own_ns
+        found: list[tuple[int, int] | None] = []
+        for start, stop in pairwise(edges):
+            best = start + int(np.argmin(delays[start:stop])) if stop > start else -1
+            found.append((int(own_ns[best]), int(self.arrival_ns[best])) if best >= 0 else None)
+        return found
+
+
+class LineTable:
+    """A clock's line at each of several ticks."""
+
+    def __init__(self, lines: list[Line]) -> None:
+        self._at_ns = np.array([line.at_ns for line in lines], dtype=np.int64)
+        self._offset_ns = np.array([line.offset_ns for line in lines], dtype=np.int64)
+        self._drift = np.array([line.drift for line in lines])
+
+    def offset(self, own_ns: IntArray, tick: IntArray) -> IntArray:
+        """As ``Line.offset`` at times ``(n,)``, each by the line of its tick ``(n,)``."""
+        gained: IntArray = np.rint(self._drift[tick] * (own_ns - self._at_ns[tick])).astype(np.int64)
+        return self._offset_ns[tick] + gained
+
+
+class TickLines:
+    """The clocks at each of several ticks, as they are learned.
+
+    Attributes:
+        stated: UTC minus time since boot, after the last tick.
+        host_minus_boot: After the last tick.
+        host_minus_utc: After the last tick.
+        host: Its line after each tick.
+    """
+
+    def __init__(self, stated: StatedLine, host_minus_boot: DelayedLine, host_minus_utc: DelayedLine) -> None:
+        self.stated, self.host_minus_boot, self.host_minus_utc = stated, host_minus_boot, host_minus_utc
+        self.host: list[Line] = []
+
+    def learn(self, tracks: tuple[Track, ...], ticks: Ticks, last_boot_ns: int) -> bool:
+        """Learn from rows of one clock that goes on; False where a clock jumps, as ``ClockMap.update`` sees it."""
+        before, stated = self.stated.line, self._stated_lines(tracks, ticks)
+        if before is None or stated is None:
+            return False
+        self._utc = LineTable(stated)
+        known = KnownRows.of(tracks, ticks)
+        newest = np.full(ticks.count, last_boot_ns)
+        np.maximum.at(newest, known.tick, known.boot_ns)
+        by_newest = self._utc.offset(np.maximum.accumulate(newest), np.arange(ticks.count))
+        steps = np.diff(by_newest, prepend=before.offset_at(last_boot_ns))
+        return not np.any(np.abs(steps) > JUMP_NS) and self._learn_host(known, ticks)
+
+    def to_utc(self, track: Track, tick: IntArray) -> IntArray:
+        """UTC stamps ``(n,)`` of a track's rows, each by what was known at its ``tick (n,)``."""
+        bare = track.boot_ns == NO_BOOT_TIME
+        stamps: IntArray = track.boot_ns + self._utc.offset(track.boot_ns, tick)
+        if not np.any(bare):
+            return stamps
+        by_arrival = track.arrival_ns - LineTable(self.host).offset(track.arrival_ns, tick)
+        return np.where(bare, by_arrival, stamps)
+
+    def _stated_lines(self, tracks: tuple[Track, ...], ticks: Ticks) -> list[Line] | None:
+        """Learn what the vehicle says of UTC; its line at each tick, None where it says something else than before."""
+        said: list[list[tuple[int, int]]] = [[] for _ in range(ticks.count)]
+        for track, edges in zip(tracks, ticks.edges, strict=True):
+            if isinstance(track, ClockTrack):
+                rows = zip(ticks.tick_of(edges).tolist(), track.boot_ns.tolist(), track.unix_ns.tolist(), strict=True)
+                for tick, boot_ns, unix_ns in rows:
+                    if boot_ns != NO_BOOT_TIME:
+                        said[tick].append((boot_ns, unix_ns - boot_ns))
+        lines = []
+        for samples in said:
+            for boot_ns, offset_ns in samples:
+                line = self.stated.line
+                if line is None or abs(offset_ns - line.offset_at(boot_ns)) > JUMP_NS:
+                    return None
+                self.stated.learn(boot_ns, offset_ns)
+            if self.stated.line is None:
+                return None
+            lines.append(self.stated.line)
+        return lines
+
+    def _learn_host(self, known: KnownRows, ticks: Ticks) -> bool:
+        arrived = ticks.last_arrivals()
+        by_boot = known.fastest(known.boot_ns, ticks.count)
+        by_utc = known.fastest(known.boot_ns + self._utc.offset(known.boot_ns, known.tick), ticks.count)
+        for boot, utc, arrived_ns in zip(by_boot, by_utc, arrived, strict=True):
+            before = self.host_minus_utc.line
+            if before is None:
+                return False
+            after = before
+            if boot is not None and utc is not None:
+                self.host_minus_boot.learn_fastest(*boot)
+                after = self.host_minus_utc.learn_fastest(*utc)
+                if abs(_offset_of_host(after, arrived_ns) - _offset_of_host(before, arrived_ns)) > JUMP_NS:
+                    return False
+                if self.host_minus_utc.unsettled_ns is not None:
+                    return False
+            self.host.append(after)
+        return True
+
+
+def _offset_of_host(line: Line, host_ns: int) -> int:
+    """This machine's clock minus UTC at one of its own times."""
+    return line.offset_at(host_ns - line.offset_ns)
+
+
+def of_a_kind(
+    tracks: tuple[Track, ...], stamps: Sequence[IntArray], edges: Sequence[IntArray]
+) -> Iterator[tuple[Track, IntArray, IntArray]]:
+    """Tracks with stamps and edges, those of one kind as one: tick after tick, within a tick track after track.
+
+    Rows of two messages that fill one stream are dropped where they go back in time, and that depends on their order.
+    """
+    kinds: dict[tuple[type[Track], object], list[int]] = {}
+    for row, track in enumerate(tracks):
+        kinds.setdefault((type(track), getattr(track, "source", None)), []).append(row)
+    for rows in kinds.values():
+        if len(rows) == 1:
+            yield tracks[rows[0]], stamps[rows[0]], edges[rows[0]]
+            continue
+        tick = np.concatenate([np.repeat(np.arange(len(edges[row])), np.diff(edges[row], prepend=0)) for row in rows])
+        order = np.argsort(tick, kind="stable")
+        together = joined([tracks[row] for row in rows])
+        ends = np.sum([edges[row] for row in rows], axis=0)
+        ordered = np.concatenate([stamps[row] for row in rows])[order]
+        yield together.rows(order, boot_ns=together.boot_ns), ordered, ends

@@ -1,0 +1,175 @@
+"""Paired measurements of one probe, and the figures that say how far apart they are."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import CODES
+from replay.apart import Apart, apart_of_places, apart_of_values
+from replay.pairing import Pairing
+from replay.series import ProbeKey, Series
+from replay.tolerance import Tolerance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pairs:
+    """One probe's pairs; rows ``(k,)`` of pairs, NaN where one of the two has no number.
+
+    Attributes:
+        key: The probe.
+        only_first: Measurements in the first alone.
+        only_second: Measurements in the second alone.
+        status_changes: How many changed from which status to which.
+        stamp_ns: Of the first.
+        shift_ns: The second's stamp minus the first's.
+        apart: How far apart the numbers are.
+    """
+
+    key: ProbeKey
+    only_first: int
+    only_second: int
+    status_changes: dict[str, int]
+    stamp_ns: IntArray
+    shift_ns: FloatArray
+    apart: Apart
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """How far apart the numbers of one probe (or of all) are; None where no two numbers could be compared.
+
+    Attributes:
+        paired: Measurements in both.
+        only_first: Measurements in the first alone.
+        only_second: Measurements in the second alone.
+        status_changes: How many changed from which status to which.
+        count: Pairs of numbers.
+        beyond: Of these, farther apart than the tolerance.
+        unit: Of the differences; empty where probes of several units are put together.
+        mean: Second minus first; None for positions.
+        median_abs: Median of the differences without their signs.
+        p95_abs: 95 of 100 are not larger.
+        max_abs: Largest.
+        max_abs_stamp_ns: When it was, by the first.
+        rms: Root of their mean square.
+        max_std_abs: Largest difference of two standard deviations.
+        median_sigmas: Median of differences in combined standard deviations.
+        p95_sigmas: 95 of 100 are not larger.
+        max_sigmas: Largest.
+        median_shared_sigmas: Where both are of the same input: in standard deviations of the difference, errors shared.
+        p95_shared_sigmas: 95 of 100 are not larger.
+    """
+
+    paired: int
+    only_first: int
+    only_second: int
+    status_changes: dict[str, int]
+    count: int
+    beyond: int
+    unit: str
+    mean: float | None
+    median_abs: float | None
+    p95_abs: float | None
+    max_abs: float | None
+    max_abs_stamp_ns: str | None
+    rms: float | None
+    max_std_abs: float | None
+    median_sigmas: float | None
+    p95_sigmas: float | None
+    max_sigmas: float | None
+    median_shared_sigmas: float | None
+    p95_shared_sigmas: float | None
+
+
+def paired(key: ProbeKey, first: Series | None, second: Series | None, how: Pairing) -> Pairs:
+    """Pair one probe's measurements; None where a side has none."""
+    one, other = first or _none(second), second or _none(first)
+    rows, others = how.pairs(one, other)
+    compare = apart_of_places if key.kind == ProbeKind.POSITION else apart_of_values
+    codes = Counter(zip(one.status[rows].tolist(), other.status[others].tolist(), strict=True))
+    changes = {f"{CODES[a]} -> {CODES[b]}": count for (a, b), count in sorted(codes.items()) if a != b}
+    return Pairs(
+        key=key,
+        only_first=len(one.stamp_ns) - len(rows),
+        only_second=len(other.stamp_ns) - len(others),
+        status_changes=changes,
+        stamp_ns=one.stamp_ns[rows],
+        shift_ns=(other.stamp_ns[others] - one.stamp_ns[rows]).astype(np.float64),
+        apart=compare(key.unit, _taken(one, rows), _taken(other, others)),
+    )
+
+
+def _none(like: Series | None) -> Series:
+    if like is None:
+        raise ValueError("a probe that neither side has")
+    return _taken(like, np.zeros(0, dtype=np.int64))
+
+
+def _taken(series: Series, rows: IntArray) -> Series:
+    return Series(**{each.name: getattr(series, each.name)[rows] for each in fields(Series)})
+
+
+def summarise(pairs: Pairs, tolerance: Tolerance, *, same_input: bool) -> Difference:
+    """The figures of one probe."""
+    apart = pairs.apart
+    unit = "m" if pairs.key.kind == ProbeKind.POSITION else pairs.key.unit
+    limit, std_limit = tolerance.of_values(unit, apart.size, apart.combined), tolerance.of_stds(unit)
+    is_near = (np.abs(apart.change) <= limit) & ~(np.abs(apart.std_change) > std_limit)
+    beyond = (~np.isnan(apart.change) & ~is_near) | apart.is_lopsided
+    return _figures([pairs], unit=unit, beyond=int(beyond.sum()), same_input=same_input)
+
+
+def together(pairs: Sequence[Pairs], parts: Sequence[Difference], *, same_input: bool) -> Difference:
+    """The figures of all probes; those in units only where there is one unit."""
+    units = {part.unit for part in parts}
+    unit = units.pop() if len(units) == 1 else ""
+    return _figures(pairs, unit=unit, beyond=sum(part.beyond for part in parts), same_input=same_input)
+
+
+def _figures(pairs: Sequence[Pairs], *, unit: str, beyond: int, same_input: bool) -> Difference:
+    change, std_change, sigmas, shared = (
+        _all(pairs, name) for name in ("change", "std_change", "sigmas", "shared_std")
+    )
+    known = ~np.isnan(change)
+    shared = np.abs(change[known]) / shared[known] if same_input else np.zeros(0)
+    stamps = np.concatenate([np.zeros(0, dtype=np.int64), *(each.stamp_ns for each in pairs)])
+    statuses: Counter[str] = Counter()
+    for each in pairs:
+        statuses.update(each.status_changes)
+    is_signed = not any(each.key.kind == ProbeKind.POSITION for each in pairs)
+    inside = np.abs(change[known]) if unit else np.zeros(0)
+    return Difference(
+        paired=len(change),
+        only_first=sum(each.only_first for each in pairs),
+        only_second=sum(each.only_second for each in pairs),
+        status_changes=dict(sorted(statuses.items())),
+        count=int(known.sum()),
+        beyond=beyond,
+        unit=unit,
+        mean=float(np.mean(change[known])) if len(inside) and is_signed else None,
+        median_abs=_quantile(inside, 0.5),
+        p95_abs=_quantile(inside, 0.95),
+        max_abs=_quantile(inside, 1.0),
+        max_abs_stamp_ns=str(stamps[known][np.argmax(inside)]) if len(inside) else None,
+        rms=float(np.sqrt(np.mean(inside**2))) if len(inside) else None,
+        max_std_abs=_quantile(np.abs(std_change[known]), 1.0) if unit else None,
+        median_sigmas=_quantile(sigmas[known], 0.5),
+        p95_sigmas=_quantile(sigmas[known], 0.95),
+        max_sigmas=_quantile(sigmas[known], 1.0),
+        median_shared_sigmas=_quantile(shared, 0.5),
+        p95_shared_sigmas=_quantile(shared, 0.95),
+    )
+
+
+def _all(pairs: Sequence[Pairs], name: str) -> FloatArray:
+    return np.concatenate([np.zeros(0), *(getattr(each.apart, name) for each in pairs)])
+
+
+def _quantile(values: FloatArray, part: float) -> float | None:
+    """Linearly between neighbours; None without a value."""
+    known = values[~np.isnan(values)]
+    return float(np.quantile(known, part)) if len(known) else None

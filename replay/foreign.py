@@ -1,0 +1,106 @@
+"""Recordings of other tools: any MCAP file with MAVLink in it, and images, as sources of the pipeline."""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+from aerodft.adapters.codec.wire import LATEST_NS
+from aerodft.adapters.config.station import Topics
+from aerodft.adapters.foreign.cameras import read_camera
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.reading import ReadMessage
+from aerodft.adapters.mcap.scanning import scan_segment
+from aerodft.errors import InputError, NoAnswerError
+from aerodft.model.camera import Camera
+from replay.segments import channels_of, messages_of, numbered
+from replay.topics import Roles, described, roles_of
+
+_log = logging.getLogger(__name__)
+
+
+class ForeignRecording:
+    """Another tool's recording, open for reading; holds no file open.
+
+    Attributes:
+        path: The file, or the folder of files.
+        segments: Its files.
+        channels: By topic.
+        roles: What each topic is.
+        start_ns: Earliest log time.
+        end_ns: Latest log time.
+
+    Args:
+        path: An MCAP file, or a folder of them.
+        topics: What is known of its topics beforehand.
+
+    Raises:
+        InputError: There is none, it cannot be read, or it is not clear which topic is what.
+        NoAnswerError: It holds no message.
+    """
+
+    def __init__(self, path: Path, topics: Topics | None = None) -> None:
+        self.path = path
+        self.segments = tuple(map(scan_segment, mcap_files(path)))
+        chunks = [chunk for segment in self.segments for chunk in segment.chunks]
+        if not chunks:
+            raise NoAnswerError("the recording holds no message", where=path)
+        if not all(segment.is_whole for segment in self.segments):
+            _log.warning("%s: was not finished; read as far as it is whole", path)
+        self.start_ns = min(chunk.start_ns for chunk in chunks)
+        self.end_ns = max(chunk.end_ns for chunk in chunks)
+        self.channels = {channel.topic: channel for each in self.segments for channel in channels_of(each).values()}
+        self.roles: Roles = roles_of(path, self.segments, topics or Topics())
+
+    def messages(
+        self, topic: str | None = None, *, from_ns: int | None = None, to_ns: int | None = None
+    ) -> Iterator[ReadMessage]:
+        """Messages as they were written, log times in ``[from_ns, to_ns)``; None for all topics."""
+
+        def wanted(channel: ReadChannel) -> bool:
+            return topic is None or channel.topic == topic
+
+        messages = messages_of(self.segments, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
+        return (message for message in messages if message.log_ns <= LATEST_NS)  # beyond it is damage
+
+    def refusal_without(self, what: str) -> InputError:
+        """The refusal of a recording that lacks a channel of some kind."""
+        return InputError(
+            f"no {what} in the recording",
+            where=self.path,
+            got=described(self.channels),
+            expected=f"a topic with {what}",
+            hint="--topic says which topic is what",
+        )
+
+    def camera(self) -> Camera | None:
+        """The camera that was recorded with the images; None where there is none.
+
+        Raises:
+            InputError: It is damaged, or of a lens model that is not known.
+        """
+        if self.roles.camera is None:
+            return None
+        message = next(self.messages(self.roles.camera), None)
+        if message is None:
+            return None
+        try:
+            return read_camera(message.channel, message.data)
+        except ValueError as error:
+            raise InputError(
+                "the camera cannot be read", where=f"{self.path}, {message.channel.topic}", got=error
+            ) from error
+
+
+def mcap_files(path: Path) -> list[Path]:
+    """The MCAP files that a path means, in order.
+
+    Raises:
+        InputError: There is none.
+    """
+    if path.is_file():
+        return [path]
+    paths = sorted(path.glob("*.mcap"), key=numbered) if path.is_dir() else []
+    if not paths:
+        got = "a folder without any" if path.is_dir() else "nothing"
+        raise InputError("there is no recording", where=path, got=got, expected="an MCAP file, or a folder of them")
+    return paths

@@ -1,0 +1,90 @@
+"""Messages of MCAP files, read from the chunks that have them and from no others."""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from aerodft.adapters.mcap.layout import MAGIC
+from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
+from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage
+
+Wanted = Callable[[ReadChannel], bool]
+
+
+def numbered(path: Path) -> tuple[list[int], str]:
+    """What files that were split are put in order by: ``data_1000`` comes after ``data_999``."""
+    return [int(digits) for digits in re.findall(r"\d+", path.stem)], path.name
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a path is an MCAP file, whatever its name, or a folder of them."""
+    if path.is_dir():
+        return next(path.glob("*.mcap"), None) is not None
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def messages_of(
+    segments: Sequence[SegmentScan],
+    *,
+    from_ns: int | None = None,
+    to_ns: int | None = None,
+    wanted: Wanted | None = None,
+) -> Iterator[ReadMessage]:
+    """Messages as they were written, file after file.
+
+    Args:
+        segments: The files.
+        from_ns: Earliest log time; None for the start.
+        to_ns: Log times stop before it; None for the end.
+        wanted: Whose messages; None for everybody's.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+    for segment in segments:
+        reader = ChunkReader(segment.channels.copy())
+        for message in reader.messages(_places(segment, from_ns, to_ns, wanted)):
+            in_time = (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
+            if in_time and (wanted is None or wanted(message.channel)):
+                yield message
+
+
+def _places(
+    segment: SegmentScan, from_ns: int | None, to_ns: int | None, wanted: Wanted | None
+) -> Iterator[ChunkPlace]:
+    """The chunks that may hold such messages, and those before them that may define their channels."""
+    known = segment.channels.by_id
+    seen = set(known)
+    ids = {number for number, channel in known.items() if wanted is None or wanted(channel)}
+    for place in segment.chunks:
+        in_time = (from_ns is None or place.end_ns >= from_ns) and (to_ns is None or place.start_ns < to_ns)
+        defines = place.channels is None or not place.channels <= seen
+        if place.channels is not None:
+            seen |= place.channels
+        if defines and not segment.is_indexed:
+            if to_ns is None or place.start_ns < to_ns:
+                yield place
+        elif in_time and (place.channels is None or not segment.is_indexed or not ids.isdisjoint(place.channels)):
+            yield place
+
+
+def channels_of(segment: SegmentScan) -> dict[int, ReadChannel]:
+    """All channels of a file: by its index, else read from the chunks that define them.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
+    if segment.is_indexed:
+        return segment.channels.by_id
+    reader = ChunkReader(segment.channels.copy())
+    seen = set(segment.channels.by_id)
+    for place in segment.chunks:
+        if place.channels is None or not place.channels <= seen:
+            for _ in reader.messages((place,)):
+                pass
+            seen |= place.channels or set()
+    return reader.channels.by_id

@@ -1,0 +1,228 @@
+"""Measurements as arrays by probe, from a recording or an exported table: some 40 bytes each."""
+
+import csv
+import hashlib
+import math
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+import orjson
+
+from aerodft.adapters.codec import events
+from aerodft.errors import InputError
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import CODE_OF, Status
+from replay.parquet import parquet_rows
+from replay.recording import Recording
+from replay.table import Item, parsed, row_of
+
+NO_IMAGE: Final = -1
+_TABLES: Final = frozenset({".csv", ".parquet"})
+_HEAD_IMAGES = 200
+_PLACE: Final = ("lat_deg", "lon_deg", "cov_east_m2", "cov_east_north_m2", "cov_north_m2", "range_m")
+_USED: Final = ("name", "kind", "unit", "stamp_ns", "image", "value", "std", "status", "enu_m", *_PLACE)
+
+
+class ProbeKey(NamedTuple):
+    """What makes two probes comparable: a width is none any more where its name stands for an area."""
+
+    name: str
+    kind: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Series:
+    """One probe's measurements, in the order in which they were made.
+
+    Attributes:
+        stamp_ns: ``(n,)``.
+        image: ``(n,)``, ``NO_IMAGE`` where it is not known.
+        value: ``(n,)``, NaN where there is none.
+        std: ``(n,)``, likewise.
+        status: ``(n,)``, indexes in ``CODES``.
+        place: ``(n, 8)`` of a ``position``: latitude and longitude (deg), covariance (m2: east, both, north), range,
+            east, north (m); else ``(n, 0)``.
+    """
+
+    stamp_ns: IntArray
+    image: IntArray
+    value: FloatArray
+    std: FloatArray
+    status: IntArray
+    place: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Side:
+    """One of two things to be compared.
+
+    Attributes:
+        where: Its folder or file.
+        series: By probe.
+        digest: Of all payloads in their order, or of the file.
+        images: Stamp and arrival of the first images by index; empty for a table.
+        recording: What it was read from; None for a table.
+    """
+
+    where: Path
+    series: dict[ProbeKey, Series]
+    digest: str
+    images: dict[int, tuple[int, int]]
+    recording: Recording | None
+
+    @property
+    def count(self) -> int:
+        """Its measurements."""
+        return sum(len(each.stamp_ns) for each in self.series.values())
+
+
+def read_side(path: Path) -> Side:
+    """Read the measurements of a recording, or of a table that ``aerodft export`` wrote (CSV, Parquet).
+
+    Raises:
+        InputError: It is neither, or it is damaged.
+        NoAnswerError: The recording holds nothing.
+    """
+    if path.is_file() and path.suffix.lower() in _TABLES:
+        return _table_side(path)
+    recording = Recording(path)
+    digest = hashlib.sha256()
+    builders: dict[ProbeKey, _Builder] = {}
+    for payload in recording.measurements():
+        digest.update(len(payload).to_bytes(8, "little") + payload)
+        _add(builders, _row_of_payload(payload), path)
+    return Side(
+        where=path,
+        series={key: builder.series() for key, builder in builders.items()},
+        digest=f"payloads {digest.hexdigest()}",
+        images=_first_images(recording),
+        recording=recording,
+    )
+
+
+class _Row(NamedTuple):
+    key: ProbeKey
+    stamp_ns: int
+    image: int
+    value: float
+    std: float
+    status: str
+    place: tuple[float, ...]
+
+
+def _row_of_payload(payload: bytes) -> _Row:
+    item = parsed(payload)
+    return _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item)
+
+
+def _row(row: Item) -> _Row:
+    """A measurement or a table's row, the numbers of which may be text.
+
+    Raises:
+        InputError: It is no measurement.
+    """
+    try:
+        key = ProbeKey(row["name"], row["kind"], row["unit"])
+        image = row["image"]
+        return _Row(
+            key,
+            int(row["stamp_ns"]),
+            NO_IMAGE if image is None or image == "" else int(image),
+            _number(row["value"]),
+            _number(row["std"]),
+            row["status"],
+            _place(row) if key.kind == ProbeKind.POSITION else (),
+        )
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError("a measurement is none", got=f"{type(error).__name__}: {error}") from error
+
+
+def _place(row: Item) -> tuple[float, ...]:
+    points = row["enu_m"] or None
+    if isinstance(points, str):
+        points = orjson.loads(points)
+    east_north = points[0][:2] if points else (None, None)
+    return (*(_number(row[name]) for name in _PLACE), *map(_number, east_north))
+
+
+def _number(value: object) -> float:
+    """A number; NaN for nothing (null, an empty cell)."""
+    return math.nan if value is None or value == "" else float(value)  # type: ignore[arg-type]  # text or a number
+
+
+class _Builder:
+    """Collects one probe's rows in flat arrays."""
+
+    def __init__(self) -> None:
+        self._integers = array("q")  # stamp, image, status
+        self._numbers = array("d")  # value, std
+        self._place = array("d")
+
+    def add(self, row: _Row) -> None:
+        self._integers.extend((row.stamp_ns, row.image, CODE_OF[Status(row.status)]))
+        self._numbers.extend((row.value, row.std))
+        self._place.extend(row.place)
+
+    def series(self) -> Series:
+        integers = np.frombuffer(self._integers, dtype=np.int64).reshape(-1, 3)
+        numbers = np.frombuffer(self._numbers).reshape(-1, 2)
+        return Series(
+            stamp_ns=integers[:, 0],
+            image=integers[:, 1],
+            status=integers[:, 2],
+            value=numbers[:, 0],
+            std=numbers[:, 1],
+            place=np.frombuffer(self._place).reshape(len(integers), -1),
+        )
+
+
+def _add(builders: dict[ProbeKey, _Builder], row: _Row, where: Path) -> None:
+    builder = builders.get(row.key)
+    if builder is None:
+        builder = builders[row.key] = _Builder()
+    try:
+        builder.add(row)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError("a measurement is damaged", where=where, got=f"{row.key.name}: {error}") from error
+
+
+def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
+    """Stamp and arrival of the first images, by index."""
+    messages = (message for message in recording.messages() if message.channel.schema == events.IMAGE_SCHEMA)
+    images = (events.decode_image(message.data) for message in islice(messages, _HEAD_IMAGES))
+    return {image.index: (image.stamp_ns, image.arrival_ns) for image in images}
+
+
+def _table_side(path: Path) -> Side:
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError("the table cannot be read", where=path, got=error.strerror) from error
+    rows = parquet_rows(path, _USED) if path.suffix.lower() == ".parquet" else _csv_rows(path)
+    builders: dict[ProbeKey, _Builder] = {}
+    for row in rows:
+        _add(builders, _row(row), path)
+    series = {key: builder.series() for key, builder in builders.items()}
+    return Side(where=path, series=series, digest=f"table {digest}", images={}, recording=None)
+
+
+def _csv_rows(path: Path) -> Iterator[Item]:
+    csv.field_size_limit(1 << 24)  # 64 points with all their digits
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = csv.DictReader(file)
+            missing = [name for name in _USED if name not in (rows.fieldnames or ())]
+            if missing:
+                hint = "tables are those that `aerodft export` writes"
+                raise InputError("the table has no measurements", where=path, got=f"no column {missing[0]}", hint=hint)
+            yield from rows
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError("the table cannot be read", where=path, got=error) from error

@@ -1,0 +1,98 @@
+"""Several recordings as one row of messages, in order of log time."""
+
+import heapq
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+from aerodft.adapters.codec import events
+from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
+from aerodft.adapters.mcap.reading import ReadMessage
+from aerodft.conventions import SECOND_NS
+from replay.foreign import ForeignRecording
+from replay.recording import Recording
+from replay.segments import Wanted as ChannelWanted
+from replay.segments import channels_of, messages_of
+
+_APART_NS: Final = SECOND_NS  # what recorders put off writing
+AnyRecording = Recording | ForeignRecording
+Wanted = Callable[[AnyRecording, ReadChannel], bool]
+
+
+class Item(NamedTuple):
+    """One message of one recording.
+
+    Attributes:
+        log_ns: Its log time.
+        recording: Where it is from.
+        message: The message.
+        is_mark: Whether a step ends before it: an image, or where there are none any message.
+    """
+
+    log_ns: int
+    recording: AnyRecording
+    message: ReadMessage
+    is_mark: bool
+
+
+def is_image_mark(recording: AnyRecording, channel: ReadChannel) -> bool:
+    """Whether a channel has a recording's images, or their stamps."""
+    if isinstance(recording, Recording):
+        return channel.schema == events.IMAGE_SCHEMA
+    return channel.topic == recording.roles.images
+
+
+def timeline(
+    recordings: Sequence[AnyRecording], from_ns: int | None, to_ns: int | None, wanted: Wanted
+) -> Iterator[Item]:
+    """All messages with log times in ``[from_ns, to_ns)``; of equal ones the first recording's come first.
+
+    Args:
+        recordings: Each in its own order.
+        from_ns: None for the start.
+        to_ns: None for the end.
+        wanted: Whose messages; the images' stamps come in any case.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+    return heapq.merge(*(_items(each, from_ns, to_ns, wanted) for each in recordings), key=lambda item: item.log_ns)
+
+
+def _items(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[Item]:
+    has_images = isinstance(recording, Recording) or recording.roles.images is not None
+    for message in _messages(recording, from_ns, to_ns, wanted):
+        is_mark = not has_images or is_image_mark(recording, message.channel)
+        yield Item(message.log_ns, recording, message, is_mark)
+
+
+def _messages(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[ReadMessage]:
+    def is_wanted(channel: ReadChannel) -> bool:
+        return is_image_mark(recording, channel) or wanted(recording, channel)
+
+    if isinstance(recording, ForeignRecording):
+        streams = (_by_time(each, from_ns, to_ns, is_wanted) for each in recording.segments)
+        return heapq.merge(*streams, key=lambda message: message.log_ns)
+    data = recording.messages(from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
+    images = (
+        message
+        for message in recording.image_messages(from_ns=from_ns, to_ns=to_ns)
+        if wanted(recording, message.channel)
+    )
+    # A picture comes after its image's stamps, which have the same log time.
+    return heapq.merge(data, images, key=lambda message: message.log_ns)
+
+
+def _by_time(
+    segment: SegmentScan, from_ns: int | None, to_ns: int | None, is_wanted: ChannelWanted
+) -> Iterator[ReadMessage]:
+    """One file's messages by log time, also where a converter wrote one topic after the other."""
+    if all(one.end_ns <= other.start_ns + _APART_NS for one, other in pairwise(segment.chunks)):
+        return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
+    topics = {channel.topic for channel in channels_of(segment).values() if is_wanted(channel)}
+
+    def stream(topic: str) -> Iterator[ReadMessage]:
+        return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.topic == topic)
+
+    streams = map(stream, sorted(topics))
+    return heapq.merge(*streams, key=lambda message: message.log_ns)

@@ -1,0 +1,70 @@
+"""A recording of version 0.1, written by the stock writer: it opens, replays and gives its numbers again for ever.
+
+If this fails, aerodft cannot read what it once wrote, or computes something else from it. Neither is to be mended here.
+"""
+
+import shutil
+from pathlib import Path
+
+import orjson
+import pytest
+
+from aerodft.adapters.mcap.recovery import recover_folder
+from aerodft.adapters.zenoh.session import free_endpoint
+from aerodft.model.image import Image
+from replay.recording import Recording
+from replay.source import RecordingSource
+
+FROZEN = Path(__file__).parent / "frozen-0.1"
+NUMBERS = ("value", "ground_m", "enu_m", "range_m")
+
+
+def measured(folder: Path) -> dict[tuple[str, str], dict[str, object]]:
+    return {(each["name"], each["stamp_ns"]): each for each in map(orjson.loads, Recording(folder).measurements())}
+
+
+def test_it_gives_its_numbers_again(aerodft, tmp_path: Path) -> None:
+    done = aerodft("recompute", FROZEN, "-o", tmp_path / "again")
+    assert done.code == 0, done.err
+    then, now = measured(FROZEN), measured(tmp_path / "again")
+    assert then.keys() == now.keys()
+    assert len(then) == 118
+    compared = 0
+    for key, old in then.items():
+        new = now[key]
+        # What a number is worth may be known better later, and so whether it is worth anything; the number stays.
+        if "ILL_CONDITIONED" in {old["status"], new["status"]}:
+            continue
+        assert new["status"] == old["status"], key
+        for name in NUMBERS:
+            assert flat(new[name]) == pytest.approx(flat(old[name]), rel=1e-9, abs=1e-9), (key, name)
+        compared += old["status"] == "ok"
+    assert compared > 50
+
+
+def flat(value: object) -> list[float]:
+    if value is None:
+        return []
+    return [each for part in value for each in flat(part)] if isinstance(value, list) else [float(value)]
+
+
+def test_it_replays(aerodft) -> None:
+    done = aerodft("replay", FROZEN, "--rate", "max", "--listen", free_endpoint(), "--json")
+    assert done.code == 0, done.err
+    assert (done.json["measurements"], done.json["images"]) == (118, 6)
+
+
+def test_its_images_are_found() -> None:
+    source = RecordingSource(Recording(FROZEN), pixels=True)
+    images = [event for event in source.events() if isinstance(event, Image)]
+    seen = [image for image in images if image.pixels is not None]
+    assert (len(images), len(seen)) == (30, 6)
+    assert all(image.pixels().shape == (180, 320, 3) for image in seen)
+
+
+def test_it_is_sound_and_recovery_leaves_it_alone(tmp_path: Path) -> None:
+    shutil.copytree(FROZEN, tmp_path / "copy")
+    recovery = recover_folder(tmp_path / "copy")
+    assert [(each.state, each.messages) for each in recovery.segments] == [("sound", 795), ("sound", 7)]
+    for path in FROZEN.iterdir():
+        assert (tmp_path / "copy" / path.name).read_bytes() == path.read_bytes()

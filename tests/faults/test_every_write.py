@@ -1,0 +1,187 @@
+"""Every call that a recorder makes to the disk fails once, each in a recording of its own: nothing is lost by it."""
+
+import errno
+import itertools
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from aerodft.adapters.mcap import file as disk
+from aerodft.adapters.mcap import recorder, series
+from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap.recovery import recover_folder
+from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.totals import RecordingTotals
+from aerodft.errors import InputError
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
+from aerodft.model.telemetry import WireProtocol
+from aerodft.service.feed import batch_of, block_of
+from replay.recording import Recording
+
+CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)
+CALLS = ("open", "write", "ftruncate", "fdatasync", "fsync", "close", "statvfs")
+STEPS = 12
+FRAMES = 3
+BYTES = 4000  # of noise in each frame: a segment is full after a few
+
+
+class FaultyDisk:
+    """The calls of ``os``, real ones, but for the ``which``-th."""
+
+    def __init__(self, which: int, number: int) -> None:
+        self._which = which
+        self._number = number
+        self._calls = itertools.count()
+        self.failed = ""
+
+    def __getattr__(self, name: str):
+        real = getattr(os, name)
+        if name not in CALLS:
+            return real
+
+        def call(*arguments):
+            if name == "close":  # a file that is closed with an error is closed
+                real(*arguments)
+                self.check(name)
+                return None
+            if name != "write":
+                self.check(name)
+            if name == "write" and self.failed == "short":
+                self.failed = "write"
+                raise OSError(self._number, os.strerror(self._number))
+            if name == "write" and next(self._calls) == self._which:  # half of it, and then nothing more
+                self.failed = "short"
+                return real(arguments[0], arguments[1][: len(arguments[1]) // 2])
+            return real(*arguments)
+
+        return call
+
+    def check(self, name: str) -> None:
+        if next(self._calls) == self._which:
+            self.failed = name
+            raise OSError(self._number, os.strerror(self._number))
+
+
+def record(folder: Path) -> RecordingTotals:
+    """A recording of a few segments; returns what the recorder says of it."""
+    noise = np.random.default_rng(1)
+    settings = RecorderSettings(
+        station="s", camera=CAMERA, lossless=True, max_image_hz=1e6, segment_bytes=70_000, queued_images=1
+    )
+    made = McapRecorder(folder, settings, started_ns=1)
+    for step in range(STEPS):
+        frames = [b"%06d" % (step * FRAMES + k) + noise.bytes(BYTES) for k in range(FRAMES)]
+        arrivals_ns = [(step + 1) * 1000 + k for k in range(FRAMES)]
+        now_ns = arrivals_ns[-1] + 100
+        shot = Image(index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=lambda: PIXELS)
+        events = [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames), shot]
+        made.inputs(batch_of(now_ns, events))
+    made.close()
+    return made.totals
+
+
+PIXELS = np.zeros((48, 64, 3), dtype=np.uint8)
+
+
+def check_files(folder: Path, totals: RecordingTotals) -> None:
+    """What the recorder says is what stock and own readers find, in order, once."""
+    assert totals.offered == totals.messages + totals.lost_messages
+    assert totals.offered_images == totals.images + totals.lost_images == STEPS
+    recover_folder(folder)
+    for path in sorted(folder.glob("*.mcap")):
+        with path.open("rb") as stream:
+            stock = sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages())
+        assert stock > 0
+    recording = Recording(folder)
+    messages = list(recording.messages())
+    images = [m for m in recording.image_messages() if m.channel.topic.endswith("jpeg")]
+    assert (len(messages), len(images)) == (totals.messages, totals.images)
+    frames = [int(m.data[:6]) for m in messages if m.channel.encoding == "mavlink"]
+    assert frames == sorted(set(frames)), "in order, and none twice"
+    assert len(frames) == STEPS * FRAMES - totals.lost_messages
+    assert [m.sequence for m in images] == sorted({m.sequence for m in images})
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """Where a sync costs nothing, if there is such a place."""
+    memory = Path("/dev/shm")  # noqa: S108 - a folder of its own is made in it
+    with tempfile.TemporaryDirectory(dir=memory if os.access(memory, os.W_OK) else None) as name:
+        yield Path(name)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
+def test_a_call_that_fails_once_costs_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, number: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("CRITICAL")
+    monkeypatch.setattr(recorder, "_SPARE_DATA_BYTES", 1 << 16)
+    monkeypatch.setattr(recorder, "_SPARE_IMAGE_BYTES", 1 << 16)
+    monkeypatch.setattr(series, "FLUSH_S", 0.0)
+    monkeypatch.setattr(series, "SYNC_S", 0.0)
+    monkeypatch.setattr(series, "RETRY_S", 0.0)
+    allocate = disk.allocate
+    failed: dict[str, int] = {}
+    refused = lost = 0
+    for which in itertools.count():
+        faults = FaultyDisk(which, number)
+
+        def faulty_allocate(*arguments, faults=faults):
+            faults.check("fallocate")
+            allocate(*arguments)
+
+        monkeypatch.setattr(disk, "os", faults)
+        monkeypatch.setattr(disk, "allocate", faulty_allocate)
+        try:
+            totals = record(folder / f"{which}")
+        except InputError:
+            refused += 1
+        else:
+            monkeypatch.setattr(disk, "os", os)
+            monkeypatch.setattr(disk, "allocate", allocate)
+            check_files(folder / f"{which}", totals)
+            lost += totals.lost
+        if not faults.failed:
+            break
+        failed[faults.failed] = failed.get(faults.failed, 0) + 1
+    print(
+        f"\n{os.strerror(number)}: {failed}; refused at the start {refused}, lost {lost} messages in {which} recordings"
+    )
+    assert set(failed) >= {"open", "write", "fdatasync", "fsync", "fallocate", "ftruncate"}
+    assert lost == 0
+    assert refused < 30
+
+
+def test_a_folder_that_vanishes_is_a_loss_that_is_counted(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(series, "FLUSH_S", 0.0)
+    monkeypatch.setattr(series, "SYNC_S", 0.0)
+    settings = RecorderSettings(station="s", camera=CAMERA, lossless=True)
+    made = McapRecorder(folder / "r", settings, started_ns=1)
+
+    def send(step: int) -> None:
+        block = block_of(WireProtocol.MAVLINK, "a", [step * 100], [b"x" * 100])
+        made.inputs(batch_of(step * 100, [block]))
+
+    send(1)
+    shutil.rmtree(folder / "r")
+    until_s, step = time.monotonic() + 30, 1
+    while not made.totals.lost_messages and time.monotonic() < until_s:
+        step += 1
+        send(step)
+        time.sleep(0.01)
+    made.close()
+    totals = made.totals
+    assert totals.messages == 0, "nothing is there"
+    assert totals.offered == totals.lost_messages >= step
+    assert "No such file or directory" in caplog.text
+    assert not (folder / "r").exists()

@@ -1,0 +1,73 @@
+"""Other tools' files cut and flipped anywhere: refused in a sentence or read in part, never a frame that nobody sent.
+
+``AERODFT_FAULTS=full`` makes it 1,500 files.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.errors import AerodftError
+from aerodft.model.image import Image
+from aerodft.model.telemetry import RawBlock
+from replay.foreign import ForeignRecording
+from replay.foreign_sources import ForeignImages, ForeignTelemetry
+from replay.opening import open_recording
+from replay.timeline import AnyRecording, timeline
+from tests.replay.foreign_files import frames_of, jpegs, write_foreign
+
+MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
+SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
+
+
+def everything(recording: AnyRecording, channel: ReadChannel) -> bool:  # noqa: ARG001 - of any recording
+    return True
+
+
+def read_all(path: Path, sent: set[bytes]) -> int:
+    """Read whatever can be read; returns the number of frames."""
+    frames = 0
+    recording = open_recording(path)
+    assert list(timeline([recording], None, None, everything)) is not None
+    if not isinstance(recording, ForeignRecording):
+        return 0
+    for block in ForeignTelemetry(recording).events():
+        assert isinstance(block, RawBlock)
+        got = [block.data[at : at + size] for at, size in zip(block.offset, block.length, strict=True)]
+        assert set(got) <= sent
+        frames += len(got)
+    for image in ForeignImages(recording).events():
+        assert isinstance(image, Image)
+        if image.pixels is not None:
+            image.pixels()
+    return frames
+
+
+@pytest.mark.parametrize("way", ["lz4", "bare"])
+def test_damage_costs_messages_and_nothing_else(tmp_path: Path, way: str, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("CRITICAL")
+    frames = frames_of(SAMPLE)[:600]
+    pictures = jpegs([frames[0][0] + k * 100_000_000 for k in range(5)], 64, 48)
+    data = write_foreign(tmp_path / "whole.mcap", frames, pictures, compressed=way == "lz4").read_bytes()
+    sent = {frame for _, frame in frames}
+    assert read_all(tmp_path / "whole.mcap", sent) == len(frames)
+    noise, path = np.random.default_rng(1), tmp_path / "a.mcap"
+    read, refusals = 0, list[str]()
+    for number in range(MUTATIONS // 2):
+        damaged = bytearray(data)
+        if number % 3 == 0:
+            del damaged[noise.integers(len(data)) :]
+        else:
+            for place in noise.integers(len(data), size=noise.integers(1, 4)):
+                damaged[place] ^= 1 << int(noise.integers(8))
+        path.write_bytes(damaged)
+        try:
+            read += read_all(path, sent) > 0
+        except AerodftError as refusal:
+            refusals.append(str(refusal))
+    print(f"{MUTATIONS // 2} files: {read} read in part, {len(refusals)} refused")
+    assert all(each.startswith(str(path)) and "\n" not in each for each in refusals)
+    assert read > MUTATIONS // 20

@@ -1,0 +1,35 @@
+"""Recordings with bytes flipped, cut, moved and claimed: what is read was recorded, and nothing else is said than why.
+
+``AERODFT_FAULTS=full`` runs 1,500 of them; a minute. The reading process is one of its own: its memory is measured.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
+MOST_MB = 200
+
+WORKER = Path(__file__).with_name("mutating.py")
+
+
+@pytest.mark.timeout(3600)
+def test_mutated_recordings_are_read_in_part_or_refused(tmp_path: Path) -> None:
+    line = [sys.executable, WORKER, tmp_path, str(MUTATIONS)]
+    done = subprocess.run(line, check=False, capture_output=True, text=True, timeout=1200)
+    assert done.returncode == 0, done.stderr[-5000:]
+    found = json.loads(done.stdout)
+    print(
+        f"\n{found['files']} mutated recordings: {found['read']} read, {found['refused']} refused in a sentence;"
+        f" {found['recovered']} recovered, {found['unrecovered']} refused; {found['messages']} messages accepted,"
+        f" {found['wrong']} wrong; {found['lost_images']} images cannot be shown; peak {found['peak_mb']:.0f} MB"
+    )
+    assert found["files"] == MUTATIONS
+    assert found["wrong"] == 0
+    assert found["read"] > 0.8 * MUTATIONS
+    assert found["recovered"] > 0.8 * MUTATIONS
+    assert found["peak_mb"] < MOST_MB

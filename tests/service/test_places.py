@@ -1,0 +1,49 @@
+"""Where the vehicle is: over the 180th meridian, and when a position cannot be true."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aerodft.conventions import SECOND_NS
+from aerodft.model.telemetry import PositionTrack
+from aerodft.service.places import Places
+from aerodft.service.settings import HeightSettings
+from aerodft.service.streams import END_OF_TIME, Missing
+
+METRE_RAD = 1 / 6_378_137.0  # of longitude on the equator
+HALF_SECOND = SECOND_NS // 2
+
+
+def places(lat_rad, lon_rad):
+    """Two positions, a second apart."""
+    made = Places(HeightSettings(), None)
+    stamps_ns = np.array([0, SECOND_NS])
+    level = np.full(2, 50.0)
+    track = PositionTrack(
+        arrival_ns=stamps_ns,
+        boot_ns=stamps_ns,
+        lat_rad=np.array(lat_rad),
+        lon_rad=np.array(lon_rad),
+        alt_msl_m=level,
+        height_home_m=level,
+    )
+    made.append(track, stamps_ns)
+    return made
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_flight_over_the_180th_meridian(direction):
+    """20 m/s along the equator; in the middle of the second it is right on the meridian, a little later beyond."""
+    half = direction * 10 * METRE_RAD
+    made = places([0.0, 0.0], [direction * math.pi - half, half - direction * math.pi])
+    place = made.at(HALF_SECOND + SECOND_NS // 10, END_OF_TIME)
+    assert place.lat_lon_alt[1] == pytest.approx(half / 5 - direction * math.pi, abs=1e-12)
+    np.testing.assert_allclose(place.east_north_m, [direction * 12.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(place.velocity_enu_mps, [direction * 20.0, 0.0, 0.0], atol=1e-3)
+
+
+@pytest.mark.parametrize(("apart_m", "is_known"), [(40.0, True), (190.0, True), (210.0, False), (1e6, False)])
+def test_between_two_positions_that_nothing_flies_between_there_is_none(apart_m, is_known):
+    found = places([0.0, 0.0], [0.0, apart_m * METRE_RAD]).at(HALF_SECOND, END_OF_TIME)
+    assert (found is not Missing.STALE) == is_known

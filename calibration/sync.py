@@ -1,8 +1,8 @@
 """A video aligned with a log by how the camera turned: offset and drift of the clocks, and the gimbal's lag.
 
 Stamps of the video become UTC by ``stamp + offset + drift (stamp - reference)``; the gimbal's report of ``lag`` before
-is where the camera then looked. All offsets and drifts of a range are searched first, then the best is refined twice:
-with the homographies of most points, and with those of land and water by themselves.
+is where the camera then looked. All offsets and drifts of a range are searched first. The best is fitted to the turns
+that the images show, then, land and water by themselves, the reports to the path that these turns make.
 """
 
 from collections.abc import Sequence
@@ -20,8 +20,10 @@ from aerodft.vision.homography import plane_motion
 from aerodft.vision.layers import layered_motion
 from aerodft.vision.matches import ImagePair
 from aerodft.vision.rotation import PlaneMotion
-from calibration.sync_fit import LAG, LAG_PRIOR_S, SyncFit, fit
+from calibration.sync_fit import LAG, LAG_PRIOR_S, TurnProblem, fit
 from calibration.sync_motion import CameraMotion, predicted
+from calibration.sync_path import CameraPath, followed_path
+from calibration.sync_refine import FEWEST_REPORTS, Refined, refined
 from calibration.sync_search import MAX_DRIFT, Peak, search
 
 MOST_STD_S = 0.05
@@ -60,7 +62,8 @@ class Alignment:
         reference_ns: Where the offset holds and from where the drift counts, by the video's clock.
         offset_s: To be added to a stamp at the reference.
         drift: To be added to it per second since then.
-        lag_s: How much the camera was behind the gimbal's reports.
+        lag_s: How much the camera was behind the gimbal's reports, on average.
+        time_constant_s: How much of that is a camera that follows ever more slowly, rather than later.
         cov: ``(3, 3)`` of offset, drift and lag.
         lag_told: Whether the lag is known, by the data or because there is none; else it is a typical one, and part of
             the offset's std.
@@ -73,6 +76,7 @@ class Alignment:
     offset_s: float
     drift: float
     lag_s: float
+    time_constant_s: float
     cov: FloatArray
     lag_told: bool
     peak_ratio: float
@@ -83,6 +87,11 @@ class Alignment:
     def stds(self) -> FloatArray:
         """``(3,)`` of offset, drift and lag."""
         return np.asarray(np.sqrt(np.diag(self.cov)))
+
+    @property
+    def lateness_s(self) -> float:
+        """By how much more than its lag the camera may be behind while it turns."""
+        return 2 * float(self.stds[LAG]) + self.time_constant_s
 
     def attitude_std_s(self, after_s: float = 0.0) -> float:
         """How well the camera's attitude is found, this long after the reference: of offset less lag, with drift."""
@@ -117,10 +126,12 @@ def align(
     reach_s = max_offset_s + (1 + MAX_DRIFT) * (pairs[-1].end_ns - reference_ns) / SECOND_NS + _AROUND_S
     camera = _camera(history, settings, reference_ns, reach_s)
     best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s))
-    first = fit(coarse, camera, reference_ns, np.array([best.offset_s, best.drift, best.lag_s]))
-    fine = _layered(pairs, camera, reference_ns, first)
-    found = fit(fine, camera, reference_ns, first.values[: LAG + 1])
-    alignment = _alignment(found, fine, camera, reference_ns, ratio)
+    first = fit(TurnProblem(coarse, camera, reference_ns), np.array([best.offset_s, best.drift, best.lag_s]))
+    problem = TurnProblem(_layered(pairs, camera, reference_ns, first), camera, reference_ns)
+    seen = problem.seen(problem.said(first))
+    path = followed_path(pairs, problem.motion, seen, camera, first[: LAG + 1], reference_ns)
+    found = _refined(camera, path, first[: LAG + 1])
+    alignment = _alignment(found, first, problem, reference_ns, ratio)
     _check(alignment)
     return alignment
 
@@ -169,24 +180,24 @@ def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
     if best.score < _LEAST_SCORE:
         raise NoAnswerError(
             "too little motion to tell, or the video is not of this flight",
-            got=f"evidence {best.score:.0f} for an offset of {best.offset_s:+.1f} s",
-            expected=f"at least {_LEAST_SCORE:.0f}",
+            got=f"at best {max(best.score / _LEAST_SCORE, 0):.0%} of what tells an offset, at {best.offset_s:+.1f} s",
+            expected="100 % or more",
             hint="the gimbal or the vehicle must turn while the video runs; see --max-offset, --video-start",
         )
     ratio = max(peaks[1].score / best.score, 0.0) if len(peaks) > 1 else 0.0
     if ratio > _MOST_RATIO:
         raise NoAnswerError(
             "several offsets fit about as well",
-            got=f"{best.offset_s:+.1f} s and {peaks[1].offset_s:+.1f} s, the second with {ratio:.0%} of the evidence",
+            got=f"{best.offset_s:+.1f} s and {peaks[1].offset_s:+.1f} s, which explains {ratio:.0%} of what that does",
             expected=f"at most {_MOST_RATIO:.0%}",
             hint="a motion that repeats itself does not tell; pass --video-start and a smaller --max-offset",
         )
     return best, ratio
 
 
-def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, first: SyncFit) -> PlaneMotion:
+def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, first: FloatArray) -> PlaneMotion:
     """The homographies of what moves alike, with the ground where the first fit has it."""
-    offset, drift, lag = first.values[: LAG + 1].tolist()
+    offset, drift, lag = first[: LAG + 1].tolist()
     stamps = np.array([(pair.start_ns, pair.end_ns) for pair in pairs], dtype=np.int64)
     start, end = (offset + (1 + drift) * ((stamps - zero_ns) / SECOND_NS)).T
     said = predicted(camera, start, end, lag)
@@ -194,26 +205,38 @@ def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, fir
     return layered_motion(covered, said.rotvec_rad[said.known], said.normal_cam[said.known])
 
 
-def _alignment(found: SyncFit, motion: PlaneMotion, camera: CameraMotion, reference_ns: int, ratio: float) -> Alignment:
-    offset, drift, lag = found.values[: LAG + 1].tolist()
-    between = ((motion.end_ns - motion.start_ns) / SECOND_NS)[:, None]
-    start, end = ((stamps - reference_ns) / SECOND_NS for stamps in (motion.start_ns, motion.end_ns))
-    before = predicted(camera, start, end, 0.0)
-    cov = found.cov[: LAG + 1, : LAG + 1]
+def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refined:
+    try:
+        return refined(camera, path, start)
+    except LookupError as error:
+        raise NoAnswerError(
+            "too little of the log is about what the video shows",
+            got=f"{error} reports of {camera.source} while the ground was followed",
+            expected=f"at least {FEWEST_REPORTS}",
+            hint="film longer while the gimbal moves, or ask for its reports more often",
+        ) from None
+
+
+def _alignment(found: Refined, first: FloatArray, problem: TurnProblem, reference_ns: int, ratio: float) -> Alignment:
+    offset, drift, lag = found.values.tolist()
+    between = problem.between_s[:, None]
+    before = predicted(problem.camera, problem.start_s, problem.end_s, 0.0)
+    said = problem.said(np.concatenate([found.values, first[LAG + 1 :]]))
     return Alignment(
         reference_ns=reference_ns,
         offset_s=offset,
         drift=drift,
         lag_s=lag,
-        cov=cov,
-        lag_told=float(np.sqrt(cov[LAG, LAG])) < _LAG_TOLD * LAG_PRIOR_S[1],
+        time_constant_s=found.time_constant_s,
+        cov=found.cov,
+        lag_told=float(np.sqrt(found.cov[LAG, LAG])) < _LAG_TOLD * LAG_PRIOR_S[1],
         peak_ratio=ratio,
-        source=camera.source,
+        source=problem.camera.source,
         rates=Rates(
-            stamp_ns=(motion.start_ns + motion.end_ns) // 2,
-            seen_radps=found.rate_seen_radps,
+            stamp_ns=(problem.motion.start_ns + problem.motion.end_ns) // 2,
+            seen_radps=problem.seen(said).rotvec_rad / between,
             said_before_radps=np.where(before.known[:, None], before.rotvec_rad / between, np.nan),
-            said_radps=np.where(found.used[:, None], found.rate_said_radps, np.nan),
+            said_radps=np.where(said.known[:, None], said.rotvec_rad / between, np.nan),
         ),
     )
 

@@ -1,9 +1,9 @@
-"""Offset, drift and lag to milliseconds: the camera's turns by its images against its turns by the log.
+"""Offset, drift and lag to hundredths of a second: the camera's turns by its images against its turns by the log.
 
 A nonlinear least-squares fit with t-distributed residuals, which begins with large ones forgiven, so that it does not
 end beside its goal. Beside the three, a small turn between camera and gimbal axes is estimated: a degree of it leaks
-rates from one axis into another. The covariance is Newey and West's, because residuals of successive pairs are alike:
-what is seen of the ground, and what a report gets wrong, lasts for a while.
+rates from one axis into another. The log is a smoothed curve here, which rounds off where a gimbal starts and stops:
+``sync_refine`` goes on from what is found.
 """
 
 from dataclasses import dataclass
@@ -31,35 +31,11 @@ _LEAST_ITERATIONS, _ITERATIONS = 6, 12
 _FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is forgiven, and what is left of it after each iteration
 _CONVERGED = np.array([1e-5, 1e-7, 1e-5])
 _FIXED = 1e18  # precision of what is no unknown
-_FIXED_SHARE = np.array([-0.5324, 0.4160, 2.9694, 1.9600]) / 1.96  # of the whole: their critical values, at 95 %
-_BESIDE = 1.5  # times what residuals tell were the errors over simulated flights with noisy reports
-_WHOLE_MS_STD_S = 0.0005  # of stamps that count milliseconds, with those of the clock map
-_ROUNDING = np.diag([_WHOLE_MS_STD_S**2, 0.0, _WHOLE_MS_STD_S**2, 0.0, 0.0, 0.0])
-_CORRELATED_S = 6.0  # residuals farther apart in time have nothing to do with each other
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SyncFit:
-    """A fitted alignment.
+class TurnProblem:
+    """Image pairs beside a log, ``zero_ns`` being where the video's time counts from."""
 
-    Attributes:
-        values: ``(6,)`` offset (s, at the reference), drift, lag (s), turn of the camera against the gimbal (rad).
-        cov: ``(6, 6)``.
-        rate_seen_radps: ``(n, 3)`` camera's angular rate by the images, in camera axes.
-        rate_said_radps: ``(n, 3)`` by the log.
-        used: ``(n,)`` pairs that the log covers.
-        cost: Mean of the robust loss over the used pairs.
-    """
-
-    values: FloatArray
-    cov: FloatArray
-    rate_seen_radps: FloatArray
-    rate_said_radps: FloatArray
-    used: BoolArray
-    cost: float
-
-
-class _Problem:
     def __init__(self, motion: PlaneMotion, camera: CameraMotion, zero_ns: int) -> None:
         self.motion = motion
         self.camera = camera
@@ -89,32 +65,25 @@ class _Problem:
         return self.seen(said).rotvec_rad - said.rotvec_rad
 
 
-def fit(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, start: FloatArray) -> SyncFit:
-    """Fit from ``start (3,)``: offset (s, at ``zero_ns``), drift, lag (s)."""
-    problem = _Problem(motion, camera, zero_ns)
-    fixed = np.arange(_UNKNOWNS) == (LAG if not camera.has_lag else -1)
+def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
+    """Fit from ``start (3,)``: offset (s, at the reference), drift, lag (s).
+
+    Returns:
+        ``(6,)``: the same, and the turn of the camera's axes against the gimbal's (rad).
+    """
+    fixed = np.arange(_UNKNOWNS) == (LAG if not problem.camera.has_lag else -1)
     precision, mean = np.where(fixed, _FIXED, 1 / _PRIOR_STD**2), np.where(fixed, 0.0, _PRIOR_MEAN)
     values = np.where(fixed, 0.0, np.concatenate([start, np.zeros(_UNKNOWNS - len(start))]))
     for round_ in range(_ITERATIONS):
         lines = _linearised(problem, values)
-        white = _whitened(lines, (_FIRST_STD_RADPS * _SHARPER**round_ * problem.between_s) ** 2)
-        information = np.einsum("nui,nuj->ij", white.jac, white.jac) + np.diag(precision)
-        gradient = np.einsum("nui,nu->i", white.jac, white.off) + precision * (mean - values)
+        jac, off = _whitened(lines, (_FIRST_STD_RADPS * _SHARPER**round_ * problem.between_s) ** 2)
+        information = np.einsum("nui,nuj->ij", jac, jac) + np.diag(precision)
+        gradient = np.einsum("nui,nu->i", jac, off) + precision * (mean - values)
         step = np.linalg.solve(information, gradient)
         values = np.where(fixed, 0.0, values + step)
         if round_ >= _LEAST_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
             break
-    scores = np.einsum("nui,nu->ni", white.jac, white.off)
-    bread = np.linalg.inv(information)
-    said = problem.said(values)
-    return SyncFit(
-        values=values,
-        cov=bread @ (_newey_west(problem.start_s[lines.used], scores) + np.diag(precision)) @ bread + _ROUNDING,
-        rate_seen_radps=problem.seen(said).rotvec_rad / problem.between_s[:, None],
-        rate_said_radps=said.rotvec_rad / problem.between_s[:, None],
-        used=lines.used,
-        cost=white.cost,
-    )
+    return np.asarray(values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +103,7 @@ class _Lines:
     used: BoolArray
 
 
-def _linearised(problem: _Problem, values: FloatArray) -> _Lines:
+def _linearised(problem: TurnProblem, values: FloatArray) -> _Lines:
     said = problem.said(values)
     seen, used = problem.seen(said), said.known
     jac = np.empty((len(problem.motion), 3, _UNKNOWNS))
@@ -154,37 +123,12 @@ def _linearised(problem: _Problem, values: FloatArray) -> _Lines:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _White:
-    """Lines in units in which their errors are independent and of standard deviation 1, and their robust cost."""
-
-    jac: FloatArray
-    off: FloatArray
-    cost: float
-
-
-def _whitened(lines: _Lines, doubt_rad2: FloatArray) -> _White:
+def _whitened(lines: _Lines, doubt_rad2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Derivatives and residuals in units in which their errors are independent and of standard deviation 1."""
     cov = lines.cov + doubt_rad2[lines.used][:, None, None] * np.eye(3)
     inward = np.linalg.inv(np.linalg.cholesky(cov))
     jac, off = inward @ lines.jac, np.einsum("nij,nj->ni", inward, lines.off)
     squares = np.sum(off**2, axis=-1)
     scale2 = float(np.median(squares)) / _MEDIAN_CHI2
     scale = np.sqrt((_STUDENT + 3) / (_STUDENT + squares / scale2) / scale2)
-    loss = (_STUDENT + 3) / 2 * np.log1p(squares / (_STUDENT * scale2))
-    return _White(jac * scale[:, None, None], off * scale[:, None], float(np.mean(loss) + 1.5 * np.log(scale2)))
-
-
-def _newey_west(times_s: FloatArray, scores: FloatArray) -> FloatArray:
-    """Covariance ``(u, u)`` of the sum of scores ``(m, u)``, which are alike over ``_CORRELATED_S``.
-
-    Of few independent stretches it would come out too small: it is scaled so that 1.96 of its standard deviations hold
-    95 % (Kiefer and Vogelsang, A new asymptotic theory for heteroskedasticity-autocorrelation robust tests, 2005).
-    """
-    span_s = float(times_s[-1] - times_s[0])
-    reach = max(round(_CORRELATED_S * len(scores) / span_s), 1)
-    total = scores.T @ scores
-    for lag in range(1, min(reach, len(scores))):
-        cross = scores[lag:].T @ scores[:-lag]
-        total += (1 - lag / reach) * (cross + cross.T)
-    share = min(_CORRELATED_S / span_s, 1.0)
-    return np.asarray(total * (_BESIDE * np.polyval(_FIXED_SHARE, share)) ** 2)
+    return jac * scale[:, None, None], off * scale[:, None]

@@ -9,6 +9,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.rotation import (
     camera_from_gimbal,
     from_yaw_pitch_roll,
+    gimbal_from_camera,
     inverse,
     matrix,
     multiply,
@@ -67,6 +68,8 @@ class CameraMotion:
     Attributes:
         source: The report that is believed.
         has_lag: Whether the camera could lag behind it: not where it is bolted to the vehicle.
+        report_s: ``(n,)`` when it came, seconds.
+        report_wxyz: ``(n, 4)`` what it said.
     """
 
     def __init__(
@@ -91,11 +94,12 @@ class CameraMotion:
         self._mount = _mounted(mount)
         vehicle = _usable(history.vehicle)
         self._carrier: _Curve | None = None
-        if not self.has_lag and vehicle is not None:
-            self._report = self._curve(vehicle, vehicle.wxyz)
-            return
-        gimbal = _of_one_kind(history.gimbals[self.source])
+        bolted = None if self.has_lag else vehicle
+        gimbal = bolted or _of_one_kind(history.gimbals[self.source])
+        self.report_s, self.report_wxyz = (gimbal.stamp_ns - zero_ns) / SECOND_NS, gimbal.wxyz
         self._report = self._curve(gimbal, gimbal.wxyz)
+        if bolted is not None:
+            return
         frame, in_earth = history.frames.get(self.source, ReportFrame.EARTH), bool(gimbal.yaw_in_earth[0])
         if frame is ReportFrame.BODY or not in_earth:
             if vehicle is None:
@@ -112,10 +116,21 @@ class CameraMotion:
             attitude = multiply(self._carrier.at(times_s), attitude)
         return camera_from_gimbal(attitude / np.linalg.norm(attitude, axis=-1, keepdims=True))
 
+    def report_of(self, times_s: FloatArray, enu_wxyz_cam: FloatArray) -> FloatArray:
+        """``(n, 4)``: what a gimbal without lag would report of a camera that is there then."""
+        gimbal = multiply(gimbal_from_camera(enu_wxyz_cam), inverse(self._mount))
+        if self._carrier is None:
+            return gimbal
+        carrier = self._carrier.at(times_s)
+        return multiply(inverse(carrier / np.linalg.norm(carrier, axis=-1, keepdims=True)), gimbal)
+
+    def carries(self, times_s: FloatArray) -> BoolArray:
+        """Where it is known what the report counts from."""
+        return np.ones(times_s.shape, dtype=np.bool_) if self._carrier is None else self._carrier.knows(times_s)
+
     def knows(self, times_s: FloatArray, lag_s: float = 0.0) -> BoolArray:
         """Where ``enu_wxyz_cam`` lies between samples."""
-        known = self._report.knows(times_s - lag_s)
-        return known if self._carrier is None else known & self._carrier.knows(times_s)
+        return self._report.knows(times_s - lag_s) & self.carries(times_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ from aerodft.cli.sync_run import SyncRun
 from calibration.sync import Alignment
 
 _SIGMAS_95: Final = 1.96
+_NOTABLE_RATIO: Final = 0.01
 
 
 def describe_sync(run: SyncRun, files: list[str]) -> dict[str, Any]:
@@ -42,6 +43,7 @@ def describe_sync(run: SyncRun, files: list[str]) -> dict[str, Any]:
         "lag_std_s": lag_std_s,
         "lag_ci95_s": _interval(found.lag_s, lag_std_s),
         "lag_told": found.lag_told,
+        "time_constant_s": found.time_constant_s,
         "attitude_offset_s": attitude_s,
         "attitude_offset_std_s": found.attitude_std_s(),
         "attitude_offset_ci95_s": _interval(attitude_s, found.attitude_std_s()),
@@ -58,13 +60,19 @@ def describe_sync(run: SyncRun, files: list[str]) -> dict[str, Any]:
 
 def reasons(found: Alignment) -> list[str]:
     """What to know about the numbers, in sentences."""
-    if found.lag_told:
-        return []
-    sentence = (
-        "the data do not tell the gimbal's lag from the clocks' offset: a typical lag is taken, and its uncertainty is"
-        " part of the offset's; the camera's attitude is found all the same"
-    )
-    return [sentence]
+    if not found.lag_told:
+        sentence = (
+            "the data do not tell the gimbal's lag from the clocks' offset: a typical lag is taken, and its uncertainty"
+            " is part of the offset's; the camera's attitude is found all the same"
+        )
+        return [sentence]
+    if found.time_constant_s > found.lag_s / 2:
+        sentence = (
+            f"the camera sets off at once and catches up slowly (time constant {found.time_constant_s:.2f} s): the"
+            " delay is the mean, and `lag_s` allows for the rest"
+        )
+        return [sentence]
+    return []
 
 
 def config_text(run: SyncRun) -> str:
@@ -80,7 +88,7 @@ def config_text(run: SyncRun) -> str:
         "\n"
         "[telemetry.attitude]\n"
         f"delay_s = {max(found.lag_s, 0.0):.4f}\n"
-    )
+    ) + (f"lag_s = {found.lateness_s:.4f}\n" if found.lag_told else "")
 
 
 def say_sync(run: SyncRun, files: list[str]) -> None:
@@ -95,8 +103,7 @@ def say_sync(run: SyncRun, files: list[str]) -> None:
     tables().print(table)
     tables().print(
         f"A stamp t of the video is t + offset + drift (t - {unix_ns_to_iso(found.reference_ns)}) in the log's UTC; the"
-        f" camera is where {found.source} said it was the lag before. Second-best offset: {found.peak_ratio:.0%} of the"
-        " evidence.",
+        f" camera is where {found.source} said it was the lag before. {next_best(found.peak_ratio)}",
         soft_wrap=True,
     )
     tables().print(f"\n{config_text(run)}", soft_wrap=True)
@@ -104,6 +111,13 @@ def say_sync(run: SyncRun, files: list[str]) -> None:
         say(f"aerodft: {sentence}")
     for file in files:
         say(f"aerodft: wrote {file}")
+
+
+def next_best(peak_ratio: float) -> str:
+    """How far any other offset is from fitting as well, by the share of the best one's evidence that it has."""
+    if peak_ratio < _NOTABLE_RATIO:
+        return "No other offset fits."
+    return f"No other offset fits as well: the next best one explains {peak_ratio:.0%} of what this one does."
 
 
 def _interval(value: float, std: float) -> list[float]:

@@ -52,7 +52,7 @@ def _with(station: StationConfig, run: SyncRun, source: VideoFile, telemetry: Te
     std_s = max(found.attitude_std_s(run.seconds / 2), found.attitude_std_s(-run.seconds / 2))
     attitude = replace(telemetry.attitude, delay_ns=max(round(found.lag_s * SECOND_NS), 0))
     if found.lag_told:
-        attitude = replace(attitude, lag_ns=round(2 * float(found.stds[2]) * SECOND_NS))
+        attitude = replace(attitude, lag_ns=round(found.lateness_s * SECOND_NS))
     images = replace(
         station.images,
         source=source,

@@ -137,6 +137,19 @@ def camera_from_gimbal(ned_wxyz_gimbal: FloatArray) -> FloatArray:
     return multiply(enu_wxyz_gimbal, np.array(GIMBAL_SO3_CAM_WXYZ))
 
 
+def gimbal_from_camera(enu_wxyz_cam: FloatArray) -> FloatArray:
+    """``ned_SO3_gimbal`` of a gimbal whose camera looks along its x axis, from ``enu_SO3_cam``, ``(..., 4)``."""
+    ned_wxyz_cam = multiply(inverse(np.array(ENU_SO3_NED_WXYZ)), enu_wxyz_cam)
+    return multiply(ned_wxyz_cam, inverse(np.array(GIMBAL_SO3_CAM_WXYZ)))
+
+
+def turned(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
+    """``rotations (..., 3, 3)`` times ``vectors (..., 3)``, broadcast; each the same to the last bit in any batch."""
+    x, y, z = _columns(vectors)
+    rows = [rotations[..., row, 0] * x + rotations[..., row, 1] * y + rotations[..., row, 2] * z for row in range(3)]
+    return np.stack(rows, axis=-1)
+
+
 def skew(vectors: FloatArray) -> FloatArray:
     """Cross-product matrices ``(..., 3, 3)`` of ``(..., 3)``: ``skew(a) b = a x b``."""
     x, y, z = _columns(vectors)

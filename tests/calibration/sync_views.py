@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
+from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
 from aerodft.model.camera import Camera
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import ReportFrame
@@ -12,6 +12,7 @@ from aerodft.vision.matches import ImagePair, Matches, matches_of
 
 CAMERA = Camera(name="views", width_px=640, height_px=360, fx_px=532.0, fy_px=532.0, cx_px=319.5, cy_px=179.5)
 REPORT_HZ = 20.0
+AROUND_NS = 10_000_000  # on both sides, of a rate
 
 
 def seen_pair(
@@ -42,16 +43,31 @@ def seen_flight(trajectory: Trajectory, utc_ns: np.ndarray, stamps_ns: np.ndarra
     ]
 
 
+def _against(at: Trajectory, *, in_earth: bool) -> np.ndarray:
+    return multiply(heading_wxyz(at.ned_wxyz_body), at.level_wxyz_gimbal) if in_earth else at.level_wxyz_gimbal
+
+
 def reported(
-    trajectory: Trajectory, *, lag_s: float, noise_rad: float = 0.0, in_earth: bool = False, seed: int = 0
+    trajectory: Trajectory,
+    *,
+    lag_s: float,
+    time_constant_s: float = 0.0,
+    noise_rad: float = 0.0,
+    in_earth: bool = False,
+    seed: int = 0,
 ) -> AttitudeHistory:
-    """What a log of the flight says: the gimbal ``lag_s`` early, against the vehicle's heading or north."""
+    """What a log of the flight says: the gimbal ``lag_s`` early, against the vehicle's heading or north.
+
+    So much of the lag is that of a camera that turns the faster, the farther it is from the report.
+    """
     rng = np.random.default_rng([seed, 8])
     stamps = np.arange(trajectory.start_ns, trajectory.end_ns, round(1e9 / REPORT_HZ), dtype=np.int64)
-    demand = trajectory.sampled(stamps + round(lag_s * 1e9))
-    gimbal = (
-        multiply(heading_wxyz(demand.ned_wxyz_body), demand.level_wxyz_gimbal) if in_earth else demand.level_wxyz_gimbal
+    after_ns = round((lag_s - time_constant_s) * 1e9)
+    before, gimbal, after = (
+        _against(trajectory.sampled(stamps + after_ns + sign * AROUND_NS), in_earth=in_earth) for sign in (-1, 0, 1)
     )
+    rate_radps = to_rotation_vector(multiply(inverse(before), after)) / (2e-9 * AROUND_NS)
+    gimbal = multiply(gimbal, from_rotation_vector(time_constant_s * rate_radps))
     gimbal = multiply(gimbal, from_rotation_vector(noise_rad * rng.standard_normal((len(stamps), 3))))
     earth = np.full(len(stamps), float(in_earth))
     return AttitudeHistory(

@@ -1,5 +1,7 @@
 """Alignments against flights whose clocks are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,32 @@ def test_offset_drift_and_lag_are_found_from_far_away(seed):
     assert np.mean(covered) > 0.9
     left = rates.seen_radps[covered] - rates.said_radps[covered]
     assert np.median(np.abs(left)) < 0.2 * np.std(rates.seen_radps)
+
+
+@pytest.mark.parametrize("time_constant_s", [0.12, 0.25])
+def test_a_camera_that_catches_up_slowly_is_known_as_such(time_constant_s):
+    clocks, trajectory = Clocks(-8.0, 0.006, 0.25), wandering(8, CLIP_S + 2 * MARGIN_S)
+    pairs, reference_ns = filmed(trajectory, clocks, 8)
+    log = reported(trajectory, lag_s=clocks.lag_s, time_constant_s=time_constant_s, noise_rad=1e-3, seed=8)
+    found = align(pairs, log, SETTINGS, 10.0)
+    off = errors(found, clocks, reference_ns)
+    assert np.all(np.abs(off) < [0.01, 5e-4, 0.015]), off
+    assert np.all(np.abs(off) < 3 * found.stds), off / found.stds
+    assert abs(found.time_constant_s - time_constant_s) < 0.05
+    assert found.lateness_s > found.time_constant_s
+
+
+def test_a_log_with_a_hole_is_aligned_by_what_is_there():
+    clocks, trajectory = Clocks(2.0, -0.01, 0.1), wandering(10, CLIP_S + 2 * MARGIN_S)
+    pairs, reference_ns = filmed(trajectory, clocks, 10)
+    whole = reported(trajectory, lag_s=clocks.lag_s, noise_rad=1e-3, seed=10)
+    (source, told), middle_ns = next(iter(whole.gimbals.items())), trajectory.start_ns + round(30e9)
+    there = np.abs(told.stamp_ns - middle_ns) > 4_000_000_000
+    holed = AttitudeSeries(stamp_ns=told.stamp_ns[there], wxyz=told.wxyz[there], yaw_in_earth=told.yaw_in_earth[there])
+    found = align(pairs, replace(whole, gimbals={source: holed}), SETTINGS, 10.0)
+    off = errors(found, clocks, reference_ns)
+    assert np.all(np.abs(off) < [0.01, 5e-4, 0.015]), off
+    assert np.all(np.abs(off) < 3 * found.stds), off / found.stds
 
 
 def test_reports_against_north_leave_the_lag_open_and_the_camera_aligned():

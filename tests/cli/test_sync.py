@@ -10,6 +10,7 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
+from aerodft.cli.sync_output import next_best
 from aerodft.geometry.rotation import camera_angles
 from replay.recording import Recording
 
@@ -79,12 +80,12 @@ def test_the_truth_lies_in_the_stated_intervals(desk, aerodft, tmp_path):
         "drift": CLOCKS.drift,
         "lag_s": CLOCKS.lag_s,
     }
-    for name, most in (("offset_s", 0.01), ("drift", 5e-4), ("lag_s", 0.01)):
+    for name, most in (("offset_s", 0.02), ("drift", 5e-4), ("lag_s", 0.03)):
         assert abs(said[name] - truth[name]) < most, name
         std = said[name.replace("_s", "_std_s") if name.endswith("_s") else f"{name}_std"]
         assert abs(said[name] - truth[name]) < 3 * std, name
     attitude_s = truth["offset_s"] - truth["lag_s"]
-    assert abs(said["attitude_offset_s"] - attitude_s) < 3 * said["attitude_offset_std_s"]
+    assert abs(said["attitude_offset_s"] - attitude_s) < min(0.02, 3 * said["attitude_offset_std_s"])
     assert said["lag_told"]
     assert said["reasons"] == []
     assert (tmp_path / "sync.png").stat().st_size > 20_000
@@ -105,7 +106,7 @@ def test_import_with_auto_looks_where_the_camera_looked(desk, aerodft, tmp_path)
     assert aerodft("compare", tmp_path / "rec", tmp_path / "again").code == 0
     config = tomllib.loads((tmp_path / "rec" / "config.toml").read_text())
     assert config["images"]["time_drift"] == pytest.approx(CLOCKS.drift, abs=5e-4)
-    assert config["telemetry"]["attitude"]["delay_s"] == pytest.approx(CLOCKS.lag_s, abs=0.01)
+    assert config["telemetry"]["attitude"]["delay_s"] == pytest.approx(CLOCKS.lag_s, abs=0.03)
     poses = {}
     for line in Recording(tmp_path / "rec").measurements():
         said = orjson.loads(line)
@@ -118,11 +119,19 @@ def test_import_with_auto_looks_where_the_camera_looked(desk, aerodft, tmp_path)
     assert np.percentile(np.abs(off_rad - np.median(off_rad)), 95) < math.radians(0.2)
 
 
+@pytest.mark.parametrize(
+    ("peak_ratio", "said"),
+    [(0.0, "No other offset fits."), (0.37, "the next best one explains 37% of what this one does.")],
+)
+def test_the_next_best_offset_is_put_in_words(peak_ratio, said):
+    assert next_best(peak_ratio).endswith(said)
+
+
 def test_a_hover_with_a_locked_gimbal_is_refused(aerodft, tmp_path):
     write_desk(tmp_path, hovering(20 + 2 * MARGIN_S), Clocks(2.0, 0.0, 0.1), 3)
     found = aerodft("sync", tmp_path / "video.mp4", tmp_path / "flight.tlog", "--camera", tmp_path / "camera.toml")
     assert found.code == 4
-    assert "too little motion to tell" in found.err
+    assert re.search(r"too little motion to tell.*got at best \d+% of what tells an offset, at [-+]", found.err)
     assert found.err.count("\n") <= 2
     done = aerodft("import", tmp_path / "flight.tlog", "-c", tmp_path / "station.toml", "-o", tmp_path / "rec")
     assert done.code == 4

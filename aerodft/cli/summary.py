@@ -92,7 +92,10 @@ def _steadiness(tally: Tally) -> dict[str, object]:
 def _say_unused(counts: Counts) -> None:
     for count, why in (
         (counts.unknown_probe, "name a probe that the configuration does not observe"),
-        (counts.wrong_pixel_count, "have more or fewer pixels than their probe"),
+        (
+            counts.wrong_pixel_count,
+            "do not have the pixels that their probe takes, or an outline that it can be measured by",
+        ),
     ):
         if count:
             say(f"{count} observations {why}; they are recorded")

@@ -8,19 +8,23 @@ from aerodft.model.image import StampClock
 VISION: Final = "vision"
 """The source of observations that aerodft itself made in an image."""
 
+Box = tuple[float, float, float, float]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """One probe's pixels at one stamp.
+    """One probe's pixels, or the outline of what it measures, at one stamp.
 
     Attributes:
         name: The probe's name.
         stamp_ns: The stamp of the image that was looked at, by ``clock``.
-        pixels: ``((u, v), ...)``.
+        pixels: ``((u, v), ...)``; empty beside an outline.
         std_px: Standard deviation of each coordinate; None where the probe's own applies.
         image: Index of the image, where known.
         source: Who observed: a file's name, a topic, ``vision``.
         arrival_ns: When it reached this machine (for files: the stamp).
+        box: Left, top, right and bottom limit of an object; where its limits are, not its last pixels' centres.
+        contour: Corners of its closed outline, likewise; of box, contour and pixels there is one.
     """
 
     name: str
@@ -31,3 +35,10 @@ class Observation:
     clock: StampClock = StampClock.UTC
     image: int | None = None
     source: str = ""
+    box: Box | None = None
+    contour: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def has_outline(self) -> bool:
+        """Whether it is an object's outline that was observed, and no pixels."""
+        return self.box is not None or bool(self.contour)

@@ -15,6 +15,7 @@ from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.projection import shared_count
 from aerodft.dft.request import linked
 from aerodft.dft.sampling import standard_draws
+from aerodft.dft.zoomed import zoomed
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.batch import Batch
 from aerodft.model.health import Health
@@ -22,11 +23,12 @@ from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
-from aerodft.model.probe import PixelSource, takes_pixels
+from aerodft.model.probe import PixelSource
 from aerodft.model.status import Status
 from aerodft.service.asked import Asked, measured
 from aerodft.service.feed import tick_after
 from aerodft.service.intake import Intake
+from aerodft.service.outlined import can_answer, request_of
 from aerodft.service.ports import Calibrator, LandmarkObserver, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
@@ -212,7 +214,7 @@ class Pipeline:
         if probe is None and not is_known:
             self.counts.unknown_probe += 1
             return
-        is_measured = probe is not None and takes_pixels(probe.kind, len(observation.pixels))
+        is_measured = probe is not None and can_answer(probe.kind, observation)
         is_landmark = self._observer is not None and is_known and self._observer.fits(observation)
         if not is_measured and not is_landmark:
             self.counts.wrong_pixel_count += 1
@@ -307,7 +309,7 @@ class Pipeline:
             return [subject, *switch, sample, *asked]
         observation = self._linked(subject)
         probe = self._observed[observation.name]
-        request = Request(probe=probe, pixels=observation.pixels, std_px=observation.std_px or probe.std_px)
+        request = request_of(probe, observation, zoomed(self._setup, sample)[0].camera, sample.pose)
         return [observation, Asked(sample, linked([request], self._fixed), observation.image)]
 
     def _height_switch(self, sample: PoseSample) -> list[Output]:

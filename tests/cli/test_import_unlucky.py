@@ -75,4 +75,7 @@ def test_observations_with_too_few_pixels_are_said(aerodft, desk):
     seen = desk.observations({"name": "width", "stamp_ns": "1795221169000000000", "pixels": [[1, 2]]})
     done = imported(aerodft, desk, desk.log, "--observations", seen)
     assert done.code == 0
-    assert done.last == "1 observations have more or fewer pixels than their probe; they are recorded"
+    assert done.last == (
+        "1 observations do not have the pixels that their probe takes, or an outline that it can be measured by; "
+        "they are recorded"
+    )

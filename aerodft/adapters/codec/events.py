@@ -2,7 +2,7 @@
 
 from aerodft.adapters.codec import wire
 from aerodft.model.image import Image, StampClock
-from aerodft.model.observation import Observation
+from aerodft.model.observation import Box, Observation
 
 IMAGE_SCHEMA = "aerodft.image/1"
 OBSERVATION_SCHEMA = "aerodft.observation/1"
@@ -54,6 +54,8 @@ def encode_observation(observation: Observation) -> bytes:
             "arrival_ns": str(observation.arrival_ns),
             "clock": observation.clock,
             "pixels": observation.pixels,
+            "box": observation.box,
+            "contour": observation.contour or None,
             "std_px": observation.std_px,
             "image": observation.image,
             "source": observation.source,
@@ -81,4 +83,13 @@ def _observation(payload: wire.Json) -> Observation:
         clock=StampClock(payload["clock"]),
         image=payload["image"],
         source=payload["source"],
+        box=_box(payload.get("box")),  # recordings of old have neither
+        contour=wire.pixel_pairs(payload.get("contour") or ()),
     )
+
+
+def _box(values: list[float] | None) -> Box | None:
+    if values is None:
+        return None
+    left, top, right, bottom = map(wire.number, values)
+    return left, top, right, bottom

@@ -1,8 +1,9 @@
 """Observations from outside: JSON lines in a file, or one JSON object on the bus."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import orjson
 
@@ -10,15 +11,19 @@ from aerodft.adapters.codec import wire
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model.image import StampClock
-from aerodft.model.observation import Observation
+from aerodft.model.observation import Box, Observation
 
 _KEYS = frozenset((
-    "schema", "name", "stamp_ns", "image", "pixels", "std_px", "clock", "arrival_ns", "source", "software",
+    "schema", "name", "stamp_ns", "image", "pixels", "box", "contour", "std_px", "clock", "arrival_ns", "source",
+    "software",
 ))  # fmt: skip
 _EXAMPLE = (
     '{"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}'
 )
 _MAX_LINE_BYTES = 1 << 20
+_LIMITS: Final = 4
+_LEAST_CORNERS: Final = 3
+_MOST_CORNERS: Final = 4096
 
 
 class ObservationList:
@@ -38,8 +43,9 @@ class ObservationList:
 def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = None) -> ObservationList:
     """Read a JSON-lines file of observations.
 
-    Each line has ``name``, ``pixels`` (``[[u, v], ...]``), ``stamp_ns`` (decimal string or integer, UTC) or ``image``
-    (an image's index), and if known ``std_px``. Blank lines are skipped. The arrival is the stamp.
+    Each line has ``name``, ``pixels`` (``[[u, v], ...]``) or in their place an object's ``box`` (``[left, top, right,
+    bottom]``) or ``contour`` (``[[u, v], ...]``), ``stamp_ns`` (decimal string or integer, UTC) or ``image`` (an image's
+    index), and if known ``std_px``. Blank lines are skipped. The arrival is the stamp.
 
     Args:
         path: The file.
@@ -75,16 +81,7 @@ def parse_observation(data: bytes, *, name: str, arrival_ns: int, source: str) -
     if payload.setdefault("name", name) != name:
         raise InputError("the observation is of another probe", where=source, got=payload["name"], expected=name)
     seen = _checked(payload, source, source, {})
-    return Observation(
-        name=name,
-        stamp_ns=seen.stamp_ns,
-        arrival_ns=arrival_ns,
-        pixels=seen.pixels,
-        std_px=seen.std_px,
-        clock=seen.clock,
-        image=seen.image,
-        source=source,
-    )
+    return replace(seen, arrival_ns=arrival_ns)
 
 
 def _observation(line: bytes, where: str, source: str, image_stamps_ns: Mapping[int, int]) -> Observation:
@@ -112,11 +109,16 @@ def _checked(payload: dict[str, Any], where: str, source: str, image_stamps_ns: 
     if clock not in list(StampClock):
         raise InputError("clock is unknown", where=where, got=repr(clock), expected=" or ".join(StampClock))
     stamp_ns = _stamp_ns(payload.get("stamp_ns"), image, where, image_stamps_ns)
+    given = [key for key in ("pixels", "box", "contour") if payload.get(key) not in (None, [])] or ["pixels"]
+    if len(given) > 1:
+        raise InputError(f"{given[0]} beside {given[1]}", where=where, expected="one of pixels, box and contour")
     return Observation(
         name=name,
         stamp_ns=stamp_ns,
         arrival_ns=stamp_ns,
-        pixels=_pixels(payload.get("pixels"), where),
+        pixels=_pixels(payload.get("pixels"), where) if given == ["pixels"] else (),
+        box=_box(payload["box"], where) if given == ["box"] else None,
+        contour=_contour(payload["contour"], where) if given == ["contour"] else (),
         std_px=_std_px(payload.get("std_px"), where),
         clock=StampClock(clock),
         image=image,
@@ -143,6 +145,23 @@ def _pixels(value: object, where: str) -> tuple[tuple[float, float], ...]:
     if isinstance(value, list) and value and all(_is_pair(pair) for pair in value):
         return tuple((float(u), float(v)) for u, v in value)
     raise InputError("pixels are no pixels", where=where, got=repr(value)[:60], expected="[[u, v], ...], finite")
+
+
+def _box(value: object, where: str) -> Box:
+    if isinstance(value, list) and len(value) == _LIMITS and all(map(_is_finite, value)):
+        left, top, right, bottom = map(float, value)
+        if left < right and top < bottom:
+            return left, top, right, bottom
+    expected = "[left, top, right, bottom] in pixels, left < right and top < bottom"
+    raise InputError("box is no box", where=where, got=repr(value)[:60], expected=expected)
+
+
+def _contour(value: object, where: str) -> tuple[tuple[float, float], ...]:
+    if isinstance(value, list) and _LEAST_CORNERS <= len(value) <= _MOST_CORNERS and all(map(_is_pair, value)):
+        return tuple((float(u), float(v)) for u, v in value)
+    got = f"{len(value)} corners" if isinstance(value, list) else repr(value)[:60]
+    expected = f"[[u, v], ...], finite, {_LEAST_CORNERS} to {_MOST_CORNERS} of them"
+    raise InputError("contour is no outline", where=where, got=got, expected=expected)
 
 
 def _is_pair(value: object) -> bool:

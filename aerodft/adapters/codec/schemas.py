@@ -127,13 +127,15 @@ IMAGE: Final = document(
 
 OBSERVATION: Final = document(
     events.OBSERVATION_SCHEMA,
-    "One probe's pixels at one stamp",
+    "One probe's pixels, or the outline of what it measures, at one stamp",
     {
         "name": said(TEXT, "The probe"),
         "stamp_ns": STAMP,
         "arrival_ns": STAMP,
         "clock": one_of(StampClock),
         "pixels": _PIXELS,
+        "box": said(or_null(list_of(NUMBER, length=4)), "Left, top, right, bottom limit of an object, in pixels"),
+        "contour": said(or_null(list_of(list_of(NUMBER, length=2))), "Corners of an object's outline, in pixels"),
         "std_px": NUMBER,
         "image": INTEGER,
         "source": TEXT,

@@ -5,12 +5,13 @@ from pathlib import Path
 import orjson
 import pytest
 
-from aerodft.adapters.codec.events import encode_observation
+from aerodft.adapters.codec.events import decode_observation, encode_observation
 from aerodft.adapters.codec.observations import load_observations, parse_observation
 from aerodft.errors import InputError
 from aerodft.model.image import StampClock
 
 GOOD = {"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}
+BARE = {"stamp_ns": "1795221278868833000", "name": "walker"}
 
 
 def write(path: Path, *lines: object) -> Path:
@@ -38,6 +39,18 @@ def test_an_image_index_stands_for_its_stamp(tmp_path: Path) -> None:
         load_observations(file, {8: 1})
 
 
+def test_boxes_and_contours_come_as_they_are_and_stay_so_on_the_way_through_a_recording(tmp_path: Path) -> None:
+    contour = [[1.5, 2.25], [3, 4], [0.1, 9]]
+    file = write(tmp_path, {**BARE, "box": [1, 2.5, 3, 4]}, {**BARE, "contour": contour, "pixels": []})
+    box, outline = load_observations(file).events()
+    assert (box.box, box.contour, box.pixels) == ((1.0, 2.5, 3.0, 4.0), (), ())
+    assert (outline.box, outline.contour) == (None, ((1.5, 2.25), (3.0, 4.0), (0.1, 9.0)))
+    assert [decode_observation(encode_observation(seen)) for seen in (box, outline)] == [box, outline]
+    old = orjson.loads(encode_observation(box))
+    del old["box"], old["contour"]
+    assert not decode_observation(orjson.dumps(old)).has_outline, "recordings of before there were boxes"
+
+
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
@@ -55,6 +68,15 @@ def test_an_image_index_stands_for_its_stamp(tmp_path: Path) -> None:
         ({**GOOD, "pixels": [1, 2]}, "pixels are no pixels"),
         ({**GOOD, "pixels": [["1", 2]]}, "pixels are no pixels"),
         ({**GOOD, "pixels": [[None, 2]]}, "pixels are no pixels"),
+        ({**GOOD, "box": [1, 2, 3, 4]}, "pixels beside box: expected one of pixels, box and contour"),
+        ({**BARE, "box": [3, 2, 1, 4]}, r"box is no box: got \[3, 2, 1, 4\]"),
+        ({**BARE, "box": [1, 2, 3]}, "box is no box"),
+        ({**BARE, "box": [1, 2, 3, "4"]}, "box is no box"),
+        ({**BARE, "contour": [[1, 2], [3, 4]]}, "contour is no outline: got 2 corners"),
+        ({**BARE, "contour": [[1, 2], [3, 4], [5]]}, "contour is no outline"),
+        ({**BARE, "contour": [[1, 2]] * 4097}, "got 4097 corners"),
+        ({**BARE, "box": [1, 2, 3, 4], "contour": [[1, 2], [3, 4], [5, 9]]}, "box beside contour"),
+        (BARE, "pixels are no pixels"),
         (b'{"stamp_ns": 1, "name": "a", "pixels": [[1e999, 2]]}', "seen.jsonl:2"),
         (b'{"stamp_ns": 1, "name": "a", "pixels": [[NaN, 2]]}', "not JSON"),
         ({**GOOD, "std_px": 0}, "std_px"),

@@ -14,6 +14,7 @@ from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Sti
 from aerodft.adapters.images.video import video_info
 from aerodft.cli.flight_run import measure_flight
 from aerodft.cli.output import say
+from aerodft.cli.sync_lines import stated_start_ns
 from aerodft.cli.sync_station import aligned
 from aerodft.cli.times import parse_utc
 from aerodft.cli.topics import TopicOption, parse_topics
@@ -119,7 +120,8 @@ def _image_input(
             raise UsageError("--video-start without a video", expected="--video FILE")
         video = configured.path
     if video is not None:
-        return VideoFile(path=video, start_ns=None if video_start is None else parse_utc("--video-start", video_start))
+        said_ns = None if video_start is None else parse_utc("--video-start", video_start)
+        return VideoFile(path=video, start_ns=stated_start_ns(configured, video) if said_ns is None else said_ns)
     if images is not None:
         return replace(configured, folder=images) if isinstance(configured, Stills) else Stills(folder=images)
     if rate is not None and not 0 < rate <= _MAX_RATE_HZ:

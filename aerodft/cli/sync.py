@@ -1,5 +1,6 @@
 """``aerodft sync``: a video and a log in, offset and drift of their clocks and the gimbal's lag out."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.loading import load_station
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.output import print_json
+from aerodft.cli.sync_lines import SyncLines, stated_start_ns
 from aerodft.cli.sync_output import describe_sync, say_sync
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, run_sync
 from aerodft.cli.times import parse_utc
@@ -27,7 +29,7 @@ def sync(
         Path | None, typer.Option("--config", "-c", help="Station configuration: camera, and how attitudes are read.")
     ] = None,
     video_start: Annotated[
-        str | None, typer.Option(help="UTC of the video's first image; else what the file says.")
+        str | None, typer.Option(help="UTC of the video's first image; else the configuration's, or the file's.")
     ] = None,
     max_offset: Annotated[
         float, typer.Option(help="Seconds by which that may be wrong, either way.")
@@ -48,27 +50,43 @@ def sync(
     """
     if not 0 < max_offset <= _MOST_OFFSET_S:
         raise UsageError("--max-offset", got=f"{max_offset:g}", expected=f"above 0, at most {_MOST_OFFSET_S:g} s")
-    lens, telemetry = _told(camera, config)
-    start_ns = None if video_start is None else parse_utc("--video-start", video_start)
-    run = run_sync(VideoFileSource(video, start_ns=start_ns), log, lens, telemetry, max_offset)
+    told = _told(video, camera, config)
+    start_ns = told.start_ns if video_start is None else parse_utc("--video-start", video_start)
+    run = run_sync(VideoFileSource(video, start_ns=start_ns), log, told.camera, told.telemetry, max_offset)
+    lines = SyncLines.of(run, told.time_std_s)
     files = []
     if output is not None:
         from aerodft.cli.sync_figure import draw_sync  # noqa: PLC0415 - matplotlib is slow
 
         files.append(draw_sync(run, output))
     if json:
-        print_json(describe_sync(run, files))
+        print_json(describe_sync(run, lines, files))
     else:
-        say_sync(run, files)
+        say_sync(run, lines, files)
 
 
-def _told(camera: Path | None, config: Path | None) -> tuple[Camera, TelemetrySettings]:
-    """The camera, and how the log is read."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Told:
+    """Camera and settings; when the video began and how well its stamps are known, where the station says so."""
+
+    camera: Camera
+    telemetry: TelemetrySettings
+    start_ns: int | None = None
+    time_std_s: float = 0.0
+
+
+def _told(video: Path, camera: Path | None, config: Path | None) -> _Told:
     if config is None:
         if camera is None:
             raise UsageError("no camera", expected="--camera FILE or --config FILE")
-        return load_camera(camera), TelemetrySettings()
-    pipeline = load_station(config).pipeline
+        return _Told(camera=load_camera(camera), telemetry=TelemetrySettings())
+    station = load_station(config)
+    pipeline = station.pipeline
     if pipeline.telemetry is None:
         raise ConfigError("the configuration has [pose]", where=config, expected="[telemetry]")
-    return pipeline.camera if camera is None else load_camera(camera), pipeline.telemetry
+    return _Told(
+        camera=pipeline.camera if camera is None else load_camera(camera),
+        telemetry=pipeline.telemetry,
+        start_ns=stated_start_ns(station.images.source, video),
+        time_std_s=pipeline.time_std_s,
+    )

@@ -1,6 +1,5 @@
 """What ``aerodft sync`` prints: the alignment, its intervals, and the lines for the configuration."""
 
-import math
 from typing import Any, Final
 
 from rich.table import Table
@@ -8,6 +7,7 @@ from rich.table import Table
 from aerodft import __version__
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.output import say, tables
+from aerodft.cli.sync_lines import SyncLines
 from aerodft.cli.sync_run import SyncRun
 from calibration.sync import Alignment
 
@@ -15,11 +15,12 @@ _SIGMAS_95: Final = 1.96
 _NOTABLE_RATIO: Final = 0.01
 
 
-def describe_sync(run: SyncRun, files: list[str]) -> dict[str, Any]:
+def describe_sync(run: SyncRun, lines: SyncLines, files: list[str]) -> dict[str, Any]:
     """The alignment as a document.
 
     Args:
         run: The alignment.
+        lines: What it makes of the station.
         files: What was written.
     """
     found = run.alignment
@@ -30,6 +31,8 @@ def describe_sync(run: SyncRun, files: list[str]) -> dict[str, Any]:
         "status": "ok",
         "video": str(run.video),
         "log": str(run.log),
+        "video_start": unix_ns_to_iso(run.start_ns),
+        "video_start_ns": str(run.start_ns),
         "source": str(found.source),
         "reference": unix_ns_to_iso(found.reference_ns),
         "reference_ns": str(found.reference_ns),
@@ -52,7 +55,7 @@ def describe_sync(run: SyncRun, files: list[str]) -> dict[str, Any]:
         "seconds": run.seconds,
         "pairs": run.pairs,
         "reasons": reasons(found),
-        "config": config_text(run),
+        "config": lines.text(),
         "files": files,
         "software": f"aerodft {__version__}",
     }
@@ -75,23 +78,7 @@ def reasons(found: Alignment) -> list[str]:
     return []
 
 
-def config_text(run: SyncRun) -> str:
-    """The lines of a station's file that say what was found."""
-    found = run.alignment
-    worst_s = max(found.attitude_std_s(run.seconds / 2), found.attitude_std_s(-run.seconds / 2))
-    return (
-        "[images]\n"
-        f"time_offset_s = {found.offset_s:.6f}\n"
-        f"time_drift = {found.drift:.8f}\n"
-        f'time_reference = "{unix_ns_to_iso(found.reference_ns)}"\n'
-        f"time_std_s = {math.ceil(worst_s * 1e4) / 1e4:g}\n"
-        "\n"
-        "[telemetry.attitude]\n"
-        f"delay_s = {max(found.lag_s, 0.0):.4f}\n"
-    ) + (f"lag_s = {found.lateness_s:.4f}\n" if found.lag_told else "")
-
-
-def say_sync(run: SyncRun, files: list[str]) -> None:
+def say_sync(run: SyncRun, lines: SyncLines, files: list[str]) -> None:
     """The alignment for a person: a table and the configuration's lines on stdout, the rest on stderr."""
     found = run.alignment
     table = Table("what", "value", "std", "95 % interval")
@@ -106,7 +93,8 @@ def say_sync(run: SyncRun, files: list[str]) -> None:
         f" camera is where {found.source} said it was the lag before. {next_best(found.peak_ratio)}",
         soft_wrap=True,
     )
-    tables().print(f"\n{config_text(run)}", soft_wrap=True)
+    tables().print(f"This is for --video-start {unix_ns_to_iso(run.start_ns)}; the lines for a station's file:")
+    tables().print(f"\n{lines.text()}", soft_wrap=True)
     for sentence in reasons(found):
         say(f"aerodft: {sentence}")
     for file in files:

@@ -27,6 +27,7 @@ class SyncRun:
     Attributes:
         video: The video.
         log: The log.
+        start_ns: The stamp of the video's first image, by its own clock.
         seconds: How long the video is, by its own clock.
         pairs: How many pairs of images were compared.
         alignment: What was found.
@@ -34,6 +35,7 @@ class SyncRun:
 
     video: Path
     log: Path
+    start_ns: int
     seconds: float
     pairs: int
     alignment: Alignment
@@ -67,7 +69,14 @@ def run_sync(
         where = f"{video.path} and {log}"
         raise NoAnswerError(error.what, where=where, got=error.got, expected=error.expected, hint=error.hint) from None
     seconds = (pairs[-1].end_ns - pairs[0].start_ns) / SECOND_NS
-    return SyncRun(video=video.path, log=log, seconds=seconds, pairs=len(pairs), alignment=alignment)
+    return SyncRun(
+        video=video.path,
+        log=log,
+        start_ns=video.start_ns,
+        seconds=seconds,
+        pairs=len(pairs),
+        alignment=alignment,
+    )
 
 
 def _followed(video: VideoFileSource, camera: Camera) -> list[ImagePair]:

@@ -1,17 +1,14 @@
 """A station whose image stamps are to be found: aligned with its log, and written out as if it had been configured."""
 
-import math
-from dataclasses import replace
 from pathlib import Path
 
 from aerodft.adapters.config.station import StationConfig, VideoFile
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.output import say
+from aerodft.cli.sync_lines import SyncLines
 from aerodft.cli.sync_output import reasons
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, SyncRun, run_sync
-from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, UsageError
-from aerodft.service.settings import TelemetrySettings
 
 
 def aligned(station: StationConfig, log: Path | None, where: Path) -> StationConfig:
@@ -44,29 +41,7 @@ def aligned(station: StationConfig, log: Path | None, where: Path) -> StationCon
     video = VideoFileSource(source.path, start_ns=source.start_ns)
     run = run_sync(video, log, station.pipeline.camera, telemetry, DEFAULT_MAX_OFFSET_S)
     _tell(run)
-    return _with(station, run, replace(source, start_ns=video.start_ns), telemetry)
-
-
-def _with(station: StationConfig, run: SyncRun, source: VideoFile, telemetry: TelemetrySettings) -> StationConfig:
-    found = run.alignment
-    std_s = max(found.attitude_std_s(run.seconds / 2), found.attitude_std_s(-run.seconds / 2))
-    attitude = replace(telemetry.attitude, delay_ns=max(round(found.lag_s * SECOND_NS), 0))
-    if found.lag_told:
-        attitude = replace(attitude, lag_ns=round(found.lateness_s * SECOND_NS))
-    images = replace(
-        station.images,
-        source=source,
-        time_offset_s=found.offset_s,
-        time_drift=found.drift,
-        time_reference_ns=found.reference_ns,
-        is_auto=False,
-    )
-    pipeline = replace(
-        station.pipeline,
-        telemetry=replace(telemetry, attitude=attitude),
-        time_std_s=math.hypot(station.pipeline.time_std_s, std_s),
-    )
-    return replace(station, images=images, pipeline=pipeline)
+    return SyncLines.of(run, station.pipeline.time_std_s).applied(station, telemetry)
 
 
 def _tell(run: SyncRun) -> None:

@@ -76,6 +76,17 @@ class RivalTrack(Track):
     what: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GimbalFailureTrack(Track):
+    """When the followed gimbal said that it fails (GIMBAL_DEVICE_ATTITUDE_STATUS).
+
+    Attributes:
+        what: What failed.
+    """
+
+    what: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
     """What is known at one stamp; None for what was never said.

@@ -91,12 +91,14 @@ class StatedLine:
         line: None before the first sample.
         jumps_ns: By how much it jumped, each time that a jump was believed.
         skipped_ns: UTC from and to which it never said, for each jump ahead.
+        repeated_ns: UTC from and to which it said twice, for each jump back.
     """
 
     def __init__(self) -> None:
         self.line: Line | None = None
         self.jumps_ns: list[int] = []
         self.skipped_ns: list[tuple[int, int]] = []
+        self.repeated_ns: list[tuple[int, int]] = []
         self._samples: deque[tuple[int, int]] = deque(maxlen=_UTC_SAMPLES)
         self._strangers: list[tuple[int, int]] = []
 
@@ -112,7 +114,7 @@ class StatedLine:
         """The same, to go on from."""
         other = StatedLine()
         other.line, other.jumps_ns = self.line, self.jumps_ns.copy()
-        other.skipped_ns = self.skipped_ns.copy()
+        other.skipped_ns, other.repeated_ns = self.skipped_ns.copy(), self.repeated_ns.copy()
         other._samples.extend(self._samples)
         other._strangers = self._strangers.copy()
         return other
@@ -133,17 +135,19 @@ class StatedLine:
         self._strangers.append((boot_ns, offset_ns))
         if len(self._strangers) >= _CONFIRMATIONS:
             self.jumps_ns.append(off_ns)
-            self._note_skipped()
+            self._note_jump(boot_ns + offset_ns - off_ns)
             self._samples.clear()
             self._samples.append(self._strangers[-1])
             self._strangers.clear()
             self._fit()
 
-    def _note_skipped(self) -> None:
-        """Between the last sample before a jump ahead and the first after it."""
+    def _note_jump(self, taken_for_ns: int) -> None:
+        """Ahead: from the last sample before it to the first after it. Back: to what it is taken for until now."""
         before_ns, after_ns = sum(self._samples[-1]), sum(self._strangers[0])
         if self.jumps_ns[-1] > 0:
             self.skipped_ns.append((before_ns, after_ns))
+        else:
+            self.repeated_ns.append((after_ns, taken_for_ns))
 
     def _fit(self) -> None:
         boots, offsets = np.array(self._samples, dtype=np.int64).T

@@ -10,8 +10,18 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import IntArray
-from aerodft.model.health import FIX_3D, RATIOS, EstimatorTrack, GpsTrack, Health, HeartbeatTrack, LinkTrack, RivalTrack
-from aerodft.model.pose import PoseSample
+from aerodft.model.health import (
+    FIX_3D,
+    RATIOS,
+    EstimatorTrack,
+    GimbalFailureTrack,
+    GpsTrack,
+    Health,
+    HeartbeatTrack,
+    LinkTrack,
+    RivalTrack,
+)
+from aerodft.model.pose import GimbalSource, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import (
     CameraTrack,
@@ -23,10 +33,12 @@ from aerodft.model.telemetry import (
     VehicleTrack,
 )
 from aerodft.service.health_settings import HealthSettings
-from aerodft.service.rivals import RivalsHeard
+from aerodft.service.lately import HeardLately
 from aerodft.service.streams import Stream
 
 _WARNING_SHARE: Final = 0.8  # of the largest ratio
+_GIMBAL_NS: Final = SECOND_NS  # for which a failure that its gimbal reports counts
+_OF_THE_GIMBAL: Final = (GimbalSource.MOUNT_ORIENTATION, GimbalSource.MOUNT_STATUS)  # that cannot say so themselves
 _NAMES: Final = {
     ClockTrack: "clock",
     VehicleTrack: "vehicle attitude",
@@ -46,18 +58,19 @@ class HealthSources:
         self._heartbeat, self._gps = Stream(settings.heartbeat_ns), Stream(settings.gps_ns)
         self._estimator, self._link = Stream(settings.heartbeat_ns), Stream(settings.window_ns)
         self._resumed = Stream(settings.heartbeat_ns)  # when all had been silent before
-        self._rivals = RivalsHeard(settings.window_ns)
+        self._rivals, self._failures = HeardLately(settings.window_ns), HeardLately(_GIMBAL_NS)
         self._newest_ns: int | None = None
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, to be forgotten or moved when clocks jump."""
         own = (self._heartbeat, self._gps, self._estimator, self._link, self._resumed)
-        return (*own, *self._rivals.streams(), *self._kinds.values())
+        return (*own, *self._rivals.streams(), *self._failures.streams(), *self._kinds.values())
 
     def append(self, track: Track, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
         """Take a track in, whatever it is of; ``edges`` as in ``TrackBuffer.append``."""
-        if isinstance(track, RivalTrack):
-            self._rivals.append(track, stamps_ns)
+        if isinstance(track, RivalTrack | GimbalFailureTrack):
+            lately = self._rivals if isinstance(track, RivalTrack) else self._failures
+            lately.append(track.what, stamps_ns)
             return
         if len(stamps_ns):
             self._note_silence(stamps_ns, edges)
@@ -143,11 +156,14 @@ class HealthSources:
         """A pose with what follows from the vehicle's health: another status, a wider std, no place, remarks."""
         health = self.at(sample.stamp_ns)
         status, faults = self._faults(health)
+        failures, rivals = self._failures.at(sample.stamp_ns), self._rivals.at(sample.stamp_ns)
         if sample.status is not Status.OK:
-            return replace(sample, reasons=(*sample.reasons, *faults, *self._rivals.at(sample.stamp_ns)))
+            return replace(sample, reasons=(*sample.reasons, *faults, *failures, *rivals))
+        if not faults and failures and sample.attitude_source in _OF_THE_GIMBAL:
+            status, faults = Status.UNHEALTHY, [f"{each}: its other reports are not believed" for each in failures]
         if faults:
             return replace(sample, status=status, reasons=(*faults, *sample.reasons))
-        remarks = [*self._remarks(health), *self._rivals.at(sample.stamp_ns)]
+        remarks = [*self._remarks(health), *failures, *rivals]
         sample = _with_horizontal_std(sample, health.horizontal_std_m or 0.0)
         if health.gps_fix is not None and health.gps_fix < FIX_3D:
             sample = replace(sample, origin=None, lat_rad=None, lon_rad=None, alt_msl_m=None)
@@ -156,9 +172,9 @@ class HealthSources:
     def _faults(self, health: Health) -> tuple[Status, list[str]]:
         """Why there can be no answer, in sentences; and the status of that."""
         limits, faults = self._settings, []
-        silent_s, most_s = health.heartbeat_age_s or 0.0, limits.heartbeat_ns / SECOND_NS
-        if silent_s > most_s:
-            faults.append(f"no HEARTBEAT of the autopilot for {silent_s:.1f} s, at most {most_s:g} s")
+        most_s = limits.heartbeat_ns / SECOND_NS
+        if (health.heartbeat_age_s or 0.0) > most_s:
+            faults.append(f"no HEARTBEAT of the autopilot for more than {most_s:g} s")
         status = Status.STALE_TELEMETRY if faults else Status.UNHEALTHY
         if health.has_attitude is False:
             faults.append("the autopilot's estimator says that it has no attitude")
@@ -175,17 +191,18 @@ class HealthSources:
         limits, remarks = self._settings, []
         if health.gps_fix is not None and health.gps_fix < FIX_3D:
             remarks.append(f"GPS has no 3D fix (fix type {health.gps_fix}): the place is not known")
-        if (health.gps_age_s or 0.0) > limits.gps_ns / SECOND_NS:
-            remarks.append(f"GPS is silent for {health.gps_age_s:.1f} s")
+        most_s = limits.gps_ns / SECOND_NS
+        if (health.gps_age_s or 0.0) > most_s:
+            remarks.append(f"GPS has been silent for more than {most_s:g} s")
         for what, std_m, most_m in (
             ("horizontally", health.horizontal_std_m, limits.horizontal_std_m),
             ("vertically", health.vertical_std_m, limits.vertical_std_m),
         ):
             if std_m is not None and std_m > most_m:
                 remarks.append(f"GPS is accurate to {std_m:.1f} m {what} only, at best {most_m:g} m is wanted")
-        silent_s, most_s = health.ages_s.get(_NAMES[EstimatorTrack], 0.0), limits.heartbeat_ns / SECOND_NS
-        if silent_s > most_s:
-            remarks.append(f"the autopilot's estimator has said nothing believable for {silent_s:.1f} s")
+        most_s = limits.heartbeat_ns / SECOND_NS
+        if health.ages_s.get(_NAMES[EstimatorTrack], 0.0) > most_s:
+            remarks.append(f"the autopilot's estimator has said nothing believable for more than {most_s:g} s")
         remarks += [
             f"the autopilot's estimator is near its limit: its test ratio of {name} is {ratio:.2f}"
             for name, ratio in health.ratios.items()

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Final
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.pose import HeightSource, PoseSample
@@ -9,6 +10,9 @@ from aerodft.model.status import Status
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import Missing
 from aerodft.service.timing import HOST_STD_S
+
+REBOOTED: Final = "the vehicle rebooted: what it had said before is forgotten"
+HOME_MOVED: Final = "the vehicle rebooted: home may be elsewhere since, and heights above it count from there"
 
 
 def by_guess(sample: PoseSample) -> PoseSample:

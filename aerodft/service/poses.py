@@ -23,7 +23,7 @@ from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.pose_words import by_guess, by_host, no_height, no_place, sentence, unplaced
+from aerodft.service.pose_words import HOME_MOVED, REBOOTED, by_guess, by_host, no_height, no_place, sentence, unplaced
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import ClockMap
@@ -273,6 +273,7 @@ class PoseSource:
         )
         east, north = (0.0, 0.0) if place is None else place.east_north_m.tolist()
         lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
+        home = (HOME_MOVED,) if self.clock.has_restarted and height.source is HeightSource.HOME else ()
         pose = Pose(
             position_enu_m=np.array([east, north, height.height_agl_m]),
             wxyz=attitude.wxyz,
@@ -284,7 +285,7 @@ class PoseSource:
         return PoseSample(
             stamp_ns=stamp_ns,
             status=Status.OK,
-            reasons=(*attitude.reasons, *height.reasons, *self.clock.remarks()),
+            reasons=(*attitude.reasons, *height.reasons, *self.clock.remarks(stamp_ns), *home),
             pose=pose,
             std=std,
             origin=None if place is None else self._places.origin,
@@ -329,6 +330,7 @@ class PoseSource:
             return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(broken_off, *reasons))
         if not any(stream.began_by(stamp_ns) for stream in self._streams()):
             status = Status.NO_TELEMETRY
+            reasons = [*([REBOOTED] if self.clock.has_restarted else []), *reasons]
         elif Missing.STALE in (height, attitude):
             status = Status.STALE_TELEMETRY
         else:

@@ -191,7 +191,7 @@ class ClockMap:
         if late_ns is None:
             return None
         return (
-            f"all telemetry arrives {late_ns / SECOND_NS:.3f} s later than before: the receiving machine's clock was"
+            f"all telemetry arrives {late_ns / SECOND_NS:.1f} s later than before: the receiving machine's clock was"
             " set, or the link is slow; it is not settled yet which"
         )
 
@@ -201,11 +201,21 @@ class ClockMap:
             return "the vehicle's UTC jumped ahead: it never said this time"
         return None
 
-    def remarks(self) -> tuple[str, ...]:
-        """What is to be known of the clock behind every pose, in sentences."""
-        if not self._boot.has_rival:
-            return ()
-        return ("a second autopilot speaks with the vehicle's ids: the one that was heard first is followed",)
+    def remarks(self, stamp_ns: int) -> tuple[str, ...]:
+        """What is to be known of the clock behind a pose at a stamp (UTC), in sentences."""
+        sentences = []
+        if any(first_ns <= stamp_ns <= last_ns for first_ns, last_ns in self._stated.repeated_ns):
+            sentences.append("the vehicle's UTC jumped back and said this time twice: it is taken for the later")
+        if self._boot.has_rival:
+            sentences.append(
+                "a second autopilot speaks with the vehicle's ids: the one that was heard first is followed"
+            )
+        return tuple(sentences)
+
+    @property
+    def has_restarted(self) -> bool:
+        """Whether the vehicle has rebooted."""
+        return self._boot.restarts > 0
 
     def broken_off(self) -> str | None:
         """Why telemetry that comes is not believed now, in a sentence."""

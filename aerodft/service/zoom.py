@@ -108,11 +108,7 @@ class CameraReports:
         magnification = view.value / reference
         grown = settings.std_per_doubling * abs(math.log2(magnification))
         relative = math.hypot(grown, reported_std, view.jump_std / view.value)
-        reasons = (
-            (f"{source} is silent for {view.age_s:.1f} s: the zoom is that of its last report",)
-            if reports.silent(view.age_s)
-            else ()
-        )
+        reasons = (f"{source} is silent: the zoom is that of its last report",) if reports.silent(view.age_s) else ()
         if abs(magnification - 1) <= _MAGNIFIED and view.jump_std == 0.0 and source is ZoomSource.CAMERA_SETTINGS:
             return Seen(reasons=(*reasons, *self._size_contradictions()))
         zoom = Zoom(magnification=magnification, std=magnification * relative, source=source)

@@ -10,6 +10,8 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.images.video import video_info
+from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.sync_output import next_best
 from aerodft.geometry.rotation import camera_angles
 from replay.recording import Recording
@@ -117,6 +119,34 @@ def test_import_with_auto_looks_where_the_camera_looked(desk, aerodft, tmp_path)
     assert len(poses) > 200
     # The simulated gimbal has a bias of its own; what varies would be a wrong time.
     assert np.percentile(np.abs(off_rad - np.median(off_rad)), 95) < math.radians(0.2)
+
+
+def test_the_printed_lines_give_what_auto_gives(desk, aerodft, tmp_path):
+    folder, _, _ = desk
+    start_ns = video_info(folder / "video.mp4").start_ns - 250_000_000
+    stated = STATION.replace("[images]", f'[images]\nstart = "{unix_ns_to_iso(start_ns)}"\ntime_std_s = 0.01')
+    station = folder / "stated.toml"
+    station.write_text(stated)
+    log = folder / "flight.tlog"
+    auto = aerodft("import", log, "-c", station, "-o", tmp_path / "auto")
+    assert auto.code == 0, auto.err
+    said = aerodft("sync", folder / "video.mp4", log, "--config", station, "--json").json
+    assert int(said["video_start_ns"]) == start_ns
+    pasted = folder / "pasted.toml"
+    document = tomllib.loads(stated) | {"images": {}}
+    printed = tomllib.loads(said["config"])
+    document["telemetry"] |= printed["telemetry"]
+    pasted.write_text(tomli_w.dumps(document | {"images": printed["images"]}))
+    done = aerodft("import", log, "-c", pasted, "-o", tmp_path / "pasted")
+    assert done.code == 0, done.err
+    first, second = (list(Recording(tmp_path / name).measurements()) for name in ("auto", "pasted"))
+    assert len(first) > 200
+    assert first == second
+    # A start on the command line moves the offset by as much, and the images stay where they were.
+    later = unix_ns_to_iso(start_ns + 3_000_000_000)
+    moved = aerodft("sync", folder / "video.mp4", log, "--config", station, "--video-start", later, "--json").json
+    assert moved["offset_s"] == pytest.approx(said["offset_s"] - 3, abs=2e-3)
+    assert tomllib.loads(moved["config"])["images"]["start"] == moved["video_start"]
 
 
 @pytest.mark.parametrize(

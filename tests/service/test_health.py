@@ -37,12 +37,13 @@ def _px4(vertical):
 def fly(bench):
     """Poses every 500 ms of a flight in which the vehicle says ``(boot_ms, message)``; frames are numbered."""
 
-    def flown(said, *, drop=None, health=None):
+    def flown(said, *, drop=None, health=None, failing=()):
         mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
         said = [(bench.host0_ns + ms * MS + 2 * MS, bytes(message.pack(mav))) for ms, message in said]
         frames = sorted([*bench.flight(SECONDS)[1:], *said])
         frames = [(bench.host0_ns, bytes(_heartbeat().pack(mav))), *frames]
-        numbered = [(at, _numbered(raw, k % 256)) for k, (at, raw) in enumerate(frames) if drop is None or not drop(k)]
+        kept = [(k, each) for k, each in enumerate(frames) if drop is None or not drop(k)]
+        numbered = [(at, _numbered(raw, k % 256, failing)) for k, (at, raw) in kept]
         telemetry = replace(bench.settings.telemetry, health=health or HealthSettings())
         images = [bench.image(k, 1000 + 500 * k) for k in range(int(2 * SECONDS) - 4)]
         outputs = bench.run_events(*bench.blocks(numbered), *images, made=bench.pipeline(telemetry=telemetry))
@@ -51,9 +52,11 @@ def fly(bench):
     return flown
 
 
-def _numbered(raw, sequence):
-    """A MAVLink 2 frame with another sequence number."""
+def _numbered(raw, sequence, failing):
+    """A MAVLink 2 frame with another sequence number; a gimbal's from, to (ms) with these failure flags."""
     message = dialect.MAVLink(None).parse_char(raw)
+    if failing and message.get_msgId() == 285 and failing[0] <= message.time_boot_ms < failing[1]:
+        message.failure_flags = failing[2]
     mav = dialect.MAVLink(None, srcSystem=message.get_srcSystem(), srcComponent=message.get_srcComponent())
     mav.seq = sequence
     return bytes(message.pack(mav))
@@ -79,7 +82,7 @@ def test_without_a_heartbeat_for_five_seconds_telemetry_is_stale(fly):
             assert each.status is Status.OK, ms
         elif ms > 9050:
             assert each.status is Status.STALE_TELEMETRY, ms
-            assert each.reasons[0].startswith("no HEARTBEAT of the autopilot for ")
+            assert each.reasons[0] == "no HEARTBEAT of the autopilot for more than 5 s"
 
 
 @pytest.mark.parametrize("which", ["velocity", "horizontal", "vertical", "compass"])
@@ -130,7 +133,7 @@ def test_a_poor_fix_widens_the_place(fly):
 def test_a_silent_receiver_is_said(fly):
     poses = fly([*BEATS, *_every(500, _gps(), until_ms=4001)])
     assert not any("silent" in reason for reason in poses[7500].reasons)
-    assert any("GPS is silent for 6" in reason for reason in poses[10500].reasons)
+    assert "GPS has been silent for more than 4 s" in poses[10500].reasons
 
 
 def test_an_estimator_that_ends_in_nan_is_not_forgotten_without_a_word(fly):
@@ -139,7 +142,7 @@ def test_an_estimator_that_ends_in_nan_is_not_forgotten_without_a_word(fly):
     assert poses[8000].status is Status.UNHEALTHY
     assert poses[10_000].status is Status.OK
     (remark,) = [reason for reason in poses[10_000].reasons if "estimator" in reason]
-    assert re.fullmatch(r"the autopilot's estimator has said nothing believable for 6\.[3-7] s", remark)
+    assert remark == "the autopilot's estimator has said nothing believable for more than 5 s"
 
 
 @pytest.mark.parametrize(("share", "is_said"), [(0.3, True), (0.02, False)])
@@ -157,3 +160,39 @@ def test_limits_are_configured(fly):
     limits = HealthSettings(max_ratio=2.0, heartbeat_ns=60_000_000_000)
     poses = fly([(0, _heartbeat()), *_every(500, _ekf(compass=1.3))], health=limits)
     assert poses[12000].status is Status.OK
+
+
+MOUNT = dialect.MAVLink_mount_status_message(0, 0, -6000, 0, 0)
+
+
+def test_a_gimbal_that_fails_is_not_believed_by_another_of_its_messages(fly):
+    said = [*BEATS, *_every(100, MOUNT)]
+    poses = fly(said, failing=(5000, 9000, 32 | 8))
+    assert {each.status for ms, each in poses.items() if ms < 4900 or ms > 10_100} == {Status.OK}
+    failed = [each for ms, each in poses.items() if 6000 < ms < 9000]
+    assert {each.status for each in failed} == {Status.UNHEALTHY}
+    for each in failed:
+        assert each.reasons[:2] == tuple(
+            f"the gimbal reports a failure ({what}): its other reports are not believed"
+            for what in ("encoder error", "motor error")
+        )
+    assert not any("failure" in reason for ms, each in poses.items() if ms > 10_100 for reason in each.reasons)
+
+
+def test_why_there_is_no_attitude_of_a_gimbal_that_fails_is_said(fly):
+    poses = fly(BEATS, failing=(5000, 9000, 16))
+    failed = [each for ms, each in poses.items() if 6100 < ms < 8000]
+    assert {each.status for each in failed} == {Status.STALE_TELEMETRY}
+    assert all("the gimbal reports a failure (power error)" in each.reasons for each in failed)
+
+
+def test_a_failure_that_passes_is_a_remark(fly):
+    poses = fly(BEATS, failing=(5000, 5100, 64))
+    assert {each.status for each in poses.values()} == {Status.OK}
+    told = [ms for ms, each in poses.items() if "the gimbal reports a failure (software error)" in each.reasons]
+    assert told == [5000, 5500, 6000]
+
+
+def test_remarks_are_the_same_in_image_after_image(fly):
+    poses = fly([*_every(500, _gps(), until_ms=2001), *_every(500, _ekf(), until_ms=2001), (0, _heartbeat())])
+    assert len({each.reasons for ms, each in poses.items() if ms > 8000}) == 1

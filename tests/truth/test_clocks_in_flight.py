@@ -92,6 +92,8 @@ def test_a_jump_of_utc_is_a_status_until_it_is_settled(wrong_s, capsys):
     wrong = [each for each in good(taken) if each.true_s >= 20.0 and abs(each.off_s) > BY_UTC_S]
     assert wrong == []
     assert health.jumps_s == pytest.approx((-wrong_s,), abs=0.002)
+    twice = [any("said this time twice" in reason for reason in each.sample.reasons) for each in good(taken, 22.5)]
+    assert sum(twice) == pytest.approx(4 * min(max(wrong_s, 0.0), 17.0), abs=4 if wrong_s > 0 else 0)
     with capsys.disabled():
         print(f"\nUTC jumps by {-wrong_s:g} s: {len(jumped)} images of 4 a second are CLOCK_JUMPED")
 
@@ -111,6 +113,8 @@ def test_a_reboot_makes_no_pose_of_both_sides(by):
     between = [each.sample.status for each in taken if 20.2 < each.true_s < 21.8]
     assert Status.OK not in between
     assert health.restarts == 1
+    for each in good(taken, 1.0):
+        assert ("the vehicle rebooted" in " ".join(each.sample.reasons)) == (each.true_s > 20.0)
 
 
 def test_after_50_days_milliseconds_wrap_and_nothing_happens():

@@ -1,7 +1,7 @@
 """MAVLink frames to telemetry tracks."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
@@ -88,7 +88,9 @@ class MavlinkDecoder:
         return int(self._state[pick.DAMAGED])
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
-        """The tracks of this block's frames, at most one a message, one a rival, one of the link; no frame is an error.
+        """The tracks of this block's frames, at most one a message, one a rival or failure, one of the link.
+
+        A frame that is damaged, or not wanted, is no error.
 
         Raises:
             ValueError: The block is not MAVLink.
@@ -102,9 +104,10 @@ class MavlinkDecoder:
         select(data, heads, pick.SLOTS, self._state, slots)
         self._note_others(before)
         tracks = (
-            self._track(slot, np.flatnonzero(slots == slot), heads, block)
+            track
             for slot in np.flatnonzero(np.bincount(slots + 1)[1:]).tolist()
             if pick.WANTED[slot] in _MAKERS
+            for track in self._tracks(slot, np.flatnonzero(slots == slot), heads, block)
         )
         link = self._sequence.track(block, data, heads, self._state)
         rivals = self._rivals.tracks(block, heads, slots, self._state)
@@ -124,8 +127,8 @@ class MavlinkDecoder:
                 number = pick.device_of(self._state, pick.WANTED.index(message_id))
                 self.rejected[f"{message_name(message_id)}: of another {what} than number {number}"] += count
 
-    def _track(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Track | None:
-        """The track of one message's rows."""
+    def _tracks(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Iterator[Track | None]:
+        """The tracks of one message's rows."""
         message_id = pick.WANTED[slot]
         payload = payload_rows(block, heads[3:, index], _DTYPES[message_id])
         component = heads[2, index]
@@ -133,4 +136,6 @@ class MavlinkDecoder:
         if message_id in pick.OF_CAMERAS:
             cameras.number(payload, component)
         rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns)
-        return _MAKERS[message_id](rows, self.rejected)
+        yield _MAKERS[message_id](rows, self.rejected)
+        if message_id == pick.GIMBAL_DEVICE_ATTITUDE_STATUS:
+            yield from health.gimbal_failure_tracks(rows)

@@ -1,13 +1,14 @@
 """Payload rows of what a vehicle says of itself: that it is alive, where it is fixed, how good its estimate is."""
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.mavlink.rows import Rows, beyond
+from aerodft.adapters.mavlink.rows import GIMBAL_FAILURES, Rows, beyond
 from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.health import EstimatorTrack, GpsTrack, HeartbeatTrack
+from aerodft.model.health import EstimatorTrack, GimbalFailureTrack, GpsTrack, HeartbeatTrack
 from aerodft.model.telemetry import NO_BOOT_TIME, Track
 
 _SATELLITES_UNKNOWN: Final = 255
@@ -69,3 +70,15 @@ def _estimator_track(
         has_attitude=((flags & _HAS_ATTITUDE) != 0) & ((flags & _UNINITIALIZED) == 0),
         **good.stamps(),
     )
+
+
+def gimbal_failure_tracks(rows: Rows) -> Iterator[GimbalFailureTrack]:
+    """What GIMBAL_DEVICE_ATTITUDE_STATUS says of failures: such rows hold no attitude, and others may fill the gap."""
+    failures = rows.payload["failure_flags"]
+    if not np.any(failures):
+        return
+    for words, bits in GIMBAL_FAILURES.items():
+        failed = (failures & bits) != 0
+        if np.any(failed):
+            what = f"the gimbal reports a failure ({words})"
+            yield GimbalFailureTrack(what=what, arrival_ns=rows.arrival_ns[failed], boot_ns=rows.boot_ns[failed])

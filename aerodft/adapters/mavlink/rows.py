@@ -30,8 +30,8 @@ MAX_ANGLE_RAD: Final = 2 * math.pi + 0.01
 MAX_HEIGHT_M: Final = 50_000.0
 
 _RETRACTED, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 1, 16, 32, 64
-# A gimbal at its limit is not where its demand is. That it has no manager (512) says nothing of its attitude.
-_GIMBAL_FAILURES = {
+# Bits of failure_flags. A gimbal at its limit is not where its demand is; that it has no manager (512) says nothing.
+GIMBAL_FAILURES = {
     "it is at its roll limit": 1,
     "it is at its pitch limit": 2,
     "it is at its yaw limit": 4,
@@ -159,7 +159,7 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     norm = np.sqrt(np.sum(q * q, axis=-1))
     failures, flags = rows.payload["failure_flags"], rows.payload["flags"]
     faults = {
-        **{f"gimbal reports a failure ({words})": (failures & bits) != 0 for words, bits in _GIMBAL_FAILURES.items()},
+        **{f"gimbal reports a failure ({words})": (failures & bits) != 0 for words, bits in GIMBAL_FAILURES.items()},
         "gimbal is retracted": (flags & _RETRACTED) != 0,
         "q is no rotation": ~(np.abs(norm - 1) <= _QUATERNION_NORM_SLACK),
     }

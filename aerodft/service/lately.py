@@ -1,4 +1,4 @@
-"""Who else has spoken lately and could have been followed as well."""
+"""What was heard lately that poses must be told of: a rival's voice, a gimbal's failure."""
 
 import logging
 from typing import Final
@@ -6,14 +6,13 @@ from typing import Final
 import numpy as np
 
 from aerodft.model.arrays import IntArray
-from aerodft.model.health import RivalTrack
 from aerodft.service.streams import Stream
 
 _LOG: Final = logging.getLogger(__name__)
 
 
-class RivalsHeard:
-    """What is said of rivals, each at once in the log, and of every stamp up to ``window_ns`` later."""
+class HeardLately:
+    """Sentences, each at once in the log when it is first heard, and of every stamp up to ``window_ns`` later."""
 
     def __init__(self, window_ns: int) -> None:
         self._window_ns = window_ns
@@ -23,15 +22,15 @@ class RivalsHeard:
         """All streams."""
         return tuple(self._streams.values())
 
-    def append(self, track: RivalTrack, stamps_ns: IntArray) -> None:
-        """Take a track in."""
-        if track.what not in self._streams:
-            _LOG.warning("%s", track.what)
-            self._streams[track.what] = Stream(self._window_ns)
-        self._streams[track.what].append(stamps_ns)
+    def append(self, what: str, stamps_ns: IntArray) -> None:
+        """Take in when a sentence held."""
+        if what not in self._streams:
+            _LOG.warning("%s", what)
+            self._streams[what] = Stream(self._window_ns)
+        self._streams[what].append(stamps_ns)
 
     def at(self, stamp_ns: int) -> tuple[str, ...]:
-        """Who has spoken in the time before a stamp, in sentences."""
+        """What was heard in the time before a stamp."""
         return tuple(what for what, each in self._streams.items() if self._is_recent(each.stamps_ns, stamp_ns))
 
     def _is_recent(self, stamps_ns: IntArray, stamp_ns: int) -> bool:

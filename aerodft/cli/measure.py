@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
-from aerodft.adapters.config.calibration import load_calibrated_lens, load_calibrated_pose, load_calibration
+from aerodft.adapters.config.calibration import load_calibrated_pose
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.settings import pose_sample
+from aerodft.cli.calibrated import calibrated, corrected
 from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
 from aerodft.cli.model_table import cautions, show_models
 from aerodft.cli.output import print_budget, print_json, print_measurements, say
@@ -26,7 +26,6 @@ from aerodft.errors import InputError, UsageError
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status
-from calibration.biases import BiasCalibrator
 
 
 def measure(
@@ -120,14 +119,14 @@ def measure(
         setup, sample, stds = _recorded(recording, at, model, std, topic, files)
     elif calibration is not None and load_calibrated_pose(calibration) is not None:
         pose.refuse_all("calibration")
-        setup, sample, stds = _calibrated(calibration, camera, model, std, terms)
+        setup, sample, stds = calibrated(calibration, camera, model, std, terms)
     else:
         stds = _stds(std, pose)
         surface, origin = terms.ground(pose.origin)
         setup = replace(_setup(camera, model or ProjectionModel.PINHOLE, stds), ground=surface)
         sample = pose.sample(stds, origin)
         if calibration is not None:
-            setup, sample = _corrected(setup, sample, calibration)
+            setup, sample = corrected(setup, sample, calibration)
     setup = replace(_limited(setup, elevation, max_range), elevation_std_m=stds.elevation_m)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
@@ -197,34 +196,6 @@ def _recorded(
         raise UsageError("--std of the pose beside --recording", expected="px, elevation: the pose's are recorded")
     setup, sample = recorded_setup(recording, at, Instead(**files, topics=parse_topics(topic)))
     return (setup if model is None else replace(setup, model=model)), sample, stds
-
-
-def _calibrated(
-    path: Path, camera: Path | None, model: ProjectionModel | None, std: str | None, terms: GivenGround
-) -> tuple[Setup, PoseSample, Stds]:
-    stds = parse_stds(std) if std else Stds()
-    if stds.pose != PoseStd():
-        raise UsageError("--std of the pose beside --calibration", expected="px, elevation: the pose's are in the file")
-    fixed, (lens, own_model) = load_calibrated_pose(path), load_calibrated_lens(path)
-    assert fixed is not None  # noqa: S101 - who calls this has looked, for the type checker
-    if model not in (None, own_model):
-        raise UsageError(f"--model {model} beside --calibration", expected=f"{own_model}, which it was made with")
-    if lens is None and camera is None:
-        raise UsageError("--calibration without --camera", expected="both: the calibration took the lens as it was")
-    lens = stds.on_camera(load_camera(camera)) if lens is None and camera is not None else lens
-    flat = pose_sample(fixed, None)
-    surface, origin = terms.ground(flat.origin)
-    sample = flat if surface is None else pose_sample(fixed, origin, surface, str(path))
-    assert lens is not None  # noqa: S101 - one of the two was there, for the type checker
-    return Setup(camera=lens, model=own_model, ground=surface), sample, stds
-
-
-def _corrected(setup: Setup, sample: PoseSample, path: Path) -> tuple[Setup, PoseSample]:
-    """Camera and pose by telemetry, without what a calibration says that telemetry is off by."""
-    lens, own_model = load_calibrated_lens(path)
-    if lens is not None and setup.model is not own_model:
-        raise UsageError(f"--model {setup.model} beside --calibration", expected=f"{own_model}, which it was made with")
-    return replace(setup, camera=lens or setup.camera), BiasCalibrator(load_calibration(path)).refine(sample)
 
 
 def _compare(setup: Setup, sample: PoseSample, requests: tuple[Request, ...], *, as_json: bool) -> None:

@@ -1,0 +1,113 @@
+"""What ``aerodft river`` found, as its JSON document."""
+
+import math
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+
+from aerodft.geometry.geodesy import lat_lon
+from aerodft.model.arrays import FloatArray
+from aerodft.model.pose import PoseSample
+from aerodft.vision.river import NoRiver, River, RiverStatus
+
+SCHEMA: Final = "aerodft.river/1"
+_TELLS: Final = 2.0  # standard deviations between an outline's two sides, from which they are told apart
+
+_WHY: Final = {
+    RiverStatus.OUT_OF_IMAGE: "the image ends before the bank",
+    RiverStatus.ILL_CONDITIONED: "too far away for how well the pose is known",
+}
+
+
+def refusal_document(found: NoRiver) -> dict[str, Any]:
+    """The document of an image without an answer."""
+    return _document(found.status, [found.reason], 0.0)
+
+
+def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
+    """The document of a river.
+
+    Args:
+        found: The river.
+        sample: The pose that it was seen from.
+    """
+    used = np.array([found.status[row] is RiverStatus.OK for row in found.rows], dtype=bool)
+    status, reasons = RiverStatus.OK, list(sample.reasons)
+    if not used.any():
+        first = found.status[int(found.rows[0])]
+        status, reasons = first, [*reasons, _WHY[first]]
+    document = _document(status, reasons, float(np.mean(found.water.contrast > _TELLS)))
+    document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(_SIDES)}
+    document["transects"] = list(_transects(found, sample))
+    if used.any():
+        median, std, ci95 = found.widths.median(used)
+        widths = found.widths.width_m[used]
+        document["width_m"] = {
+            "median": median,
+            "std": std,
+            "ci95": list(ci95),
+            "min": float(widths.min()),
+            "max": float(widths.max()),
+            "transects": int(used.sum()),
+        }
+    return document
+
+
+_SIDES: Final = ("left", "right")
+
+
+def _document(status: RiverStatus, reasons: list[str], confidence: float) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "status": str(status),
+        "reasons": reasons,
+        "banks": {side: [] for side in _SIDES},
+        "transects": [],
+        "width_m": None,
+        "confidence": confidence,
+        "files": [],
+    }
+
+
+def _polyline(pixels: FloatArray) -> list[list[float]]:
+    return _rounded(pixels[np.isfinite(pixels[:, 0])])
+
+
+def _rounded(pixels: FloatArray) -> list[list[float]]:
+    rows: list[list[float]] = np.round(pixels, 3).tolist()
+    return rows
+
+
+def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
+    measured = {int(row): index for index, row in enumerate(found.rows)}
+    ci95, std = found.widths.ci95_m, found.widths.std_m
+    for row, status in enumerate(found.status):
+        index = measured.get(row)
+        answer: dict[str, Any] = {"width_m": None, "std": None, "ci95": None, "points_enu_m": None, "geo": None}
+        if index is not None and status is RiverStatus.OK:
+            points = found.widths.points_enu_m[index]
+            answer = {
+                "width_m": float(found.widths.width_m[index]),
+                "std": float(std[index]),
+                "ci95": ci95[index].tolist(),
+                "points_enu_m": points.tolist(),
+                "geo": _geo(sample, points),
+            }
+        ends = zip(_SIDES, found.edges.pixels_px[row], found.edges.std_px[row], strict=True)
+        sides = {side: (pixel, px) for side, pixel, px in ends if math.isfinite(pixel[0])}
+        yield {
+            "station_m": float(found.transects.stations_m[row]),
+            **{side: _rounded(sides[side][0]) if side in sides else None for side in _SIDES},
+            **answer,
+            "status": str(status),
+            "reason": _WHY.get(status),
+            "bank_std_px": [float(sides[side][1]) if side in sides else None for side in _SIDES],
+        }
+
+
+def _geo(sample: PoseSample, points_enu_m: FloatArray) -> list[dict[str, float]] | None:
+    if sample.origin is None:
+        return None
+    places = np.degrees(lat_lon(sample.origin, points_enu_m[:, :2]))
+    return [{"lat": float(lat), "lon": float(lon)} for lat, lon in places]

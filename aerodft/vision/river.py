@@ -1,0 +1,227 @@
+"""A river in one image: its water, its banks, and its width at transects along it."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import cv2
+import numpy as np
+
+from aerodft.dft.request import Setup
+from aerodft.dft.river_widths import BankPair, RiverWidths, river_widths
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.model.pose import Pose
+from aerodft.vision.bank_edges import Edges, locate_edges
+from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
+from aerodft.vision.water import WaterMask, find_water
+from aerodft.vision.water_features import WaterFeatures, water_features
+from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.waterway import Centreline, centreline
+
+_SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
+_WINDOW_SMALL_PX: Final = 3.0  # of the small copy: how far a mask's outline may be off
+_LEAST_WINDOW_PX: Final = 2.0
+_STEP_M: Final = 0.5  # over which directions in the image are taken, at most
+_ROOM: Final = 0.3  # of the way to the opposite bank: so far a profile may reach
+
+
+class RiverStatus(StrEnum):
+    """What became of a river, or of one transect."""
+
+    OK = "ok"
+    ABOVE_HORIZON = "ABOVE_HORIZON"  # the image shows no water plane near enough
+    SEED_OFF_GROUND = "SEED_OFF_GROUND"  # the seed is outside the image, above the horizon or too far away
+    TOO_DARK = "TOO_DARK"  # night, or a covered lens
+    NO_CONTRAST = "NO_CONTRAST"  # water and bank cannot be told apart
+    ALL_WATER = "ALL_WATER"  # no bank anywhere
+    NO_WATER = "NO_WATER"  # the seed is on a bank, or there is no water
+    OUT_OF_IMAGE = "OUT_OF_IMAGE"  # the image ends before the bank
+    ILL_CONDITIONED = "ILL_CONDITIONED"  # too uncertain for a number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RiverQuestion:
+    """What is asked of one image.
+
+    Attributes:
+        seed_px: A pixel in the water; None for the lower middle.
+        spacing_m: Of the transects.
+        flow_rad: Azimuth to which the river flows; None where it is not known.
+        least_std_px: What a bank is seen off by at the least, all of them alike.
+    """
+
+    seed_px: tuple[float, float] | None = None
+    spacing_m: float = 1.0
+    flow_rad: float | None = None
+    least_std_px: float = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class River:
+    """A river as one image shows it.
+
+    Attributes:
+        features: The small copy that was looked at.
+        water: Its water.
+        line: The centreline, towards which left and right are meant.
+        transects: The lines across it.
+        status: ``(n,)`` of each transect.
+        edges: Its banks, ``(n, 2)``: left, then right; NaN where the image ends first.
+        widths: Of the transects that have both banks.
+        rows: ``(k,)`` which transects those are.
+    """
+
+    features: WaterFeatures
+    water: WaterMask
+    line: Centreline
+    transects: Transects
+    status: tuple[RiverStatus, ...]
+    edges: Edges
+    widths: RiverWidths
+    rows: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class NoRiver:
+    """Why there is no answer."""
+
+    status: RiverStatus
+    reason: str
+
+
+def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion) -> River | NoRiver:
+    """Measure the river in one image.
+
+    Args:
+        image: ``(height, width, 3)`` BGR, of the camera's size.
+        setup: The camera; the water's elevation and its standard deviation; how far is looked. Pinhole, level.
+        pose: One pose.
+        question: What is asked.
+    """
+    plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
+    features = water_features(image)
+    ground = _ground(plane, features)
+    if not ground.any():
+        return NoRiver(RiverStatus.ABOVE_HORIZON, "the image shows no water plane near enough: it looks too far up")
+    seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
+    at = np.clip(np.rint(seed).astype(int), 0, [features.shape[1] - 1, features.shape[0] - 1])
+    if not ground[at[1], at[0]]:
+        return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")
+    water = find_water(features, (float(seed[0]), float(seed[1])), ground)
+    if np.count_nonzero(ground & ~water.water) < 0.01 * np.count_nonzero(ground):
+        return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all looks alike")
+    channel = filled(water.water)
+    line = centreline(plane, features, channel)
+    if line is None:
+        return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
+    line = _oriented(plane, line, question.flow_rad)
+    found = transects(plane, features, (channel, water.water), line, _stations(line, question.spacing_m))
+    return _measured(image, setup, pose, plane, question, (features, water, line, found))
+
+
+def _ground(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
+    rows, columns = features.shape
+    small = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
+    return np.asarray(np.isfinite(plane.places_en_m(features.to_image(small))[..., 0]))
+
+
+def _default_seed(features: WaterFeatures) -> FloatArray:
+    rows, columns = features.shape
+    return np.array([(columns - 1) / 2, _SEED_DOWN * (rows - 1)])
+
+
+def filled(water: BoolArray) -> BoolArray:
+    """The water with the islands in it."""
+    outlines, _ = cv2.findContours(water.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    whole = np.zeros(water.shape, dtype=np.uint8)
+    cv2.drawContours(whole, outlines, -1, 1, cv2.FILLED)
+    return whole > 0
+
+
+def _oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Centreline:
+    """Downstream where that is known; else up in the image, or to the right where the river runs across it."""
+    ends = line.places_en_m[[0, -1]]
+    if flow_rad is not None:
+        return line if float((ends[1] - ends[0]) @ [math.sin(flow_rad), math.cos(flow_rad)]) >= 0 else line.turned()
+    middle = line.places_en_m[len(line.places_en_m) // 4 :: max(1, len(line.places_en_m) // 2)][:2]
+    first, last = plane.pixels_px(middle)
+    right, up = last[0] - first[0], first[1] - last[1]
+    return line if (up > 0 if abs(up) >= abs(right) else right > 0) else line.turned()
+
+
+def _stations(line: Centreline, spacing_m: float) -> FloatArray:
+    length = float(line.stations_m()[-1])
+    count = min(int(length / spacing_m) + 1, MOST_TRANSECTS)
+    spare = length - (count - 1) * spacing_m
+    return np.asarray(spare / 2 + spacing_m * np.arange(count), dtype=np.float64)
+
+
+def _measured(
+    image: ImageArray,
+    setup: Setup,
+    pose: Pose,
+    plane: WaterPlane,
+    question: RiverQuestion,
+    seen: tuple[WaterFeatures, WaterMask, Centreline, Transects],
+) -> River | NoRiver:
+    features, water, line, found = seen
+    both = np.isfinite(found.left_m) & np.isfinite(found.right_m)
+    if not both.any():
+        return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
+    edges = _banks(image, plane, found, 1.0 / features.scale)
+    rows = np.flatnonzero(both)
+    pair = BankPair(edges.pixels_px[rows], edges.across_px[rows], edges.std_px[rows], question.least_std_px)
+    widths = river_widths(setup, pose, pair)
+    status = [RiverStatus.OUT_OF_IMAGE] * len(both)
+    for row, usable in zip(rows.tolist(), widths.usable.tolist(), strict=True):
+        status[row] = RiverStatus.OK if usable else RiverStatus.ILL_CONDITIONED
+    return River(
+        features=features,
+        water=water,
+        line=line,
+        transects=found,
+        status=tuple(status),
+        edges=edges,
+        widths=widths,
+        rows=rows,
+    )
+
+
+def _banks(image: ImageArray, plane: WaterPlane, found: Transects, small_px: float) -> Edges:
+    """The banks of all transects ``(n, 2)``: left, then right; NaN where the image ends first."""
+    count = len(found.stations_m)
+    edges = Edges(*(np.full((count, 2, *tail), np.nan) for tail in ((2,), (), (), (2,))))
+    for side, offsets in enumerate((found.left_m, found.right_m)):
+        rows = np.flatnonzero(np.isfinite(offsets))
+        if len(rows) == 0:
+            continue
+        one = _edges(image, plane, found, rows, side, small_px)
+        edges.pixels_px[rows, side], edges.std_px[rows, side] = one.pixels_px, one.std_px
+        edges.contrast[rows, side], edges.across_px[rows, side] = one.contrast, one.across_px
+    return edges
+
+
+def _edges(image: ImageArray, plane: WaterPlane, found: Transects, rows: IntArray, side: int, small_px: float) -> Edges:
+    """The banks of one side (0 left, 1 right) of some transects."""
+    sign = 1.0 - 2.0 * side
+    offsets, opposite = ((found.left_m, found.right_m)[each][rows] for each in (side, 1 - side))
+    centres, to_left = found.centres_en_m[rows], found.to_left[rows]
+    places = centres + offsets[:, None] * to_left
+    inner = centres + np.where(np.isfinite(opposite), opposite, 0.0)[:, None] * to_left
+    near, far = plane.pixels_px(places), plane.pixels_px(inner)
+    step = np.minimum(_STEP_M, 0.02 * np.linalg.norm(places - inner, axis=-1))[:, None]
+    across = _direction(plane, places, sign * to_left * step)
+    along = _direction(plane, places, np.stack([-to_left[:, 1], to_left[:, 0]], axis=-1) * step)
+    room = _ROOM * np.linalg.norm(far - near, axis=-1)
+    size = np.array([image.shape[1], image.shape[0]]) - 1
+    border = np.min(np.minimum(near, size - near), axis=-1)
+    window = np.minimum(_WINDOW_SMALL_PX * small_px, np.minimum(room, border) / 2)
+    window = np.maximum(2.0 ** np.floor(np.log2(np.maximum(window, _LEAST_WINDOW_PX))), _LEAST_WINDOW_PX)
+    return locate_edges(image, near, across, along, window)
+
+
+def _direction(plane: WaterPlane, places: FloatArray, step_m: FloatArray) -> FloatArray:
+    """Unit vectors ``(n, 2)`` in the image of steps ``(n, 2)`` on the water."""
+    moved = plane.pixels_px(places + step_m) - plane.pixels_px(places - step_m)
+    return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))

@@ -1,0 +1,159 @@
+"""Which part of an image is water: classical segmentation from one seed, with how far it can be trusted.
+
+Clusters of colour and texture propose regions around the seed; that one is taken whose outline separates best what
+lies on its two sides, and a graph cut (GrabCut) draws the outline. Reflections and shade change water's lightness,
+seldom its colour against the banks': lightness weighs least.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.model.arrays import BoolArray, FloatArray
+from aerodft.vision.water_features import Float32Image, WaterFeatures
+
+_PROPOSALS: Final = (((1.0, 1.0, 0.0, 6.0), (2, 3)), ((1.0, 1.0, 0.4, 6.0), (2, 3)))  # weights of planes, clusters
+_EVERY: Final = 5  # of the pixels is looked at for clusters
+_SHARE: Final = 0.2  # of the seed's disc: a cluster with more belongs to the water
+_DISC: Final = 0.025  # radius of the seed's disc, of the copy's width
+_CLUSTER_SMOOTH_PX: Final = 2.0
+_STRIP_PX: Final = 6  # on either side of an outline
+_NOISE: Final = np.array([1.5, 1.5, 4.0, 0.01])  # least variances of the planes: flat colours differ by no more
+_CUT_ITERATIONS: Final = 3
+_SURE_PX: Final = 8
+_CUT_SCALES: Final = ((3.0, 128.0), (3.0, 128.0))  # of a and b, as bytes
+_MASK_SEED: Final = 1
+
+Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterMask:
+    """Where the water is in the small copy.
+
+    Attributes:
+        water: ``(height, width)``, in one piece.
+        outline: ``(height, width)``: its pixels beside what is not water, away from the border of what was looked at.
+        contrast: ``(k,)``, of the outline's pixels in the order of ``np.nonzero``: how many standard deviations lie
+            between the two sides of it.
+    """
+
+    water: BoolArray
+    outline: BoolArray
+    contrast: FloatArray
+
+
+def find_water(features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray) -> WaterMask:
+    """The water around a seed.
+
+    Args:
+        features: The small copy.
+        seed_px: A pixel of it, in the water.
+        ground: ``(height, width)``: which pixels show the ground near enough to be measured; no others are water.
+    """
+    disc = _disc(features.shape, seed_px) & ground
+    best, best_separation = disc, -1.0
+    for weights, counts in _PROPOSALS:
+        weighted = features.planes * np.array(weights, dtype=np.float32)
+        values = np.asarray(cv2.GaussianBlur(weighted, (0, 0), _CLUSTER_SMOOTH_PX), dtype=np.float32)
+        for count in counts:
+            region = _clustered(values, count, disc, ground)
+            _, contrast = outline_contrast(features.planes, region, ground)
+            separation = float(np.percentile(contrast, 25)) if len(contrast) else 0.0
+            if separation > best_separation:
+                best, best_separation = region, separation
+    water = _cut(features.planes, best, disc, ground)
+    outline, contrast = outline_contrast(features.planes, water, ground)
+    return WaterMask(water, outline, contrast)
+
+
+def _disc(shape: tuple[int, int], seed_px: tuple[float, float]) -> BoolArray:
+    disc = np.zeros(shape, dtype=np.uint8)
+    cv2.circle(disc, (round(seed_px[0]), round(seed_px[1])), max(2, round(_DISC * max(shape))), 1, -1)
+    return disc > 0
+
+
+def _clustered(values: Float32Image, count: int, disc: BoolArray, ground: BoolArray) -> BoolArray:
+    """The region around the disc that consists of the disc's clusters."""
+    seen = values[ground]
+    cv2.setRNGSeed(_MASK_SEED)
+    sample = np.ascontiguousarray(seen[::_EVERY])
+    if len(sample) <= count:
+        return disc
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 15, 0.2)
+    _, _, centres = cv2.kmeans(sample, count, np.empty(0, dtype=np.int32), criteria, 2, cv2.KMEANS_PP_CENTERS)
+    away = [np.sum(np.square(values - centre), axis=-1) for centre in centres]
+    labels = np.argmin(np.stack(away), axis=0)
+    share = np.bincount(labels[disc], minlength=count) / max(int(disc.sum()), 1)
+    region = np.isin(labels, np.flatnonzero(share > _SHARE)) & ground
+    return _around(_opened(region) | disc, disc)
+
+
+def _opened(region: BoolArray) -> BoolArray:
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    return np.asarray(cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0)
+
+
+def _around(region: BoolArray, disc: BoolArray) -> BoolArray:
+    """The piece of the region that shares most with the disc; the disc itself where none does."""
+    _, labels = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)
+    shares = np.bincount(labels[disc & region])
+    if not shares[1:].any():
+        return disc
+    return np.asarray(labels == 1 + int(np.argmax(shares[1:])))
+
+
+def _cut(planes: Float32Image, region: BoolArray, disc: BoolArray, ground: BoolArray) -> BoolArray:
+    """The region with its outline drawn by a graph cut; what is deep inside stays water."""
+    if not np.any(ground & ~region):
+        return region
+    colours = [planes[..., 0] * 3.0 + 128.0, planes[..., 1] * 3.0 + 128.0, 0.5 * planes[..., 2] + 20.0 * planes[..., 3]]
+    seen = np.clip(np.dstack(colours), 0, 255).astype(np.uint8)
+    kernel = np.ones((3, 3), dtype=np.uint8)
+    deep = cv2.erode(region.astype(np.uint8), kernel, iterations=_SURE_PX) > 0
+    labels = np.where(region, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[deep | disc] = cv2.GC_FGD
+    labels[~ground] = cv2.GC_BGD
+    cv2.setRNGSeed(_MASK_SEED)
+    water_model, land_model = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(seen, labels, (0, 0, 0, 0), land_model, water_model, _CUT_ITERATIONS, cv2.GC_INIT_WITH_MASK)
+    water = ((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)) & ground
+    return _around(_opened(np.asarray(water)) | disc, disc)
+
+
+def outline_contrast(planes: Float32Image, region: BoolArray, ground: BoolArray) -> tuple[BoolArray, FloatArray]:
+    """The outline of a region, and how different its two sides are along it.
+
+    Args:
+        planes: ``(height, width, k)`` features.
+        region: ``(height, width)``.
+        ground: ``(height, width)``: what was looked at; its border is no outline.
+
+    Returns:
+        The region's own pixels at its outline ``(height, width)``; for each of them the distance of the two sides'
+        means in standard deviations ``(n,)``.
+    """
+    kernel, inside = np.ones((3, 3), dtype=np.uint8), region.astype(np.uint8)
+    within = cv2.erode(inside, kernel)
+    near = cv2.erode(inside, kernel, iterations=_STRIP_PX)
+    beyond = cv2.dilate(inside, kernel, iterations=_STRIP_PX)
+    border = cv2.erode(ground.astype(np.uint8), kernel, iterations=2, borderValue=0)
+    outline = (inside > within) & (border > 0)
+    if not outline.any():
+        return outline, np.empty(0)
+    mean_in, variance_in = _local(planes, (within > near).astype(np.float32), outline)
+    mean_out, variance_out = _local(planes, ((beyond > inside) & ground).astype(np.float32), outline)
+    spread = 0.5 * (variance_in + variance_out) + _NOISE
+    return outline, np.asarray(np.sqrt(np.sum(np.square(mean_in - mean_out) / spread, axis=-1)), dtype=np.float64)
+
+
+def _local(planes: Float32Image, weight: Float32Image, at: BoolArray) -> tuple[Float32Image, Float32Image]:
+    """Mean and variance ``(n, k)`` of the planes around each pixel of ``at``, weighted."""
+    size = (2 * _STRIP_PX + 1, 2 * _STRIP_PX + 1)
+    total = cv2.boxFilter(weight, -1, size)[at][:, None] + 1e-6
+    mean = cv2.boxFilter(planes * weight[..., None], -1, size)[at] / total
+    square = cv2.boxFilter(np.square(planes) * weight[..., None], -1, size)[at] / total
+    return mean, np.maximum(square - mean * mean, 0.0)

@@ -1,0 +1,81 @@
+"""``aerodft river`` on rendered rivers whose banks are known in closed form."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+import tomli_w
+
+from aerodft.adapters.config.camera import camera_document
+
+from tests.vision.river_scenes import picture, river_scene, true_crossing
+
+
+def aerodft(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "aerodft", "river", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    """A curved river at 40 degrees of tilt, its camera file and the options that say where it was taken."""
+    folder = tmp_path_factory.mktemp("river")
+    scene = river_scene("curved", 40, 1)
+    camera, image = picture(scene)
+    (folder / "cam.toml").write_text(tomli_w.dumps(camera_document(camera)))
+    cv2.imwrite(str(folder / "river.png"), image)
+    options = ["--camera", folder / "cam.toml", "--height", scene.height_m, "--tilt", scene.tilt_deg]
+    options += ["--roll", scene.roll_deg, "--heading", scene.heading_deg]
+    return scene, folder / "river.png", options
+
+
+def test_widths_are_those_of_the_river(shot, tmp_path):
+    scene, image, options = shot
+    std = "height=0.2,attitude=0.2"
+    done = aerodft(image, *options, "--std", std, "--lat", -35.0, "--lon", 149.0, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["status"] == "ok"
+    used = [each for each in document["transects"] if each["status"] == "ok"]
+    assert len(used) >= 20
+    for each in used:
+        left, right = (np.array(point[:2]) + scene.pose.position_enu_m[:2] for point in each["points_enu_m"])
+        middle, unit = (left + right) / 2, (left - right) / np.linalg.norm(left - right)
+        ((to_left, to_right),) = true_crossing(scene.world.river, middle[None], unit[None])
+        assert each["width_m"] == pytest.approx(to_left - to_right, rel=0.01)
+        assert each["ci95"][0] < each["width_m"] < each["ci95"][1]
+    widths = [each["width_m"] for each in used]
+    assert document["width_m"]["median"] == pytest.approx(float(np.median(widths)), abs=1e-9)
+    assert 0 < document["confidence"] <= 1
+    rows = list(csv.DictReader((tmp_path / "out/transects.csv").read_text().splitlines()))
+    assert [float(row["width_m"]) for row in rows if row["width_m"]] == pytest.approx(widths)
+    names = {
+        each["properties"]["name"] for each in json.loads((tmp_path / "out/river.geojson").read_text())["features"]
+    }
+    assert names == {"centreline", "bank-left", "bank-right", "transect", "water"}
+    assert json.loads((tmp_path / "out/result.json").read_text())["width_m"] == document["width_m"]
+    assert cv2.imread(str(tmp_path / "out/plate.png")) is not None
+
+
+def test_height_is_shared_by_all_widths(shot):
+    """1 % of height is 1 % of every width, and of their median: it does not average out."""
+    scene, image, options = shot
+    done = aerodft(image, *options, "--std", f"height={0.01 * scene.height_m}", "--json")
+    width = json.loads(done.stdout)["width_m"]
+    assert width["std"] == pytest.approx(0.01 * width["median"], rel=0.08)
+
+
+def test_the_camera_above_the_horizon_sees_no_river(shot):
+    _, image, options = shot
+    options = [*options]
+    options[options.index("--tilt") + 1] = 130
+    done = aerodft(image, *options, "--json")
+    assert done.returncode == 4
+    assert json.loads(done.stdout)["status"] == "ABOVE_HORIZON"
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1

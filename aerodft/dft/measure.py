@@ -37,7 +37,7 @@ from aerodft.model.status import CODES, Status
 
 __all__ = ["Request", "Setup", "explain", "measure", "measure_images"]
 
-_AT_ONCE = 64  # images: their derivatives stay in the cache
+_AT_ONCE = 128  # images: their derivatives stay in the cache
 _NO_RAY = [CODES.index(status) for status in NO_RAY]
 
 

@@ -1,5 +1,7 @@
 """Poses from the angles and standard deviations that people say."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from aerodft.geometry.rotation import camera_attitude, matrix
@@ -7,16 +9,25 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import Pose, PoseStd
 
 
-def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd) -> FloatArray:
+def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | Sequence[PoseStd]) -> FloatArray:
     """6 x 6 covariance (ENU position, small rotation in camera axes) of independent stds, ``(..., 6, 6)``.
 
     Tilt, pan and roll are rotations about the camera's x, y and z; the heading's is about the vertical.
+
+    Args:
+        enu_wxyz_cam: ``(..., 4)``.
+        std: One for all of them, or of ``(n, 4)`` one each.
     """
+    stds = [std] if isinstance(std, PoseStd) else std
+    rows = np.array([[each.height_agl_m**2, each.horizontal_m**2, each.heading_rad**2] for each in stds])
+    about = np.array([[each.tilt_rad**2, each.pan_rad**2, each.roll_rad**2] for each in stds])
+    if isinstance(std, PoseStd):
+        rows, about = rows[0], about[0]
     up_cam = matrix(enu_wxyz_cam)[..., 2, :]
     cov = np.zeros((*up_cam.shape[:-1], 6, 6))
-    cov[..., range(3), range(3)] = [std.horizontal_m**2, std.horizontal_m**2, std.height_agl_m**2]
-    cov[..., 3:, 3:] = np.diag([std.tilt_rad**2, std.pan_rad**2, std.roll_rad**2])
-    cov[..., 3:, 3:] += std.heading_rad**2 * up_cam[..., :, None] * up_cam[..., None, :]
+    cov[..., range(3), range(3)] = rows[..., [1, 1, 0]]
+    cov[..., range(3, 6), range(3, 6)] = about
+    cov[..., 3:, 3:] += rows[..., 2, None, None] * up_cam[..., :, None] * up_cam[..., None, :]
     return cov
 
 

@@ -61,6 +61,24 @@ class TrackBuffer:
             edges = np.array([len(keep)])
         self._note_ticks(before + np.concatenate([[0], kept])[edges])
 
+    def seen_by(self, ticks: IntArray) -> tuple[IntArray, IntArray]:
+        """First row that is there, and the one behind the last, at ticks ``(n,)`` of the rows that came last.
+
+        Rows are those of ``all_stamps_ns``, whatever tick it is.
+        """
+        bounds = np.array(self._ticks or [(self._first, self._end)], dtype=np.int64) - self._start
+        rows = ticks if self._ticks else np.zeros_like(ticks)
+        return bounds[rows, 0], bounds[rows, 1]
+
+    @property
+    def all_stamps_ns(self) -> IntArray:
+        """``(n,)`` strictly ascending; those of later ticks too."""
+        return self._stamps[self._start : self._stop]
+
+    def all_of(self, name: str) -> npt.NDArray[np.float64]:
+        """``(n, ...)`` values of one column, of all rows."""
+        return np.asarray(self._columns[name][self._start : self._stop])
+
     def newest_by_tick(self) -> IntArray:
         """``(ticks,)`` the newest stamp at each of the ticks of the rows that came last; empty where there are none."""
         ends = [end for _, end in self._ticks]

@@ -116,6 +116,28 @@ class HeightSources:
             worst = Missing.STALE if Missing.STALE in (worst, found) else worst
         return worst
 
+    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[Height | None]:
+        """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
+
+        None where it is not that simple: another source than home has ever spoken, or home itself has nothing plain.
+        """
+        nothing: list[Height | None] = [None] * len(stamps_ns)
+        first = next((source for source in self._settings.order if self._has_spoken(source)), None)
+        if first is not HeightSource.HOME or sum(not each.stream.is_empty for each in self._samples.values()) > 1:
+            return nothing
+        height_m, std_m, age_s = self._samples[first].level_at_all(stamps_ns, ticks)
+        std_m = np.maximum(std_m, self._receiver.stds_m(stamps_ns, ticks))
+        rows = zip(height_m.tolist(), std_m.tolist(), age_s.tolist(), strict=True)
+        return [
+            None if math.isnan(height) or math.isnan(std) else Height(height, std, first, DATUM[first], age)
+            for height, std, age in rows
+        ]
+
+    def _has_spoken(self, source: HeightSource) -> bool:
+        if source is HeightSource.MANUAL:
+            return self._settings.manual_m is not None
+        return self._samples[source].stream.has_begun
+
     def differences(self, stamp_ns: int, vehicle_at: VehicleAt) -> list[HeightDifference]:
         """What every two sources said last, by a stamp, where both spoke of the same time."""
         pairs = combinations(self._settings.order, 2)

@@ -89,6 +89,22 @@ class HeightSamples:
         upright = down / math.hypot(level_m, down)
         return Vertical(down, math.hypot(upright * std_m, level_m * self._lean_std_rad), (east, north))
 
+    def level_at_all(self, stamps_ns: IntArray, ticks: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Heights, standard deviations and ages (s) at stamps ``(n,)`` at ticks ``(n,)`` of those that came last.
+
+        What ``vertical`` gives, to the last bit; NaN where it is not that simple: unknown, along the body, of a place,
+        or with a step between the two samples.
+        """
+        found = self.stream.find_all(stamps_ns, ticks)
+        values_m, reported_m = self.stream.all_of("value_m"), found.linear(self.stream.all_of("std_m"))
+        before, after = found.ends(values_m)
+        is_plain = found.is_known & (np.abs(after - before) <= _CLIMB_MPS * found.gap_ns / SECOND_NS)
+        is_plain &= self.stream.all_of("slant")[found.before] == 0
+        is_plain &= np.all(np.isnan([row[:, 0] for row in found.ends(self.stream.all_of("lat_lon_rad"))]), axis=0)
+        std_m = np.where(np.isfinite(reported_m), reported_m, self._default_std_m)
+        height_m = np.where(is_plain, found.linear(values_m), np.nan)
+        return height_m, std_m, self.stream.ages_s(stamps_ns, found)
+
     def _std_m(self, found: Bracket) -> float:
         """What the message says of itself, else the stated one; and what a step between two samples adds.
 

@@ -77,3 +77,28 @@ class Places:
                 float(found.linear(alt)),
             ),
         )
+
+    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[Place | None]:
+        """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
+
+        None where it is not that simple: unknown, a jump, or the 180th meridian.
+        """
+        found = self.stream.find_all(stamps_ns, ticks)
+        if self.origin is None or self.stream.is_empty:
+            return [None] * len(stamps_ns)
+        lat, lon, alt = (self.stream.all_of(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
+        before, after = (east_north(self.origin, lat[rows], lon[rows]) for rows in (found.before, found.after))
+        apart, eastward_rad = after - before, lon[found.after] - lon[found.before]
+        with np.errstate(divide="ignore"):
+            per_s = SECOND_NS / found.gap_ns
+        velocity = np.zeros((len(stamps_ns), 3))
+        moves = found.gap_ns > 0
+        velocity[moves, :2] = apart[moves] * per_s[moves, None]
+        velocity[moves, 2] = (alt[found.after] - alt[found.before])[moves] * per_s[moves]
+        lon_rad = lon[found.before] + found.weight * eastward_rad
+        is_plain = found.is_known & (np.abs(eastward_rad) < math.pi) & (np.abs(lon_rad) < math.pi)
+        is_plain &= np.hypot(*apart.T) < _JUMP_M  # at any speed
+        places = before + found.weight[:, None] * apart
+        lat_lon_alt = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])
+        rows = zip(is_plain.tolist(), places, velocity, map(tuple, lat_lon_alt.tolist()), strict=True)
+        return [Place(*rest) if plain else None for plain, *rest in rows]

@@ -1,33 +1,35 @@
 """Telemetry tracks in, the camera's pose at an image's stamp out; interpolated, never the nearest sample."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from aerodft.geometry.ground import Ground, Plane
-from aerodft.geometry.poses import pose_covariance
+from aerodft.geometry.ground import Ground
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.health import Health, LinkTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import CameraTrack, PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, Reading, Refused
 from aerodft.service.clock_ticks import Ticks, of_a_kind
-from aerodft.service.footing import footing
 from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.pose_words import HOME_MOVED, REBOOTED, by_guess, by_host, no_height, no_place, sentence, unplaced
-from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
+from aerodft.service.pose_making import Parts, PoseMaker
+from aerodft.service.pose_words import HOME_MOVED, REBOOTED, by_guess, by_host, no_height, no_place, sentence
+from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import ClockMap
 from aerodft.service.zoom_sources import ZoomSources
+
+_Found = tuple[
+    PoseSample | None, Height | Missing, CameraAttitude | Missing | Refused, Place | Missing
+]  # a sample, where its height and attitude are there
 
 
 class PoseSource:
@@ -52,7 +54,7 @@ class PoseSource:
     ) -> None:
         self.clock = ClockMap()
         self._settings = settings
-        self._time_std_s = time_std_s
+        self._maker = PoseMaker(settings, time_std_s)
         self._ground = ground
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
@@ -60,6 +62,8 @@ class PoseSource:
         self._health = HealthSources(settings.health)
         self._tick = -1
         self._prepared: dict[tuple[int, int], CameraAttitude] = {}  # by tick and stamp
+        self._samples: dict[tuple[int, int], tuple[Parts, PoseSample]] = {}  # likewise, but for what clocks say
+        self._newest_ns = 0
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 
     @property
@@ -90,6 +94,7 @@ class PoseSource:
             self._take(track, stamps, None)
             if self._zoom is not None:
                 self._zoom.append(track, stamps)
+        self._newest_ns = _newest_ns(self._streams())
         return heard.host_shift_ns
 
     def append_ticks(self, tracks: tuple[Track, ...], ticks_ns: IntArray) -> bool:
@@ -126,6 +131,7 @@ class PoseSource:
             return False
         for each in of_a_kind(all_tracks, stamps, edges):
             self._take(*each)
+        self._newest_ns = _newest_ns(self._streams())
         return True
 
     def prepare(self, stamps: Iterable[tuple[int, int]]) -> None:
@@ -150,14 +156,29 @@ class PoseSource:
                     keys.append((tick, stamp_ns))
                     readings.append(found)
         self._prepared = dict(zip(keys, self._attitude.resolved(readings), strict=True))
+        self._prepare_samples()
+
+    def _prepare_samples(self) -> None:
+        """Make what can be made at once of the attitudes that are prepared."""
+        ticks, stamps_ns = np.array(list(self._prepared), dtype=np.int64).reshape(-1, 2).T
+        heights, places = self._height.at_all(stamps_ns, ticks), self._places.at_all(stamps_ns, ticks)
+        found = {
+            key: Parts(key[1], height, attitude, place)
+            for (key, attitude), height, place in zip(self._prepared.items(), heights, places, strict=True)
+            if height is not None and place is not None
+        }
+        made = self._maker.samples(list(found.values()), self._places.origin)
+        self._samples = {key: (parts, sample) for (key, parts), sample in zip(found.items(), made, strict=True)}
 
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
         self._tick = tick
         self.clock.see(tick)
         self._attitude.see(tick)
-        for stream in (*self._streams(), *self._remarks()):
+        streams = self._streams()
+        for stream in (*streams, *self._remarks()):
             stream.see(tick)
+        self._newest_ns = _newest_ns(streams)
 
     def _take(self, track: Track, stamps_ns: IntArray, edges: IntArray | None) -> None:
         self._attitude.append(track, stamps_ns, edges)
@@ -169,7 +190,7 @@ class PoseSource:
     def _settle(self) -> None:
         """All ticks so far are over."""
         self.see(-1)
-        self._prepared = {}
+        self._prepared, self._samples = {}, {}
         self.clock.settle()
         for stream in (*self._streams(), *self._remarks()):
             stream.settle()
@@ -203,15 +224,15 @@ class PoseSource:
             return None
         if unsettled is not None:
             return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(unsettled,))
-        watermark = self._watermark_ns(final=final)
-        attitude, place = self._attitude_at(stamp_ns, watermark), self._places.at(stamp_ns, watermark)
-        lat_lon_rad = None if isinstance(place, Missing) else place.lat_lon_alt[:2]
-        height = self._height.at(stamp_ns, watermark, partial(self._vehicle_at, watermark), lat_lon_rad)
-        if Missing.PENDING in (height, attitude, place):
+        found = self._parts(stamp_ns, final=final)
+        if found is None:
             return None
-        if isinstance(height, Missing) or isinstance(attitude, Missing | Refused):
+        sample, height, attitude, place = found
+        if isinstance(height, Missing) or isinstance(attitude, Missing | Refused) or sample is None:
             return self._miss(stamp_ns, height, attitude)
-        sample = self._sample(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
+        home = (HOME_MOVED,) if self.clock.has_restarted and height.source is HeightSource.HOME else ()
+        remarks = (*self.clock.remarks(stamp_ns), *home)
+        sample = replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
         if place is Missing.STALE:
             sample = replace(
                 sample, reasons=(*sample.reasons, f"{no_place(self._settings.height)}: the place is not stated")
@@ -219,12 +240,29 @@ class PoseSource:
         if not self.clock.is_utc_known:
             sample = by_guess(sample) if by_utc else by_host(sample)
         if self._ground is not None:
-            sample = self._over_ground(sample, self._ground, height, place)
+            sample = self._maker.over_ground(sample, self._ground, height, place)
         minimum = self._settings.height.min_m
         if height.height_agl_m < minimum and sample.status is Status.OK:
             reason = f"{height.source} says {height.height_agl_m:.2f} m, the minimum is {minimum:g} m"
             return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(reason,))
         return sample
+
+    def _parts(self, stamp_ns: int, *, final: bool) -> _Found | None:
+        """The parts of a pose, and the sample where both height and attitude are there; None: more may come."""
+        prepared = None if final else self._samples.get((self._tick, stamp_ns))
+        if prepared is not None:
+            parts, sample = prepared
+            return sample, parts.height, parts.attitude, parts.place or Missing.NEVER
+        watermark = self._watermark_ns(final=final)
+        attitude, place = self._attitude_at(stamp_ns, watermark), self._places.at(stamp_ns, watermark)
+        lat_lon_rad = None if isinstance(place, Missing) else place.lat_lon_alt[:2]
+        height = self._height.at(stamp_ns, watermark, partial(self._vehicle_at, watermark), lat_lon_rad)
+        if Missing.PENDING in (height, attitude, place):
+            return None
+        if isinstance(height, Missing) or isinstance(attitude, Missing | Refused):
+            return None, height, attitude, place
+        own = Parts(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
+        return self._maker.samples([own], self._places.origin)[0], height, attitude, place
 
     def height_switch(self, before: HeightSource, after: HeightSource, stamp_ns: int) -> HeightSwitch:
         """That heights are of another source from a stamp on, and by how much the two differ."""
@@ -251,7 +289,7 @@ class PoseSource:
 
     def _watermark_ns(self, *, final: bool = False) -> int:
         """The newest stamp of any telemetry; where no more will be waited for, the last of all."""
-        return END_OF_TIME if final else max((stream.last_ns or 0 for stream in self._streams()), default=0)
+        return END_OF_TIME if final else self._newest_ns
 
     def _remarks(self) -> tuple[Stream, ...]:
         """What no pose is made of, and is held against."""
@@ -259,60 +297,6 @@ class PoseSource:
 
     def _streams(self) -> tuple[Stream, ...]:
         return (self._places.stream, *self._attitude.streams(), *self._height.streams())
-
-    def _sample(self, stamp_ns: int, height: Height, attitude: CameraAttitude, place: Place | None) -> PoseSample:
-        stated, report = self._settings.attitude.std, attitude.report_std_rad
-        tilt_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
-        std = replace(
-            stated,
-            height_agl_m=height.std_m,
-            tilt_rad=math.hypot(tilt_rad, report[0]),
-            pan_rad=math.hypot(stated.pan_rad, report[1]),
-            roll_rad=math.hypot(stated.roll_rad, report[2]),
-            time_s=self._time_std_s,
-        )
-        east, north = (0.0, 0.0) if place is None else place.east_north_m.tolist()
-        lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
-        home = (HOME_MOVED,) if self.clock.has_restarted and height.source is HeightSource.HOME else ()
-        pose = Pose(
-            position_enu_m=np.array([east, north, height.height_agl_m]),
-            wxyz=attitude.wxyz,
-            cov=pose_covariance(attitude.wxyz, std),
-            velocity_enu_mps=np.zeros(3) if place is None else place.velocity_enu_mps,
-            rate_cam_radps=attitude.rate_cam_radps,
-            time_std_s=self._time_std_s,
-        )
-        return PoseSample(
-            stamp_ns=stamp_ns,
-            status=Status.OK,
-            reasons=(*attitude.reasons, *height.reasons, *self.clock.remarks(stamp_ns), *home),
-            pose=pose,
-            std=std,
-            origin=None if place is None else self._places.origin,
-            lat_rad=lat,
-            lon_rad=lon,
-            alt_msl_m=alt,
-            height_source=height.source,
-            height_datum=height.datum,
-            attitude_source=attitude.source,
-            height_age_s=height.age_s,
-            telemetry_age_s=max(height.age_s, attitude.age_s),
-        )
-
-    def _over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: Place | Missing) -> PoseSample:
-        """The sample in ENU, where its height may be counted from the surface below; or why it has no place there."""
-        from_zero, pose = height.source is HeightSource.HOME, sample.pose
-        if pose is None:
-            return sample
-        if isinstance(place, Missing) and (from_zero or not isinstance(ground, Plane)):  # a slope is alike everywhere
-            return unplaced(sample, place, self._settings.height)
-        foot = pose.position_enu_m[:2] + height.foot_m
-        below = footing(ground, foot)
-        if below.status is Status.BEYOND_TERRAIN or not (from_zero or below.status is Status.OK):
-            east, north = foot.tolist()
-            reason = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin, is {below.what}"
-            return replace(sample, status=below.status, reasons=(reason,), pose=None)
-        return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)
 
     def _miss(
         self, stamp_ns: int, height: Height | Missing, attitude: CameraAttitude | Missing | Refused
@@ -336,3 +320,7 @@ class PoseSource:
         else:
             status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
         return PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons))
+
+
+def _newest_ns(streams: Iterable[Stream]) -> int:
+    return max((stream.last_ns or 0 for stream in streams), default=0)

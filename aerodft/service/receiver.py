@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.health import FIX_3D, GpsTrack
 from aerodft.service.streams import Stream
 
@@ -42,3 +42,10 @@ class VerticalAccuracy:
         if row >= 0:
             return float(self.stream.column("std_m")[row])
         return self._before_m if len(stamps) else self._newest_m
+
+    def stds_m(self, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
+        """``std_m`` of stamps ``(n,)`` at ticks ``(n,)`` of those that came last; NaN where it is not in the stream."""
+        if self.stream.is_empty:
+            return np.full(len(stamps_ns), self._newest_m)
+        rows = self.stream.last_before(stamps_ns, ticks)
+        return np.where(rows >= 0, self.stream.all_of("std_m")[rows], np.nan)

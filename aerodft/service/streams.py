@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Bracket, bracket
+from aerodft.geometry.interpolation import Bracket, Brackets, bracket, brackets
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.service.buffers import TrackBuffer
 
@@ -102,6 +102,35 @@ class Stream:
             return bracket(self._buffer.stamps_ns, stamp_ns, self.max_gap_ns) or gone
         over = watermark_ns >= stamp_ns and (last is None or watermark_ns - last > self.max_gap_ns)
         return gone if over else Missing.PENDING
+
+    def find_all(self, stamps_ns: IntArray, ticks: IntArray) -> Brackets:
+        """The samples around stamps ``(n,)``, each at a tick ``(n,)`` of those that came last; others are not known.
+
+        Returns:
+            Rows of ``all_of``.
+        """
+        buffer = self._buffer
+        return brackets(buffer.all_stamps_ns, stamps_ns, self.max_gap_ns, buffer.seen_by(ticks))
+
+    def last_before(self, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
+        """Rows of ``all_of`` that are the newest by stamps ``(n,)`` at ticks ``(n,)``; -1 where none is there."""
+        first, end = self._buffer.seen_by(ticks)
+        rows = np.minimum(np.searchsorted(self._buffer.all_stamps_ns, stamps_ns, side="right"), end) - 1
+        return np.where(rows >= first, rows, -1)
+
+    def all_of(self, name: str) -> FloatArray:
+        """``(n, ...)`` values, those of later ticks too."""
+        return self._buffer.all_of(name)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no sample, of no tick."""
+        return len(self._buffer.all_stamps_ns) == 0
+
+    def ages_s(self, stamps_ns: IntArray, found: Brackets) -> FloatArray:
+        """Distances in time ``(n,)`` of stamps to the nearer of the samples around them."""
+        before, after = found.ends(self._buffer.all_stamps_ns)
+        return np.asarray(np.minimum(stamps_ns - before, after - stamps_ns) / SECOND_NS)
 
     def age_s(self, stamp_ns: int) -> float | None:
         """Distance in time to the nearest sample."""

@@ -163,7 +163,7 @@ def main(arguments: list[str] | None = None) -> None:
         _timed("recompute", args.seconds, Path(name) / "a", Path(name) / "b")
         if args.profile:
             with cProfile.Profile() as profile:
-                recompute(Path(name) / "a", Path(name) / "c")
+                recompute([str(Path(name) / "a")], Path(name) / "c")
             pstats.Stats(profile).sort_stats("tottime").print_stats(30)
 
 

@@ -1,0 +1,116 @@
+"""Pose samples out of attitudes, heights and places, many at once; and in ENU where the ground is not level."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from aerodft.geometry.ground import Ground, Plane
+from aerodft.geometry.poses import pose_covariance
+from aerodft.model.arrays import FloatArray
+from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.status import Status
+from aerodft.service.attitude_readings import CameraAttitude
+from aerodft.service.footing import footing
+from aerodft.service.height import Height
+from aerodft.service.places import Place
+from aerodft.service.pose_words import unplaced
+from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
+from aerodft.service.streams import Missing
+
+
+class Parts(NamedTuple):
+    """What a pose is made of; a height and an attitude may come without a place."""
+
+    stamp_ns: int
+    height: Height
+    attitude: CameraAttitude
+    place: Place | None
+
+
+class PoseMaker:
+    """Makes samples.
+
+    Args:
+        settings: Stated standard deviations.
+        time_std_s: Of image stamps against telemetry stamps.
+    """
+
+    def __init__(self, settings: TelemetrySettings, time_std_s: float) -> None:
+        self._settings = settings
+        self._time_std_s = time_std_s
+
+    def samples(self, parts: Sequence[Parts], origin: GeoOrigin | None) -> list[PoseSample]:
+        """A sample of each; what its clock has to say is not in its reasons yet."""
+        if not parts:
+            return []
+        stds = [self._std(each.height, each.attitude) for each in parts]
+        covs = pose_covariance(np.array([each.attitude.wxyz for each in parts]), stds)
+        return [self._sample(*each, std, cov, origin) for each, std, cov in zip(parts, stds, covs, strict=True)]
+
+    def _std(self, height: Height, attitude: CameraAttitude) -> PoseStd:
+        stated, report = self._settings.attitude.std, attitude.report_std_rad.tolist()
+        tilt_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
+        return PoseStd(
+            height_agl_m=height.std_m,
+            horizontal_m=stated.horizontal_m,
+            tilt_rad=math.hypot(tilt_rad, report[0]),
+            pan_rad=math.hypot(stated.pan_rad, report[1]),
+            roll_rad=math.hypot(stated.roll_rad, report[2]),
+            heading_rad=stated.heading_rad,
+            time_s=self._time_std_s,
+        )
+
+    def _sample(
+        self,
+        stamp_ns: int,
+        height: Height,
+        attitude: CameraAttitude,
+        place: Place | None,
+        std: PoseStd,
+        cov: FloatArray,
+        origin: GeoOrigin | None,
+    ) -> PoseSample:
+        east, north = (0.0, 0.0) if place is None else place.east_north_m.tolist()
+        lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
+        pose = Pose(
+            position_enu_m=np.array([east, north, height.height_agl_m]),
+            wxyz=attitude.wxyz,
+            cov=cov,
+            velocity_enu_mps=np.zeros(3) if place is None else place.velocity_enu_mps,
+            rate_cam_radps=attitude.rate_cam_radps,
+            time_std_s=self._time_std_s,
+        )
+        return PoseSample(
+            stamp_ns=stamp_ns,
+            status=Status.OK,
+            reasons=(*attitude.reasons, *height.reasons),
+            pose=pose,
+            std=std,
+            origin=None if place is None else origin,
+            lat_rad=lat,
+            lon_rad=lon,
+            alt_msl_m=alt,
+            height_source=height.source,
+            height_datum=height.datum,
+            attitude_source=attitude.source,
+            height_age_s=height.age_s,
+            telemetry_age_s=max(height.age_s, attitude.age_s),
+        )
+
+    def over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: Place | Missing) -> PoseSample:
+        """The sample in ENU, where its height may be counted from the surface below; or why it has no place there."""
+        from_zero, pose = height.source is HeightSource.HOME, sample.pose
+        if pose is None:
+            return sample
+        if isinstance(place, Missing) and (from_zero or not isinstance(ground, Plane)):  # a slope is alike everywhere
+            return unplaced(sample, place, self._settings.height)
+        foot = pose.position_enu_m[:2] + height.foot_m
+        below = footing(ground, foot)
+        if below.status is Status.BEYOND_TERRAIN or not (from_zero or below.status is Status.OK):
+            east, north = foot.tolist()
+            reason = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin, is {below.what}"
+            return replace(sample, status=below.status, reasons=(reason,), pose=None)
+        return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)

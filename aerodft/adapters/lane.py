@@ -41,6 +41,7 @@ class Lane(Generic[T]):
         self._items: deque[tuple[T, int]] = deque()
         self._size = 0
         self._closing = False
+        self._held_up = 0  # callers that wait for room
         self._error: Exception | None = None
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -50,12 +51,15 @@ class Lane(Generic[T]):
         """Hand over an item; False where there was no room (or the lane's thread has died)."""
         with self._changed:
             while self._lossless and self._is_full(size) and self._error is None:
+                self._held_up += 1
                 self._changed.wait()
+                self._held_up -= 1
             if self._is_full(size) or self._error is not None:
                 return False
             self._items.append((item, size))
             self._size += size
-            self._changed.notify_all()
+            if len(self._items) == 1:  # else the thread is not asleep: waking it costs more than the item
+                self._changed.notify_all()
             return True
 
     def close(self) -> None:
@@ -95,6 +99,7 @@ class Lane(Generic[T]):
             if self._items:
                 item, size = self._items.popleft()
                 self._size -= size
-                self._changed.notify_all()
+                if self._held_up:
+                    self._changed.notify_all()
                 return [item]
             return None if self._closing else []

@@ -12,6 +12,7 @@ from aerodft.errors import ConfigError
 from aerodft.model.image import Image
 from aerodft.service.looking import LookCounts, Lookout
 from aerodft.service.pipeline import Pipeline
+from aerodft.vision.moving import MovingObjects
 from calibration.marker_observer import CameraPlace, MarkerObserver
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
@@ -23,10 +24,12 @@ class Eyes:
 
     Attributes:
         lookouts: What a feed shows images to.
+        names: Of the tables that ask for each.
         markers: The one of them that looks for markers; None where there are none.
     """
 
     lookouts: tuple[Lookout, ...] = ()
+    names: tuple[str, ...] = ()
     markers: MarkerObserver | None = None
 
     def report(self, counts: Sequence[LookCounts]) -> dict[str, object]:
@@ -35,18 +38,18 @@ class Eyes:
         Args:
             counts: Of each lookout.
         """
-        if not self.lookouts:
-            return {}
-        (count,) = counts
-        looks: dict[str, object] = {
-            "images": count.looked,
-            "skipped": count.skipped,
-            "unreadable": count.unreadable,
-        }
-        if self.markers is None:
-            return {"watch": looks}
-        found = {"not_surveyed": _by_text(self.markers.strangers), "wrong_size": _by_text(self.markers.false)}
-        return {"markers": {**looks, **found}}
+        looks: dict[str, object] = {}
+        for name, count in zip(self.names, counts, strict=True):
+            found: dict[str, object] = {
+                "images": count.looked,
+                "skipped": count.skipped,
+                "unreadable": count.unreadable,
+            }
+            if name == "markers" and self.markers is not None:
+                found["not_surveyed"] = _by_text(self.markers.strangers)
+                found["wrong_size"] = _by_text(self.markers.false)
+            looks[name] = found
+        return looks
 
 
 def _by_text(counts: Mapping[int, int]) -> dict[str, int]:
@@ -67,17 +70,21 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may
         ConfigError: There is something to look for, and no images.
         InputError: The reference image of a watched camera is of no use.
     """
-    lookouts, observer = [], None
+    lookouts: dict[str, Lookout] = {}
+    observer = None
     if station.watch is not None:
         _check_images(station, "[watch]", where, may_record=may_record)
-        lookouts.append(steady_lookout(station.watch, station))
+        lookouts["watch"] = steady_lookout(station.watch, station)
     if (markers := station.markers) is not None:
         _check_images(station, "[markers]", where, may_record=may_record)
         observer = MarkerObserver(
             markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
         )
-        lookouts.append(Lookout(observer, markers.every_s))
-    return Eyes(tuple(lookouts), observer)
+        lookouts["markers"] = Lookout(observer, markers.every_s)
+    if (objects := station.objects) is not None and objects.detect:
+        _check_images(station, "[objects]", where, may_record=may_record)
+        lookouts["objects"] = Lookout(MovingObjects(station.pipeline.camera, objects), objects.every_s)
+    return Eyes(tuple(lookouts.values()), tuple(lookouts), observer)
 
 
 def _check_images(station: StationConfig, table: str, where: object, *, may_record: bool) -> None:

@@ -6,7 +6,7 @@ from aerodft.cli.stds import Stds
 from aerodft.conventions import LARGEST
 from aerodft.dft.request import Request, linked
 from aerodft.errors import UsageError
-from aerodft.model.probe import Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model.probe import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _OPTIONS = ("elevation", "name")
 
@@ -38,9 +38,9 @@ def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> tuple[Requ
 def _probe(text: str, index: int, stds: Stds, elevation_m: float) -> Probe:
     kind_text, *words = text.split() or [""]
     try:
-        kind = ProbeKind(kind_text)
+        kind = ASKED_KINDS[ASKED_KINDS.index(ProbeKind(kind_text))]
     except ValueError:
-        kinds = ", ".join(ProbeKind)
+        kinds = ", ".join(ASKED_KINDS)
         raise UsageError(f'--probe "{text}"', got=f"kind {kind_text!r}", expected=f"one of {kinds}") from None
     options = _options(words, text)
     pixels = tuple(_pixel(word, text) for word in words if "=" not in word)

@@ -15,6 +15,7 @@ class ProbeKind(StrEnum):
     AREA = "area"
     HEIGHT = "height"
     BEARING = "bearing"
+    TRACK = "track"  # of what moves: its speed, and where it is; nobody asks for it with pixels
 
 
 class PixelSource(StrEnum):
@@ -35,6 +36,10 @@ _PIXELS = {
     ProbeKind.LENGTH: (2, _MOST),
     ProbeKind.AREA: (3, _MOST),
 }
+
+
+ASKED_KINDS = tuple(kind for kind in ProbeKind if kind in _PIXELS)
+"""What a probe can be of."""
 
 
 def takes_pixels(kind: ProbeKind, count: int) -> bool:

@@ -25,6 +25,8 @@ class Status(StrEnum):
     BEYOND_TERRAIN = "BEYOND_TERRAIN"  # the ray leaves the elevation model before it meets the ground
     NO_ELEVATION = "NO_ELEVATION"  # the elevation model has a hole where the ray passes
     UNHEALTHY = "UNHEALTHY"  # the vehicle itself says that its estimate is wrong
+    OCCLUDED = "OCCLUDED"  # what moves is hidden: there is a place that its motion foretells, and no value
+    LOST = "LOST"  # what is tracked was not found again in the image
     CAMERA_ZOOMED = "CAMERA_ZOOMED"  # not as in its file, and by how much is not known
 
 

@@ -28,8 +28,9 @@ from aerodft.model.status import Status
 from aerodft.service.asked import Asked, measured
 from aerodft.service.feed import tick_after
 from aerodft.service.intake import Intake
+from aerodft.service.objects import OBJECTS
 from aerodft.service.outlined import can_answer, request_of
-from aerodft.service.ports import Calibrator, LandmarkObserver, Output, TelemetryDecoder
+from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.waiting import ImageMemory, Job, Ready
@@ -53,6 +54,7 @@ class Pipeline:
         decoder: Turns raw telemetry into tracks.
         calibrator: Refines every pose; None uses poses as they come.
         observer: Learns from observed landmarks; None where there are none.
+        tracker: Follows what moves; None where nobody asks for that.
     """
 
     def __init__(
@@ -61,11 +63,13 @@ class Pipeline:
         decoder: TelemetryDecoder,
         calibrator: Calibrator | None = None,
         observer: LandmarkObserver | None = None,
+        tracker: ObjectTracker | None = None,
     ) -> None:
         self.counts = Counts()
         self._settings = settings
         self._calibrator = calibrator
         self._observer = observer
+        self._tracker = tracker
         self._setup = Setup(
             camera=settings.camera,
             model=settings.model,
@@ -211,12 +215,13 @@ class Pipeline:
         self.counts.observations += 1
         probe = self._observed.get(observation.name)
         is_known = self._observer is not None and self._observer.observes(observation.name)
-        if probe is None and not is_known:
+        is_object = self._tracker is not None and observation.name == OBJECTS
+        if probe is None and not is_known and not is_object:
             self.counts.unknown_probe += 1
             return
         is_measured = probe is not None and can_answer(probe.kind, observation)
         is_landmark = self._observer is not None and is_known and self._observer.fits(observation)
-        if not is_measured and not is_landmark:
+        if not is_measured and not is_landmark and not is_object:
             self.counts.wrong_pixel_count += 1
             return
         stamp_ns = self._seen_ns(observation)
@@ -226,6 +231,8 @@ class Pipeline:
             self._jobs.append(Job(stamp_ns, deadline, known, observation.clock))
         if is_landmark:
             self._jobs.append(Job(stamp_ns, deadline, known, observation.clock, is_landmark=True))
+        if is_object:
+            self._jobs.append(Job(stamp_ns, deadline, known, observation.clock, is_object=True))
 
     def _seen_ns(self, observation: Observation) -> int:
         """UTC of an observation: on the host's clock its image's own, though the clocks are known better by now."""
@@ -272,12 +279,25 @@ class Pipeline:
         outputs: list[Output | Asked] = []
         landmarks = sorted((each for each in ready if each.job.is_landmark), key=lambda each: each.job.stamp_ns)
         for each in ready:
-            if each.job.is_landmark:
+            if each.job.is_landmark or each.job.is_object:
                 continue
             earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
             landmarks = landmarks[len(earlier) :]
             outputs += [*self._learn(earlier), *self._answer(each.job.subject, self._refined(each.sample))]
-        return outputs + self._learn(landmarks)
+        return outputs + self._learn(landmarks) + self._follow([each for each in ready if each.job.is_object])
+
+    def _follow(self, seen: list[Ready]) -> list[Output | Asked]:
+        """Follow objects in order of their stamps, those of one image at once."""
+        if self._tracker is None:
+            return []
+        outputs: list[Output | Asked] = []
+        seen = sorted(seen, key=lambda each: each.job.stamp_ns)
+        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
+            image = tuple(group)
+            sample = self._refined(image[0].sample)
+            found = tuple(self._linked(each.job.subject) for each in image if isinstance(each.job.subject, Observation))
+            outputs += [*found, *self._tracker.follow(self._setup, sample, found, found[0].image)]
+        return outputs
 
     def _learn(self, seen: list[Ready]) -> list[Output]:
         """Learn from landmarks in order of their stamps, those of one image at once."""

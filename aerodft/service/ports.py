@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Protocol
 
 from aerodft.dft.answers import ImageAnswers
+from aerodft.dft.request import Setup
 from aerodft.model.batch import Batch, Event
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
@@ -90,6 +91,16 @@ class LandmarkObserver(Protocol):
 
     def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> Estimate:
         """Learn from what fits, seen at the stamp of the unrefined ``sample``."""
+        ...
+
+
+class ObjectTracker(Protocol):
+    """Follows what moves from image to image, by its outlines."""
+
+    def follow(
+        self, setup: Setup, sample: PoseSample, observations: tuple[Observation, ...], image: int | None
+    ) -> tuple[ImageAnswers, ...]:
+        """What is known of all objects after the next image, seen from ``sample``."""
         ...
 
 

@@ -21,6 +21,7 @@ class Job:
         subject: With that stamp.
         clock: Whose stamp it came with.
         is_landmark: Whether it is learned from, not answered.
+        is_object: Whether it is followed, not answered.
     """
 
     stamp_ns: int
@@ -28,6 +29,7 @@ class Job:
     subject: Image | Observation
     clock: StampClock
     is_landmark: bool = False
+    is_object: bool = False
 
     def shifted(self, by_ns: int) -> "Job":
         """The same where UTC of this machine's stamps has changed."""

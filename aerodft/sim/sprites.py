@@ -12,7 +12,7 @@ from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
 from aerodft.sim.shading import Rays, stamp
-from aerodft.sim.world import Marker, Walker, World
+from aerodft.sim.world import Marker, Walker, Wall, World
 
 MARGIN_SCALE = 8 / 6
 """Marker with its white margin against the black square: one module of six on each side."""
@@ -41,6 +41,10 @@ class Sprite:
     down_enu_m: FloatArray
     texture: ImageArray
 
+    def distance_m(self, camera_enu_m: FloatArray) -> float:
+        """From the camera to its middle, on the map."""
+        return float(np.linalg.norm((self.corner_enu_m + self.right_enu_m / 2 - camera_enu_m)[:2]))
+
     def outline_enu_m(self) -> FloatArray:
         """Points around the edge, ``(n, 3)``."""
         steps = np.linspace(0, 1, _EDGE_POINTS, endpoint=False)[:, None]
@@ -57,7 +61,8 @@ def sprites(world: World, camera_enu_m: FloatArray, time_s: float) -> list[Sprit
     standing += [
         _upright(w.foot_enu_m(time_s), w.height_m, w.width_m, camera_enu_m, _person_texture()) for w in world.walkers
     ]
-    standing.sort(key=lambda sprite: -float(np.linalg.norm(sprite.corner_enu_m[:2] - camera_enu_m[:2])))
+    standing += [_wall(wall) for wall in world.walls]
+    standing.sort(key=lambda sprite: -sprite.distance_m(camera_enu_m))
     return lying + standing
 
 
@@ -124,6 +129,11 @@ def _upright(
     return Sprite(foot_enu_m - down - right / 2, right, down, texture)
 
 
+def _wall(wall: Wall) -> Sprite:
+    start, end = np.append(wall.start_en_m, wall.height_m), np.append(wall.end_en_m, wall.height_m)
+    return Sprite(start, end - start, np.array([0.0, 0.0, -wall.height_m]), _wall_texture())
+
+
 def _shadow(walker: Walker, world: World, time_s: float) -> Sprite:
     """The shadow on the plane, from the feet away from the sun."""
     azimuth = world.look.sun_azimuth_rad
@@ -147,6 +157,13 @@ def _marker_texture(marker_id: int) -> ImageArray:
 def _post_texture() -> ImageArray:
     bands = np.array([[(40, 40, 210, 255)], [(235, 235, 235, 255)]] * 4, dtype=np.uint8)
     return np.repeat(bands, 8, axis=0)
+
+
+@lru_cache(maxsize=1)
+def _wall_texture() -> ImageArray:
+    bricks = np.full((64, 128, 4), (150, 160, 170, 255), dtype=np.uint8)
+    bricks[::16, :, :3] = 120
+    return bricks
 
 
 @lru_cache(maxsize=1)

@@ -80,6 +80,15 @@ class Walker:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Wall:
+    """An upright wall between two points, which hides what is behind it and casts no shadow."""
+
+    start_en_m: tuple[float, float]
+    end_en_m: tuple[float, float]
+    height_m: float = 2.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
     """What does not change where things are.
 
@@ -106,6 +115,7 @@ class World:
         markers: Surveyed markers.
         posts: Posts of known height.
         walkers: Moving persons.
+        walls: What they may walk behind.
         seed: Of the textures.
         look: Contrast and sun.
     """
@@ -115,6 +125,7 @@ class World:
     markers: tuple[Marker, ...] = ()
     posts: tuple[Post, ...] = ()
     walkers: tuple[Walker, ...] = ()
+    walls: tuple[Wall, ...] = ()
     seed: int = 1
     look: Look = field(default_factory=Look)
 

@@ -12,6 +12,7 @@ from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model.image import StampClock
 from aerodft.model.observation import Box, Observation
+from aerodft.service.objects import OBJECTS
 
 _KEYS = frozenset((
     "schema", "name", "stamp_ns", "image", "pixels", "box", "contour", "std_px", "clock", "arrival_ns", "source",
@@ -43,9 +44,9 @@ class ObservationList:
 def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = None) -> ObservationList:
     """Read a JSON-lines file of observations.
 
-    Each line has ``name``, ``pixels`` (``[[u, v], ...]``) or in their place an object's ``box`` (``[left, top, right,
-    bottom]``) or ``contour`` (``[[u, v], ...]``), ``stamp_ns`` (decimal string or integer, UTC) or ``image`` (an image's
-    index), and if known ``std_px``. Blank lines are skipped. The arrival is the stamp.
+    Each line has ``name``, ``pixels`` (``[[u, v], ...]``) or instead an object's ``box`` (``[left, top, right,
+    bottom]``) or ``contour`` (``[[u, v], ...]``), ``stamp_ns`` (decimal string or integer, UTC) or ``image`` (an
+    image's index), and if known ``std_px``. Blank lines are skipped. The arrival is the stamp.
 
     Args:
         path: The file.
@@ -110,13 +111,14 @@ def _checked(payload: dict[str, Any], where: str, source: str, image_stamps_ns: 
         raise InputError("clock is unknown", where=where, got=repr(clock), expected=" or ".join(StampClock))
     stamp_ns = _stamp_ns(payload.get("stamp_ns"), image, where, image_stamps_ns)
     given = [key for key in ("pixels", "box", "contour") if payload.get(key) not in (None, [])] or ["pixels"]
+    is_nothing = name == OBJECTS and payload.get("pixels") == []
     if len(given) > 1:
         raise InputError(f"{given[0]} beside {given[1]}", where=where, expected="one of pixels, box and contour")
     return Observation(
         name=name,
         stamp_ns=stamp_ns,
         arrival_ns=stamp_ns,
-        pixels=_pixels(payload.get("pixels"), where) if given == ["pixels"] else (),
+        pixels=() if given != ["pixels"] or is_nothing else _pixels(payload.get("pixels"), where),
         box=_box(payload["box"], where) if given == ["box"] else None,
         contour=_contour(payload["contour"], where) if given == ["contour"] else (),
         std_px=_std_px(payload.get("std_px"), where),

@@ -9,7 +9,7 @@ import orjson
 from aerodft.adapters.codec import wire
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
-from aerodft.model.probe import Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model.probe import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _WHERE = "measure"
 _KEYS = frozenset({"name", "kind", "pixels", "stamp_ns", "std_px", "elevation_m"})
@@ -40,8 +40,8 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     if unknown := sorted(payload.keys() - _KEYS):
         raise InputError("unknown key", where=_WHERE, got=unknown[0], expected=", ".join(sorted(_KEYS)))
     kind = payload.get("kind")
-    if kind not in list(ProbeKind):
-        raise InputError("kind is unknown", where=_WHERE, got=repr(kind), expected=", ".join(ProbeKind))
+    if kind not in ASKED_KINDS:
+        raise InputError("kind is unknown", where=_WHERE, got=repr(kind), expected=", ".join(ASKED_KINDS))
     name = payload.get("name", _WHERE)
     if not isinstance(name, str) or not name:
         raise InputError("name is no name", where=_WHERE, got=repr(name), expected="text")

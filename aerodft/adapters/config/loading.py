@@ -15,6 +15,7 @@ from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
 from aerodft.adapters.config.ground import ground_from, needs_place
 from aerodft.adapters.config.live_tables import live_from
 from aerodft.adapters.config.marker_tables import marker_landmarks, marker_settings
+from aerodft.adapters.config.object_tables import objects_from
 from aerodft.adapters.config.pose_tables import PoseTable, SigningTable, TelemetryTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
@@ -110,6 +111,9 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             live=_live(table, pipeline, markers, where),
             markers=markers,
             watch=watch_from(table.watch, pipeline.model, pipeline.probes, where, folder),
+            objects=objects_from(
+                table.objects, pipeline.model, pipeline.probes, where, moves=table.telemetry is not None
+            ),
             topics=topics_from(table.topics),
         ),
         where,

@@ -14,6 +14,7 @@ from aerodft.adapters.config.ground import ground_document, made_ground
 from aerodft.adapters.config.health_tables import health_document, zoom_document
 from aerodft.adapters.config.live_tables import live_document
 from aerodft.adapters.config.marker_tables import marker_landmarks, markers_document
+from aerodft.adapters.config.object_tables import SEEN_ONLY, objects_document
 from aerodft.adapters.config.settings import placed, pose_sample
 from aerodft.adapters.config.station import (
     Device,
@@ -74,6 +75,8 @@ def config_id(station: StationConfig) -> str:
     document.get("markers", {}).pop("every_s", None)
     for key in NOT_OF_THE_NUMBERS:
         document.get("watch", {}).pop(key, None)
+    for key in SEEN_ONLY:
+        document.get("objects", {}).pop(key, None)
     text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
@@ -144,6 +147,8 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
         document["markers"] = markers_document(station.markers)
     if station.watch is not None:
         document["watch"] = watch_document(station.watch)
+    if station.objects is not None:
+        document["objects"] = objects_document(station.objects)
     return document
 
 

@@ -10,6 +10,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.calibration import Calibration
 from aerodft.model.marker import MarkerSurvey
 from aerodft.model.pose import PoseStd
+from aerodft.service.objects import ObjectSettings
 from aerodft.service.settings import LiveCalibration, PipelineSettings
 from aerodft.service.watching import WatchSettings
 
@@ -269,6 +270,7 @@ class StationConfig:
             none.
         markers: Markers that are looked for in the images; None where there are none.
         watch: How a fixed camera is watched for bumps; None where it is not.
+        objects: How what moves is followed; None where it is not.
         topics: Of other tools' recordings.
     """
 
@@ -284,6 +286,7 @@ class StationConfig:
     live: LiveCalibration | None = None
     markers: MarkerSettings | None = None
     watch: Watch | None = None
+    objects: ObjectSettings | None = None
     topics: Topics = field(default_factory=Topics)
 
     @property

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from aerodft.adapters.config.live_tables import LandmarkTable, LiveTable
+from aerodft.adapters.config.object_tables import ObjectsTable
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
 from aerodft.adapters.config.tables import (
     Duration,
@@ -26,7 +27,7 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.adapters.config.watch_tables import WatchTable
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
-from aerodft.model.probe import ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model.probe import ASKED_KINDS, ProbeKind, pixels_wanted, takes_pixels
 
 _ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
 
@@ -193,11 +194,18 @@ class GroundTable(Table):
         return self
 
 
+def _asked(kind: ProbeKind) -> ProbeKind:
+    if kind not in ASKED_KINDS:
+        hint = "what moves is followed with [objects]"
+        raise impossible("", got=f'"{kind}"', expected=", ".join(ASKED_KINDS), hint=hint)
+    return kind
+
+
 class ProbeTable(Table):
     """One thing to measure."""
 
     name: Slug
-    kind: Annotated[ProbeKind, Field(strict=False)]
+    kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
     pixels: Many[Pixel] | None = None
     observed: bool = False
     std_px: NonNegative = 1.0
@@ -239,6 +247,7 @@ class ConfigTable(Table):
     markers: dict[str, Any] | None = None
     calibration: LiveTable = LiveTable()
     watch: WatchTable | None = None
+    objects: ObjectsTable | None = None
     topics: TopicsTable = TopicsTable()
 
     @model_validator(mode="after")

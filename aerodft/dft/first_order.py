@@ -95,7 +95,7 @@ def _groups(setup: Setup, requests: tuple[Request, ...]) -> Iterator[_Group]:
         yield _Group(
             kind,
             members,
-            np.array([range(start, start + count) for _, start in found]),
+            np.array([start for _, start in found])[:, None] + np.arange(count),
             np.array([requests[member].pixels for member in members], dtype=np.float64),
         )
 

@@ -1,4 +1,4 @@
-"""Pose samples out of attitudes, heights and places, many at once; and in ENU where the ground is not level."""
+"""Pose samples out of attitudes, heights and places, many at once, in ENU; and of what is missing among them."""
 
 import math
 from collections.abc import Sequence
@@ -12,13 +12,14 @@ from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
-from aerodft.service.attitude_readings import CameraAttitude
+from aerodft.service.attitude import CameraAttitude, Refused
 from aerodft.service.footing import footing
 from aerodft.service.height import Height
 from aerodft.service.places import Place
-from aerodft.service.pose_words import unplaced
+from aerodft.service.pose_words import REBOOTED, no_height, sentence, unplaced
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.streams import Missing
+from aerodft.service.timing import ClockMap
 
 
 class Parts(NamedTuple):
@@ -114,3 +115,42 @@ class PoseMaker:
             reason = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin, is {below.what}"
             return replace(sample, status=below.status, reasons=(reason,), pose=None)
         return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)
+
+
+def missed(
+    stamp_ns: int,
+    parts: tuple[Height | Missing, CameraAttitude | Missing | Refused],
+    settings: TelemetrySettings,
+    clock: ClockMap,
+    *,
+    began: bool,
+) -> PoseSample:
+    """Why there is no pose at a stamp (UTC).
+
+    Args:
+        stamp_ns: The stamp.
+        parts: Height and attitude, at least one of which is missing.
+        settings: Limits.
+        clock: Of the vehicle.
+        began: Whether there was any telemetry by then.
+    """
+    height, attitude = parts
+    reasons = []
+    if isinstance(height, Missing):
+        reasons.append(no_height(height, settings.height))
+    if isinstance(attitude, Missing):
+        limits = settings.attitude
+        reasons.append(sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
+    if isinstance(attitude, Refused):
+        reasons.append(attitude.reason)
+    broken_off = clock.broken_off()
+    if broken_off is not None:
+        return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(broken_off, *reasons))
+    if not began:
+        status = Status.NO_TELEMETRY
+        reasons = [*([REBOOTED] if clock.has_restarted else []), *reasons]
+    elif Missing.STALE in (height, attitude):
+        status = Status.STALE_TELEMETRY
+    else:
+        status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
+    return PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons))

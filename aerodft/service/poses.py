@@ -4,8 +4,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from aerodft.geometry.ground import Ground
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
@@ -20,16 +18,16 @@ from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.pose_making import Parts, PoseMaker
-from aerodft.service.pose_words import HOME_MOVED, REBOOTED, by_guess, by_host, no_height, no_place, sentence
+from aerodft.service.pose_ahead import Asked, PosesAhead, by_tick
+from aerodft.service.pose_making import Parts, PoseMaker, missed
+from aerodft.service.pose_words import HOME_MOVED, by_guess, by_host, no_place
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import ClockMap
 from aerodft.service.zoom_sources import ZoomSources
 
-_Found = tuple[
-    PoseSample | None, Height | Missing, CameraAttitude | Missing | Refused, Place | Missing
-]  # a sample, where its height and attitude are there
+# A sample, where its height and attitude are there.
+_Found = tuple[PoseSample | None, Height | Missing, CameraAttitude | Missing | Refused, Place | Missing]
 
 
 class PoseSource:
@@ -61,8 +59,7 @@ class PoseSource:
         self._places = Places(settings.height, origin)
         self._health = HealthSources(settings.health)
         self._tick = -1
-        self._prepared: dict[tuple[int, int], CameraAttitude] = {}  # by tick and stamp
-        self._samples: dict[tuple[int, int], tuple[Parts, PoseSample]] = {}  # likewise, but for what clocks say
+        self._ahead = PosesAhead(self._attitude, self._height, self._places, self._maker)
         self._newest_ns = 0
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 
@@ -135,40 +132,20 @@ class PoseSource:
         return True
 
     def prepare(self, stamps: Iterable[tuple[int, int]]) -> None:
-        """Find attitudes that will be asked for when their telemetry is there; all at once is quicker.
+        """Find what will be asked for when its telemetry is there; all at once is quicker.
 
         Args:
             stamps: UTC, and from which of the ticks that were taken in together last a stamp may be asked for.
         """
         newest = [each for each in (stream.newest_by_tick() for stream in self._streams()) if len(each)]
-        asked: dict[int, list[int]] = {}
-        for stamp_ns, from_tick in stamps:
-            tick = max([from_tick, *(int(np.searchsorted(each, stamp_ns)) for each in newest)])
-            if newest and tick < len(newest[0]):
-                asked.setdefault(tick, []).append(stamp_ns)
-        keys: list[tuple[int, int]] = []
-        readings: list[Reading] = []
-        for tick in sorted(asked):
+        readings: dict[Asked, Reading] = {}
+        for tick, stamps_ns in by_tick(stamps, newest).items():
             self.see(tick)
-            for stamp_ns in asked[tick]:
+            for stamp_ns in stamps_ns:
                 found = self._attitude.found(stamp_ns, self._watermark_ns())
                 if isinstance(found, Reading):
-                    keys.append((tick, stamp_ns))
-                    readings.append(found)
-        self._prepared = dict(zip(keys, self._attitude.resolved(readings), strict=True))
-        self._prepare_samples()
-
-    def _prepare_samples(self) -> None:
-        """Make what can be made at once of the attitudes that are prepared."""
-        ticks, stamps_ns = np.array(list(self._prepared), dtype=np.int64).reshape(-1, 2).T
-        heights, places = self._height.at_all(stamps_ns, ticks), self._places.at_all(stamps_ns, ticks)
-        found = {
-            key: Parts(key[1], height, attitude, place)
-            for (key, attitude), height, place in zip(self._prepared.items(), heights, places, strict=True)
-            if height is not None and place is not None
-        }
-        made = self._maker.samples(list(found.values()), self._places.origin)
-        self._samples = {key: (parts, sample) for (key, parts), sample in zip(found.items(), made, strict=True)}
+                    readings[tick, stamp_ns] = found
+        self._ahead.prepare(readings)
 
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
@@ -190,7 +167,7 @@ class PoseSource:
     def _settle(self) -> None:
         """All ticks so far are over."""
         self.see(-1)
-        self._prepared, self._samples = {}, {}
+        self._ahead.clear()
         self.clock.settle()
         for stream in (*self._streams(), *self._remarks()):
             stream.settle()
@@ -229,7 +206,8 @@ class PoseSource:
             return None
         sample, height, attitude, place = found
         if isinstance(height, Missing) or isinstance(attitude, Missing | Refused) or sample is None:
-            return self._miss(stamp_ns, height, attitude)
+            began = any(stream.began_by(stamp_ns) for stream in self._streams())
+            return missed(stamp_ns, (height, attitude), self._settings, self.clock, began=began)
         home = (HOME_MOVED,) if self.clock.has_restarted and height.source is HeightSource.HOME else ()
         remarks = (*self.clock.remarks(stamp_ns), *home)
         sample = replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
@@ -249,7 +227,7 @@ class PoseSource:
 
     def _parts(self, stamp_ns: int, *, final: bool) -> _Found | None:
         """The parts of a pose, and the sample where both height and attitude are there; None: more may come."""
-        prepared = None if final else self._samples.get((self._tick, stamp_ns))
+        prepared = None if final else self._ahead.sample((self._tick, stamp_ns))
         if prepared is not None:
             parts, sample = prepared
             return sample, parts.height, parts.attitude, parts.place or Missing.NEVER
@@ -273,7 +251,7 @@ class PoseSource:
         return self._height.differences(self._watermark_ns(), partial(self._vehicle_at, END_OF_TIME))
 
     def _attitude_at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
-        prepared = self._prepared.get((self._tick, stamp_ns)) if watermark_ns != END_OF_TIME else None
+        prepared = None if watermark_ns == END_OF_TIME else self._ahead.attitude((self._tick, stamp_ns))
         return prepared or self._attitude.at(stamp_ns, watermark_ns)
 
     def _vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:
@@ -297,29 +275,6 @@ class PoseSource:
 
     def _streams(self) -> tuple[Stream, ...]:
         return (self._places.stream, *self._attitude.streams(), *self._height.streams())
-
-    def _miss(
-        self, stamp_ns: int, height: Height | Missing, attitude: CameraAttitude | Missing | Refused
-    ) -> PoseSample:
-        reasons = []
-        if isinstance(height, Missing):
-            reasons.append(no_height(height, self._settings.height))
-        if isinstance(attitude, Missing):
-            limits = self._settings.attitude
-            reasons.append(sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
-        if isinstance(attitude, Refused):
-            reasons.append(attitude.reason)
-        broken_off = self.clock.broken_off()
-        if broken_off is not None:
-            return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(broken_off, *reasons))
-        if not any(stream.began_by(stamp_ns) for stream in self._streams()):
-            status = Status.NO_TELEMETRY
-            reasons = [*([REBOOTED] if self.clock.has_restarted else []), *reasons]
-        elif Missing.STALE in (height, attitude):
-            status = Status.STALE_TELEMETRY
-        else:
-            status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
-        return PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons))
 
 
 def _newest_ns(streams: Iterable[Stream]) -> int:

@@ -8,6 +8,7 @@ another one of that, so that what is read holds measurements as well.
 
 import argparse
 import cProfile
+import multiprocessing
 import os
 import pstats
 import runpy
@@ -153,8 +154,11 @@ def main(arguments: list[str] | None = None) -> None:
         kept = args.keep / f"{args.seconds:g}-{args.rate:g}" if args.keep else Path(name)
         kept.mkdir(exist_ok=True)
         source = kept / "flight"
-        if not source.exists():
-            write_recording(kept, args.seconds, args.rate)
+        if not source.exists():  # in a process of its own: a child's peak memory counts what its parent had
+            context = multiprocessing.get_context("spawn")
+            writer = context.Process(target=write_recording, args=(kept, args.seconds, args.rate))
+            writer.start()
+            writer.join()
         images = int(np.ceil(args.seconds * args.rate))
         print(
             f"{args.seconds:g} s, {sum(RATES_HZ.values()):g} messages/s, 10 probes at {args.rate:g}/s: {images} images"

@@ -111,9 +111,12 @@ def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
 
 
 def _root(covariance: FloatArray) -> FloatArray:
-    """``(s, s)`` matrix whose product with its transpose is the covariance, which may be singular."""
+    """The symmetric root ``(s, s)`` of a covariance, which may be singular.
+
+    Of covariances that are alike the roots are: an error that several images share is the same column in each.
+    """
     values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 def _range_share(ground: GroundPoints, pose: Pose, root: FloatArray) -> FloatArray:

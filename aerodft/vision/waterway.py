@@ -62,7 +62,7 @@ class Centreline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Grid:
+class WaterMap:
     """The map of the water: cells of ``step_m``, rows from north to south."""
 
     west_m: float
@@ -72,6 +72,7 @@ class _Grid:
     seen: BoolArray
 
     def places(self, rows_columns: IntArray | FloatArray) -> FloatArray:
+        """East and north ``(n, 2)`` of cells ``(n, 2)``."""
         return np.stack(
             [self.west_m + self.step_m * rows_columns[:, 1], self.north_m - self.step_m * rows_columns[:, 0]], axis=-1
         )
@@ -91,17 +92,23 @@ def centreline(plane: WaterPlane, features: WaterFeatures, channel: BoolArray) -
     factor = 1.0
     while True:
         grid = _grid(plane, features, channel, factor)
-        shores = None if grid is None else _shores(grid)
-        if grid is None or shores is None:
+        line = None if grid is None else middle_line(grid)
+        if grid is None or line is None:
             return None
-        to_bank, apart = _between(grid, shores)
-        middle = cv2.ximgproc.thinning(apart.astype(np.uint8) * 255) > 0
-        if not middle.any():
-            return None
-        half_cells = float(np.median(to_bank[middle]))
-        if half_cells >= _FEWEST_CELLS or factor >= _FINEST:
-            break
+        if line.width_m >= 2 * _FEWEST_CELLS * grid.step_m or factor >= _FINEST:
+            return line
         factor *= 2.0
+
+
+def middle_line(grid: WaterMap) -> Centreline | None:
+    """The same on a map of the water with its islands."""
+    shores = _shores(grid)
+    if shores is None:
+        return None
+    to_bank, apart = _between(grid, shores)
+    middle = cv2.ximgproc.thinning(apart.astype(np.uint8) * 255) > 0
+    if not middle.any():
+        return None
     path = _longest(middle, to_bank)
     if len(path) < _LEAST_CELLS:
         return None
@@ -109,7 +116,7 @@ def centreline(plane: WaterPlane, features: WaterFeatures, channel: BoolArray) -
     return Centreline(smoothed(grid.places(path), grid.step_m, width_m), width_m)
 
 
-def _grid(plane: WaterPlane, features: WaterFeatures, channel: BoolArray, finer: float) -> _Grid | None:
+def _grid(plane: WaterPlane, features: WaterFeatures, channel: BoolArray, finer: float) -> WaterMap | None:
     rows, columns = np.nonzero(channel)
     places = plane.places_en_m(features.to_image(np.stack([columns, rows], axis=-1)))
     places = places[np.isfinite(places[:, 0])]
@@ -125,7 +132,7 @@ def _grid(plane: WaterPlane, features: WaterFeatures, channel: BoolArray, finer:
     cells = np.stack(np.broadcast_arrays(east[None], (north - step * np.arange(height))[:, None]), axis=-1)
     pixels = plane.pixels_px(cells)
     seen = plane.in_view(cells, pixels)
-    return _Grid(west, north, step, looked_up(channel, features.to_small(pixels)) & seen, seen)
+    return WaterMap(west, north, step, looked_up(channel, features.to_small(pixels)) & seen, seen)
 
 
 def looked_up(mask: BoolArray, at_px: FloatArray) -> BoolArray:
@@ -136,7 +143,7 @@ def looked_up(mask: BoolArray, at_px: FloatArray) -> BoolArray:
     return np.asarray(mask[v, u] & inside)
 
 
-def _shores(grid: _Grid) -> tuple[IntArray, IntArray, FloatArray] | None:
+def _shores(grid: WaterMap) -> tuple[IntArray, IntArray, FloatArray] | None:
     """Cells of the shores, rows and columns ``(k, 2)``, with the number of their bank and how far along it they are.
 
     A bank is a piece of the water's outline with land on its other side; one that is much shorter than the longest, and
@@ -161,7 +168,7 @@ def _shores(grid: _Grid) -> tuple[IntArray, IntArray, FloatArray] | None:
     return outline[kept].astype(np.int64), number[kept].astype(np.int64), np.cumsum(steps)[kept]
 
 
-def _between(grid: _Grid, shores: tuple[IntArray, IntArray, FloatArray]) -> tuple[FloatArray, BoolArray]:
+def _between(grid: WaterMap, shores: tuple[IntArray, IntArray, FloatArray]) -> tuple[FloatArray, BoolArray]:
     """How far each cell is from a bank, in cells; and which cells lie between banks, or between a bank's two flanks."""
     cells, bank, along = shores
     clear = np.ones(grid.water.shape, dtype=np.uint8)
@@ -183,7 +190,7 @@ def _between(grid: _Grid, shores: tuple[IntArray, IntArray, FloatArray]) -> tupl
     return np.asarray(to_bank, dtype=np.float64), apart & grid.water
 
 
-def _is_ring(grid: _Grid, cells: IntArray) -> bool:
+def _is_ring(grid: WaterMap, cells: IntArray) -> bool:
     """Whether one bank goes all round: a pond."""
     return bool(np.max(np.abs(cells[0] - cells[-1])) <= _GAP_CELLS) and bool(grid.water.any())
 

@@ -1,9 +1,14 @@
 """A recording of version 0.1, written by the stock writer: it opens, replays and gives its numbers again for ever.
 
 If this fails, aerodft cannot read what it once wrote, or computes something else from it. Neither is to be mended here.
+What a number is worth, and whether it is refused, may become known better: that is a change that CHANGELOG states, and
+``python tests/cli/test_frozen_recording.py`` then writes ``frozen-0.1-expected.jsonl`` anew.
 """
 
 import shutil
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
 import orjson
@@ -16,6 +21,8 @@ from replay.recording import Recording
 from replay.source import RecordingSource
 
 FROZEN = Path(__file__).parent / "frozen-0.1"
+EXPECTED = Path(__file__).parent / "frozen-0.1-expected.jsonl"
+RUN_DEPENDENT = {"software"}
 NUMBERS = ("value", "ground_m", "enu_m", "range_m")
 
 
@@ -40,6 +47,40 @@ def test_it_gives_its_numbers_again(aerodft, tmp_path: Path) -> None:
             assert flat(new[name]) == pytest.approx(flat(old[name]), rel=1e-9, abs=1e-9), (key, name)
         compared += old["status"] == "ok"
     assert compared > 50
+
+
+def test_stds_intervals_refusals_and_all_else_stay_too(aerodft, tmp_path: Path) -> None:
+    """Every key of every measurement, those without an answer included, against what was last said to be right."""
+    assert aerodft("recompute", FROZEN, "-o", tmp_path / "again").code == 0
+    now = [told(each) for each in measured(tmp_path / "again").values()]
+    expected = [orjson.loads(line) for line in EXPECTED.read_bytes().splitlines()]
+    assert len(now) == len(expected) == 118
+    for new, old in zip(now, expected, strict=True):
+        assert_same(new, old, f"{old['name']} at {old['stamp_ns']}")
+    assert {each["status"] for each in expected} > {"ok"}, "some are refused"
+    assert sum(each["std"] is not None or each["ellipse95"] is not None for each in expected) > 50
+
+
+def told(measurement: dict[str, object]) -> dict[str, object]:
+    return {key: value for key, value in measurement.items() if key not in RUN_DEPENDENT}
+
+
+def assert_same(new: object, old: object, where: str) -> None:
+    """Equal; numbers within what another processor's linear algebra may change."""
+    if isinstance(old, dict):
+        assert isinstance(new, dict), where
+        assert list(new) == list(old), where
+        for key in old:
+            assert_same(new[key], old[key], f"{where}: {key}")
+    elif isinstance(old, list):
+        assert isinstance(new, list), where
+        assert len(new) == len(old), where
+        for k, (each, was) in enumerate(zip(new, old, strict=True)):
+            assert_same(each, was, f"{where}[{k}]")
+    elif isinstance(old, float):
+        assert new == pytest.approx(old, rel=1e-9, abs=1e-9), where
+    else:
+        assert new == old, where
 
 
 def flat(value: object) -> list[float]:
@@ -68,3 +109,15 @@ def test_it_is_sound_and_recovery_leaves_it_alone(tmp_path: Path) -> None:
     assert [(each.state, each.messages) for each in recovery.segments] == [("sound", 795), ("sound", 7)]
     for path in FROZEN.iterdir():
         assert (tmp_path / "copy" / path.name).read_bytes() == path.read_bytes()
+
+
+def write_expected() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        run = [sys.executable, "-m", "aerodft", "recompute", FROZEN, "-o", Path(name) / "again"]
+        subprocess.run(list(map(str, run)), check=True)
+        lines = [orjson.dumps(told(each)) for each in measured(Path(name) / "again").values()]
+    EXPECTED.write_bytes(b"\n".join(lines) + b"\n")
+
+
+if __name__ == "__main__":
+    write_expected()

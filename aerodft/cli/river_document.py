@@ -9,15 +9,10 @@ import numpy as np
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import PoseSample
-from aerodft.vision.river import NoRiver, River, RiverStatus
+from aerodft.vision.river import WHY, NoRiver, River, RiverStatus
 
 SCHEMA: Final = "aerodft.river/1"
 _TELLS: Final = 2.0  # standard deviations between an outline's two sides, from which they are told apart
-
-_WHY: Final = {
-    RiverStatus.OUT_OF_IMAGE: "the image ends before the bank",
-    RiverStatus.ILL_CONDITIONED: "too far away for how well the pose is known",
-}
 
 
 def refusal_document(found: NoRiver) -> dict[str, Any]:
@@ -36,7 +31,7 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
     status, reasons = RiverStatus.OK, list(sample.reasons)
     if not used.any():
         first = found.status[int(found.rows[0])]
-        status, reasons = first, [*reasons, _WHY[first]]
+        status, reasons = first, [*reasons, WHY[first]]
     document = _document(status, reasons, float(np.mean(found.water.contrast > _TELLS)))
     document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(_SIDES)}
     document["transects"] = list(_transects(found, sample))
@@ -101,7 +96,7 @@ def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
             **{side: _rounded(sides[side][0]) if side in sides else None for side in _SIDES},
             **answer,
             "status": str(status),
-            "reason": _WHY.get(status),
+            "reason": WHY.get(status),
             "bank_std_px": [float(sides[side][1]) if side in sides else None for side in _SIDES],
         }
 

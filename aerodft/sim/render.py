@@ -15,6 +15,7 @@ from aerodft.sim.river import River
 from aerodft.sim.shading import Rays, RiverFrame, shade
 from aerodft.sim.sprites import draw, sprites
 from aerodft.sim.texture import pyramid, sensor_noise
+from aerodft.sim.waterside import Waterside, shade_waterside
 from aerodft.sim.world import World
 
 _BANK_STEP_M = 0.25
@@ -44,12 +45,16 @@ class Renderer:
         camera: The camera, lens distortion included.
         world: The world.
         imaging: Noise.
+        waterside: What rivers look like in earnest; None for plain water between plain banks.
     """
 
-    def __init__(self, camera: Camera, world: World, imaging: Imaging | None = None) -> None:
+    def __init__(
+        self, camera: Camera, world: World, imaging: Imaging | None = None, waterside: Waterside | None = None
+    ) -> None:
         self.camera = camera
         self.world = world
         self._imaging = imaging or Imaging()
+        self._waterside = waterside
         self._rays = _ray_table(camera)
         self._river, self._banks = _river_tables(world.river)
         fine, coarse, water = (
@@ -89,7 +94,12 @@ class Renderer:
         turn = matrix(pose.wxyz).ravel()
         state = (east, north, height, *turn, 1 / camera.fx_px, 1 / camera.fy_px, time_s, 1 / height)
         looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
-        shade(self._rays, tuple(map(float, state)), self._river, self._banks, looks, self._tiles, image)
+        camera_state = tuple(map(float, state))
+        if self._waterside is None:
+            shade(self._rays, camera_state, self._river, self._banks, looks, self._tiles, image)
+        else:
+            sides = self._waterside.numbers(look.sun_azimuth_rad, look.sun_elevation_rad)
+            shade_waterside(self._rays, camera_state, (self._river, self._banks), looks, sides, self._tiles, image)
         draw(image, self._rays, camera, pose, sprites(self.world, pose.position_enu_m, time_s))
         return image
 

@@ -23,14 +23,14 @@ _WATER_PER_M = 1 / 0.03
 _COARSER = -4.0  # pyramid levels between the two ground textures
 _SIZE = 1024
 _LAST_LEVEL = 8
-_HORIZON = 1e-3
+HORIZON = 1e-3
 _NO_SHORE_M = 1e5
 _FINE_SHARE = 0.13 / 32  # of the brightness, by one standard deviation of a texel
 _ROUGH_SHARE = 0.12 / 32
 _WAVE_SHARE = 0.09 / 32
 _GREENNESS = 0.45 / 32
-_HAZE_PER_M2 = 1 / 3000.0**2
-_SKY = (235.0, 215.0, 190.0)
+HAZE_PER_M2 = 1 / 3000.0**2
+SKY = (235.0, 215.0, 190.0)
 _SOIL = (84.0, 128.0, 152.0)
 _GRASS = (58.0, 122.0, 88.0)
 _WATER = (104.0, 82.0, 52.0)
@@ -57,7 +57,7 @@ def _texel(texels: Texels, start: int, level: int, x: float, y: float) -> float:
 
 
 @njit
-def _sample(texels: Texels, starts: IntArray, x: float, y: float, level: float) -> float:
+def sample(texels: Texels, starts: IntArray, x: float, y: float, level: float) -> float:
     """Value at ``x, y`` (in texels of level 0), between the two pyramid levels around ``level``."""
     if level >= _LAST_LEVEL:
         return 0.0
@@ -69,7 +69,7 @@ def _sample(texels: Texels, starts: IntArray, x: float, y: float, level: float) 
 
 
 @njit
-def _gap(a: float, y: float, banks: FloatArray, first: float, spacing: float) -> tuple[float, float]:
+def gap_to_bank(a: float, y: float, banks: FloatArray, first: float, spacing: float) -> tuple[float, float]:
     """How far the bank is (m across, above 0 in the water), and the bank's slope there.
 
     Args:
@@ -95,7 +95,7 @@ def _gap(a: float, y: float, banks: FloatArray, first: float, spacing: float) ->
 
 
 @njit
-def _motion(east: float, north: float, reach: float, camera: CameraState) -> tuple[float, float, float, float]:
+def motion_per_pixel(east: float, north: float, reach: float, camera: CameraState) -> tuple[float, float, float, float]:
     """How far the ground point (relative to the camera) moves east and north by one pixel right, and by one down."""
     right, down = reach * camera[12], reach * camera[13]
     east *= camera[15]
@@ -109,7 +109,7 @@ def _motion(east: float, north: float, reach: float, camera: CameraState) -> tup
 
 
 @njit
-def _wetness(
+def wetness(
     along: float,
     across: float,
     motion: tuple[float, float, float, float],
@@ -118,7 +118,7 @@ def _wetness(
     river: RiverFrame,
 ) -> float:
     """Share of a pixel that is water."""
-    gap, slope = _gap(along, across, banks, river[4], river[5])
+    gap, slope = gap_to_bank(along, across, banks, river[4], river[5])
     if abs(gap) > (2.0 + 2.0 * abs(slope)) * footprint:
         return 0.0 if gap < 0 else 1.0
     sine, cosine = river[2], river[3]
@@ -131,7 +131,7 @@ def _wetness(
 def _water(tile: Texels, starts: IntArray, along: float, across: float, footprint: float, contrast: float) -> float:
     """Brightness of the water, 1 on average."""
     level = np.log2(footprint * _WATER_PER_M)
-    wave = _sample(tile, starts, along * _WATER_PER_M, across * _WATER_PER_M, level)
+    wave = sample(tile, starts, along * _WATER_PER_M, across * _WATER_PER_M, level)
     return 1.0 + contrast * _WAVE_SHARE * wave
 
 
@@ -147,9 +147,9 @@ def _land(
 ) -> tuple[float, float]:
     """Brightness of the land (1 on average) and how green it is (0 to 1)."""
     level = np.log2(footprint * _FINE_PER_M)
-    fine = _sample(fine_tile, starts, east * _FINE_PER_M, north * _FINE_PER_M, level)
+    fine = sample(fine_tile, starts, east * _FINE_PER_M, north * _FINE_PER_M, level)
     level += _COARSER
-    rough = _sample(coarse_tile, starts, east * _COARSE_PER_M, north * _COARSE_PER_M, level)
+    rough = sample(coarse_tile, starts, east * _COARSE_PER_M, north * _COARSE_PER_M, level)
     green = min(max(0.5 + contrast * _GREENNESS * rough, 0.0), 1.0)
     return 1.0 + contrast * (_FINE_SHARE * fine + _ROUGH_SHARE * rough), green
 
@@ -161,7 +161,7 @@ def _paint(image: ImageArray, v: int, u: int, wet: float, lights: tuple[float, f
     for k in range(3):
         ground = land * (_SOIL[k] + green * (_GRASS[k] - _SOIL[k]))
         colour = ground + wet * (water * _WATER[k] - ground)
-        colour = _SKY[k] + clear * (colour - _SKY[k])
+        colour = SKY[k] + clear * (colour - SKY[k])
         image[v, u, k] = np.uint8(min(max(colour + 0.5, 0.0), 255.0))
 
 
@@ -182,7 +182,7 @@ def shade(
         camera: Position ENU (m), ``enu_SO3_cam`` matrix by rows, 1 / focal lengths x and y (1/px), time (s),
             1 / height (1/m).
         river: Origin east and north (m), sine and cosine of the azimuth, first station and spacing (m).
-        banks: ``(n, 4)``, see ``_gap``.
+        banks: ``(n, 4)``, see ``gap_to_bank``.
         look: Contrast of ground and water, speed of the water (m/s).
         tiles: Fine ground, coarse ground and water texels, and the levels' starts.
         image: ``(h, w, 3)`` BGR, written.
@@ -192,14 +192,14 @@ def shade(
         for u in range(rays.shape[1]):
             x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
             up = camera[9] * x + camera[10] * y + camera[11] * z
-            if up > -_HORIZON:
+            if up > -HORIZON:
                 for k in range(3):
-                    image[v, u, k] = np.uint8(_SKY[k]) if z != 0 or x != 0 or y != 0 else np.uint8(0)
+                    image[v, u, k] = np.uint8(SKY[k]) if z != 0 or x != 0 or y != 0 else np.uint8(0)
                 continue
             reach = -camera[2] / up
             east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
             north = reach * (camera[6] * x + camera[7] * y + camera[8] * z)
-            motion = _motion(east, north, reach, camera)
+            motion = motion_per_pixel(east, north, reach, camera)
             footprint = np.sqrt(
                 0.5 * (motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2] + motion[3] * motion[3])
             )
@@ -207,13 +207,13 @@ def shade(
             north += camera[1]
             along = (east - river[0]) * river[2] + (north - river[1]) * river[3]
             across = (north - river[1]) * river[2] - (east - river[0]) * river[3]
-            wet = _wetness(along, across, motion, footprint, banks, river)
+            wet = wetness(along, across, motion, footprint, banks, river)
             land, green, water = 1.0, 0.5, 1.0
             if wet < 1.0:
                 land, green = _land(fine_tile, coarse_tile, starts, east, north, footprint, look[0])
             if wet > 0.0:
                 water = _water(water_tile, starts, along - look[2] * camera[14], across, footprint, look[1])
-            _paint(image, v, u, wet, (land, green, water), 1.0 / (1.0 + reach * reach * _HAZE_PER_M2))
+            _paint(image, v, u, wet, (land, green, water), 1.0 / (1.0 + reach * reach * HAZE_PER_M2))
 
 
 @njit

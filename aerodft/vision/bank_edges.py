@@ -50,9 +50,10 @@ def locate_edges(
         across_px: ``(n, 2)`` unit vectors from water to land along the transects.
         along_px: ``(n, 2)`` unit vectors along the banks.
         window_px: ``(n,)`` how far from there the step may be; as much farther out is on its side surely.
+            Where it is 0 nothing is looked for.
     """
     pixels, stds, contrasts = near_px.copy(), window_px.copy(), np.zeros(len(near_px))
-    for half in np.unique(window_px).tolist():
+    for half in np.unique(window_px[window_px > 0]).tolist():
         rows = np.flatnonzero(window_px == half)
         profiles = _profiles(image, near_px[rows], across_px[rows], along_px[rows], half)
         offsets, stds[rows], contrasts[rows] = _located(profiles, half)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-import cv2
 import numpy as np
 
 from aerodft.dft.request import Setup
@@ -14,14 +13,13 @@ from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.pose import Pose
 from aerodft.vision.bank_edges import Edges, locate_edges
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
-from aerodft.vision.water import WaterMask, find_water
+from aerodft.vision.water import WaterMask, find_water, with_islands
 from aerodft.vision.water_features import WaterFeatures, water_features
 from aerodft.vision.water_plane import WaterPlane
 from aerodft.vision.waterway import Centreline, centreline
 
 _SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
-_WINDOW_SMALL_PX: Final = 3.0  # of the small copy: how far a mask's outline may be off
-_LEAST_WINDOW_PX: Final = 2.0
+_WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far a mask's outline may be off; a coarse one is off by 4
 _STEP_M: Final = 0.5  # over which directions in the image are taken, at most
 _ROOM: Final = 0.3  # of the way to the opposite bank: so far a profile may reach
 
@@ -37,7 +35,16 @@ class RiverStatus(StrEnum):
     ALL_WATER = "ALL_WATER"  # no bank anywhere
     NO_WATER = "NO_WATER"  # the seed is on a bank, or there is no water
     OUT_OF_IMAGE = "OUT_OF_IMAGE"  # the image ends before the bank
+    TOO_COARSE = "TOO_COARSE"  # the river is too narrow in the image
     ILL_CONDITIONED = "ILL_CONDITIONED"  # too uncertain for a number
+
+
+WHY: Final = {
+    RiverStatus.OUT_OF_IMAGE: "the image ends before both banks are in view",
+    RiverStatus.TOO_COARSE: "the river is too narrow in the image for its banks to be told",
+    RiverStatus.ILL_CONDITIONED: "too far away for how well the pose is known",
+}
+"""Of transects without a width."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,13 +118,33 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     water = find_water(features, (float(seed[0]), float(seed[1])), ground)
     if np.count_nonzero(ground & ~water.water) < 0.01 * np.count_nonzero(ground):
         return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all looks alike")
-    channel = filled(water.water)
+    channel = with_islands(water.water, ground)
     line = centreline(plane, features, channel)
     if line is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
     line = _oriented(plane, line, question.flow_rad)
     found = transects(plane, features, (channel, water.water), line, _stations(line, question.spacing_m))
     return _measured(image, setup, pose, plane, question, (features, water, line, found))
+
+
+def river_across(
+    image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion, seen: River, line: Centreline
+) -> River | NoRiver:
+    """Measure a river that was found in an image at the transects of another line: that of a reach of many images.
+
+    Args:
+        image: As for ``find_river``; so are ``setup``, ``pose`` and ``question``.
+        setup: Likewise.
+        pose: Likewise.
+        question: Likewise.
+        seen: What was found.
+        line: The centreline, in the direction in which left and right are meant.
+    """
+    plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
+    water, features = seen.water.water, seen.features
+    masks = with_islands(water, _ground(plane, features)), water
+    found = transects(plane, features, masks, line, _stations(line, question.spacing_m))
+    return _measured(image, setup, pose, plane, question, (features, seen.water, line, found))
 
 
 def _ground(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
@@ -129,14 +156,6 @@ def _ground(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
 def _default_seed(features: WaterFeatures) -> FloatArray:
     rows, columns = features.shape
     return np.array([(columns - 1) / 2, _SEED_DOWN * (rows - 1)])
-
-
-def filled(water: BoolArray) -> BoolArray:
-    """The water with the islands in it."""
-    outlines, _ = cv2.findContours(water.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    whole = np.zeros(water.shape, dtype=np.uint8)
-    cv2.drawContours(whole, outlines, -1, 1, cv2.FILLED)
-    return whole > 0
 
 
 def _oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Centreline:
@@ -166,14 +185,13 @@ def _measured(
     seen: tuple[WaterFeatures, WaterMask, Centreline, Transects],
 ) -> River | NoRiver:
     features, water, line, found = seen
-    both = np.isfinite(found.left_m) & np.isfinite(found.right_m)
-    if not both.any():
-        return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
-    edges = _banks(image, plane, found, 1.0 / features.scale)
-    rows = np.flatnonzero(both)
+    edges, status = _banks(image, plane, found)
+    rows = np.flatnonzero([each is RiverStatus.OK for each in status])
+    if len(rows) == 0:
+        worst = RiverStatus.TOO_COARSE if RiverStatus.TOO_COARSE in status else RiverStatus.OUT_OF_IMAGE
+        return NoRiver(worst, WHY[worst])
     pair = BankPair(edges.pixels_px[rows], edges.across_px[rows], edges.std_px[rows], question.least_std_px)
     widths = river_widths(setup, pose, pair)
-    status = [RiverStatus.OUT_OF_IMAGE] * len(both)
     for row, usable in zip(rows.tolist(), widths.usable.tolist(), strict=True):
         status[row] = RiverStatus.OK if usable else RiverStatus.ILL_CONDITIONED
     return River(
@@ -188,22 +206,31 @@ def _measured(
     )
 
 
-def _banks(image: ImageArray, plane: WaterPlane, found: Transects, small_px: float) -> Edges:
-    """The banks of all transects ``(n, 2)``: left, then right; NaN where the image ends first."""
+def _banks(image: ImageArray, plane: WaterPlane, found: Transects) -> tuple[Edges, list[RiverStatus]]:
+    """The banks of all transects ``(n, 2)``, left then right, NaN where the image ends first; and their statuses."""
     count = len(found.stations_m)
     edges = Edges(*(np.full((count, 2, *tail), np.nan) for tail in ((2,), (), (), (2,))))
+    status = np.full(count, "", dtype=object)
     for side, offsets in enumerate((found.left_m, found.right_m)):
         rows = np.flatnonzero(np.isfinite(offsets))
-        if len(rows) == 0:
-            continue
-        one = _edges(image, plane, found, rows, side, small_px)
-        edges.pixels_px[rows, side], edges.std_px[rows, side] = one.pixels_px, one.std_px
-        edges.contrast[rows, side], edges.across_px[rows, side] = one.contrast, one.across_px
-    return edges
+        one = _edges(image, plane, found, rows, side)
+        told = np.isfinite(one.std_px)
+        status[rows[np.isnan(one.std_px)]] = RiverStatus.TOO_COARSE
+        kept = rows[told]
+        edges.pixels_px[kept, side], edges.std_px[kept, side] = one.pixels_px[told], one.std_px[told]
+        edges.contrast[kept, side], edges.across_px[kept, side] = one.contrast[told], one.across_px[told]
+    missing: list[bool] = np.any(np.isnan(edges.std_px), axis=-1).tolist()
+    return edges, [
+        each or (RiverStatus.OUT_OF_IMAGE if lost else RiverStatus.OK)
+        for each, lost in zip(status.tolist(), missing, strict=True)
+    ]
 
 
-def _edges(image: ImageArray, plane: WaterPlane, found: Transects, rows: IntArray, side: int, small_px: float) -> Edges:
-    """The banks of one side (0 left, 1 right) of some transects."""
+def _edges(image: ImageArray, plane: WaterPlane, found: Transects, rows: IntArray, side: int) -> Edges:
+    """The banks of one side (0 left, 1 right) of some transects.
+
+    Their std is infinite where the image ends too soon for a profile, NaN where the river is too narrow in it.
+    """
     sign = 1.0 - 2.0 * side
     offsets, opposite = ((found.left_m, found.right_m)[each][rows] for each in (side, 1 - side))
     centres, to_left = found.centres_en_m[rows], found.to_left[rows]
@@ -213,12 +240,20 @@ def _edges(image: ImageArray, plane: WaterPlane, found: Transects, rows: IntArra
     step = np.minimum(_STEP_M, 0.02 * np.linalg.norm(places - inner, axis=-1))[:, None]
     across = _direction(plane, places, sign * to_left * step)
     along = _direction(plane, places, np.stack([-to_left[:, 1], to_left[:, 0]], axis=-1) * step)
-    room = _ROOM * np.linalg.norm(far - near, axis=-1)
     size = np.array([image.shape[1], image.shape[0]]) - 1
     border = np.min(np.minimum(near, size - near), axis=-1)
-    window = np.minimum(_WINDOW_SMALL_PX * small_px, np.minimum(room, border) / 2)
-    window = np.maximum(2.0 ** np.floor(np.log2(np.maximum(window, _LEAST_WINDOW_PX))), _LEAST_WINDOW_PX)
-    return locate_edges(image, near, across, along, window)
+    room = _ROOM * np.linalg.norm(far - near, axis=-1)
+    window = _window_px(np.minimum(room, border) / 2)
+    edges = locate_edges(image, near, across, along, window)
+    edges = locate_edges(image, edges.pixels_px, across, along, window)  # where the first look was off
+    edges.std_px[(window <= 0) & (border <= room)] = np.inf
+    edges.std_px[(window <= 0) & (border > room)] = np.nan
+    return edges
+
+
+def _window_px(limit_px: FloatArray) -> FloatArray:
+    """The largest window of each limit ``(n,)``; 0 where it has none."""
+    return np.asarray(np.max(np.where(limit_px[:, None] >= _WINDOWS_PX, _WINDOWS_PX, 0.0), axis=-1))
 
 
 def _direction(plane: WaterPlane, places: FloatArray, step_m: FloatArray) -> FloatArray:

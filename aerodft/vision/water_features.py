@@ -15,7 +15,9 @@ WIDTH_PX: Final = 480  # of the small copy's longer side: a bank is found to a f
 _SMOOTH_PX: Final = 1.0
 _DETAIL_PX: Final = 2.0  # of the copy of twice the size: what is smaller is texture
 _NEIGHBOURHOOD_PX: Final = 2.0
-_QUIET: Final = 4.0  # grey levels squared: sensor noise is no texture
+_QUIET: Final = 4e-4  # a contrast of 2 %, squared: sensor noise is no texture
+_DARK: Final = 8.0  # grey levels: what is darker has no colour
+_SCALE: Final = np.array([40.0, 40.0, 40.0, 8.0], dtype=np.float32)  # makes about one unit of what can just be seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +26,8 @@ class WaterFeatures:
 
     Attributes:
         scale: Its pixels per pixel of the image, below or at 1.
-        planes: ``(height, width, 4)``: CIE a and b, lightness L (0 to 100), logarithm of the texture's strength.
+        planes: ``(height, width, 4)``: logarithms of red to green, blue to green, lightness and the texture's
+            contrast; shade changes none but the lightness.
         pixels: ``(height, width, 3)`` BGR.
     """
 
@@ -53,13 +56,13 @@ def water_features(image: ImageArray) -> WaterFeatures:
     double = (min(2 * size[0], image.shape[1]), min(2 * size[1], image.shape[0]))
     middle = cv2.resize(image, double, interpolation=cv2.INTER_AREA)
     small = cv2.resize(middle, size, interpolation=cv2.INTER_AREA)
-    smooth = cv2.GaussianBlur(small, (0, 0), _SMOOTH_PX).astype(np.float32) / 255.0
-    lab = cv2.cvtColor(smooth, cv2.COLOR_BGR2Lab)
+    smooth = cv2.GaussianBlur(small, (0, 0), _SMOOTH_PX).astype(np.float32)
+    blue, green, red = cv2.split(np.log(smooth + _DARK))
     grey = cv2.cvtColor(middle, cv2.COLOR_BGR2GRAY).astype(np.float32)
     detail = grey - cv2.GaussianBlur(grey, (0, 0), _DETAIL_PX)
-    strength = cv2.GaussianBlur(
-        cv2.resize(detail * detail, size, interpolation=cv2.INTER_AREA), (0, 0), _NEIGHBOURHOOD_PX
-    )
-    texture = 0.5 * np.log(strength + _QUIET)
-    planes = np.dstack([lab[..., 1], lab[..., 2], lab[..., 0], texture]).astype(np.float32)
-    return WaterFeatures(scale, planes, np.asarray(small, dtype=np.uint8))
+    light = cv2.resize(grey, size, interpolation=cv2.INTER_AREA) + _DARK
+    strength = cv2.resize(detail * detail, size, interpolation=cv2.INTER_AREA) / np.square(light)
+    texture = 0.5 * np.log(cv2.GaussianBlur(strength, (0, 0), _NEIGHBOURHOOD_PX) + _QUIET)
+    lightness = (blue + green + red) / 3.0
+    planes = _SCALE * np.dstack([red - green, blue - green, lightness, texture])
+    return WaterFeatures(scale, np.asarray(planes, dtype=np.float32), np.asarray(small, dtype=np.uint8))

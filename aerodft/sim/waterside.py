@@ -1,0 +1,213 @@
+"""What makes banks hard to find: waves, foam, mirrored sky, glare, shade, mud and rank growth.
+
+The water's edge stays where the river says; nothing here stands above the plane.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.geometry.jit import njit
+from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.sim.shading import (
+    HAZE_PER_M2,
+    HORIZON,
+    SKY,
+    CameraState,
+    Look,
+    Rays,
+    RiverFrame,
+    Tiles,
+    gap_to_bank,
+    motion_per_pixel,
+    sample,
+    wetness,
+)
+
+_STRETCH = 5.0  # waves and foam are so much longer along the flow
+_WAVE_PER_M = 1 / 0.05
+_FOAM_PER_M = 1 / 0.10
+_RAGGED_PER_M = 1 / 0.12
+_GROWTH_PER_M = 1 / 0.06
+_FINE_PER_M = 1 / 0.012
+_ONE = 1 / 32.0  # a texel's standard deviation
+_FOAM = (214.0, 226.0, 228.0)
+_MUD = (92.0, 118.0, 140.0)
+_GREEN = (48.0, 112.0, 84.0)
+_DRY = (96.0, 150.0, 168.0)
+_SUN = (250.0, 252.0, 255.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Waterside:
+    """How a river and its banks look.
+
+    Attributes:
+        water_bgr: Colour of the water itself.
+        waves: Share of brightness by one standard deviation of the waves.
+        foam: Share of the water under foam, in streaks.
+        mirror: Share of the sky's light that the water mirrors, where it is looked at from straight above; more at an
+            angle (Schlick's approximation).
+        glare: Strength of the sun's glitter; 0 for none.
+        shade_m: How far the left bank's trees throw their shade over the water, on average; 0 for none.
+        shade_light: Share of the light that is left in the shade.
+        mud_m: Width of the bare margin along the water.
+        growth: Contrast of the banks' growth; 1 for meadow, 2 for thicket.
+    """
+
+    water_bgr: tuple[float, float, float] = (104.0, 82.0, 52.0)
+    waves: float = 0.1
+    foam: float = 0.0
+    mirror: float = 0.03
+    glare: float = 0.0
+    shade_m: float = 0.0
+    shade_light: float = 0.45
+    mud_m: float = 0.0
+    growth: float = 1.0
+
+    def numbers(self, sun_azimuth_rad: float, sun_elevation_rad: float) -> tuple[float, ...]:
+        """As the loop takes them: the attributes in order, then the unit vector to the sun (ENU)."""
+        flat = math.cos(sun_elevation_rad)
+        sun = (flat * math.sin(sun_azimuth_rad), flat * math.cos(sun_azimuth_rad), math.sin(sun_elevation_rad))
+        threshold = 4.0 if self.foam <= 0 else _quantile(1.0 - self.foam)
+        return (
+            *map(float, self.water_bgr),
+            self.waves,
+            threshold,
+            self.mirror,
+            self.glare,
+            self.shade_m,
+            self.shade_light,
+            self.mud_m,
+            self.growth,
+            *sun,
+        )
+
+
+def _quantile(share: float) -> float:
+    """Of the normal distribution, as close as streaks of foam need it (Tukey's lambda)."""
+    return 4.91 * (share**0.14 - (1.0 - share) ** 0.14)
+
+
+@njit
+def _shade(along: float, inland: float, tiles: Tiles, sides: tuple[float, ...], footprint: float) -> float:
+    """Share of the light; ``inland`` is how far a place is from the left bank, on land above 0."""
+    if sides[7] <= 0.0:
+        return 1.0
+    level = np.log2(max(footprint, 0.3) * _RAGGED_PER_M)
+    ragged = sample(tiles[1], tiles[3], along * _RAGGED_PER_M, 7.0, level) * _ONE
+    crown = sample(tiles[0], tiles[3], along * _RAGGED_PER_M * 3.0, inland * _RAGGED_PER_M * 3.0, level + 1.6) * _ONE
+    reach = max(sides[7] * (1.0 + 0.5 * ragged) + 0.4 * crown, 0.0)
+    dark = min(max((inland + reach) / 0.3, 0.0), 1.0) * min(max((4.0 - inland) / 0.3, 0.0), 1.0)
+    light: float = 1.0 - dark * (1.0 - sides[8])
+    return light
+
+
+@njit
+def _water_colour(k: int, lights: tuple[float, float, float, float], sides: tuple[float, ...]) -> float:
+    """Of one channel; ``lights`` are the waves' brightness (1 on average), foam, mirrored share and glitter."""
+    wave, foam, mirrored, glitter = lights
+    colour = sides[k] * wave
+    colour += foam * (_FOAM[k] - colour)
+    colour += mirrored * (SKY[k] - colour)
+    return float(colour + glitter * (_SUN[k] - colour))
+
+
+@njit
+def _water_lights(
+    along: float,
+    across: float,
+    down: float,
+    toward_sun: float,
+    footprint: float,
+    tiles: Tiles,
+    sides: tuple[float, ...],
+) -> tuple[float, float, float, float]:
+    """See ``_water_colour``; cosines of the view's incidence, and between the mirrored ray and the sun."""
+    starts = tiles[3]
+    level = np.log2(footprint * _WAVE_PER_M)
+    wave = sample(tiles[2], starts, along * _WAVE_PER_M / _STRETCH, across * _WAVE_PER_M, level) * _ONE
+    level = np.log2(footprint * _FOAM_PER_M)
+    streak = sample(tiles[1], starts, along * _FOAM_PER_M / _STRETCH, across * _FOAM_PER_M, level) * _ONE
+    foam = min(max((streak - sides[4]) * 2.0, 0.0), 1.0)
+    slant = 1.0 - down
+    mirrored = min(max(sides[5] + (1.0 - sides[5]) * slant**5 + 0.12 * sides[5] * wave, 0.0), 0.9)
+    glitter = 0.0
+    if sides[6] > 0.0 and toward_sun > 0.0:
+        glitter = min(max(sides[6] * toward_sun**40 * (1.0 + 1.2 * wave), 0.0), 1.0)
+    return 1.0 + sides[3] * wave, foam, mirrored, glitter
+
+
+@njit
+def _land_colour(k: int, east: float, north: float, dry: float, footprint: float, tiles: Tiles, growth: float) -> float:
+    """Of one channel; ``dry`` is the distance from the water in widths of its bare margin."""
+    starts = tiles[3]
+    level = np.log2(footprint * _GROWTH_PER_M)
+    clump = sample(tiles[1], starts, east * _GROWTH_PER_M, north * _GROWTH_PER_M, level) * _ONE
+    level = np.log2(footprint * _FINE_PER_M)
+    blade = sample(tiles[0], starts, east * _FINE_PER_M, north * _FINE_PER_M, level) * _ONE
+    green = min(max(0.6 + 0.4 * clump, 0.0), 1.0)
+    colour = _DRY[k] + green * (_GREEN[k] - _DRY[k])
+    colour *= max(1.0 + growth * (0.16 * clump + 0.14 * blade), 0.1)
+    bare = min(max(1.0 - (dry - 1.0) / 0.3, 0.0), 1.0)
+    return float(colour + bare * (_MUD[k] * (1.0 + 0.06 * blade + 0.05 * clump) - colour))
+
+
+@njit
+def shade_waterside(
+    rays: Rays,
+    camera: CameraState,
+    waterway: tuple[RiverFrame, FloatArray],
+    look: Look,
+    sides: tuple[float, ...],
+    tiles: Tiles,
+    image: ImageArray,
+) -> None:
+    """As ``shading.shade``, with the ways of a ``Waterside``.
+
+    Args:
+        rays: See there.
+        camera: See there.
+        waterway: The river's frame and its banks.
+        look: See there.
+        sides: ``Waterside.numbers``.
+        tiles: See there.
+        image: ``(h, w, 3)`` BGR, written.
+    """
+    river, banks = waterway
+    for v in range(rays.shape[0]):
+        for u in range(rays.shape[1]):
+            x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
+            up = camera[9] * x + camera[10] * y + camera[11] * z
+            if up > -HORIZON:
+                for k in range(3):
+                    image[v, u, k] = np.uint8(SKY[k]) if z != 0 or x != 0 or y != 0 else np.uint8(0)
+                continue
+            reach = -camera[2] / up
+            east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
+            north = reach * (camera[6] * x + camera[7] * y + camera[8] * z)
+            moved = motion_per_pixel(east, north, reach, camera)
+            square = moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2] + moved[3] * moved[3]
+            footprint = np.sqrt(0.5 * square)
+            slant = np.sqrt(east * east + north * north + camera[2] * camera[2])
+            toward_sun = (east * sides[11] + north * sides[12] + camera[2] * sides[13]) / slant
+            down = camera[2] / slant
+            east += camera[0]
+            north += camera[1]
+            along = (east - river[0]) * river[2] + (north - river[1]) * river[3]
+            across = (north - river[1]) * river[2] - (east - river[0]) * river[3]
+            wet = wetness(along, across, moved, footprint, banks, river)
+            gap, _ = gap_to_bank(along, across, banks, river[4], river[5])
+            index = int(min(max((along - river[4]) / river[5], 0.0), banks.shape[0] - 1.001))
+            light = _shade(along, across - banks[index, 0], tiles, sides, footprint)
+            drifted = along - look[2] * camera[14]
+            lights = _water_lights(drifted, across, down, toward_sun, footprint, tiles, sides)
+            clear = 1.0 / (1.0 + reach * reach * HAZE_PER_M2)
+            dry = 9.0 if sides[9] <= 0.0 else max(-gap, 0.0) / sides[9]
+            for k in range(3):
+                colour = light * _land_colour(k, east, north, dry, footprint, tiles, sides[10]) if wet < 1.0 else 0.0
+                if wet > 0.0:
+                    colour += wet * (light * _water_colour(k, lights, sides) - colour)
+                colour = SKY[k] + clear * (colour - SKY[k])
+                image[v, u, k] = np.uint8(min(max(colour + 0.5, 0.0), 255.0))

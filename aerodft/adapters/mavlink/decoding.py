@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -103,11 +104,13 @@ class MavlinkDecoder:
         before = self._state.copy()
         select(data, heads, pick.SLOTS, self._state, slots)
         self._note_others(before)
+        order = np.argsort(slots.astype(np.int8), kind="stable")  # of few values, which is fast
+        ends = np.cumsum(np.bincount(slots + 1, minlength=len(pick.WANTED) + 1))
         tracks = (
             track
-            for slot in np.flatnonzero(np.bincount(slots + 1)[1:]).tolist()
-            if pick.WANTED[slot] in _MAKERS
-            for track in self._tracks(slot, np.flatnonzero(slots == slot), heads, block)
+            for slot, (start, stop) in enumerate(pairwise(ends.tolist()))
+            if stop > start and pick.WANTED[slot] in _MAKERS
+            for track in self._tracks(slot, order[start:stop], heads, block)
         )
         link = self._sequence.track(block, data, heads, self._state)
         rivals = self._rivals.tracks(block, heads, slots, self._state)

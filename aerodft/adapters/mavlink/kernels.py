@@ -15,6 +15,7 @@ from aerodft.adapters.mavlink.layout import (
     BAD_CRC,
     FRAME,
     INCOMPLETE,
+    JUMP_US,
     LAST_US,
     MAX_FRAME,
     MIN_FRAME,
@@ -59,6 +60,11 @@ def checksum(data: Bytes, start: int, stop: int, extra: int) -> int:
         crc = _CRC[7, first] ^ _CRC[6, second] ^ _CRC[5, data[at + 2]] ^ _CRC[4, data[at + 3]]
         crc ^= _CRC[3, data[at + 4]] ^ _CRC[2, data[at + 5]] ^ _CRC[1, data[at + 6]] ^ _CRC[0, data[at + 7]]
         at += 8
+    if at + 4 <= stop:
+        first = data[at] ^ np.uint8(crc & np.uint16(0xFF))
+        second = data[at + 1] ^ np.uint8(crc >> np.uint16(8))
+        crc = _CRC[3, first] ^ _CRC[2, second] ^ _CRC[1, data[at + 2]] ^ _CRC[0, data[at + 3]]
+        at += 4
     for i in range(at, stop):
         crc = (crc >> np.uint16(8)) ^ _CRC[0, data[i] ^ np.uint8(crc & np.uint16(0xFF))]
     return int((crc >> np.uint16(8)) ^ _CRC[0, np.uint8(extra) ^ np.uint8(crc & np.uint16(0xFF))])
@@ -232,9 +238,11 @@ def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray,
         if verdict == FRAME:
             end = at + STAMP_SIZE + size
             stamp = big_endian_stamp(data, at)
-            if 0 <= stamp < state[LAST_US] - BACK_US:
-                state[BACKWARDS] += 1
-            state[LAST_US] = settle(stamp, state[LAST_US], following_stamp(data, end))
+            if not 0 <= stamp - state[LAST_US] <= JUMP_US:  # what follows is seldom needed
+                if 0 <= stamp < state[LAST_US] - BACK_US:
+                    state[BACKWARDS] += 1
+                stamp = settle(stamp, state[LAST_US], following_stamp(data, end))
+            state[LAST_US] = stamp
             rows[0, found], rows[1, found], rows[2, found] = at + STAMP_SIZE, size, state[LAST_US]
             found += 1
             state[N_OK] += 1

@@ -5,13 +5,14 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink import selection as pick
-from aerodft.adapters.mavlink.layout import V1, Bytes
+from aerodft.adapters.mavlink.layout import V2_HEAD, Bytes
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.health import LinkTrack
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock
 
 _V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
 _MODULUS: Final = 256
+_TOGETHER: Final = 4096  # frames: after a counter that starts anew, the rest of them is looked at again
 _WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew
 
 
@@ -39,41 +40,40 @@ class SequenceWatch:
         """
         if state[pick.COMPONENT] < 0:
             return None
-        own = np.flatnonzero((heads[0] >= 0) & (heads[1] == state[pick.SYSTEM]) & (heads[2] == state[pick.COMPONENT]))
-        if not len(own):
+        is_own = (heads[0] >= 0) & (heads[1] == state[pick.SYSTEM]) & (heads[2] == state[pick.COMPONENT])
+        if not is_own.any():
             return None
-        start = block.offset[own]
-        sequence = data[start + np.where(data[start] == V1, _V1_SEQUENCE_AT, _V2_SEQUENCE_AT)].astype(np.int64)
-        return LinkTrack(
-            arrival_ns=block.arrival_ns[own],
-            boot_ns=np.full(len(own), NO_BOOT_TIME, dtype=np.int64),
-            lost=self.lost(sequence),
-        )
+        own = slice(None) if is_own.all() else np.flatnonzero(is_own)
+        start, arrival_ns = block.offset[own], block.arrival_ns[own]
+        at = start + np.where(heads[3, own] - start == V2_HEAD, _V2_SEQUENCE_AT, _V1_SEQUENCE_AT)
+        boot_ns = np.full(len(start), NO_BOOT_TIME, dtype=np.int64)
+        return LinkTrack(arrival_ns=arrival_ns, boot_ns=boot_ns, lost=self.lost(data[at]))
 
-    def lost(self, sequence: IntArray) -> IntArray:
+    def lost(self, sequence: Bytes) -> IntArray:
         """How many frames are known to be lost at each of the next ones, by their numbers ``(n,)``."""
-        lost = np.zeros_like(sequence)
+        lost = np.zeros(len(sequence), dtype=np.int64)
         before = int(sequence[0]) - 1 if self._came is None else self._last
-        in_turn = np.arange(before + 1, before + 1 + len(sequence))
-        if (
-            self._came is not None
-            and before == self._top
-            and self._came.all()
-            and not np.any((sequence - in_turn) % _MODULUS)
-        ):
-            self._last = self._top = int(in_turn[-1])  # as nearly always, and quickly
+        steps = np.diff(sequence, prepend=np.uint8(before % _MODULUS))  # modulo 256
+        if self._came is not None and before == self._top and self._came.all() and (steps == 1).all():
+            self._last = self._top = before + len(sequence)  # as nearly always, and quickly
             return lost
-        half, first = _MODULUS // 2, 0
-        unwrapped = before + np.cumsum((np.diff(sequence, prepend=before) + half) % _MODULUS - half)
+        first, signed = 0, steps.view(np.int8)
+        unwrapped = before + np.cumsum(signed, dtype=np.int64)
         self._last = int(unwrapped[-1])
         while first < len(sequence):
             if self._came is None:
                 self._top, self._came = int(unwrapped[first]) - 1, np.ones(_WINDOW, dtype=np.bool_)
-            top = np.maximum(np.maximum.accumulate(unwrapped[first:]), self._top)
-            anew = np.flatnonzero(top - unwrapped[first:] >= _WINDOW)
-            stop = first + int(anew[0]) if len(anew) else len(sequence)
-            lost[first:stop] = self._passed(unwrapped[first:stop], top[: stop - first], self._came)
-            if len(anew):
+            part = slice(first, first + _TOGETHER)
+            numbers = top = unwrapped[part]
+            stop, is_anew = first + len(numbers), False
+            if numbers[0] <= self._top or (signed[part][1:] <= 0).any():  # not one after the other
+                top = np.maximum(np.maximum.accumulate(numbers), self._top)
+                anew = np.flatnonzero(top - numbers >= _WINDOW)
+                is_anew = len(anew) > 0
+                stop = first + int(anew[0]) if is_anew else stop
+            count = stop - first
+            lost[first:stop] = self._passed(numbers[:count], top[:count], self._came)
+            if is_anew:
                 lost[stop] += np.count_nonzero(~self._came)
                 self._came = None
             first = stop

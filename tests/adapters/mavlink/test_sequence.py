@@ -12,7 +12,7 @@ WINDOW = 64
 
 def heard(numbers, cuts=()):
     """What is found to be lost at each of the frames with these numbers, which come in blocks."""
-    watch, numbers = SequenceWatch(), np.asarray(numbers, dtype=np.int64) % 256
+    watch, numbers = SequenceWatch(), (np.asarray(numbers, dtype=np.int64) % 256).astype(np.uint8)
     return np.concatenate([watch.lost(part) for part in np.split(numbers, sorted(cuts)) if len(part)])
 
 

@@ -8,12 +8,14 @@ import typer
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.loading import load_station
+from aerodft.adapters.config.station import Topics
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.output import print_json
 from aerodft.cli.sync_lines import SyncLines, stated_start_ns
 from aerodft.cli.sync_output import describe_sync, say_sync
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, run_sync
 from aerodft.cli.times import parse_utc
+from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.errors import ConfigError, UsageError
 from aerodft.model.camera import Camera
 from aerodft.service.settings import TelemetrySettings
@@ -23,7 +25,9 @@ _MOST_OFFSET_S = 600.0
 
 def sync(
     video: Annotated[Path, typer.Argument(help="Video file.")],
-    log: Annotated[Path, typer.Argument(help=".tlog or ArduPilot .bin of the same flight.")],
+    log: Annotated[
+        Path, typer.Argument(help=".tlog, ArduPilot .bin, or an MCAP file with MAVLink, of the same flight.")
+    ],
     camera: Annotated[Path | None, typer.Option(help="Camera file (TOML); else the configuration's.")] = None,
     config: Annotated[
         Path | None, typer.Option("--config", "-c", help="Station configuration: camera, and how attitudes are read.")
@@ -35,6 +39,7 @@ def sync(
         float, typer.Option(help="Seconds by which that may be wrong, either way.")
     ] = DEFAULT_MAX_OFFSET_S,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder for a plot of both, sync.png.")] = None,
+    topic: TopicOption = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
 ) -> None:
     r"""Align a video with a log by how the camera turned, and say what to write into the configuration.
@@ -52,7 +57,8 @@ def sync(
         raise UsageError("--max-offset", got=f"{max_offset:g}", expected=f"above 0, at most {_MOST_OFFSET_S:g} s")
     told = _told(video, camera, config)
     start_ns = told.start_ns if video_start is None else parse_utc("--video-start", video_start)
-    run = run_sync(VideoFileSource(video, start_ns=start_ns), log, told.camera, told.telemetry, max_offset)
+    topics = parse_topics(topic, told.topics)
+    run = run_sync(VideoFileSource(video, start_ns=start_ns), log, told.camera, told.telemetry, max_offset, topics)
     lines = SyncLines.of(run, told.time_std_s)
     files = []
     if output is not None:
@@ -67,12 +73,13 @@ def sync(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Told:
-    """Camera and settings; when the video began and how well its stamps are known, where the station says so."""
+    """Camera, settings, topics; when the video began and how well its stamps are known, where the station says so."""
 
     camera: Camera
     telemetry: TelemetrySettings
     start_ns: int | None = None
     time_std_s: float = 0.0
+    topics: Topics | None = None
 
 
 def _told(video: Path, camera: Path | None, config: Path | None) -> _Told:
@@ -89,4 +96,5 @@ def _told(video: Path, camera: Path | None, config: Path | None) -> _Told:
         telemetry=pipeline.telemetry,
         start_ns=stated_start_ns(station.images.source, video),
         time_std_s=pipeline.time_std_s,
+        topics=station.topics,
     )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from aerodft.adapters.config.station import Topics
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.cli.logs import open_telemetry_log
@@ -42,7 +43,12 @@ class SyncRun:
 
 
 def run_sync(
-    video: VideoFileSource, log: Path, camera: Camera, telemetry: TelemetrySettings, max_offset_s: float
+    video: VideoFileSource,
+    log: Path,
+    camera: Camera,
+    telemetry: TelemetrySettings,
+    max_offset_s: float,
+    topics: Topics | None = None,
 ) -> SyncRun:
     """Align a video with a log.
 
@@ -52,12 +58,13 @@ def run_sync(
         camera: The video's camera.
         telemetry: Which vehicle, and which of its attitudes, are believed.
         max_offset_s: How far off the video's stamps may be.
+        topics: Where the log is another tool's recording: which of its topics is what.
 
     Raises:
         InputError: A file cannot be read, or images are of another size than the camera's.
         NoAnswerError: The data do not tell, see ``calibration.sync.align``.
     """
-    source, _ = open_telemetry_log(log)
+    source, _ = open_telemetry_log(log, topics)
     history = attitude_history(source, decoder_of(telemetry), telemetry.attitude)
     start_ns, end_ns = video.span_ns or (video.start_ns, video.start_ns)
     try:

@@ -39,7 +39,7 @@ def aligned(station: StationConfig, log: Path | None, where: Path) -> StationCon
             hint="leave out the calibration, or --sync auto",
         )
     video = VideoFileSource(source.path, start_ns=source.start_ns)
-    run = run_sync(video, log, station.pipeline.camera, telemetry, DEFAULT_MAX_OFFSET_S)
+    run = run_sync(video, log, station.pipeline.camera, telemetry, DEFAULT_MAX_OFFSET_S, station.topics)
     _tell(run)
     return SyncLines.of(run, station.pipeline.time_std_s).applied(station, telemetry)
 

@@ -139,6 +139,26 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(aerodft, desk, tmp_path,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("command", ["sync", "import"])
+def test_a_video_is_aligned_with_the_topic_that_is_named(aerodft, desk, frames, tmp_path, command):
+    folder = tmp_path / "two"
+    folder.mkdir()
+    write_foreign(folder / "a.mcap", frames, topic="/link/a")
+    write_foreign(folder / "b.mcap", frames, topic="/link/b")
+    video, began = desk.video(), ("--video-start", "2026-11-21T00:32:48.55Z")
+    lines = {
+        "sync": ("sync", video, folder, "-c", desk.config, *began),
+        "import": ("import", folder, "--sync", "auto", "-c", desk.config, "--video", video, *began, "-o", tmp_path / "n"),
+    }
+    open_which = aerodft(*lines[command])
+    assert (open_which.code, "several topics hold MAVLink" in open_which.last) == (3, True), open_which.err
+    named = aerodft(*lines[command], "--topic", "mavlink=/link/a")
+    assert named.code == 4, named.err  # a hover: it does not turn
+    assert "several topics" not in named.err
+    desk.station(desk.config.read_text() + '[topics]\nmavlink = "/link/b"\n')
+    assert aerodft(*lines[command]).code == 4
+
+
 def test_without_a_configuration_it_is_not_computed(aerodft, desk, frames, tmp_path):
     found = aerodft("recompute", write_foreign(desk.folder / "a.mcap", frames), "-o", tmp_path / "out")
     assert (found.code, "no --config for another tool's recording" in found.last) == (2, True)

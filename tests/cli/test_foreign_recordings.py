@@ -148,7 +148,19 @@ def test_a_video_is_aligned_with_the_topic_that_is_named(aerodft, desk, frames, 
     video, began = desk.video(), ("--video-start", "2026-11-21T00:32:48.55Z")
     lines = {
         "sync": ("sync", video, folder, "-c", desk.config, *began),
-        "import": ("import", folder, "--sync", "auto", "-c", desk.config, "--video", video, *began, "-o", tmp_path / "n"),
+        "import": (
+            "import",
+            folder,
+            "--sync",
+            "auto",
+            "-c",
+            desk.config,
+            "--video",
+            video,
+            *began,
+            "-o",
+            tmp_path / "n",
+        ),
     }
     open_which = aerodft(*lines[command])
     assert (open_which.code, "several topics hold MAVLink" in open_which.last) == (3, True), open_which.err

@@ -70,7 +70,9 @@ class _Noted:
         self.looked.add(image.index)
         for each in found:
             self.names.add(each.name)
-            self.seen.setdefault((each.name, image.index), []).append(np.array(each.pixels).reshape(-1, 2))
+            points = _points(each)
+            if each.name == STEADY or len(points):
+                self.seen.setdefault((each.name, image.index), []).append(points)
         return found
 
 
@@ -125,9 +127,11 @@ class SeenAgain:
         """Pair the points of a recorded observation with what was found; what is left of that is new."""
         key = (old.name, old.image or 0)
         candidates = noted.seen.get(key)
-        points: FloatArray = np.array(old.pixels).reshape(-1, 2)
-        if not candidates:
+        points = _points(old)
+        if not candidates:  # nor is anything lost where there was nothing
             self.moved.lost += len(_now(old.name, points))
+        elif not len(points) and old.name != STEADY:
+            return
         elif old.name == STEADY:
             self._compare_steady(points, candidates[0])
             del noted.seen[key]
@@ -160,6 +164,14 @@ class _Without:
 
     def events(self) -> Iterator[Event]:
         return self._again.recorded()
+
+
+def _points(seen: Observation) -> FloatArray:
+    """Its pixels ``(n, 2)``; of an outline the middle of its lowest side, and nothing where nothing was seen."""
+    if not seen.contour:
+        return np.array(seen.pixels, dtype=np.float64).reshape(-1, 2)
+    outline = np.array(seen.contour)
+    return np.array([[(outline[:, 0].min() + outline[:, 0].max()) / 2, outline[:, 1].max()]])
 
 
 def _now(name: str, points: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ class ObjectSettings:
     ignore: tuple[tuple[tuple[float, float], ...], ...] = ()
     std_px: float = 2.0
     speed_mps: float = 3.0
-    acceleration_mps2: float = 1.0
+    acceleration_mps2: float = 0.5
     confirm: int = 3
     forget_s: float = 5.0
     distances_within_m: float = 0.0

@@ -2,7 +2,8 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -19,9 +20,14 @@ _SHRUNK: Final = 0.75  # lower than this share of itself: its foot is hidden; na
 _GROWN: Final = 1.4  # wider: there is somebody beside it
 _ALIKE: Final = 0.2
 _ASTRAY: Final = 4.0  # times the gate: what nobody else has claimed, and what is as high, is the one that was lost
-_NEAR_TOP: Final = 0.4  # of its height in the image: whose head shows there is no one new
-_LEAST_NEAR_PX: Final = 12.0
+_BESIDE: Final = 0.1  # of its height
 _FAR: Final = 1e6
+
+Place = tuple[FloatArray, FloatArray]
+"""East and north ``(2,)`` with their covariance ``(2, 2)``."""
+
+Match = Callable[["GroundTrack", Sight], Place | None]
+Below = Callable[[Sight, float], Place | None]
 
 
 @dataclass(slots=True, eq=False)
@@ -53,13 +59,11 @@ class GroundTrack:
 
     def shrunk(self, sight: Sight) -> bool:
         """Whether only the upper part of it can be seen."""
-        return bool(self.heights_m) and sight.height_m < _SHRUNK * float(np.median(self.heights_m))
+        return sight.height_m < _SHRUNK * self.height_m
 
     def is_like(self, sight: Sight) -> bool:
         """Whether it is as high as this."""
-        if not self.heights_m:
-            return False
-        return abs(sight.height_m / float(np.median(self.heights_m)) - 1) < _ALIKE
+        return abs(sight.height_m / self.height_m - 1) < _ALIKE
 
     def aside_px(self, sight: Sight) -> float:
         """By how much the middle of what is seen may be beside its middle, px."""
@@ -68,9 +72,29 @@ class GroundTrack:
         share = float(np.median(self.widths_m)) / sight.width_m
         return abs(share - 1) / 2 * sight.width_px if not 1 / _GROWN < share < 1 / _SHRUNK else 0.0
 
-    def see(self, sight: Sight, cov_m2: FloatArray, stamp_ns: int) -> None:
-        """Take a sight for its own."""
-        self.state = updated(self.state, sight.place_en_m, cov_m2)
+    def shows(self, sight: Sight, other: Sight) -> bool:
+        """Whether it, seen with its top where ``sight`` has it, is what the other one is a piece of as well."""
+        if other is sight:
+            return True
+        up = self.sight.top_px - self.sight.foot_px
+        size_px = float(np.linalg.norm(up))
+        if not size_px > 0 or not self.shrunk(other):
+            return False
+        for point in (other.foot_px, other.top_px):
+            off = sight.top_px - point
+            along = float(off @ up) / size_px
+            aside = abs(float(off @ np.array([up[1], -up[0]]))) / size_px
+            if not -_BESIDE * size_px < along < (1 + _BESIDE) * size_px or aside > self.sight.width_px:
+                return False
+        return True
+
+    @property
+    def height_m(self) -> float:
+        """How high it is; NaN where that is not known."""
+        return float(np.median(self.heights_m)) if self.heights_m else math.nan
+
+    def see(self, sight: Sight, stamp_ns: int) -> None:
+        """Take a sight for its own, foot and all."""
         if self.aside_px(sight) == 0.0:
             self.remember_size(sight)
         self.sight, self.seen_ns, self.hidden = sight, stamp_ns, ""
@@ -100,12 +124,13 @@ class GroundTracks:
         """The objects that are followed, in the order in which they came."""
         return tuple(track for track in self._tracks if track.number)
 
-    def advance(self, stamp_ns: int, sights: list[Sight]) -> bool:
+    def advance(self, stamp_ns: int, sights: list[Sight], below: Below) -> bool:
         """Follow into the next image.
 
         Args:
             stamp_ns: Its stamp.
             sights: What is seen in it.
+            below: Where an object stands of which only the top is seen, by its height; None where that is not known.
 
         Returns:
             Whether that was done: what is older than the last image is left out.
@@ -117,8 +142,7 @@ class GroundTracks:
         for track in self._tracks:
             track.state = predicted(track.state, elapsed_s, self._settings.acceleration_mps2)
         open_tracks = [track for track in self._tracks if track.seen_ns != stamp_ns]
-        left = self._assign(open_tracks, sights, stamp_ns)
-        self._begin([sight for sight in left if not self._is_part(sight, stamp_ns)], stamp_ns)
+        self._begin(self._assign(open_tracks, sights, stamp_ns, below), stamp_ns)
         self._end(stamp_ns)
         return True
 
@@ -126,51 +150,40 @@ class GroundTracks:
         """Give tracks up."""
         self._tracks = [track for track in self._tracks if track not in gone]
 
-    def _assign(self, tracks: list[GroundTrack], sights: list[Sight], stamp_ns: int) -> list[Sight]:
+    def _assign(self, tracks: list[GroundTrack], sights: list[Sight], stamp_ns: int, below: Below) -> list[Sight]:
         """Let every track take the sight that is its own, if there is one; what is left belongs to nobody."""
         for track in tracks:
             track.hidden = "not seen"
-        left = self._pair(tracks, sights, GATE, stamp_ns)
-        astray = [track for track in tracks if track.number and track.hidden]
-        return self._pair(astray, left, _ASTRAY * GATE, stamp_ns)
 
-    def _pair(self, tracks: list[GroundTrack], sights: list[Sight], gate: float, stamp_ns: int) -> list[Sight]:
-        """Pair tracks and sights, as near as they can be, all together; what is left."""
-        costs = np.full((len(tracks), len(sights)), _FAR)
-        for row, track in enumerate(tracks):
-            for column, sight in enumerate(sights):
-                cov = sight.blurred_aside(track.aside_px(sight))
-                off = distance2(track.state, sight.place_en_m, cov)
-                if off <= gate and (gate <= GATE or track.is_like(sight)):
-                    costs[row, column] = off + math.log(np.linalg.det(track.state.cov[:2, :2] + cov))
-        taken: set[int] = set()
-        for best in zip(*linear_sum_assignment(costs), strict=True):
-            if costs[best] < _FAR:
-                self._take(tracks[best[0]], sights[best[1]], stamp_ns)
-                taken.add(int(best[1]))
-        return [sight for column, sight in enumerate(sights) if column not in taken]
+        def whole(track: GroundTrack, sight: Sight) -> Place | None:
+            return None if track.shrunk(sight) else (sight.place_en_m, sight.blurred_aside(track.aside_px(sight)))
 
-    def _take(self, track: GroundTrack, sight: Sight, stamp_ns: int) -> None:
-        if track.shrunk(sight):
+        def upper_part(track: GroundTrack, sight: Sight) -> Place | None:
+            return below(sight, track.height_m) if track.number and track.shrunk(sight) else None
+
+        def astray(track: GroundTrack, sight: Sight) -> Place | None:
+            return whole(track, sight) if track.number and track.is_like(sight) else None
+
+        for match, gate in ((whole, GATE), (upper_part, GATE), (astray, _ASTRAY * GATE)):
+            left = [track for track in tracks if track.hidden == "not seen"]
+            shown: list[tuple[GroundTrack, Sight]] = []
+            for row, column, place in _pairs(left, sights, match, gate):
+                if any(track.shows(first, sights[column]) for track, first in shown):
+                    continue
+                self._take(left[row], sights[column], place, stamp_ns, has_foot=match is not upper_part)
+                shown.append((left[row], sights[column]))
+            sights = [sight for sight in sights if not any(track.shows(first, sight) for track, first in shown)]
+        return sights
+
+    def _take(self, track: GroundTrack, sight: Sight, place: Place, stamp_ns: int, *, has_foot: bool) -> None:
+        track.state = updated(track.state, *place)
+        if not has_foot:
             track.hidden = "its foot is hidden"
             return
-        track.see(sight, sight.blurred_aside(track.aside_px(sight)), stamp_ns)
+        track.see(sight, stamp_ns)
         if not track.number and track.looks >= self._settings.confirm:
             self._count += 1
             track.number = self._count
-
-    def _is_part(self, sight: Sight, stamp_ns: int) -> bool:
-        """Whether it is the upper part of an object whose foot is hidden."""
-        for track in self._tracks:
-            if track.seen_ns == stamp_ns or not track.number:
-                continue
-            size_px = float(np.linalg.norm(track.sight.top_px - track.sight.foot_px))
-            near_px = max(_NEAR_TOP * size_px, _LEAST_NEAR_PX)
-            if track.shrunk(sight) and np.linalg.norm(sight.top_px - track.sight.top_px) < near_px:
-                track.hidden = "its foot is hidden"
-                track.sight = _with_top(track.sight, sight.top_px)
-                return True
-        return False
 
     def _begin(self, sights: list[Sight], stamp_ns: int) -> None:
         for sight in sights:
@@ -187,7 +200,16 @@ class GroundTracks:
         ]
 
 
-def _with_top(sight: Sight, top_px: FloatArray) -> Sight:
-    """A sight moved in the image, so that its top is there."""
-    move = top_px - sight.top_px
-    return replace(sight, foot_px=sight.foot_px + move, top_px=top_px)
+def _pairs(tracks: list[GroundTrack], sights: list[Sight], match: Match, gate: float) -> list[tuple[int, int, Place]]:
+    """Tracks and sights paired as near as they can be, all together: indices, and the sight's place; best first."""
+    costs = np.full((len(tracks), len(sights)), _FAR)
+    places: dict[tuple[int, int], Place] = {}
+    for row, track in enumerate(tracks):
+        for column, sight in enumerate(sights):
+            place = match(track, sight)
+            if place is not None and (off := distance2(track.state, *place)) <= gate:
+                costs[row, column] = off + math.log(np.linalg.det(track.state.cov[:2, :2] + place[1]))
+                places[row, column] = place
+    best = zip(*(each.tolist() for each in linear_sum_assignment(costs)), strict=True)
+    paired = sorted((pair for pair in best if pair in places), key=lambda pair: float(costs[pair]))
+    return [(row, column, places[row, column]) for row, column in paired]

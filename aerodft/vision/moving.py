@@ -5,6 +5,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
@@ -18,12 +19,16 @@ _HISTORY: Final = 500
 _APART: Final = 25.0  # squared standard deviations from the background
 _SHADOW: Final = 127  # MOG2's label
 _LEARNED: Final = 5  # looks, until the background is one
+_BY_ITSELF: Final = -1.0  # MOG2's own rate of learning
+_STANDING_S: Final = 20.0  # who stands still for so long becomes background: what MOG2 has seen for ...
+_BACKGROUND_SHARE: Final = 0.1  # ... this share of its memory
 _ANOTHER_VIEW: Final = 0.5  # of the image: where more than this is new, light or camera have changed
 _BACKGROUND_LOOKS: Final = 15  # it changes slowly, and takes as long to read as all the rest
 _MARGIN_PX: Final = 4
 _GRAIN: Final = np.ones((3, 3), dtype=np.uint8)
 _GAPS: Final = np.ones((9, 5), dtype=np.uint8)  # what a belt or a shadow leaves between two parts of one object
 _FRINGE: Final = 0.05  # of an object's height: what is thinner hangs on to it, the border of its shadow for one
+_ONE: Final = 2  # connected component, beside what is none
 _MOST_OBJECTS: Final = 100
 _DECIMALS: Final = 2
 
@@ -31,7 +36,7 @@ _DECIMALS: Final = 2
 class MovingObjects:
     """Implements ``service.ports.ImageObserver``: an observation of every outline, one without any where none is seen.
 
-    What stands still for some hundred looks becomes background.
+    What stands still for some 20 s becomes background.
 
     Args:
         camera: The camera.
@@ -44,6 +49,7 @@ class MovingObjects:
         self._subtractor = cv2.createBackgroundSubtractorMOG2(_HISTORY, _APART, detectShadows=True)
         self._background: ImageArray | None = None
         self._looks = 0
+        self._last_ns: int | None = None
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
         """Outlines of what moves.
@@ -53,7 +59,9 @@ class MovingObjects:
         """
         if image.pixels is None:
             return ()
-        outlines = [np.round(outline, _DECIMALS).tolist() for outline in self.outlines(image.pixels())]
+        last_ns, self._last_ns = self._last_ns, image.stamp_ns
+        elapsed_s = 0.0 if last_ns is None else max(image.stamp_ns - last_ns, 0) / SECOND_NS
+        outlines = [np.round(outline, _DECIMALS).tolist() for outline in self.outlines(image.pixels(), elapsed_s)]
         contours = [tuple((u, v) for u, v in outline) for outline in outlines[:_MOST_OBJECTS]]
         return tuple(
             Observation(
@@ -70,9 +78,15 @@ class MovingObjects:
             for contour in contours or [()]
         )
 
-    def outlines(self, pixels: ImageArray) -> list[FloatArray]:
-        """Outlines ``(n, 2)`` of what moves in the next image ``(height, width, 3)`` BGR, the largest first."""
-        labels = np.asarray(self._subtractor.apply(pixels), dtype=np.uint8)
+    def outlines(self, pixels: ImageArray, elapsed_s: float = 0.1) -> list[FloatArray]:
+        """Outlines ``(n, 2)`` of what moves in the next image ``(height, width, 3)`` BGR, the largest first.
+
+        Args:
+            pixels: The image.
+            elapsed_s: Since the last one.
+        """
+        rate = _BY_ITSELF if self._looks < _LEARNED else min(_BACKGROUND_SHARE * elapsed_s / _STANDING_S, 0.05)
+        labels = np.asarray(self._subtractor.apply(pixels, learningRate=rate), dtype=np.uint8)
         self._looks += 1
         new = np.asarray(labels > 0) & self._allowed
         if self._looks <= _LEARNED:
@@ -100,6 +114,14 @@ class MovingObjects:
         return np.asarray(mask > 0)
 
 
+def _without_fringe(mask: ImageArray) -> BoolArray:
+    """One object ``(height, width)`` without what hangs on to it; with it, where it would fall apart."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, [max(3, round(_FRINGE * len(mask)) | 1)] * 2)
+    smooth = cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel)
+    parts, _ = cv2.connectedComponents(smooth, connectivity=8)
+    return np.asarray((smooth if parts == _ONE else mask) > 0)
+
+
 def _whole(mask: BoolArray, least_px: int) -> BoolArray:
     """A mask without grains, its gaps closed, of parts of at least so many pixels."""
     clean = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _GRAIN)  # first, or borders of shadows grow
@@ -110,7 +132,5 @@ def _whole(mask: BoolArray, least_px: int) -> BoolArray:
         if number == 0 or area < least_px:
             continue
         part = slice(top, top + height), slice(left, left + width)
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, [max(3, round(_FRINGE * height) | 1)] * 2)
-        smooth = cv2.morphologyEx((parts[part] == number).astype(np.uint8), cv2.MORPH_OPEN, kernel)
-        whole[part][smooth > 0] = 1
+        whole[part][_without_fringe((parts[part] == number).astype(np.uint8))] = 1
     return np.asarray(whole > 0)

@@ -6,6 +6,7 @@ an outline's edge. Both are added to what the filter knows, by how the place, th
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import Final
 
@@ -15,6 +16,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import Answer, ImageAnswers
 from aerodft.dft.limits import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.points import lat_lon_alt, to_ground_frame
+from aerodft.dft.projection import GroundPoints
 from aerodft.dft.request import Request, Setup
 from aerodft.dft.uncertainty import Z95, ellipses95, shared_covariance
 from aerodft.dft.zoomed import zoomed
@@ -27,7 +29,7 @@ from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.objects import ObjectSettings
 from aerodft.vision.ground_tracks import GroundTrack, GroundTracks
-from aerodft.vision.sights import ground_at, sights
+from aerodft.vision.sights import below_top, ground_at, sights
 
 _AHEAD_S: Final = 0.5  # over which a velocity's dependence on the pose is taken
 _STILL_MPS: Final = 1e-9
@@ -85,7 +87,8 @@ class ObjectTracks:
             missed = [(_request(track.name, ProbeKind.TRACK, ()), nothing) for track in self._tracks.confirmed]
             return self._answers(setup, sample, image, missed)
         setup, sample = zoomed(setup, sample)
-        if not self._tracks.advance(sample.stamp_ns, sights(setup, pose, observations)):
+        below = partial(below_top, setup, pose)
+        if not self._tracks.advance(sample.stamp_ns, sights(setup, pose, observations), below):
             return ()
         placed = [_placed(setup, pose, track, self._settings.std_px) for track in self._tracks.confirmed]
         gone = [track for track, at in zip(self._tracks.confirmed, placed, strict=True) if at is None]
@@ -129,12 +132,12 @@ def _request(name: str, kind: ProbeKind, pixels: tuple[FloatArray, ...], std_px:
 
 
 def _placed(setup: Setup, pose: Pose, track: GroundTrack, edge_std_px: float) -> _Placed | None:
-    """A track where it is now; None where that is out of the image."""
+    """A track where it is now; None where that is out of the image, or anywhere."""
     state = track.state
     places = np.stack([state.place_en_m, state.place_en_m + _AHEAD_S * state.velocity_en_mps])
     pixels = _pixels_of(setup, pose, places)
     ground = ground_at(setup, pose, pixels)
-    if ground.status[0]:
+    if ground.status[0] or (track.hidden and _is_astray(ground, pose, state.cov[:2, :2])):
         return None
     by_px = ground.jac_px[0]
     level = by_px @ np.linalg.inv(by_px[:2])  # from a step on the map to one on the ground
@@ -144,6 +147,12 @@ def _placed(setup: Setup, pose: Pose, track: GroundTrack, edge_std_px: float) ->
         turn = np.zeros_like(turn)
     enu = np.append(state.place_en_m, ground.points_enu_m[0, 2])
     return _Placed(track, pixels[0], enu, ground.jac_shared[0], turn, own)
+
+
+def _is_astray(ground: GroundPoints, pose: Pose, cov_m2: FloatArray) -> bool:
+    """Whether what is not seen may be anywhere by now."""
+    range_m = float(np.linalg.norm(ground.points_enu_m[0] - pose.position_enu_m))
+    return not math.sqrt(max(np.linalg.eigvalsh(cov_m2))) <= MAX_RELATIVE_RANGE_STD * range_m
 
 
 def _pixels_of(setup: Setup, pose: Pose, places_en_m: FloatArray) -> FloatArray:

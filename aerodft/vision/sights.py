@@ -1,12 +1,12 @@
 """Outlines to places on the ground: each object's foot, its size, and how well that is known."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aerodft.dft.limits import MAX_RELATIVE_RANGE_STD
-from aerodft.dft.projection import GroundPoints, project
+from aerodft.dft.projection import ELEVATION, GroundPoints, project
 from aerodft.dft.quantities import Sight as Rays
 from aerodft.dft.quantities import upright_height
 from aerodft.dft.request import Setup
@@ -18,6 +18,8 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import Pose
 from aerodft.service.outlined import standing_of
 
+_TOP_STD_PX = 3.0
+_HEIGHT_SHARE = 0.05  # of its height: heads bow, and sights differ by as much
 _LEAST_STD_M = 0.03  # a step is longer than a shoe: where somebody stands is not better defined
 
 
@@ -62,6 +64,26 @@ def sights(setup: Setup, pose: Pose, observations: tuple[Observation, ...]) -> l
     """The objects of one image that stand on the ground, in a range that is known."""
     found = (_sight(setup, pose, observation) for observation in observations)
     return [sight for sight in found if sight is not None]
+
+
+def below_top(setup: Setup, pose: Pose, sight: Sight, height_m: float) -> tuple[FloatArray, FloatArray] | None:
+    """Where an object stands of which the top is seen: east and north ``(2,)``, and their covariance ``(2, 2)``.
+
+    Args:
+        setup: The station's circumstances.
+        pose: Of the image.
+        sight: Of its upper part.
+        height_m: How high it is.
+    """
+    if not math.isfinite(height_m):
+        return None
+    raised = replace(setup, elevation_m=setup.elevation_m + height_m)
+    top = ground_at(raised, pose, sight.top_px[None])
+    if top.status[0]:
+        return None
+    by_px, by_height = top.jac_px[0, :2], top.jac_shared[0, :2, ELEVATION] * _HEIGHT_SHARE * height_m
+    cov = by_px @ by_px.T * _TOP_STD_PX**2 + np.outer(by_height, by_height) + np.eye(2) * _LEAST_STD_M**2
+    return top.points_enu_m[0, :2], cov
 
 
 def _sight(setup: Setup, pose: Pose, observation: Observation) -> Sight | None:

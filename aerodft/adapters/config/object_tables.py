@@ -22,7 +22,7 @@ class ObjectsTable(Table):
     ignore: Many[Polygon] = ()
     std_px: Positive = 2.0
     speed_mps: Positive = 3.0
-    acceleration_mps2: Positive = 1.0
+    acceleration_mps2: Positive = 0.5
     confirm: Annotated[int, Field(ge=1, le=1000)] = 3
     forget_s: Duration = 5.0
     distances_within_m: NonNegative = 0.0

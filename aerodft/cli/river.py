@@ -1,9 +1,8 @@
 """``aerodft river``: a river's width along it, from one image with a known pose."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -15,6 +14,8 @@ from aerodft.cli.given import GivenGround, GivenPose
 from aerodft.cli.output import print_json, say
 from aerodft.cli.river_document import refusal_document, river_document
 from aerodft.cli.river_files import write_river
+from aerodft.cli.river_flight import MOST_IMAGES, VIDEO_SUFFIXES, WaterLevel, flight_document
+from aerodft.cli.river_views import filmed_views, is_recording, recorded_views
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
 from aerodft.conventions import LARGEST
 from aerodft.dft.request import Setup
@@ -26,7 +27,9 @@ _LEAST_STD_PX = 0.3
 
 
 def river(
-    image: Annotated[Path, typer.Argument(help="Image of the river, as the camera stored it.")],
+    what: Annotated[
+        Path, typer.Argument(help="An image as the camera stored it, a fixed camera's video, or a recording.")
+    ],
     camera: Annotated[Path | None, typer.Option(help="Camera file (TOML).")] = None,
     height: Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")] = None,
     tilt: Annotated[float | None, typer.Option(help="Angle of the optical axis from straight down, deg.")] = None,
@@ -57,14 +60,21 @@ def river(
         float | None,
         typer.Option(help="Where the river flows to, deg clockwise from north: left is then its left bank."),
     ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="Of a recording: another station's than its own.")
+    ] = None,
+    images: Annotated[
+        int, typer.Option(min=1, help="Of a recording or a video: how many images are looked at, evenly spread.")
+    ] = MOST_IMAGES,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write tables, maps and a plate here.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
-    r"""Measure a river's width at transects along it, with the banks found in the image.
+    r"""Measure a river's width at transects along it, with the banks found in the images.
 
     \b
-    Example:
+    Examples:
       aerodft river bend.jpg --camera cam.toml --height 40 --tilt 30 --std height=0.4,attitude=0.3 -o bend --json
+      aerodft river recordings/copter -o reach
     """
     given = GivenPose(
         height_m=height,
@@ -76,23 +86,42 @@ def river(
         lon_deg=lon,
         covariance=covariance,
     )
-    setup, sample, stds = _scene(given, camera, calibration, std)
     question = _question(seed, spacing, flow, std)
-    setup = _limited(setup, elevation, max_range, stds)
+    if is_recording(what):
+        given.refuse_all("a recording")
+        if camera is not None:
+            raise UsageError("--camera beside a recording", expected="--config FILE, which says what camera it is")
+        level = _level(elevation, max_range, parse_stds(std) if std else Stds())
+        document = flight_document(recorded_views(what, config, calibration, images), level, question, output)
+    else:
+        if config is not None:
+            raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
+        setup, sample, stds = _scene(given, camera, calibration, std)
+        level = _level(elevation, max_range, stds)
+        if what.suffix.lower() in VIDEO_SUFFIXES:
+            document = flight_document(filmed_views(what, setup, sample, images), level, question, output)
+        else:
+            document = _still(what, level.on(setup), sample, question, output)
+    if json:
+        print_json(document)
+    else:
+        _say(document)
+    if document["status"] != "ok":
+        raise NoAnswerError("no river width", where=what, got=f"{document['status']}: {'; '.join(document['reasons'])}")
+
+
+def _still(
+    image: Path, setup: Setup, sample: PoseSample, question: RiverQuestion, output: Path | None
+) -> dict[str, Any]:
     pixels = read_camera_image(image, setup.camera, "--camera has to describe this very image")
     assert sample.pose is not None  # noqa: S101 - given poses have one, for the type checker
     found = find_river(pixels, setup, sample.pose, question)
-    document = refusal_document(found) if isinstance(found, NoRiver) else river_document(found, sample)
-    if not isinstance(found, NoRiver) and output is not None:
+    if isinstance(found, NoRiver):
+        return refusal_document(found)
+    document = river_document(found, sample)
+    if output is not None:
         write_river(output, document, found, pixels, setup, sample)
-    if json:
-        print_json(document)
-    elif not isinstance(found, NoRiver):
-        _say(document)
-    if document["status"] != "ok":
-        raise NoAnswerError(
-            "no river width", where=image, got=f"{document['status']}: {'; '.join(document['reasons'])}"
-        )
+    return document
 
 
 def _scene(
@@ -113,12 +142,12 @@ def _scene(
     return setup, sample, stds
 
 
-def _limited(setup: Setup, elevation_m: float, max_range_m: float | None, stds: Stds) -> Setup:
+def _level(elevation_m: float, max_range_m: float | None, stds: Stds) -> WaterLevel:
     if not abs(elevation_m) <= LARGEST:
         raise InputError("--elevation", got=f"{elevation_m:g}", expected="m above the ground, finite")
     if max_range_m is not None and not 0 < max_range_m <= LARGEST:
         raise InputError("--max-range", got=f"{max_range_m:g}", expected="m, above 0")
-    return replace(setup, elevation_m=elevation_m, elevation_std_m=stds.elevation_m, max_range_m=max_range_m)
+    return WaterLevel(elevation_m=elevation_m, elevation_std_m=stds.elevation_m, max_range_m=max_range_m)
 
 
 def _question(seed: str | None, spacing_m: float, flow_deg: float | None, std: str | None) -> RiverQuestion:

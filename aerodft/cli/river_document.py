@@ -6,8 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from aerodft.dft.river_widths import RiverWidths
 from aerodft.geometry.geodesy import lat_lon
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.pose import PoseSample
 from aerodft.vision.river import WHY, NoRiver, River, RiverStatus
 
@@ -17,7 +18,7 @@ _TELLS: Final = 2.0  # standard deviations between an outline's two sides, from 
 
 def refusal_document(found: NoRiver) -> dict[str, Any]:
     """The document of an image without an answer."""
-    return _document(found.status, [found.reason], 0.0)
+    return river_frame(found.status, [found.reason], 0.0)
 
 
 def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
@@ -32,27 +33,33 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
     if not used.any():
         first = found.status[int(found.rows[0])]
         status, reasons = first, [*reasons, WHY[first]]
-    document = _document(status, reasons, float(np.mean(found.water.contrast > _TELLS)))
+    document = river_frame(status, reasons, float(np.mean(found.water.contrast > _TELLS)))
     document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(_SIDES)}
     document["transects"] = list(_transects(found, sample))
     if used.any():
-        median, std, ci95 = found.widths.median(used)
-        widths = found.widths.width_m[used]
-        document["width_m"] = {
-            "median": median,
-            "std": std,
-            "ci95": list(ci95),
-            "min": float(widths.min()),
-            "max": float(widths.max()),
-            "transects": int(used.sum()),
-        }
+        document["width_m"] = width_summary(found.widths, used)
     return document
+
+
+def width_summary(widths: RiverWidths, used: BoolArray) -> dict[str, Any]:
+    """The used widths, at least one, in a few numbers."""
+    median, std, ci95 = widths.median(used)
+    known = widths.width_m[used]
+    return {
+        "median": median,
+        "std": std,
+        "ci95": list(ci95),
+        "min": float(known.min()),
+        "max": float(known.max()),
+        "transects": int(used.sum()),
+    }
 
 
 _SIDES: Final = ("left", "right")
 
 
-def _document(status: RiverStatus, reasons: list[str], confidence: float) -> dict[str, Any]:
+def river_frame(status: RiverStatus, reasons: list[str], confidence: float) -> dict[str, Any]:
+    """A document without an answer yet."""
     return {
         "schema": SCHEMA,
         "status": str(status),
@@ -87,7 +94,7 @@ def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
                 "std": float(std[index]),
                 "ci95": ci95[index].tolist(),
                 "points_enu_m": points.tolist(),
-                "geo": _geo(sample, points),
+                "geo": geo_of(sample, points),
             }
         ends = zip(_SIDES, found.edges.pixels_px[row], found.edges.std_px[row], strict=True)
         sides = {side: (pixel, px) for side, pixel, px in ends if math.isfinite(pixel[0])}
@@ -101,7 +108,8 @@ def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
         }
 
 
-def _geo(sample: PoseSample, points_enu_m: FloatArray) -> list[dict[str, float]] | None:
+def geo_of(sample: PoseSample, points_enu_m: FloatArray) -> list[dict[str, float]] | None:
+    """Places of points ``(n, 3)``; None where the pose's is not known."""
     if sample.origin is None:
         return None
     places = np.degrees(lat_lon(sample.origin, points_enu_m[:, :2]))

@@ -2,6 +2,8 @@
 
 import csv
 import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,19 +37,31 @@ def write_river(
     """
     names = ["result.json", "transects.csv", "river.geojson", "plate.png"]
     document["files"] = [str(folder / name) for name in names]
+    with writing(folder):
+        (folder / names[0]).write_bytes(as_json(document))
+        (folder / names[1]).write_text(_table(document), encoding="utf-8")
+        (folder / names[2]).write_bytes(as_json(_map(document, found, setup, sample)))
+        draw_plate(folder / names[3], document, found, image, setup, sample)
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """A folder, made, to be written to.
+
+    Raises:
+        InputError: It cannot be.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / names[0]).write_bytes(_json(document))
-        (folder / names[1]).write_text(_table(document), encoding="utf-8")
-        (folder / names[2]).write_bytes(_json(_map(document, found, setup, sample)))
-        draw_plate(folder / names[3], document, found, image, setup, sample)
+        yield
     except OSError as error:
         raise InputError(
             "the river cannot be written", where=folder, got=error.strerror or error, expected="a folder to write to"
         ) from error
 
 
-def _json(document: dict[str, Any]) -> bytes:
+def as_json(document: dict[str, Any]) -> bytes:
+    """A file's bytes."""
     return orjson.dumps(document, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
 
 
@@ -68,24 +82,30 @@ def _map(document: dict[str, Any], found: River, setup: Setup, sample: PoseSampl
     """GeoJSON in WGS84 where the place is known, else in the ground frame."""
     assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
     plane = WaterPlane(setup.camera, sample.pose, setup.elevation_m, setup.max_range_m)
-    features = [_line("centreline", _places(sample, found.line.places_en_m), {"width_m": document["width_m"]})]
+    features = [line_feature("centreline", places_of(sample, found.line.places_en_m), {"width_m": document["width_m"]})]
     for index, side in enumerate(("left", "right")):
         pixels = found.edges.pixels_px[:, index]
         bank = plane.places_en_m(pixels[np.isfinite(pixels[:, 0])])
-        features.append(_line(f"bank-{side}", _places(sample, bank[np.isfinite(bank[:, 0])]), {}))
+        features.append(line_feature(f"bank-{side}", places_of(sample, bank[np.isfinite(bank[:, 0])]), {}))
     for each in document["transects"]:
         if each["status"] == "ok":
             points = np.array(each["points_enu_m"])[:, :2]
             facts = {key: each[key] for key in ("station_m", "width_m", "std", "ci95")}
-            features.append(_line("transect", _places(sample, points), facts))
+            features.append(line_feature("transect", places_of(sample, points), facts))
     features.append(_water(plane, found, sample))
+    return feature_collection(features, sample)
+
+
+def feature_collection(features: Sequence[dict[str, Any] | None], sample: PoseSample) -> dict[str, Any]:
+    """A GeoJSON document; says where its coordinates are not WGS84."""
     document = {"type": "FeatureCollection", "features": [each for each in features if each is not None]}
     if sample.origin is None:
         document["coordinates"] = "ground frame: X right, Y ahead of the camera, m"
     return document
 
 
-def _places(sample: PoseSample, points_en_m: FloatArray) -> list[list[float]]:
+def places_of(sample: PoseSample, points_en_m: FloatArray) -> list[list[float]]:
+    """Longitude and latitude, degrees, of points ``(n, 2)``; the camera's ground frame where no place is known."""
     if sample.origin is not None:
         places: list[list[float]] = np.degrees(lat_lon(sample.origin, points_en_m))[:, ::-1].tolist()
         return places
@@ -95,7 +115,8 @@ def _places(sample: PoseSample, points_en_m: FloatArray) -> list[list[float]]:
     return local
 
 
-def _line(name: str, places: list[list[float]], properties: dict[str, Any]) -> dict[str, Any] | None:
+def line_feature(name: str, places: list[list[float]], properties: dict[str, Any]) -> dict[str, Any] | None:
+    """A GeoJSON line; None where there is none to draw."""
     if len(places) < 2:  # noqa: PLR2004 - a line has two ends
         return None
     geometry = {"type": "LineString", "coordinates": places}
@@ -112,7 +133,7 @@ def _water(plane: WaterPlane, found: River, sample: PoseSample) -> dict[str, Any
         places = plane.places_en_m(found.features.to_image(outlines[index][:, 0].astype(np.float64)))
         places = places[np.isfinite(places[:, 0])]
         if len(places) > 2:  # noqa: PLR2004 - a ring has three corners
-            ring = _places(sample, places)
+            ring = places_of(sample, places)
             rings.append([*ring, ring[0]])
     if not rings:
         return None

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -53,8 +54,8 @@ def fuse(seen: Sequence[SeenWidths], count: int) -> ReachWidths:
     """The widths of ``count`` transects from what images tell of them.
 
     A transect's width is the weighted mean, by what is each image's own; weights follow a t distribution, so that an
-    image whose banks are wrong hardly counts. Its standard deviation has what the errors shared by all images do to that
-    mean, in full: a height that is 1 % off makes every width 1 % wrong, of however many images.
+    image whose banks are wrong hardly counts. Its standard deviation has in full what the errors shared by all images
+    do to that mean: a height that is 1 % off makes every width 1 % wrong, of however many images.
     """
     table = _Table(seen, count)
     mean, weight = table.fitted()
@@ -135,7 +136,7 @@ class _Table:
     def _medians(self, rows: FloatArray) -> FloatArray:
         order = np.argsort(self.transect, kind="stable")
         edges = np.searchsorted(self.transect[order], np.arange(self._count + 1))
-        parts = (rows[order[start:stop]] for start, stop in zip(edges[:-1], edges[1:], strict=True))
+        parts = (rows[order[start:stop]] for start, stop in pairwise(edges.tolist()))
         return np.array([float(np.median(part)) if len(part) else 0.0 for part in parts])
 
 

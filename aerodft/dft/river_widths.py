@@ -72,6 +72,16 @@ class RiverWidths:
         with np.errstate(invalid="ignore"):
             return np.asarray(np.isfinite(self.width_m) & (self.range_share <= MAX_RELATIVE_RANGE_STD))
 
+    def taken(self, which: BoolArray) -> "RiverWidths":
+        """Some of them: ``which (n,)``."""
+        return RiverWidths(
+            self.width_m[which],
+            self.shared[which],
+            self.own_m[which],
+            self.range_share[which],
+            self.points_enu_m[which],
+        )
+
     def covariance(self) -> FloatArray:
         """``(n, n)``."""
         return self.shared @ self.shared.T + np.diag(self.own_m**2)

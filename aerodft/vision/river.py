@@ -122,8 +122,8 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     line = centreline(plane, features, channel)
     if line is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
-    line = _oriented(plane, line, question.flow_rad)
-    found = transects(plane, features, (channel, water.water), line, _stations(line, question.spacing_m))
+    line = oriented(plane, line, question.flow_rad)
+    found = transects(plane, features, (channel, water.water), line, stations_along(line, question.spacing_m))
     return _measured(image, setup, pose, plane, question, (features, water, line, found))
 
 
@@ -141,10 +141,14 @@ def river_across(
         line: The centreline, in the direction in which left and right are meant.
     """
     plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
-    water, features = seen.water.water, seen.features
-    masks = with_islands(water, _ground(plane, features)), water
-    found = transects(plane, features, masks, line, _stations(line, question.spacing_m))
-    return _measured(image, setup, pose, plane, question, (features, seen.water, line, found))
+    masks = channel_of(plane, seen), seen.water.water
+    found = transects(plane, seen.features, masks, line, stations_along(line, question.spacing_m))
+    return _measured(image, setup, pose, plane, question, (seen.features, seen.water, line, found))
+
+
+def channel_of(plane: WaterPlane, seen: River) -> BoolArray:
+    """The water with its islands, ``(height, width)`` of the small copy."""
+    return with_islands(seen.water.water, _ground(plane, seen.features))
 
 
 def _ground(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
@@ -158,7 +162,7 @@ def _default_seed(features: WaterFeatures) -> FloatArray:
     return np.array([(columns - 1) / 2, _SEED_DOWN * (rows - 1)])
 
 
-def _oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Centreline:
+def oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Centreline:
     """Downstream where that is known; else up in the image, or to the right where the river runs across it."""
     ends = line.places_en_m[[0, -1]]
     if flow_rad is not None:
@@ -169,7 +173,8 @@ def _oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Ce
     return line if (up > 0 if abs(up) >= abs(right) else right > 0) else line.turned()
 
 
-def _stations(line: Centreline, spacing_m: float) -> FloatArray:
+def stations_along(line: Centreline, spacing_m: float) -> FloatArray:
+    """Where transects cross a line, ``(n,)``: so far apart, or fewer."""
     length = float(line.stations_m()[-1])
     count = min(int(length / spacing_m) + 1, MOST_TRANSECTS)
     spare = length - (count - 1) * spacing_m

@@ -40,6 +40,10 @@ class WaterFeatures:
         """Height and width."""
         return self.planes.shape[0], self.planes.shape[1]
 
+    def without_planes(self) -> "WaterFeatures":
+        """What is left to go from the image to the small copy and back."""
+        return WaterFeatures(self.scale, self.planes[..., :0].copy(), self.pixels[..., :0].copy())
+
     def to_image(self, small_px: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of the small copy as pixels of the image."""
         return np.asarray((np.asarray(small_px, dtype=np.float64) + 0.5) / self.scale - 0.5)

@@ -1,0 +1,171 @@
+"""The images of a recording or a video with their poses, as many as ``aerodft river`` looks at."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from aerodft.adapters.config.loading import load_station, with_calibration
+from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.images.video import VideoFileSource
+from aerodft.cli.recorded import recorded_station, reoffset
+from aerodft.cli.wiring import build_pipeline, check_size
+from aerodft.dft.request import Setup
+from aerodft.dft.zoomed import zoomed
+from aerodft.errors import NoAnswerError
+from aerodft.model.arrays import ImageArray
+from aerodft.model.batch import Event
+from aerodft.model.image import Image
+from aerodft.model.pose import PoseSample
+from aerodft.model.status import Status
+from aerodft.service.feed import MergedFeed
+from aerodft.service.ports import Source
+from replay.recording import Recording
+from replay.source import RecordingSource
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One image with its pose.
+
+    Attributes:
+        index: Of the image.
+        setup: Its camera, zoomed as it was.
+        sample: Its pose.
+        pixels: Reads it.
+    """
+
+    index: int
+    setup: Setup
+    sample: PoseSample
+    pixels: Callable[[], ImageArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Views:
+    """What a recording or a video holds for a river.
+
+    Attributes:
+        views: Those to look at.
+        images: How many images with pixels there are.
+        refused: How many of them have no pose, by status.
+    """
+
+    views: tuple[View, ...]
+    images: int
+    refused: dict[str, int]
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path is a recording, of a flight, rather than one image or a video."""
+    return path.is_dir() or path.suffix.lower() == ".mcap"
+
+
+def recorded_views(folder: Path, config: Path | None, calibration: Path | None, most: int) -> Views:
+    """Images of a recording, evenly spread, with the poses that its telemetry gives them.
+
+    Raises:
+        InputError: There is no recording, or it lacks its configuration.
+        NoAnswerError: No image was recorded, or none has a pose.
+    """
+    recording = Recording(folder)
+    was = recorded_station(recording) if config is None or recording.text("config.toml") else load_station(config)
+    station = was if config is None else load_station(config)
+    station = station if calibration is None else with_calibration(station, calibration)
+    source = _Noted(reoffset(RecordingSource(recording, pixels=True), was, station))
+    samples = list(_samples(station, source))
+    if not source.pixels:
+        hint = "record.image_hz says how many are kept"
+        raise NoAnswerError("no images in the recording", where=folder, hint=hint)
+    check_size(source.first, station.pipeline.camera, folder)
+    kept = [(index, sample) for index, sample in samples if index in source.pixels]
+    refused: dict[str, int] = {}
+    for _, sample in kept:
+        if sample.status is not Status.OK:
+            refused[str(sample.status)] = refused.get(str(sample.status), 0) + 1
+    settings = station.pipeline
+    setup = Setup(camera=settings.camera, max_range_m=settings.max_range_m, config_id=settings.config_id)
+    posed = [(index, sample) for index, sample in kept if sample.status is Status.OK]
+    if not posed:
+        got = ", ".join(f"{count} {status}" for status, count in refused.items())
+        raise NoAnswerError("no image has a pose", where=folder, got=got, hint="see `aerodft doctor`")
+    views = [View(index, *zoomed(setup, sample), source.pixels[index]) for index, sample in _spread(posed, most)]
+    return Views(tuple(views), len(kept), refused)
+
+
+def filmed_views(video: Path, setup: Setup, sample: PoseSample, most: int) -> Views:
+    """Images of a fixed camera's video, evenly spread.
+
+    Raises:
+        InputError: The video cannot be read, or is not of the camera.
+        NoAnswerError: It holds no image.
+    """
+    stamps = [image.stamp_ns for image in _images(video, setup)]
+    if not stamps:
+        raise NoAnswerError("no image in the video", where=video)
+    wanted = {stamps[row] for row in _rows(len(stamps), most)}
+    views = [
+        View(image.index, setup, replace(sample, stamp_ns=image.stamp_ns), _held(image))
+        for image in _images(video, setup)
+        if image.stamp_ns in wanted
+    ]
+    return Views(tuple(views), len(stamps), {})
+
+
+def _images(video: Path, setup: Setup) -> Iterator[Image]:
+    for row, event in enumerate(VideoFileSource(video, start_ns=0).events()):
+        assert isinstance(event, Image)  # noqa: S101 - a video has nothing else, for the type checker
+        if row == 0:
+            check_size(event, setup.camera, video)
+        yield event
+
+
+def _held(image: Image) -> Callable[[], ImageArray]:
+    """The pixels, read now: a video's images can be had in order only."""
+    assert image.pixels is not None  # noqa: S101 - a video's images have pixels, for the type checker
+    pixels: ImageArray = np.array(image.pixels())
+    return lambda: pixels
+
+
+class _Noted:
+    """A source, and the pixels of the images that came from it.
+
+    Attributes:
+        pixels: By image.
+        first: The first image that has any.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.pixels: dict[int, Callable[[], ImageArray]] = {}
+        self.first: Image
+
+    def events(self) -> Iterator[Event]:
+        for event in self._source.events():
+            if isinstance(event, Image) and event.pixels is not None:
+                if not self.pixels:
+                    self.first = event
+                self.pixels[event.index] = event.pixels
+            yield event
+
+
+def _samples(station: StationConfig, source: Source) -> Iterator[tuple[int, PoseSample]]:
+    """Every image's index and pose."""
+    pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, probes=())))
+    index = -1
+    feed = MergedFeed([source], station.pipeline.tick_ns)
+    for outputs in (*map(pipeline.step, feed.batches()), pipeline.finish()):
+        for output in outputs:
+            if isinstance(output, Image):
+                index = output.index
+            elif isinstance(output, PoseSample):
+                yield index, output
+
+
+def _rows(count: int, most: int) -> list[int]:
+    return sorted({round(row) for row in np.linspace(0, count - 1, min(count, most)).tolist()})
+
+
+def _spread(posed: Sequence[tuple[int, PoseSample]], most: int) -> list[tuple[int, PoseSample]]:
+    return [posed[row] for row in _rows(len(posed), most)]

@@ -1,0 +1,144 @@
+"""``aerodft river`` over a recorded flight and over a fixed camera's video, against rivers known in closed form."""
+
+import csv
+import json
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import pytest
+import tomli_w
+
+from aerodft.adapters.config.camera import camera_document
+from aerodft.geometry.geodesy import east_north
+from aerodft.sim.scenario import default_camera, generated, write_files
+from aerodft.sim.telemetry import Biases
+from tests.vision.river_scenes import picture, river_scene, true_crossing
+
+START = "2026-11-21T00:34:38Z"
+HEIGHT_BIAS_M, TILT_BIAS_DEG = 0.5, 0.3
+STATION = {
+    "station": {"name": "reach"},
+    "camera": {"file": "camera.toml"},
+    "telemetry": {
+        "height": {"order": ["home"], "std_m": {"home": 0.5}},
+        "attitude": {"feedback": "measured", "frame": "earth", "tilt_std_deg": 0.3, "roll_std_deg": 0.3},
+    },
+    "record": {"image_hz": 2.0},
+    "probe": [{"name": "centre", "kind": "range", "pixels": [[320, 180]]}],
+}
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory, aerodft):
+    """A flight along a river whose telemetry is off, and its recording with images."""
+    folder = tmp_path_factory.mktemp("reach")
+    scenario = generated(default_camera(640, 360), duration_s=14.0, fps=3.0)
+    biases = Biases(height_m=HEIGHT_BIAS_M, tilt_rad=math.radians(TILT_BIAS_DEG))
+    scenario = replace(scenario, autopilot=replace(scenario.autopilot, biases=biases))
+    write_files(scenario, folder)
+    (folder / "station.toml").write_text(tomli_w.dumps(STATION))
+    done = aerodft(
+        *("import", folder / "flight.tlog", "--video", folder / "video.mp4", "--video-start", START),
+        *("-c", folder / "station.toml", "-o", folder / "recording"),
+    )
+    assert done.code == 0, done.err
+    return scenario, folder / "recording"
+
+
+@pytest.fixture(scope="module")
+def measured(flight, aerodft, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("river")
+    done = aerodft("river", flight[1], "--images", 8, "--spacing", 2, "--flow", 90, "-o", folder, "--json")
+    assert done.code == 0, done.err
+    return done.json, folder
+
+
+def true_width(scenario, transect):
+    """The river's width along a transect's own line."""
+    ends = [east_north(scenario.world.origin, math.radians(p["lat"]), math.radians(p["lon"])) for p in transect["geo"]]
+    left, right = map(np.asarray, ends)
+    middle, unit = (left + right) / 2, (left - right) / np.linalg.norm(left - right)
+    ((to_left, to_right),) = true_crossing(scenario.world.river, middle[None], unit[None])
+    return to_left - to_right
+
+
+def test_widths_of_a_flight_hold_the_truth_and_what_its_telemetry_is_off_by(flight, measured):
+    document, _ = measured
+    used = [each for each in document["transects"] if each["status"] == "ok"]
+    assert len(used) >= 15
+    assert max(each["images"] for each in used) >= 3
+    width = np.array([each["width_m"] for each in used])
+    truth = np.array([true_width(flight[0], each) for each in used])
+    std = np.array([each["std"] for each in used])
+    assert np.median(np.abs(width / truth - 1)) < 0.03
+    assert np.all(np.abs(width - truth) < 3 * std)
+    # A height that is off by so much of 40 m makes every width wrong by as much: it may not average out.
+    assert np.median(std / width) > HEIGHT_BIAS_M / 45
+    low, high = document["width_m"]["ci95"]
+    assert low <= np.median(truth) <= high
+
+
+def test_left_is_left_looking_downstream_and_files_say_what_the_document_says(measured):
+    document, folder = measured
+    used = [each for each in document["transects"] if each["status"] == "ok"]
+    assert all(each["geo"][0]["lat"] > each["geo"][1]["lat"] for each in used)  # it flows east
+    assert json.loads((folder / "result.json").read_text())["width_m"] == document["width_m"]
+    rows = list(csv.DictReader((folder / "transects.csv").read_text().splitlines()))
+    assert [float(row["width_m"]) for row in rows if row["status"] == "ok"] == [each["width_m"] for each in used]
+    features = json.loads((folder / "river.geojson").read_text())["features"]
+    assert {each["properties"]["name"] for each in features} == {
+        "centreline", "bank-left", "bank-right", "transect", "water",
+    }  # fmt: skip
+    assert (folder / "plate.png").stat().st_size > 20_000
+    looked = document["images"]
+    assert looked["looked_at"] == len(looked["each"]) == 8
+    assert looked["without_pose"]
+    assert sum(each["drift"] is not None for each in looked["each"]) >= 4
+
+
+def test_a_fixed_cameras_video_gives_what_its_image_gives(aerodft, tmp_path):
+    scene = river_scene("curved", 40, 2)
+    camera, image = picture(scene, width_px=640, height_px=360)
+    (tmp_path / "cam.toml").write_text(tomli_w.dumps(camera_document(camera)))
+    cv2.imwrite(str(tmp_path / "still.png"), image)
+    with av.open(str(tmp_path / "video.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=Fraction(5), options={"crf": "12"})
+        stream.width, stream.height, stream.pix_fmt = 640, 360, "yuv420p"
+        for seed in range(6):
+            _, shot = picture(scene, width_px=640, height_px=360, seed=seed)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(shot, format="bgr24")))
+        container.mux(stream.encode())
+    pose = ["--camera", tmp_path / "cam.toml", "--height", scene.height_m, "--tilt", scene.tilt_deg]
+    pose += ["--roll", scene.roll_deg, "--heading", scene.heading_deg, "--std", "height=0.2,attitude=0.2", "--json"]
+    film = aerodft("river", tmp_path / "video.mp4", *pose)
+    still = aerodft("river", tmp_path / "still.png", *pose)
+    assert film.code == still.code == 0, film.err
+    one, many = still.json["width_m"], film.json["width_m"]
+    assert many["median"] == pytest.approx(one["median"], rel=0.01)
+    assert many["std"] == pytest.approx(one["std"], rel=0.2)  # the pose is the same in every image
+    assert film.json["images"]["looked_at"] == 6
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (["--height", 40], 2, "--height beside"),
+        (["--camera", "cam.toml"], 2, "--camera beside a recording"),
+        (["--elevation", 100], 4, "no river width"),
+    ],
+)
+def test_what_a_recording_says_itself_is_refused(flight, aerodft, options, code, says):
+    done = aerodft("river", flight[1], "--images", 3, *options)
+    assert (done.code, says in done.last) == (code, True), done.err
+
+
+def test_a_recording_without_images_says_so(flight, aerodft, tmp_path):
+    done = aerodft("import", flight[1].parent / "flight.tlog", "--rate", 2, "-c", flight[1].parent / "station.toml",
+                   "-o", tmp_path / "bare")  # fmt: skip
+    assert done.code == 0, done.err
+    bare = aerodft("river", tmp_path / "bare")
+    assert (bare.code, "record.image_hz" in bare.last) == (4, True), bare.err

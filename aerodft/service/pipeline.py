@@ -9,27 +9,24 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.projection import shared_count
-from aerodft.dft.request import linked
 from aerodft.dft.sampling import standard_draws
-from aerodft.dft.zoomed import zoomed
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.batch import Batch
 from aerodft.model.health import Health
 from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, PoseSample
-from aerodft.model.probe import PixelSource
+from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status
+from aerodft.service.answering import Answering, Helpers
 from aerodft.service.asked import Asked, measured
 from aerodft.service.feed import tick_after
 from aerodft.service.intake import Intake
 from aerodft.service.objects import OBJECTS
-from aerodft.service.outlined import can_answer, request_of
+from aerodft.service.outlined import can_answer
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
@@ -67,9 +64,7 @@ class Pipeline:
     ) -> None:
         self.counts = Counts()
         self._settings = settings
-        self._calibrator = calibrator
-        self._observer = observer
-        self._tracker = tracker
+        self._observer, self._tracker = observer, tracker
         self._setup = Setup(
             camera=settings.camera,
             model=settings.model,
@@ -77,9 +72,6 @@ class Pipeline:
             max_range_m=settings.max_range_m,
             config_id=settings.config_id,
         )
-        self._observed = {p.name: p for p in settings.probes if p.source is PixelSource.OBSERVED}
-        fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
-        self._fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         telemetry = settings.telemetry or TelemetrySettings()
         self._wait_ns = telemetry.wait_ns
         self._poses = PoseSource(
@@ -92,20 +84,25 @@ class Pipeline:
         self._intake = Intake(decoder, self._poses)
         self._jobs: deque[Job] = deque()
         self._images = ImageMemory()
-        self._last_pose: PoseSample | None = None
-        self._height_source: HeightSource | None = None
+        self._answering = Answering(
+            settings,
+            self._setup,
+            Helpers(calibrator=calibrator, observer=observer, tracker=tracker),
+            self._images,
+            self._poses.height_switch,
+        )
         self._lock = threading.Lock()  # between the ticks and the questions from outside
 
     def warm_up(self) -> None:
         """Load and compile now what would hold up the first measurements."""
         standard_draws(shared_count(self._settings.camera) + 2)
         down = camera_pose(height_agl_m=10.0, tilt_rad=0.5)
-        measure(self._setup, PoseSample(stamp_ns=0, status=Status.OK, pose=down), self._fixed)
+        measure(self._setup, PoseSample(stamp_ns=0, status=Status.OK, pose=down), self._answering.fixed)
 
     @property
     def last_pose(self) -> PoseSample | None:
         """The pose of the newest finished image; None before the first."""
-        return self._last_pose
+        return self._answering.last_pose
 
     def step(self, batch: Batch) -> tuple[Output, ...]:
         """Advance by one tick.
@@ -127,7 +124,7 @@ class Pipeline:
             before = self._wait_until(batches[0].now_ns)
             together = self._intake.take_together(batches, lambda: self._stamps(batches))
             work = [self._tick(batch, tick if together else None) for tick, batch in enumerate(batches)]
-            return measured(self._setup, self._fixed, [before + work[0], *work[1:]])
+            return measured(self._setup, self._answering.fixed, [before + work[0], *work[1:]])
 
     def _stamps(self, batches: Sequence[Batch]) -> Iterator[tuple[int, int]]:
         """UTC of the images that wait, and of those that come, with the tick on which they do."""
@@ -159,7 +156,7 @@ class Pipeline:
     def finish(self) -> tuple[Output, ...]:
         """The end of the input: what still waits is answered with what there is."""
         with self._lock:
-            (outputs,) = measured(self._setup, self._fixed, [self._wait_until(None)])
+            (outputs,) = measured(self._setup, self._answering.fixed, [self._wait_until(None)])
             return outputs
 
     def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
@@ -173,7 +170,7 @@ class Pipeline:
             if stamp_ns is not None or self._settings.fixed_pose is not None:
                 sample = self._pose(stamp_ns or 0, final=True)
             else:
-                sample = self._last_pose
+                sample = self._answering.last_pose
         if sample is None:
             reason = "no image has been measured yet"
             sample = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY, reasons=(reason,))
@@ -213,7 +210,7 @@ class Pipeline:
 
     def _accept_observation(self, observation: Observation) -> None:
         self.counts.observations += 1
-        probe = self._observed.get(observation.name)
+        probe = self._answering.observed.get(observation.name)
         is_known = self._observer is not None and self._observer.observes(observation.name)
         is_object = self._tracker is not None and observation.name == OBJECTS
         if probe is None and not is_known and not is_object:
@@ -272,73 +269,15 @@ class Pipeline:
             else:
                 ready.append(Ready(job, sample))
         self._jobs = waiting
-        return self._done(ready)
-
-    def _done(self, ready: list[Ready]) -> list[Output | Asked]:
-        """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
-        outputs: list[Output | Asked] = []
-        landmarks = sorted((each for each in ready if each.job.is_landmark), key=lambda each: each.job.stamp_ns)
-        for each in ready:
-            if each.job.is_landmark or each.job.is_object:
-                continue
-            earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
-            landmarks = landmarks[len(earlier) :]
-            outputs += [*self._learn(earlier), *self._answer(each.job.subject, self._refined(each.sample))]
-        return outputs + self._learn(landmarks) + self._follow([each for each in ready if each.job.is_object])
-
-    def _follow(self, seen: list[Ready]) -> list[Output | Asked]:
-        """Follow objects in order of their stamps, those of one image at once."""
-        if self._tracker is None:
-            return []
-        outputs: list[Output | Asked] = []
-        seen = sorted(seen, key=lambda each: each.job.stamp_ns)
-        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
-            image = tuple(group)
-            sample = self._refined(image[0].sample)
-            found = tuple(self._linked(each.job.subject) for each in image if isinstance(each.job.subject, Observation))
-            outputs += [*found, *self._tracker.follow(self._setup, sample, found, found[0].image)]
-        return outputs
-
-    def _learn(self, seen: list[Ready]) -> list[Output]:
-        """Learn from landmarks in order of their stamps, those of one image at once."""
-        if self._observer is None:
-            return []
-        estimates: list[Output] = []
-        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
-            image = tuple(group)
-            observations = tuple(each.job.subject for each in image if isinstance(each.job.subject, Observation))
-            estimates.append(self._observer.observe(image[0].sample, observations))
-        return estimates
+        return self._answering.done(ready)
 
     def _pose(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
         sample = self._telemetry_pose(stamp_ns, final=final)
-        return None if sample is None else self._refined(sample)
+        return None if sample is None else self._answering.refined(sample)
 
     def _telemetry_pose(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
         fixed = self._settings.fixed_pose
         return replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final, by_utc=by_utc)
-
-    def _refined(self, sample: PoseSample) -> PoseSample:
-        return self._calibrator.refine(sample) if self._calibrator else sample
-
-    def _answer(self, subject: Image | Observation, sample: PoseSample) -> list[Output | Asked]:
-        if isinstance(subject, Image):
-            switch, self._last_pose = self._height_switch(sample), sample
-            index = None if subject.width_px is None else subject.index
-            asked = [Asked(sample, self._fixed, index)] if self._fixed else []
-            return [subject, *switch, sample, *asked]
-        observation = self._linked(subject)
-        probe = self._observed[observation.name]
-        request = request_of(probe, observation, zoomed(self._setup, sample)[0].camera, sample.pose)
-        return [observation, Asked(sample, linked([request], self._fixed), observation.image)]
-
-    def _height_switch(self, sample: PoseSample) -> list[Output]:
-        """Whether an image's height is of another source than the last one's."""
-        before, after = self._height_source, sample.height_source
-        self._height_source = after or before
-        if before is None or after is None or before is after:
-            return []
-        return [self._poses.height_switch(before, after, sample.stamp_ns)]
 
     def _awaits_image(self, job: Job) -> bool:
         """Whether an observation was faster than the image that it was made in."""
@@ -346,9 +285,3 @@ class Pipeline:
         if isinstance(job.subject, Image) or last_ns is None or job.subject.image is not None:
             return False
         return last_ns < job.stamp_ns - self._settings.match_tolerance_ns
-
-    def _linked(self, observation: Observation) -> Observation:
-        if observation.image is not None:
-            return observation
-        index = self._images.nearest(observation.stamp_ns, self._settings.match_tolerance_ns)
-        return observation if index is None else replace(observation, image=index)

@@ -1,0 +1,134 @@
+"""What is done with images and observations whose telemetry is there: answered, learned from, followed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+from aerodft.dft.request import Request, Setup, linked
+from aerodft.dft.zoomed import zoomed
+from aerodft.model.height import HeightSwitch
+from aerodft.model.image import Image
+from aerodft.model.observation import Observation
+from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.probe import PixelSource
+from aerodft.service.asked import Asked
+from aerodft.service.outlined import request_of
+from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output
+from aerodft.service.settings import PipelineSettings
+from aerodft.service.waiting import ImageMemory, Ready
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Helpers:
+    """Who else has a say; None where nobody asks for that.
+
+    Attributes:
+        calibrator: Refines every pose.
+        observer: Learns from observed landmarks.
+        tracker: Follows what moves.
+    """
+
+    calibrator: Calibrator | None = None
+    observer: LandmarkObserver | None = None
+    tracker: ObjectTracker | None = None
+
+
+class Answering:
+    """Turns jobs that have their poses into outputs, and into what is yet to be measured.
+
+    Args:
+        settings: Probes and tolerances.
+        setup: What all measurements share.
+        helpers: Who refines, learns and follows.
+        images: The images that observations refer to.
+        switched: Describes a change of the height's source.
+
+    Attributes:
+        fixed: What is asked in every image.
+        observed: The probes whose pixels come from outside, by name.
+        last_pose: The pose of the newest finished image; None before the first.
+    """
+
+    def __init__(
+        self,
+        settings: PipelineSettings,
+        setup: Setup,
+        helpers: Helpers,
+        images: ImageMemory,
+        switched: Callable[[HeightSource, HeightSource, int], HeightSwitch],
+    ) -> None:
+        self.observed = {p.name: p for p in settings.probes if p.source is PixelSource.OBSERVED}
+        fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
+        self.fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
+        self.last_pose: PoseSample | None = None
+        self._setup = setup
+        self._calibrator, self._observer, self._tracker = helpers.calibrator, helpers.observer, helpers.tracker
+        self._images = images
+        self._switched = switched
+        self._match_tolerance_ns = settings.match_tolerance_ns
+        self._height_source: HeightSource | None = None
+
+    def done(self, ready: Sequence[Ready]) -> list[Output | Asked]:
+        """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
+        outputs: list[Output | Asked] = []
+        landmarks = sorted((each for each in ready if each.job.is_landmark), key=lambda each: each.job.stamp_ns)
+        for each in ready:
+            if each.job.is_landmark or each.job.is_object:
+                continue
+            earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
+            landmarks = landmarks[len(earlier) :]
+            outputs += [*self._learn(earlier), *self._answer(each.job.subject, self.refined(each.sample))]
+        return outputs + self._learn(landmarks) + self._follow([each for each in ready if each.job.is_object])
+
+    def _follow(self, seen: Sequence[Ready]) -> list[Output | Asked]:
+        """Follow objects in order of their stamps, those of one image at once."""
+        if self._tracker is None:
+            return []
+        outputs: list[Output | Asked] = []
+        seen = sorted(seen, key=lambda each: each.job.stamp_ns)
+        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
+            image = tuple(group)
+            sample = self.refined(image[0].sample)
+            found = tuple(self._linked(each.job.subject) for each in image if isinstance(each.job.subject, Observation))
+            outputs += [*found, *self._tracker.follow(self._setup, sample, found, found[0].image)]
+        return outputs
+
+    def _learn(self, seen: Sequence[Ready]) -> list[Output]:
+        """Learn from landmarks in order of their stamps, those of one image at once."""
+        if self._observer is None:
+            return []
+        estimates: list[Output] = []
+        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
+            image = tuple(group)
+            observations = tuple(each.job.subject for each in image if isinstance(each.job.subject, Observation))
+            estimates.append(self._observer.observe(image[0].sample, observations))
+        return estimates
+
+    def refined(self, sample: PoseSample) -> PoseSample:
+        """A pose with what the calibrator knows by now."""
+        return self._calibrator.refine(sample) if self._calibrator else sample
+
+    def _answer(self, subject: Image | Observation, sample: PoseSample) -> list[Output | Asked]:
+        if isinstance(subject, Image):
+            switch, self.last_pose = self._height_switch(sample), sample
+            index = None if subject.width_px is None else subject.index
+            asked = [Asked(sample, self.fixed, index)] if self.fixed else []
+            return [subject, *switch, sample, *asked]
+        observation = self._linked(subject)
+        probe = self.observed[observation.name]
+        request = request_of(probe, observation, zoomed(self._setup, sample)[0].camera, sample.pose)
+        return [observation, Asked(sample, linked([request], self.fixed), observation.image)]
+
+    def _height_switch(self, sample: PoseSample) -> list[Output]:
+        """Whether an image's height is of another source than the last one's."""
+        before, after = self._height_source, sample.height_source
+        self._height_source = after or before
+        if before is None or after is None or before is after:
+            return []
+        return [self._switched(before, after, sample.stamp_ns)]
+
+    def _linked(self, observation: Observation) -> Observation:
+        if observation.image is not None:
+            return observation
+        index = self._images.nearest(observation.stamp_ns, self._match_tolerance_ns)
+        return observation if index is None else replace(observation, image=index)

@@ -125,7 +125,18 @@ def _segments(folder: Path, stem: str) -> tuple[SegmentScan, ...]:
             expected="a folder with data_000.mcap",
         )
     _say_missing(folder, stem, [path.stem for path in paths])
-    return tuple(map(scan_segment, paths))
+    return _each_once(folder, tuple(map(scan_segment, paths)))
+
+
+def _each_once(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[SegmentScan, ...]:
+    """The segments without those that are there a second time, under another name: that is said."""
+    first: dict[object, SegmentScan] = {}
+    for segment in segments:
+        held = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
+        known = first.setdefault(held or segment.path, segment)
+        if known is not segment:
+            _log.warning("%s: %s is %s once more; it is left out", folder, segment.path.name, known.path.name)
+    return tuple(first.values())
 
 
 def _say_missing(folder: Path, stem: str, names: list[str]) -> None:

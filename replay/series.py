@@ -97,7 +97,7 @@ def read_side(path: Path) -> Side:
     builders: dict[ProbeKey, _Builder] = {}
     for payload in recording.measurements():
         digest.update(len(payload).to_bytes(8, "little") + payload)
-        _add(builders, _row_of_payload(payload), path)
+        _add(builders, _row_of_payload(payload, path), path)
     return Side(
         where=path,
         series={key: builder.series() for key, builder in builders.items()},
@@ -117,12 +117,12 @@ class _Row(NamedTuple):
     place: tuple[float, ...]
 
 
-def _row_of_payload(payload: bytes) -> _Row:
+def _row_of_payload(payload: bytes, where: Path) -> _Row:
     item = parsed(payload)
-    return _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item)
+    return _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item, where)
 
 
-def _row(row: Item) -> _Row:
+def _row(row: Item, where: Path) -> _Row:
     """A measurement or a table's row, the numbers of which may be text.
 
     Raises:
@@ -141,7 +141,7 @@ def _row(row: Item) -> _Row:
             _place(row) if key.kind == ProbeKind.POSITION else (),
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError("a measurement is none", got=f"{type(error).__name__}: {error}") from error
+        raise InputError("a measurement is none", where=where, got=f"{type(error).__name__}: {error}") from error
 
 
 def _place(row: Item) -> tuple[float, ...]:
@@ -209,7 +209,7 @@ def _table_side(path: Path) -> Side:
     rows = parquet_rows(path, _USED) if path.suffix.lower() == ".parquet" else _csv_rows(path)
     builders: dict[ProbeKey, _Builder] = {}
     for row in rows:
-        _add(builders, _row(row), path)
+        _add(builders, _row(row, path), path)
     series = {key: builder.series() for key, builder in builders.items()}
     return Side(where=path, series=series, digest=f"table {digest}", images={}, recording=None)
 
@@ -223,6 +223,12 @@ def _csv_rows(path: Path) -> Iterator[Item]:
             if missing:
                 hint = "tables are those that `aerodft export` writes"
                 raise InputError("the table has no measurements", where=path, got=f"no column {missing[0]}", hint=hint)
-            yield from rows
+            last = (rows.fieldnames or ("",))[-1]
+            for row in rows:
+                if None in row or row[last] is None:  # the last number may be half of what it was
+                    got = "more columns" if None in row else "fewer columns"
+                    where, expected = f"{path}, line {rows.line_num}", f"{len(rows.fieldnames or ())}"
+                    raise InputError("a row is not whole", where=where, got=got, expected=expected)
+                yield row
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError("the table cannot be read", where=path, got=error) from error

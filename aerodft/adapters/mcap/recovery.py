@@ -4,6 +4,7 @@ A segment is copied as far as it is whole, the copy is read back, and only then 
 is not touched, and neither is what a recorder is writing.
 """
 
+import errno
 import fcntl
 import logging
 import os
@@ -114,8 +115,15 @@ def _ends(path: Path) -> bool:
 
 
 def _numbered(folder: Path, stem: str) -> list[tuple[int, Path]]:
-    """The segments of a series by number; a copy of one with another name is none."""
-    found = ((_NUMBER.search(path.name), path) for path in folder.glob(f"{stem}_*.mcap"))
+    """The segments of a series by number; a copy of one with another name is none.
+
+    Raises:
+        OSError: One of them is no file.
+    """
+    found = [(_NUMBER.search(path.name), path) for path in folder.glob(f"{stem}_*.mcap")]
+    for _, path in found:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     return sorted((int(match[1]), path) for match, path in found if match is not None)
 
 

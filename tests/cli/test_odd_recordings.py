@@ -1,0 +1,80 @@
+"""Recordings and tables that somebody copied, cut or put together by hand: said in a sentence, and nothing made up."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import pytest
+
+FROZEN = Path(__file__).parent / "frozen-0.1"
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """A recording with its segment a second time, under the next number."""
+    folder = tmp_path / "copied"
+    shutil.copytree(FROZEN, folder)
+    shutil.copy(folder / "data_000.mcap", folder / "data_001.mcap")
+    return folder
+
+
+def test_a_segment_that_is_there_twice_is_read_once(aerodft, copied: Path, tmp_path: Path, caplog) -> None:
+    done = aerodft("compare", FROZEN, copied, "--json")
+    assert done.code == 0, done.err
+    assert "data_001.mcap is data_000.mcap once more; it is left out" in caplog.text
+    done = aerodft("recompute", copied, "-o", tmp_path / "again", "--json")
+    assert done.code == 0, done.err
+    assert aerodft("compare", FROZEN, tmp_path / "again", "--tolerance", "1").code in {0, 5}
+
+
+def test_a_folder_that_is_called_like_a_segment_is_named(aerodft, tmp_path: Path) -> None:
+    folder = tmp_path / "flight"
+    shutil.copytree(FROZEN, folder)
+    (folder / "data_001.mcap").mkdir()
+    for command in (("recover", folder), ("compare", folder, folder)):
+        done = aerodft(*command)
+        assert done.code == 3, done.err
+        assert f"{folder / 'data_001.mcap'}" in done.last
+        assert "Is a directory" in done.last
+
+
+@pytest.fixture
+def table(aerodft, tmp_path: Path) -> list[list[str]]:
+    assert aerodft("export", FROZEN, "--format", "csv", "-o", tmp_path / "whole.csv").code == 0
+    with (tmp_path / "whole.csv").open(newline="") as file:
+        return list(csv.reader(file))
+
+
+def write(path: Path, rows: list[list[str]]) -> Path:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    return path
+
+
+def test_a_table_that_was_cut_is_not_believed_up_to_half_a_number(aerodft, table, tmp_path: Path) -> None:
+    whole = (tmp_path / "whole.csv").read_text()
+    line = next(line for line in whole.splitlines() if ",ok," in line and ",range," in line)
+    value = line.split(",")[5]
+    cut = tmp_path / "cut.csv"
+    cut.write_text(whole[: whole.index(line) + line.index(value) + 2])
+    done = aerodft("compare", FROZEN, cut)
+    assert done.code == 3, done.err
+    number = whole[: whole.index(line)].count("\n") + 1
+    assert f"{cut}, line {number}: a row is not whole: got fewer columns, expected {len(table[0])}" in done.last
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda rows: [*rows, *rows], "stamp_ns"),
+        (lambda rows: [rows[0], [*rows[1], "more"]], "more columns"),
+        (lambda rows: [rows[0], rows[1][:5]], "fewer columns"),
+    ],
+    ids=["two tables in one file", "a column too many", "columns missing"],
+)
+def test_what_is_wrong_in_a_table_is_said_with_its_name(aerodft, table, tmp_path: Path, change, said: str) -> None:
+    path = write(tmp_path / "changed.csv", change(table))
+    done = aerodft("compare", FROZEN, path)
+    assert done.code == 3, done.err
+    assert done.last.startswith(f"aerodft: {path}")
+    assert said in done.last

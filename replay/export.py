@@ -9,7 +9,7 @@ from typing import Final
 import orjson
 
 from aerodft.model.probe import ProbeKind
-from replay.table import COLUMNS, Item, Kind, parsed, positions, row_of
+from replay.table import COLUMNS, Item, Kind, in_pairs, parsed, positions, row_of
 
 _LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {Kind.NUMBERS, Kind.VECTORS})
 _IN_GEOMETRY: Final = frozenset({"lat_deg", "lon_deg", "alt_msl_m", "lat_2_deg", "lon_2_deg", "alt_2_msl_m", "geo_wkt"})
@@ -83,6 +83,8 @@ def _geometry(geo: Sequence[Item] | None, kind: str) -> dict[str, object] | None
         return {"type": "Point", "coordinates": places[0]}
     if kind == ProbeKind.AREA:
         return {"type": "Polygon", "coordinates": [places]}
+    if kind == ProbeKind.RIVER:
+        return {"type": "MultiLineString", "coordinates": in_pairs(places)}
     return {"type": "LineString", "coordinates": places}
 
 

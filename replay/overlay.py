@@ -112,8 +112,10 @@ class Overlay:
         size = round(self._line_px * 0.8)
         for paint, stroke in ((_BLACK, 2 * self._stroke), (colour, self._stroke)):
             if len(points) > 1:
-                closed = item["kind"] == ProbeKind.AREA
-                cv2.polylines(canvas, [points.reshape(-1, 1, 2)], closed, paint, max(stroke // 2, 1), cv2.LINE_AA)
+                closed, river = item["kind"] == ProbeKind.AREA, item["kind"] == ProbeKind.RIVER
+                lines = [points] if not river else [points[row : row + 2] for row in range(0, len(points), 2)]
+                whole = [line.reshape(-1, 1, 2) for line in lines]
+                cv2.polylines(canvas, whole, closed, paint, max(stroke // 2, 1), cv2.LINE_AA)
             for u, v in points.tolist():
                 cv2.drawMarker(canvas, (u, v), paint, cv2.MARKER_CROSS, size, stroke, cv2.LINE_AA)
 

@@ -136,9 +136,9 @@ class SeenAgain:
             self._compare_steady(points, candidates[0])
             del noted.seen[key]
         else:
-            distances = [float(np.linalg.norm(each - points)) for each in candidates]
-            nearest = int(np.argmin(distances))
-            self.moved.moves_px.append(distances[nearest])
+            moves = [_to_nearest_px(points, each) for each in candidates]
+            nearest = int(np.argmin([np.median(each) for each in moves]))
+            self.moved.moves_px += moves[nearest].tolist()
             candidates.pop(nearest)
 
     def _compare_steady(self, old: FloatArray, new: FloatArray) -> None:
@@ -172,6 +172,11 @@ def _points(seen: Observation) -> FloatArray:
         return np.array(seen.pixels, dtype=np.float64).reshape(-1, 2)
     outline = np.array(seen.contour)
     return np.array([[(outline[:, 0].min() + outline[:, 0].max()) / 2, outline[:, 1].max()]])
+
+
+def _to_nearest_px(points: FloatArray, others: FloatArray) -> FloatArray:
+    """From each point ``(n, 2)`` to the nearest other: a river's banks are seen at more or fewer places."""
+    return np.asarray(np.linalg.norm(points[:, None] - others, axis=-1).min(axis=1))
 
 
 def _now(name: str, points: FloatArray) -> FloatArray:

@@ -202,6 +202,11 @@ def positions(geo: Sequence[Item] | None, kind: str) -> list[list[float]] | None
     return [*ring, ring[0]]
 
 
+def in_pairs(places: list[list[float]]) -> list[list[list[float]]]:
+    """The first and the second, the third and the fourth, ...: what lies across a river."""
+    return [places[row : row + 2] for row in range(0, len(places) - 1, 2)]
+
+
 def time_utc(stamp_ns: int) -> str:
     """ISO 8601 with microseconds."""
     seconds, rest_ns = divmod(stamp_ns, 1_000_000_000)
@@ -213,11 +218,17 @@ def _wkt(geo: Sequence[Item], kind: str) -> str | None:
     places = positions(geo, kind)
     if places is None:
         return None
-    text = ", ".join(" ".join(map(repr, place)) for place in places)
+    text = _wkt_points(places)
     z = " Z" if len(places[0]) > 2 else ""  # noqa: PLR2004 - longitude and latitude
     if len(places) == 1:
         return f"POINT{z} ({text})"
+    if kind == ProbeKind.RIVER:
+        return f"MULTILINESTRING{z} ({', '.join(f'({_wkt_points(pair)})' for pair in in_pairs(places))})"
     return f"POLYGON{z} (({text}))" if kind == ProbeKind.AREA else f"LINESTRING{z} ({text})"
+
+
+def _wkt_points(places: list[list[float]]) -> str:
+    return ", ".join(" ".join(map(repr, place)) for place in places)
 
 
 def _at(values: Sequence[Any], index: int, otherwise: object) -> Any:  # noqa: ANN401 - what JSON holds

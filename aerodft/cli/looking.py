@@ -5,14 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aerodft.adapters.config.river_tables import river_probes
 from aerodft.adapters.config.station import Rate, StationConfig
 from aerodft.cli.watching import steady_lookout
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError
 from aerodft.model.image import Image
+from aerodft.model.pose import PoseSample
 from aerodft.service.looking import LookCounts, Lookout
 from aerodft.service.pipeline import Pipeline
 from aerodft.vision.moving import MovingObjects
+from aerodft.vision.river_observer import RiverObserver
 from calibration.marker_observer import CameraPlace, MarkerObserver
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
@@ -26,11 +29,13 @@ class Eyes:
         lookouts: What a feed shows images to.
         names: Of the tables that ask for each.
         markers: The one of them that looks for markers; None where there are none.
+        river: The one of them that looks for banks; likewise.
     """
 
     lookouts: tuple[Lookout, ...] = ()
     names: tuple[str, ...] = ()
     markers: MarkerObserver | None = None
+    river: RiverObserver | None = None
 
     def report(self, counts: Sequence[LookCounts]) -> dict[str, object]:
         """What was looked at, for the summary; empty where nobody looked.
@@ -48,6 +53,8 @@ class Eyes:
             if name == "markers" and self.markers is not None:
                 found["not_surveyed"] = _by_text(self.markers.strangers)
                 found["wrong_size"] = _by_text(self.markers.false)
+            if name == "river" and self.river is not None:
+                found["without_river"] = dict(self.river.misses)
             looks[name] = found
         return looks
 
@@ -84,7 +91,16 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may
     if (objects := station.objects) is not None and objects.detect:
         _check_images(station, "[objects]", where, may_record=may_record)
         lookouts["objects"] = Lookout(MovingObjects(station.pipeline.camera, objects), objects.every_s)
-    return Eyes(tuple(lookouts.values()), tuple(lookouts), observer)
+    river = None
+    if station.river is not None:
+        _check_images(station, "[river]", where, may_record=may_record)
+        probes = river_probes(station.pipeline.probes)
+        fixed = station.pipeline.fixed_pose
+        river = RiverObserver(
+            station.pipeline.camera, station.river, probes, lambda image: fixed or _pose_near(pipeline, image)
+        )
+        lookouts["river"] = Lookout(river, station.river.every_s)
+    return Eyes(tuple(lookouts.values()), tuple(lookouts), observer, river)
 
 
 def _check_images(station: StationConfig, table: str, where: object, *, may_record: bool) -> None:
@@ -95,13 +111,19 @@ def _check_images(station: StationConfig, table: str, where: object, *, may_reco
         raise ConfigError("images", where=where, got=f"none to look into for {table}", expected=expected)
 
 
-def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:
-    """Where the camera is by the newest pose that is finished; None where that is not of about the same time."""
+def _pose_near(pipeline: Pipeline, image: Image) -> PoseSample | None:
+    """The newest pose that is finished; None where that is not of about the same time."""
     sample = pipeline.last_pose
+    if sample is None or abs(pipeline.in_utc(image).stamp_ns - sample.stamp_ns) > _RECENT_S * SECOND_NS:
+        return None
+    return sample
+
+
+def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:
+    """Where the camera is by that pose; None where there is none, or nobody knows where."""
+    sample = _pose_near(pipeline, image)
     if sample is None or sample.pose is None or sample.origin is None:
         return None
     elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
-    if abs(elapsed_s) > _RECENT_S:
-        return None
     std_m = float(np.sqrt(np.trace(sample.pose.cov[:3, :3])))
     return CameraPlace(sample.pose.position_enu_m + elapsed_s * sample.pose.velocity_enu_mps, std_m)

@@ -60,6 +60,11 @@ def polyline_length(sight: Sight) -> FloatArray:
     return _total(np.sqrt(steps[..., 0] * steps[..., 0] + steps[..., 1] * steps[..., 1]))
 
 
+def median_width(sight: Sight) -> FloatArray:
+    """Median ``(...)`` of the horizontal distances of the first and second point, the third and fourth, ..., m."""
+    return np.asarray(np.median(_pair_widths(sight.points_enu_m), axis=-1))
+
+
 def polygon_area(sight: Sight) -> FloatArray:
     """Horizontal area ``(...)`` of the closed polygon of all points, m^2, whichever way round (shoelace formula)."""
     return np.abs(_signed_area(sight.points_enu_m))
@@ -122,6 +127,7 @@ SCALARS: dict[ProbeKind, Callable[[Sight], FloatArray]] = {
     ProbeKind.WIDTH: ground_distance,
     ProbeKind.LENGTH: polyline_length,
     ProbeKind.AREA: polygon_area,
+    ProbeKind.RIVER: median_width,
     ProbeKind.HEIGHT: upright_height,
     ProbeKind.BEARING: bearing,
 }
@@ -142,6 +148,8 @@ def gradient(kind: ProbeKind, sight: Sight) -> Gradient:
         return _height_gradient(sight, by_directions, by_points)
     if kind is ProbeKind.BEARING:
         return _bearing_gradient(sight, by_directions, by_points)
+    if kind is ProbeKind.RIVER:
+        return Gradient(np.zeros_like(points[..., 0, :]), by_directions, _median_gradient(sight))
     by_points = _area_gradient(points) if kind is ProbeKind.AREA else _length_gradient(sight)
     return Gradient(np.zeros_like(points[..., 0, :]), by_directions, by_points)
 
@@ -153,6 +161,27 @@ def _length_gradient(sight: Sight) -> FloatArray:
     by_points = np.zeros_like(points)
     by_points[..., 1:, :] += units
     by_points[..., :-1, :] -= units
+    return by_points
+
+
+def _pair_widths(points: FloatArray) -> FloatArray:
+    apart = points[..., 1::2, :2] - points[..., ::2, :2]
+    return np.asarray(np.sqrt(apart[..., 0] * apart[..., 0] + apart[..., 1] * apart[..., 1]))
+
+
+def _median_gradient(sight: Sight) -> FloatArray:
+    """That of the pair in the middle, or of the mean of the two: the others do nothing as long as their order stays."""
+    points = sight.points_enu_m
+    order = np.argsort(_pair_widths(points), axis=-1, kind="stable")
+    count = order.shape[-1]
+    share = np.zeros(order.shape)
+    for row in {(count - 1) // 2, count // 2}:
+        middle = order[..., row : row + 1]
+        np.put_along_axis(share, middle, np.take_along_axis(share, middle, axis=-1) + (1.0 if count % 2 else 0.5), -1)
+    away = _unit((points[..., 0, :] - sight.camera_enu_m) * _LEVEL, _EAST)
+    units = _unit((points[..., 1::2, :] - points[..., ::2, :]) * _LEVEL, away[..., None, :]) * share[..., None]
+    by_points = np.zeros_like(points)
+    by_points[..., 1::2, :], by_points[..., ::2, :] = units, -units
     return by_points
 
 

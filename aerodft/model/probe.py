@@ -15,6 +15,7 @@ class ProbeKind(StrEnum):
     AREA = "area"
     HEIGHT = "height"
     BEARING = "bearing"
+    RIVER = "river"  # the median of its widths: pairs of bank pixels, left then right
     TRACK = "track"  # of what moves: its speed, and where it is; nobody asks for it with pixels
 
 
@@ -35,6 +36,7 @@ _PIXELS = {
     ProbeKind.BEARING: (1, 2),  # of a ray, or from the first point to the second
     ProbeKind.LENGTH: (2, _MOST),
     ProbeKind.AREA: (3, _MOST),
+    ProbeKind.RIVER: (2, _MOST),
 }
 
 
@@ -45,12 +47,14 @@ ASKED_KINDS = tuple(kind for kind in ProbeKind if kind in _PIXELS)
 def takes_pixels(kind: ProbeKind, count: int) -> bool:
     """Whether a probe of this kind can have so many pixels."""
     least, most = _PIXELS[kind]
-    return least <= count <= most
+    return least <= count <= most and (kind is not ProbeKind.RIVER or count % 2 == 0)
 
 
 def pixels_wanted(kind: ProbeKind) -> str:
     """How many pixels a probe of this kind has, for people."""
     least, most = _PIXELS[kind]
+    if kind is ProbeKind.RIVER:
+        return f"{least} to {most}, an even number"
     return str(least) if least == most else f"{least} to {most}"
 
 

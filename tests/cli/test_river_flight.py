@@ -142,3 +142,52 @@ def test_a_recording_without_images_says_so(flight, aerodft, tmp_path):
     assert done.code == 0, done.err
     bare = aerodft("river", tmp_path / "bare")
     assert (bare.code, "record.image_hz" in bare.last) == (4, True), bare.err
+
+
+@pytest.fixture(scope="module")
+def looked(flight, aerodft, tmp_path_factory):
+    """The same flight imported by a station that looks for the banks itself."""
+    folder = tmp_path_factory.mktemp("looked")
+    probe = {"name": "river", "kind": "river", "observed": True}
+    station = {**STATION, "probe": [probe], "river": {"every_s": 1.0}}
+    source = flight[1].parent
+    station["camera"] = {"file": str(source / "camera.toml")}
+    (folder / "station.toml").write_text(tomli_w.dumps(station))
+    done = aerodft(
+        *("import", source / "flight.tlog", "--video", source / "video.mp4", "--video-start", START),
+        *("-c", folder / "station.toml", "-o", folder / "recording", "--json"),
+    )
+    assert done.code == 0, done.err
+    return folder, done.json
+
+
+def test_a_station_that_looks_for_banks_measures_the_river(flight, looked, aerodft, tmp_path):
+    folder, summary = looked
+    assert sum(summary["river"]["without_river"].values()) < summary["river"]["images"]
+    done = aerodft("export", folder / "recording", "--format", "jsonl", "-o", tmp_path / "out.jsonl")
+    assert done.code == 0, done.err
+    found = [json.loads(line) for line in (tmp_path / "out.jsonl").read_text().splitlines()]
+    assert len(found) >= 4
+    for each in found:
+        assert each["kind"] == "river"
+        pairs = [each["geo"][row : row + 2] for row in range(0, len(each["geo"]), 2)]
+        truth = np.median([true_width(flight[0], {"geo": pair}) for pair in pairs])
+        assert abs(each["value"] - truth) < 3 * each["std"]
+        assert each["std"] / each["value"] > HEIGHT_BIAS_M / 45
+
+
+def test_its_recording_computed_again_needs_no_image(looked, aerodft, tmp_path):
+    folder, _ = looked
+    assert aerodft("recompute", folder / "recording", "-o", tmp_path / "same").code == 0
+    assert aerodft("compare", folder / "recording", tmp_path / "same").code == 0
+    again = aerodft("recompute", folder / "recording", "--vision", "-o", tmp_path / "seen", "--json")
+    assert again.code == 0, again.err
+    assert again.json["vision"]["median_px"] < 5.0  # transects begin elsewhere where a bank is seen otherwise
+
+
+def test_looking_for_banks_that_nobody_measures_is_refused(looked, aerodft, tmp_path):
+    folder, _ = looked
+    text = (folder / "station.toml").read_text().replace('kind = "river"', 'kind = "width"')
+    (folder / "other.toml").write_text(text)
+    done = aerodft("recompute", folder / "recording", "-c", folder / "other.toml", "-o", tmp_path / "no")
+    assert (done.code, "river: got no probe that is measured from banks" in done.last) == (3, True), done.err

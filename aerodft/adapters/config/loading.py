@@ -19,6 +19,7 @@ from aerodft.adapters.config.object_tables import objects_from
 from aerodft.adapters.config.pose_tables import PoseTable, SigningTable, TelemetryTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
+from aerodft.adapters.config.river_tables import river_from
 from aerodft.adapters.config.settings import (
     fixed_pose_from,
     images_from,
@@ -114,6 +115,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             objects=objects_from(
                 table.objects, pipeline.model, pipeline.probes, where, moves=table.telemetry is not None
             ),
+            river=river_from(table.river, pipeline.model, pipeline.probes, where),
             topics=topics_from(table.topics),
         ),
         where,

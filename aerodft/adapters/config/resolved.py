@@ -15,6 +15,7 @@ from aerodft.adapters.config.health_tables import health_document, zoom_document
 from aerodft.adapters.config.live_tables import live_document
 from aerodft.adapters.config.marker_tables import marker_landmarks, markers_document
 from aerodft.adapters.config.object_tables import SEEN_ONLY, objects_document
+from aerodft.adapters.config.river_tables import river_document
 from aerodft.adapters.config.settings import placed, pose_sample
 from aerodft.adapters.config.station import (
     Device,
@@ -62,7 +63,7 @@ def config_id(station: StationConfig) -> str:
     hash of its bytes.
     """
     document = station_document(station)
-    for key in ("zenoh", "record", "topics"):
+    for key in ("zenoh", "record", "topics", "river"):
         document.pop(key, None)
     document["station"].pop("name")
     timing = ("time_offset_s", "time_drift", "time_reference", "time_std_s")
@@ -143,12 +144,20 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
     document["probe"] = [_probe(probe) for probe in pipeline.probes]
     if station.live is not None:
         document |= live_document(station.live, frozenset(each.name for each in marker_landmarks(station.markers)))
+    return document | _looked_for(station)
+
+
+def _looked_for(station: StationConfig) -> dict[str, Any]:
+    """The tables of what is looked for in the images."""
+    document: dict[str, Any] = {}
     if station.markers is not None:
         document["markers"] = markers_document(station.markers)
     if station.watch is not None:
         document["watch"] = watch_document(station.watch)
     if station.objects is not None:
         document["objects"] = objects_document(station.objects)
+    if station.river is not None:
+        document["river"] = river_document(station.river)
     return document
 
 

@@ -13,6 +13,7 @@ from aerodft.model.pose import PoseStd
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.settings import LiveCalibration, PipelineSettings
 from aerodft.service.watching import WatchSettings
+from aerodft.vision.river_observer import RiverLook
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,6 +272,7 @@ class StationConfig:
         markers: Markers that are looked for in the images; None where there are none.
         watch: How a fixed camera is watched for bumps; None where it is not.
         objects: How what moves is followed; None where it is not.
+        river: How banks are looked for; None where they are not.
         topics: Of other tools' recordings.
     """
 
@@ -287,6 +289,7 @@ class StationConfig:
     markers: MarkerSettings | None = None
     watch: Watch | None = None
     objects: ObjectSettings | None = None
+    river: RiverLook | None = None
     topics: Topics = field(default_factory=Topics)
 
     @property

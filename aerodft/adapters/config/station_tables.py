@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from aerodft.adapters.config.live_tables import LandmarkTable, LiveTable
 from aerodft.adapters.config.object_tables import ObjectsTable
 from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
+from aerodft.adapters.config.river_tables import RiverTable
 from aerodft.adapters.config.tables import (
     Duration,
     HeadingDeg,
@@ -248,6 +249,7 @@ class ConfigTable(Table):
     calibration: LiveTable = LiveTable()
     watch: WatchTable | None = None
     objects: ObjectsTable | None = None
+    river: RiverTable | None = None
     topics: TopicsTable = TopicsTable()
 
     @model_validator(mode="after")

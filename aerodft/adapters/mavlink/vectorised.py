@@ -23,8 +23,8 @@ from aerodft.model.arrays import BoolArray, IntArray
 
 Words = npt.NDArray[np.uint16]
 
-_WIDTHS: Final = (16, 24, 32, 40, 48, 64, 96, 128, 288)  # the last one holds the longest frame
-_FRONT: Final = _WIDTHS[-1]
+_WIDTHS: Final = (288, 128, 64, 48, 40, 32, 24)  # of copies; the first one holds the longest frame
+_FRONT: Final = _WIDTHS[0]
 _BACK: Final = V2_HEAD
 _CRC: Final = crc_tables()
 _COLUMNS: Final = np.arange(_FRONT, dtype=np.int16)  # compared with many at once: small ones are fast
@@ -41,7 +41,7 @@ def _pair_tables() -> list[Words]:
     """``(65536,)`` each: the checksum of two bytes, low one first, with 0, 2, 4, ... zero bytes after them."""
     pairs = np.arange(1 << 16)
     tables = [_CRC[1][pairs & 0xFF] ^ _CRC[0][pairs >> 8]]
-    while len(tables) < _WIDTHS[-1] // 2:
+    while len(tables) < _WIDTHS[0] // 2:
         tables.append(_after_zero(_after_zero(tables[-1])))
     return tables
 
@@ -50,7 +50,7 @@ def _pair_tables() -> list[Words]:
 def _starts() -> Words:
     """``(n,)`` what is left of the initial 0xFFFF after 0, 1, 2, ... bytes; a checksum is that plus the bytes' own."""
     left = [np.array([0xFFFF], dtype=np.uint16)]
-    while len(left) <= _WIDTHS[-1]:
+    while len(left) <= _WIDTHS[0]:
         left.append(_after_zero(left[-1]))
     return np.concatenate(left)
 
@@ -59,6 +59,58 @@ def _runs(data: Bytes, starts: IntArray, width: int) -> Bytes:
     """``(n, width)`` copies of the bytes from each start; each is one item, which is fast."""
     items = np.ndarray((len(data) - width + 1,), dtype=f"V{width}", buffer=data, strides=(1,))
     return items[starts].view(np.uint8).reshape(-1, width)
+
+
+def _padded(data: Bytes, starts: IntArray, width: int) -> Bytes:
+    """Bytes of which runs of this width begin at the starts: the same, or with zeros behind where one ends there."""
+    if len(starts) and int(starts.max()) + width <= len(data):
+        return data
+    return np.concatenate([data, np.zeros(width, dtype=np.uint8)])
+
+
+class Headers:
+    """The headers at some places ``(n,)``.
+
+    Args:
+        data: Bytes, ten from each place on at least.
+        at: The places of V1 or V2.
+
+    Attributes:
+        is_v2: ``(n,)``.
+        all_v2: Whether all of them are.
+        length: ``(n,)`` of the payload.
+    """
+
+    def __init__(self, data: Bytes, at: IntArray) -> None:
+        self.is_v2 = data[at] == V2
+        self.all_v2 = bool(self.is_v2.all())
+        self.length = data[at + 1].astype(np.int64)
+        self._words = _runs(data, at + 2, 8).view("<i8")[:, 0]  # in MAVLink 1 the flags and four bytes are not there
+
+    def _field(self, v2_bits: int, v1_bits: int, mask: int = 0xFF) -> IntArray:
+        field = self._words >> v2_bits & mask
+        return field if self.all_v2 else np.where(self.is_v2, field, self._words >> v1_bits & 0xFF)
+
+    def flags(self) -> IntArray:
+        """``(n,)`` incompatibility flags; none in MAVLink 1."""
+        flags = self._words & 0xFF
+        return flags if self.all_v2 else flags * self.is_v2
+
+    def message_id(self) -> IntArray:
+        """``(n,)``."""
+        return self._field(40, 24, 0xFFFFFF)
+
+    def system(self) -> IntArray:
+        """``(n,)``."""
+        return self._field(24, 8)
+
+    def component(self) -> IntArray:
+        """``(n,)``."""
+        return self._field(32, 16)
+
+    def start(self) -> IntArray | int:
+        """Of the payload, from the place on: of each ``(n,)``, or the same of all."""
+        return V2_HEAD if self.all_v2 else np.where(self.is_v2, V2_HEAD, V1_HEAD)
 
 
 class Region:
@@ -70,7 +122,8 @@ class Region:
 
     def __init__(self, data: Bytes) -> None:
         self.size = len(data)
-        self._padded = np.zeros(_FRONT + len(data) + _BACK, dtype=np.uint8)
+        self._padded = np.empty(_FRONT + len(data) + _BACK, dtype=np.uint8)
+        self._padded[:_FRONT] = self._padded[_FRONT + len(data) :] = 0
         self._padded[_FRONT : _FRONT + len(data)] = data
 
     def bytes_at(self, places: IntArray) -> IntArray:
@@ -84,28 +137,35 @@ class Region:
     def magics(self) -> IntArray:
         """Where a frame could begin."""
         data = self._padded[_FRONT : _FRONT + self.size]
-        return np.flatnonzero((data == V1) | (data == V2))
+        return np.flatnonzero(data - np.uint8(V2) <= V1 - V2)  # below V2 they wrap
 
     def checksums(self, starts: IntArray, lengths: IntArray, extras: IntArray) -> IntArray:
         """Checksums ``(n,)`` over runs of bytes, each with its CRC_EXTRA."""
+        order = np.argsort((_FRONT - lengths).astype(np.int16), kind="stable")  # longest first; of few values: fast
+        ends, lengths = (starts + lengths)[order], lengths[order]
         crc = _starts()[lengths]
-        shorter = 0
-        for width in _WIDTHS:
-            index = np.flatnonzero((lengths > shorter) & (lengths <= width))
-            shorter = width
-            if not len(index):
-                continue
-            rows = self.windows(starts[index] + lengths[index], width)
-            rows *= _COLUMNS[:width] >= (width - lengths[index]).astype(np.int16)[:, np.newaxis]
-            own = np.zeros(len(index), dtype=np.uint16)
-            for table, pair in zip(_pair_tables(), rows.view("<u2").T[::-1], strict=False):
-                own ^= table.take(pair, mode="clip")  # none is beyond its end: the fastest way to say so
-            crc[index] ^= own
-        return np.asarray((crc >> 8) ^ _CRC[0][(crc ^ extras) & 0xFF], dtype=np.int64)
+        first = 0
+        for width, shorter in zip(_WIDTHS, (*_WIDTHS[1:], 0), strict=True):
+            last = int(np.searchsorted(-lengths, -shorter))
+            if last > first:
+                crc[first:last] ^= self._own(ends[first:last], lengths[first:last], width)
+            first = last
+        checksums = np.empty(len(order), dtype=np.int64)
+        checksums[order] = (crc >> 8) ^ _CRC[0][(crc ^ extras[order]) & 0xFF]
+        return checksums
 
-    def head(self, at: IntArray) -> npt.NDArray[np.int32]:
-        """``(10, n)`` the bytes of a MAVLink 2 header at places ``(n,)``."""
-        return self.windows(at + V2_HEAD, V2_HEAD).T.astype(np.int32)
+    def _own(self, ends: IntArray, lengths: IntArray, width: int) -> Words:
+        """What the bytes before each end ``(n,)`` add to a checksum, longest first, none longer than the width."""
+        rows = self.windows(ends, width)
+        odd = np.flatnonzero(lengths & 1)
+        rows[odd, width - lengths[odd] - 1] = 0  # a zero in front adds nothing
+        reached = np.searchsorted(-lengths, -np.arange(1, width, 2), side="right").tolist()  # by pairs, from the last
+        own = np.zeros(len(ends), dtype=np.uint16)
+        for table, pair, count in zip(_pair_tables(), rows.view("<u2").T[::-1], reached, strict=False):
+            if not count:
+                break
+            own[:count] ^= table.take(pair[:count], mode="clip")  # none is beyond its end: the fastest way to say so
+        return own
 
     def claims(self, at: IntArray, table: Table) -> tuple[IntArray, IntArray]:
         """What stands at places ``(n,)``, before any checksum (``kernels.measure``).
@@ -113,15 +173,14 @@ class Region:
         Returns:
             The size of the frame that may stand there, 0 for none; and its CRC_EXTRA.
         """
-        head = self.head(at)
-        is_v2, length, flags = head[0] == V2, head[1], head[2]
-        message_id = _message_id(head)
+        head = Headers(self._padded, at + _FRONT)
+        message_id, flags = head.message_id(), head.flags()
         entry = np.where(message_id < TABLE_IDS, table.take(message_id, mode="clip"), -1)
-        fits_v1 = ((entry >> 8 & 0xFF) <= length) & (length <= entry >> 16) & (head[0] == V1)
-        fits = (entry >= 0) & np.where(is_v2, flags & ~SIGNED == 0, fits_v1)
-        signature = SIGNATURE * (is_v2 & (flags & SIGNED != 0))
-        size = np.where(is_v2, V2_HEAD + 2, V1_HEAD + 2) + length + signature
-        return np.where(fits & (at + size <= self.size), size, 0).astype(np.int64), entry & 0xFF
+        fits = (entry >= 0) & (flags & ~SIGNED == 0)
+        if not head.all_v2:
+            fits &= head.is_v2 | (((entry >> 8 & 0xFF) <= head.length) & (head.length <= entry >> 16))
+        size = head.start() + 2 + head.length + SIGNATURE * (flags & SIGNED)
+        return np.where(fits & (at + size <= self.size), size, 0), entry & 0xFF
 
     def good(self, at: IntArray, sizes: IntArray, extras: IntArray) -> BoolArray:
         """Whether frames that fit have the right checksums."""
@@ -141,35 +200,30 @@ class Region:
         return np.stack([at[good], size[good]])
 
 
-def _message_id(head: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Message ids ``(n,)`` out of headers ``(10, n)``."""
-    return np.asarray(np.where(head[0] == V2, head[7] | head[8] << 8 | head[9] << 16, head[5]))
-
-
 def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *, checked: bool) -> None:
     """As ``kernels.read_headers``."""
     at, size = frames
     index = np.flatnonzero((at >= 0) & (size >= MIN_FRAME) & (at + size <= len(data)))
-    region = Region(data)
     if not checked:
+        region = Region(data)
         claimed, extra = region.claims(at[index], table)
         fits = claimed == size[index]
         index, extra = index[fits], extra[fits]
         index = index[region.good(at[index], size[index], extra)]
-    head = region.head(at[index])
-    is_v2 = head[0] == V2
     heads[0] = -1
-    whole = index if len(index) < len(at) else slice(None)
-    heads[0, whole] = _message_id(head)
-    heads[1:3, whole] = np.where(is_v2, head[5:7], head[3:5])
-    heads[3, whole] = at[index] + np.where(is_v2, V2_HEAD, V1_HEAD)
-    heads[4, whole] = head[1]
+    if not len(index):
+        return
+    whole: IntArray | slice = slice(None)
+    if len(index) < len(at):
+        whole, at = index, at[index]
+    head = Headers(_padded(data, at, V2_HEAD), at)
+    heads[0, whole], heads[1, whole], heads[2, whole] = head.message_id(), head.system(), head.component()
+    heads[3, whole], heads[4, whole] = at + head.start(), head.length
 
 
 def gather(data: Bytes, places: IntArray, out: Bytes) -> None:
     """As ``payloads.gather``."""
     start, length = places
     width = out.shape[1]
-    padded = np.concatenate([data, np.zeros(width, dtype=np.uint8)])
-    out[:] = _runs(padded, start, width)
+    out[:] = _runs(_padded(data, start, width), start, width)
     out *= _COLUMNS[:width] < length.astype(np.int16)[:, np.newaxis]

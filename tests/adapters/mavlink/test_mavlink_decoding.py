@@ -116,8 +116,12 @@ def test_gimbal_rows_without_value_are_left_out_and_counted(decode: Decode) -> N
         _gimbal(32, (0, 0, 0, 0)),
         _gimbal(32, (math.inf, 0, 0, 0)),
     ]
-    (track,) = decode(*bad, _gimbal(32, (0.7071, 0, -0.7071, 0), failure=512), decoder=decoder)
+    track, *failures = decode(*bad, _gimbal(32, (0.7071, 0, -0.7071, 0), failure=512), decoder=decoder)
     assert isinstance(track, GimbalTrack)
+    assert [(each.what, len(each.arrival_ns)) for each in failures] == [
+        (f"the gimbal reports a failure ({what})", 1)
+        for what in ("it is at its roll limit", "motor error", "software error", "an unknown one")
+    ]
     np.testing.assert_allclose(track.wxyz, [[math.sqrt(0.5), 0, -math.sqrt(0.5), 0]], atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(track.wxyz, axis=-1), 1, atol=1e-15)
     assert decoder.rejected == {

@@ -27,7 +27,7 @@ Scan = Callable[..., tuple[int, int]]
 def scanned(scan: Scan, data: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
     """All rows and the final state, whatever the scan does at once."""
     state, rows = np.zeros(TLOG_STATE, dtype=np.int64), np.empty((3, CAPACITY), dtype=np.int64)
-    parts, at = [], 0
+    parts, at = [rows[:, :0]], 0
     while at < len(data):
         found, at = scan(data, at, at + step, frame_table(), rows, state)
         parts.append(rows[:, :found].copy())

@@ -23,7 +23,7 @@ from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.vision.river import NoRiver, RiverQuestion, find_river
 
-_LEAST_STD_PX = 0.3
+_LEAST_STD_PX = 0.2
 
 
 def river(

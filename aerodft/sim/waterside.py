@@ -87,7 +87,7 @@ class Waterside:
 
 def _quantile(share: float) -> float:
     """Of the normal distribution, as close as streaks of foam need it (Tukey's lambda)."""
-    return 4.91 * (share**0.14 - (1.0 - share) ** 0.14)
+    return 4.91 * (math.pow(share, 0.14) - math.pow(1.0 - share, 0.14))
 
 
 @njit

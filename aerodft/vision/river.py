@@ -12,6 +12,7 @@ from aerodft.dft.river_widths import BankPair, RiverWidths, river_widths
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.pose import Pose
 from aerodft.vision.bank_edges import Edges, locate_edges
+from aerodft.vision.bank_outliers import stand_out
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
 from aerodft.vision.water import WaterMask, find_water, with_islands
 from aerodft.vision.water_features import WaterFeatures, water_features
@@ -36,12 +37,14 @@ class RiverStatus(StrEnum):
     NO_WATER = "NO_WATER"  # the seed is on a bank, or there is no water
     OUT_OF_IMAGE = "OUT_OF_IMAGE"  # the image ends before the bank
     TOO_COARSE = "TOO_COARSE"  # the river is too narrow in the image
+    UNLIKE_NEIGHBOURS = "UNLIKE_NEIGHBOURS"  # a bank stands out: something is in front of it, or the mask leaked
     ILL_CONDITIONED = "ILL_CONDITIONED"  # too uncertain for a number
 
 
 WHY: Final = {
     RiverStatus.OUT_OF_IMAGE: "the image ends before both banks are in view",
     RiverStatus.TOO_COARSE: "the river is too narrow in the image for its banks to be told",
+    RiverStatus.UNLIKE_NEIGHBOURS: "a bank stands out from its neighbours: is something in front of it?",
     RiverStatus.ILL_CONDITIONED: "too far away for how well the pose is known",
 }
 """Of transects without a width."""
@@ -61,7 +64,7 @@ class RiverQuestion:
     seed_px: tuple[float, float] | None = None
     spacing_m: float = 1.0
     flow_rad: float | None = None
-    least_std_px: float = 0.3
+    least_std_px: float = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,7 +126,7 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     if line is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
     line = oriented(plane, line, question.flow_rad)
-    found = transects(plane, features, (channel, water.water), line, stations_along(line, question.spacing_m))
+    found = transects(plane, features, (channel, water.water, ground), line, stations_along(line, question.spacing_m))
     return _measured(image, setup, pose, plane, question, (features, water, line, found))
 
 
@@ -141,7 +144,8 @@ def river_across(
         line: The centreline, in the direction in which left and right are meant.
     """
     plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
-    masks = channel_of(plane, seen), seen.water.water
+    ground = _ground(plane, seen.features)
+    masks = with_islands(seen.water.water, ground), seen.water.water, ground
     found = transects(plane, seen.features, masks, line, stations_along(line, question.spacing_m))
     return _measured(image, setup, pose, plane, question, (seen.features, seen.water, line, found))
 
@@ -191,6 +195,8 @@ def _measured(
 ) -> River | NoRiver:
     features, water, line, found = seen
     edges, status = _banks(image, plane, found)
+    for row in np.flatnonzero(_unlike_neighbours(plane, found, edges, line.width_m)).tolist():
+        status[row] = RiverStatus.UNLIKE_NEIGHBOURS if status[row] is RiverStatus.OK else status[row]
     rows = np.flatnonzero([each is RiverStatus.OK for each in status])
     if len(rows) == 0:
         worst = RiverStatus.TOO_COARSE if RiverStatus.TOO_COARSE in status else RiverStatus.OUT_OF_IMAGE
@@ -209,6 +215,16 @@ def _measured(
         widths=widths,
         rows=rows,
     )
+
+
+def _unlike_neighbours(plane: WaterPlane, found: Transects, edges: Edges, width_m: float) -> BoolArray:
+    """Which transects ``(n,)`` have a bank that stands out."""
+    places = plane.places_en_m(edges.pixels_px)
+    offsets = np.sum((places - found.centres_en_m[:, None]) * found.to_left[:, None], axis=-1)
+    moved = plane.places_en_m(edges.pixels_px + edges.std_px[..., None] * edges.across_px)
+    std = np.linalg.norm(moved - places, axis=-1)
+    sides = [stand_out(found.stations_m, offsets[:, side], std[:, side], width_m) for side in (0, 1)]
+    return np.asarray(sides[0] | sides[1])
 
 
 def _banks(image: ImageArray, plane: WaterPlane, found: Transects) -> tuple[Edges, list[RiverStatus]]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
@@ -13,6 +14,7 @@ from aerodft.vision.waterway import Centreline, looked_up
 _REACH_WIDTHS: Final = 1.2  # to either side of the centreline
 _SAMPLES: Final = 240  # of a transect: half a percent of the width apart, at the least
 _OFF_CENTRE: Final = 0.35  # of the width: so far from the centreline there must be water
+_BORDER_PX: Final = 4  # of the small copy
 MOST_TRANSECTS: Final = 1000
 
 
@@ -46,7 +48,7 @@ class Transects:
 def transects(
     plane: WaterPlane,
     features: WaterFeatures,
-    masks: tuple[BoolArray, BoolArray],
+    masks: tuple[BoolArray, BoolArray, BoolArray],
     line: Centreline,
     stations_m: FloatArray,
 ) -> Transects:
@@ -55,7 +57,7 @@ def transects(
     Args:
         plane: The water's.
         features: The small copy that the masks are of.
-        masks: The channel with its islands, and the water without them, ``(height, width)`` each.
+        masks: The channel with its islands, the water without them, and what was looked at, ``(height, width)`` each.
         line: The centreline, in the direction in which left and right are meant.
         stations_m: ``(n,)`` along it.
     """
@@ -69,6 +71,7 @@ def transects(
     small = features.to_small(pixels)
     channel = looked_up(masks[0], small) & seen
     water = looked_up(masks[1], small)
+    told = looked_up(_well_inside(masks[2]), small)
     left, right = np.full(len(centres), np.nan), np.full(len(centres), np.nan)
     owners, stretches = [], []
     for row in range(len(centres)):
@@ -76,9 +79,9 @@ def transects(
         if span is None:
             continue
         first, last = span
-        if first > 0 and seen[row, first - 1]:
+        if first > 0 and told[row, first - 1]:
             right[row] = (offsets[first] + offsets[first - 1]) / 2
-        if last < len(offsets) - 1 and seen[row, last + 1]:
+        if last < len(offsets) - 1 and told[row, last + 1]:
             left[row] = (offsets[last] + offsets[last + 1]) / 2
         for low, high in _runs(~water[row, first : last + 1]):
             owners.append(row)
@@ -97,6 +100,12 @@ def transects(
         shores=np.array(owners, dtype=np.int64),
         shores_m=np.array(stretches, dtype=np.float64).reshape(-1, 2),
     )
+
+
+def _well_inside(ground: BoolArray) -> BoolArray:
+    """Without the border, where a mask may end for want of anything beyond."""
+    kernel = np.ones((3, 3), dtype=np.uint8)
+    return np.asarray(cv2.erode(ground.astype(np.uint8), kernel, iterations=_BORDER_PX, borderValue=0) > 0)
 
 
 def _span(channel: BoolArray, offsets_m: FloatArray, off_centre_m: float) -> tuple[int, int] | None:

@@ -15,8 +15,11 @@ from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
 
-FARTHEST_HEIGHTS: Final = 12.0
-"""Water farther than so many camera heights (4.8 degrees below the horizon) is not looked at, unless told otherwise."""
+FARTHEST_HEIGHTS: Final = 6.0
+"""Water farther than so many camera heights is not looked at, unless told otherwise.
+
+It lies 9.6 degrees below the horizon, where 0.3 degrees of tilt are 3 % of a width.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,8 @@
 A broken contract between functions is a ``ValueError``; a point without an answer is a status, no exception.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -58,3 +60,14 @@ class NoAnswerError(AerodftError):
     """The input is sound but holds no answer to what was asked (exit 4)."""
 
     exit_code = 4
+
+
+@contextmanager
+def located(where: object) -> Iterator[None]:
+    """Errors that do not say where they are say that it is there."""
+    try:
+        yield
+    except AerodftError as error:
+        if error.where:
+            raise
+        raise type(error)(error.what, where=where, got=error.got, expected=error.expected, hint=error.hint) from error

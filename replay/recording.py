@@ -12,7 +12,7 @@ from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.scanning import scan_segment
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, NoAnswerError, located
 from replay.segments import Wanted, is_mcap, messages_of, numbered
 
 _SHOWN = 3
@@ -104,7 +104,9 @@ class Recording:
             if message.channel.schema == measurement.SCHEMA:
                 yield message.data
             else:
-                yield from (payload for _, payload in measurement.split_measurements(message.data))
+                with located(self.folder):
+                    payloads = measurement.split_measurements(message.data)
+                yield from (payload for _, payload in payloads)
 
 
 def _is_picture(channel: ReadChannel) -> bool:

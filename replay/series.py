@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.codec import events
-from aerodft.errors import InputError
+from aerodft.errors import InputError, located
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import CODE_OF, Status
@@ -95,9 +95,10 @@ def read_side(path: Path) -> Side:
     recording = Recording(path)
     digest = hashlib.sha256()
     builders: dict[ProbeKey, _Builder] = {}
-    for payload in recording.measurements():
-        digest.update(len(payload).to_bytes(8, "little") + payload)
-        _add(builders, _row_of_payload(payload, path), path)
+    with located(path):
+        for payload in recording.measurements():
+            digest.update(len(payload).to_bytes(8, "little") + payload)
+            _add(builders, _row_of_payload(payload, path), path)
     return Side(
         where=path,
         series={key: builder.series() for key, builder in builders.items()},

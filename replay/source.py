@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from aerodft.adapters.codec import events
+from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.mcap.channels import SENDER_KEY
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError
+from aerodft.errors import InputError, located
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock, WireProtocol
@@ -43,8 +44,17 @@ class RecordingSource:
         """All events, (first) arrivals not decreasing; at most a second of telemetry is held in memory.
 
         Raises:
-            InputError: Arrivals go back: the recording was put together by hand.
+            InputError: Arrivals go back: the recording was put together by hand; or a message is damaged.
         """
+        last_ns = 0
+        for event in self._events():
+            arrival_ns = first_arrival_ns(event)
+            if arrival_ns < last_ns:  # by its own word: log times were looked at before
+                raise self._gone_back(last_ns - arrival_ns)
+            last_ns = arrival_ns
+            yield event
+
+    def _events(self) -> Iterator[Event]:
         blocks = _Blocks()
         for message in self._inputs():
             if message.channel.encoding in _PROTOCOLS:
@@ -53,8 +63,10 @@ class RecordingSource:
                 blocks.add(message)
             else:
                 yield from blocks.take()
-                is_image = message.channel.schema == events.IMAGE_SCHEMA
-                yield self._image(message.data) if is_image else events.decode_observation(message.data)
+                with located(self._recording.folder):
+                    is_image = message.channel.schema == events.IMAGE_SCHEMA
+                    event = self._image(message.data) if is_image else events.decode_observation(message.data)
+                yield event
         yield from blocks.take()
 
     def _inputs(self) -> Iterator[ReadMessage]:
@@ -63,14 +75,24 @@ class RecordingSource:
             if message.channel.encoding not in _PROTOCOLS and message.channel.schema not in _INPUTS:
                 continue
             if message.log_ns < last_ns:
+                raise self._gone_back(last_ns - message.log_ns)
+            if message.log_ns > LATEST_NS:
                 raise InputError(
-                    "the recording goes back in time",
+                    "a log time is none",
                     where=self._recording.folder,
-                    got=f"an arrival {(last_ns - message.log_ns) / SECOND_NS:.3f} s before the one before it",
-                    expected="segments of one recording, each once",
+                    got=message.log_ns,
+                    expected="before the year 2262",
                 )
             last_ns = message.log_ns
             yield message
+
+    def _gone_back(self, by_ns: int) -> InputError:
+        return InputError(
+            "the recording goes back in time",
+            where=self._recording.folder,
+            got=f"an arrival {by_ns / SECOND_NS:.3f} s before the one before it",
+            expected="segments of one recording, each once",
+        )
 
     def _image(self, data: bytes) -> Image:
         image = events.decode_image(data)

@@ -12,7 +12,7 @@ import typer
 
 from aerodft.adapters.whole_file import whole_file
 from aerodft.cli.output import print_json, say
-from aerodft.errors import NoAnswerError, UsageError
+from aerodft.errors import NoAnswerError, UsageError, located
 from replay.export import ExportFormat, export_text
 from replay.merging import merge_segments
 from replay.recording import Recording
@@ -65,9 +65,10 @@ def export(
         raise UsageError(f"{what} without --output", expected="-o FILE: stdout has room for one document")
     source = Recording(recording)
     if output is None:
-        sys.stdout.writelines(export_text(_measurements(source), ExportFormat(form)))
+        with located(recording):
+            sys.stdout.writelines(export_text(_measurements(source), ExportFormat(form)))
         return
-    with whole_file(output, overwrite=overwrite) as partial:
+    with whole_file(output, overwrite=overwrite) as partial, located(recording):
         written = _write(source, form, partial)
     if json:
         print_json({"file": str(output), "format": form, **written})

@@ -5,6 +5,10 @@ import shutil
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from aerodft.adapters.zenoh.session import free_endpoint
 
 FROZEN = Path(__file__).parent / "frozen-0.1"
 
@@ -78,3 +82,73 @@ def test_what_is_wrong_in_a_table_is_said_with_its_name(aerodft, table, tmp_path
     assert done.code == 3, done.err
     assert done.last.startswith(f"aerodft: {path}")
     assert said in done.last
+
+
+def remade(folder: Path, *, data=lambda _, data: data, log_ns=lambda _, log_ns: log_ns) -> Path:
+    """The frozen recording as somebody else's program writes it again, with payloads or log times changed."""
+    folder.mkdir()
+    shutil.copy(FROZEN / "config.toml", folder)
+    with (FROZEN / "data_000.mcap").open("rb") as source, (folder / "data_000.mcap").open("wb") as target:
+        writer, channels = Writer(target), {}
+        writer.start("x-aerodft", "by hand")
+        messages = make_reader(source).iter_messages(log_time_order=False)
+        for index, (schema, channel, message) in enumerate(messages):
+            if channel.topic not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, known, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.topic],
+                log_ns(index, message.log_time),
+                data(channel, message.data),
+                message.publish_time,
+                message.sequence,
+            )
+        writer.finish()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("log_ns", "said"),
+    [
+        (lambda _index, _log_ns: 0, "the recording goes back in time"),
+        (lambda index, _log_ns: index * 10_000_000, "the recording goes back in time"),
+        (lambda index, log_ns: log_ns if index < 400 else log_ns + 10**18, "the recording goes back in time"),
+        (lambda index, log_ns: log_ns - index * 50_000_000, "the recording goes back in time"),
+        (lambda _index, _log_ns: 2**64 - 1, "a log time is none: got 18446744073709551615"),
+    ],
+    ids=["none", "since 1970", "ahead by decades", "backwards", "beyond all"],
+)
+def test_log_times_that_are_not_the_arrivals_are_one_sentence(aerodft, tmp_path: Path, log_ns, said: str) -> None:
+    folder = remade(tmp_path / "remade", log_ns=log_ns)
+    done = aerodft("recompute", folder, "-o", tmp_path / "again")
+    assert done.code == 3, done.err
+    assert done.last.startswith(f"aerodft: {folder}: {said}")
+    assert "Traceback" not in done.err
+    replayed = aerodft("replay", folder, "--rate", "max", "--listen", free_endpoint(), "--json")
+    assert (replayed.code, replayed.json["measurements"]) == (0, 118), replayed.err
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: data[: len(data) // 2],
+        lambda _: b"[1,2]",
+        lambda data: data.replace(b'"stamp_ns":"', b'"stamp_ns":"x'),
+        lambda _: b'{"schema":' + b"[" * 5000 + b"]" * 5000 + b"}",
+    ],
+    ids=["cut", "a list", "no number", "5000 deep"],
+)
+@pytest.mark.parametrize("command", ["recompute", "compare", "export"])
+def test_a_payload_that_is_none_is_named_with_its_recording(aerodft, tmp_path: Path, command: str, damage) -> None:
+    def damaged(channel, data: bytes) -> bytes:
+        return damage(data) if channel.message_encoding == "json" else data
+
+    folder = remade(tmp_path / "remade", data=damaged)
+    more = {"compare": (FROZEN,), "export": ("--format", "csv", "-o", tmp_path / "table.csv")}
+    done = aerodft(command, folder, *more.get(command, ("-o", tmp_path / "again")))
+    assert done.code == 3, done.err
+    assert done.last.startswith(f"aerodft: {folder}: ")
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "table.csv").exists()

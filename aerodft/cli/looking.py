@@ -1,7 +1,7 @@
 """Who looks at a station's images, and what became of that."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,12 +10,15 @@ from aerodft.adapters.config.station import Rate, StationConfig
 from aerodft.cli.watching import steady_lookout
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError
+from aerodft.geometry.poses import moved_on
 from aerodft.model.image import Image
 from aerodft.model.pose import PoseSample
+from aerodft.model.probe import PixelSource
 from aerodft.service.looking import LookCounts, Lookout
 from aerodft.service.pipeline import Pipeline
 from aerodft.vision.moving import MovingObjects
 from aerodft.vision.river_observer import RiverObserver
+from aerodft.vision.tracked_probes import TrackedProbes
 from calibration.marker_observer import CameraPlace, MarkerObserver
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
@@ -100,6 +103,11 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may
             station.pipeline.camera, station.river, probes, lambda image: fixed or _pose_near(pipeline, image)
         )
         lookouts["river"] = Lookout(river, station.river.every_s)
+    tracked = tuple(probe for probe in station.pipeline.probes if probe.source is PixelSource.TRACKED)
+    if tracked:
+        _check_images(station, "tracked probes", where, may_record=may_record)
+        camera, ground = station.pipeline.camera, station.pipeline.ground
+        lookouts["tracked"] = Lookout(TrackedProbes(camera, tracked, lambda image: _pose_now(pipeline, image), ground))
     return Eyes(tuple(lookouts.values()), tuple(lookouts), observer, river)
 
 
@@ -117,6 +125,15 @@ def _pose_near(pipeline: Pipeline, image: Image) -> PoseSample | None:
     if sample is None or abs(pipeline.in_utc(image).stamp_ns - sample.stamp_ns) > _RECENT_S * SECOND_NS:
         return None
     return sample
+
+
+def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
+    """That pose, moved on to the image's stamp."""
+    sample = _pose_near(pipeline, image)
+    if sample is None or sample.pose is None:
+        return None
+    elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
+    return replace(sample, pose=moved_on(sample.pose, elapsed_s))
 
 
 def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:

@@ -75,7 +75,7 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
 
 def _seen_again(source: Source, recording: Recording, eyes: Eyes) -> SeenAgain:
     if not eyes.lookouts:
-        got = "a configuration without [markers], [watch], [objects] and [river]"
+        got = "a configuration without [markers], [watch], [objects], [river] and tracked probes"
         raise UsageError("--vision", got=got, expected="one of them: else aerodft looks for nothing itself")
     if next(recording.image_messages(), None) is None:
         hint = "record.image_hz says how many are kept"

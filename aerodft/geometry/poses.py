@@ -1,10 +1,11 @@
 """Poses from the angles and standard deviations that people say."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from aerodft.geometry.rotation import camera_attitude, matrix
+from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import Pose, PoseStd
 
@@ -29,6 +30,13 @@ def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | Sequence[PoseStd]) 
     cov[..., range(3, 6), range(3, 6)] = about
     cov[..., 3:, 3:] += rows[..., 2, None, None] * up_cam[..., :, None] * up_cam[..., None, :]
     return cov
+
+
+def moved_on(pose: Pose, elapsed_s: float) -> Pose:
+    """One pose some time later (or earlier, below 0), by its velocity and its rate of turn."""
+    turn = from_rotation_vector(pose.rate_cam_radps * elapsed_s)
+    position = pose.position_enu_m + pose.velocity_enu_mps * elapsed_s
+    return replace(pose, position_enu_m=position, wxyz=multiply(pose.wxyz, turn))
 
 
 def camera_pose(

@@ -24,6 +24,7 @@ class PixelSource(StrEnum):
 
     FIXED = "fixed"
     OBSERVED = "observed"
+    TRACKED = "tracked"  # those of one image, found again in the others
 
 
 _MOST = 64
@@ -66,12 +67,13 @@ class Probe:
         name: Unique; the last part of its key expression.
         kind: What is measured.
         source: Fixed pixels, or pixels that somebody observes.
-        pixels: ``((u, v), ...)`` for a fixed probe, else empty.
+        pixels: ``((u, v), ...)`` for a fixed probe, of one image for a tracked one, else empty.
         std_px: Standard deviation of each pixel coordinate, unless the observation brings its own.
         elevation_m: Height of the measured surface above the ground; level ground is the height's datum plane.
         elevation_std_m: Its standard deviation, shared by all points of the probe.
         on_top_of: Name of a ``height`` in the same image: the probe lies in the level plane through that object's top,
             ``elevation_m`` is 0.
+        at_ns: UTC of the image that a tracked probe's pixels are of; None for the first.
     """
 
     name: str
@@ -82,8 +84,9 @@ class Probe:
     elevation_m: float = 0.0
     elevation_std_m: float = 0.0
     on_top_of: str | None = None
+    at_ns: int | None = None
 
     def __post_init__(self) -> None:
-        if self.source is PixelSource.FIXED and not takes_pixels(self.kind, len(self.pixels)):
+        if self.source is not PixelSource.OBSERVED and not takes_pixels(self.kind, len(self.pixels)):
             wanted = pixels_wanted(self.kind)
             raise ValueError(f"probe {self.name}: {len(self.pixels)} pixels for {self.kind}, needs {wanted}")

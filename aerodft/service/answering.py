@@ -12,7 +12,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.probe import PixelSource
 from aerodft.service.asked import Asked
-from aerodft.service.outlined import request_of
+from aerodft.service.outlined import is_lost, lost, request_of
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output
 from aerodft.service.settings import PipelineSettings
 from aerodft.service.waiting import ImageMemory, Ready
@@ -45,7 +45,7 @@ class Answering:
 
     Attributes:
         fixed: What is asked in every image.
-        observed: The probes whose pixels come from outside, by name.
+        observed: The probes whose pixels come as observations, by name.
         last_pose: The pose of the newest finished image; None before the first.
     """
 
@@ -57,7 +57,7 @@ class Answering:
         images: ImageMemory,
         switched: Callable[[HeightSource, HeightSource, int], HeightSwitch],
     ) -> None:
-        self.observed = {p.name: p for p in settings.probes if p.source is PixelSource.OBSERVED}
+        self.observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
         fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
         self.fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         self.last_pose: PoseSample | None = None
@@ -116,6 +116,8 @@ class Answering:
             return [subject, *switch, sample, *asked]
         observation = self._linked(subject)
         probe = self.observed[observation.name]
+        if is_lost(probe, observation):
+            return [observation, lost(self._setup, sample, probe, observation.image)]
         request = request_of(probe, observation, zoomed(self._setup, sample)[0].camera, sample.pose)
         return [observation, Asked(sample, linked([request], self.fixed), observation.image)]
 

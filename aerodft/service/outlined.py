@@ -5,24 +5,52 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.request import Request
+from aerodft.dft.answers import Answer, ImageAnswers
+from aerodft.dft.request import Request, Setup
 from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose
-from aerodft.model.probe import Probe, ProbeKind, takes_pixels
+from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.probe import PixelSource, Probe, ProbeKind, takes_pixels
+from aerodft.model.status import Status
 
 _OF_STANDING: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
 
 Pixels = tuple[tuple[float, float], ...]
 
 
-def can_answer(kind: ProbeKind, observation: Observation) -> bool:
-    """Whether what was observed is what a probe of this kind measures."""
+def can_answer(probe: Probe, observation: Observation) -> bool:
+    """Whether what was observed is what a probe measures, or that it was not found."""
+    kind = probe.kind
+    if is_lost(probe, observation):
+        return True
     if not observation.has_outline:
         return takes_pixels(kind, len(observation.pixels))
     return kind in _OF_STANDING or (kind is ProbeKind.AREA and bool(observation.contour))
+
+
+def is_lost(probe: Probe, observation: Observation) -> bool:
+    """Whether a tracked probe was not found."""
+    return probe.source is PixelSource.TRACKED and not observation.pixels and not observation.has_outline
+
+
+def lost(setup: Setup, sample: PoseSample, probe: Probe, image: int | None) -> ImageAnswers:
+    """What is measured of a probe that was not found: nothing."""
+    answer = Answer(sample.status, sample.reasons)
+    if sample.status is Status.OK:
+        answer = Answer(Status.LOST, ("it is out of the image, or was not recognised in it", *sample.reasons))
+    return ImageAnswers(
+        requests=(Request(probe=probe, pixels=(), std_px=probe.std_px),),
+        answers=(answer,),
+        sample=sample,
+        stamp_ns=sample.stamp_ns,
+        image=image,
+        model=setup.model,
+        camera=setup.camera.name,
+        calibration=sample.calibration,
+        config=setup.config_id,
+    )
 
 
 def request_of(probe: Probe, observation: Observation, camera: Camera, pose: Pose | None) -> Request:

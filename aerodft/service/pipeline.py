@@ -216,7 +216,7 @@ class Pipeline:
         if probe is None and not is_known and not is_object:
             self.counts.unknown_probe += 1
             return
-        is_measured = probe is not None and can_answer(probe.kind, observation)
+        is_measured = probe is not None and can_answer(probe, observation)
         is_landmark = self._observer is not None and is_known and self._observer.fits(observation)
         if not is_measured and not is_landmark and not is_object:
             self.counts.wrong_pixel_count += 1

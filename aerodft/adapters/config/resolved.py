@@ -274,13 +274,22 @@ def _topics(topics: Topics) -> dict[str, Any]:
     return _stated(mavlink=list(topics.mavlink) or None, images=images, camera=camera)
 
 
+def _time(stamp_ns: int | None) -> str | None:
+    return None if stamp_ns is None else unix_ns_to_iso(stamp_ns)
+
+
 def _probe(probe: Probe) -> dict[str, Any]:
-    fixed = probe.source is PixelSource.FIXED
+    pixels = {"pixels": [list(pixel) for pixel in probe.pixels]}
+    sources: dict[PixelSource, dict[str, Any]] = {
+        PixelSource.FIXED: pixels,
+        PixelSource.OBSERVED: {"observed": True},
+        PixelSource.TRACKED: {**pixels, "tracked": True, **_stated(at=_time(probe.at_ns))},
+    }
     plane = {"elevation_m": probe.elevation_m, "elevation_std_m": probe.elevation_std_m}
     return {
         "name": probe.name,
         "kind": str(probe.kind),
-        **({"pixels": [list(pixel) for pixel in probe.pixels]} if fixed else {"observed": True}),
+        **sources[probe.source],
         "std_px": probe.std_px,
         **(plane if probe.on_top_of is None else {"on_top_of": probe.on_top_of}),
     }

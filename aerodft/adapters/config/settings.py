@@ -273,15 +273,22 @@ def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> t
         Probe(
             name=table.name,
             kind=table.kind,
-            source=PixelSource.OBSERVED if table.observed else PixelSource.FIXED,
+            source=_source(table),
             pixels=table.pixels or (),
             std_px=table.std_px,
             elevation_m=table.elevation_m,
             elevation_std_m=table.elevation_std_m,
             on_top_of=table.on_top_of,
+            at_ns=table.at,
         )
         for table in tables
     )
+
+
+def _source(table: ProbeTable) -> PixelSource:
+    if table.tracked:
+        return PixelSource.TRACKED
+    return PixelSource.OBSERVED if table.observed else PixelSource.FIXED
 
 
 def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None:
@@ -291,8 +298,8 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
         got = f'"{name}", which is not there'
     elif found.kind is not ProbeKind.HEIGHT:
         got = f'"{name}", which measures a {found.kind}'
-    elif found.observed:
-        got = f'"{name}", of which the pixels are observed'
+    elif found.observed or found.tracked:
+        got = f'"{name}", of which the pixels are {_source(found)}'
     elif found.on_top_of is not None:
         got = f'"{name}", which lies on top of "{found.on_top_of}"'
     else:

@@ -209,6 +209,8 @@ class ProbeTable(Table):
     kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
     pixels: Many[Pixel] | None = None
     observed: bool = False
+    tracked: bool = False
+    at: Annotated[int, BeforeValidator(_instant)] | None = None
     std_px: NonNegative = 1.0
     elevation_m: Real = 0.0
     elevation_std_m: NonNegative = 0.0
@@ -218,6 +220,10 @@ class ProbeTable(Table):
     def _fixed_or_observed(self) -> Self:
         if self.observed and self.pixels is not None:
             raise impossible("pixels", got="it beside observed = true", expected="one of the two")
+        if self.observed and self.tracked:
+            raise impossible("tracked", got="it beside observed = true", expected="one of the two")
+        if self.at is not None and not self.tracked:
+            raise impossible("at", got="it without tracked = true", expected="the time of the image of tracked pixels")
         if not self.observed and self.pixels is None:
             raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
         if self.pixels is not None and not takes_pixels(self.kind, len(self.pixels)):
@@ -260,6 +266,9 @@ class ConfigTable(Table):
         if self.watch is not None and self.pose is None:
             hint = "a camera that moves has no image to be held against"
             raise impossible("watch", got="it beside [telemetry]", expected="[pose]", hint=hint)
+        if self.pose is not None and (tracked := next((each.name for each in self.probe if each.tracked), None)):
+            got, hint = f'tracked = true of "{tracked}" beside [pose]', "a fixed camera's pixels stay where they are"
+            raise impossible("probe", got=got, expected="[telemetry]", hint=hint)
         for key in ("landmark", "markers"):
             if getattr(self, key) and self.telemetry is None:
                 hint = "find a fixed camera's pose with aerodft calibrate"

@@ -38,15 +38,13 @@ def _size_at(data: Bytes, at: int, types: IntArray) -> int:
 
 
 @njit
-def _time_us(data: Bytes, at: int, types: IntArray) -> int:
-    """The time since boot of the message at ``at``; -1 where it has none."""
-    if at + HEAD_SIZE + 8 > len(data) or not types[data[at + 2]] & _TIMED:
-        return -1
+def _time_us(data: Bytes, at: int) -> int:
+    """The time since boot of a message that begins with it, at ``at``; -1 where it is none."""
     stamp = 0
     for i in range(7, -1, -1):
         if stamp >= MAX_STAMP_US >> 8:
             return -1
-        stamp = stamp << 8 | int(data[at + HEAD_SIZE + i])
+        stamp = stamp << 8 | int(data[at + i])
     return stamp
 
 
@@ -90,9 +88,13 @@ def _scan_dataflash(
     """
     at, found, stop = start, 0, len(data)
     while at < min(stop, limit) and found < rows.shape[1]:
-        size = _size_at(data, at, types)
-        synced = at == state[AT_SYNC]
-        if not _whole(data, at, size, synced, types):
+        kind, synced = 0, at == state[AT_SYNC]
+        # As ``_size_at``: such calls would take most of the time.
+        if at + HEAD_SIZE <= stop and data[at] == _FIRST and data[at + 1] == _SECOND:
+            kind = types[data[at + 2]]
+        size = kind & 0xFF
+        is_due = synced and size > 0 and at + size <= stop
+        if not is_due and not _whole(data, at, size, synced, types):
             if synced and (at + size > stop or stop - at < HEAD_SIZE):
                 state[N_TRUNCATED] += 1
             state[N_SKIPPED] += 1
@@ -101,7 +103,9 @@ def _scan_dataflash(
         end = at + size
         if data[at + 2] == FMT_TYPE:
             _learn(data, at, types)
-        rows[0, found], rows[1, found], rows[2, found] = at, size, _time_us(data, at, types)
+        timed = kind & _TIMED and at + HEAD_SIZE + 8 <= stop
+        rows[0, found], rows[1, found] = at, size
+        rows[2, found] = _time_us(data, at + HEAD_SIZE) if timed else -1
         found += 1
         state[N_OK] += 1
         state[AT_SYNC] = end

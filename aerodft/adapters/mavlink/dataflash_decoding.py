@@ -228,7 +228,7 @@ class DataflashDecoder:
         data = np.frombuffer(block.data, dtype=np.uint8)
         whole = (block.offset >= 0) & (block.length >= HEAD_SIZE) & (block.offset + block.length <= len(data))
         self.damaged += int(np.count_nonzero(~whole))
-        kinds = np.full(len(whole), -1, dtype=np.int64)
+        kinds = np.full(len(whole), -1, dtype=np.int16)
         kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
         self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
         wanted = sorted(kind for kind, layout in self.formats.items() if layout.name in self._makers)

@@ -21,7 +21,7 @@ _SLOT: Final = 1 << 16
 _NAME: Final = 28  # sockaddr_in6
 _NAME_V4: Final = 8  # sockaddr_in without its padding
 _MOST_NAMES: Final = 4096
-_GATHER_S: Final = 0.002
+_GATHER_S: Final = 0.004
 _CROWD: Final = range(8, BATCH // 4)  # so many at once: more than 2000 messages a second, and no flood
 _HARMLESS: Final = {errno.EAGAIN, errno.EINTR, errno.ECONNREFUSED}
 
@@ -93,13 +93,15 @@ class BatchReader:
         self._messages = (_Message * BATCH)(*[_Message(head) for head in heads])
         table = np.frombuffer(memoryview(self._messages), dtype=np.dtype(_Message))
         self._sizes, self._place_sizes = table["size"], table["head"]["name_size"]
+        rows = np.frombuffer(self._places, dtype=np.uint8).reshape(BATCH, _NAME)
+        self._places_by_row = rows[:, : self._place_size]
         self._names: dict[bytes, str] = {}
         self._is_crowded = False
 
     def read(self) -> Reads:
         """What has arrived, at most ``BATCH`` datagrams; those of one sender together, in their order.
 
-        Where they come thick and fast it gathers them for 2 ms first: that takes a third of the time.
+        Where they come thick and fast it gathers them for 4 ms first: that takes a quarter of the time.
 
         Raises:
             OSError: The socket is broken.
@@ -114,12 +116,15 @@ class BatchReader:
             if code in _HARMLESS:
                 return []
             raise OSError(code, os.strerror(code))
-        parts: dict[bytes, list[memoryview]] = {}
-        data, places = memoryview(self._data), self._places
-        for k, size in enumerate(self._sizes[:count].tolist()):
-            place = bytes(places[k * _NAME : k * _NAME + self._place_size])
-            parts.setdefault(place, []).append(data[k * _SLOT : k * _SLOT + size])
-        joined = ((place, b"".join(pieces)) for place, pieces in parts.items())
+        data, places = memoryview(self._data), self._places_by_row[:count]
+        parts = [data[k * _SLOT : k * _SLOT + size] for k, size in enumerate(self._sizes[:count].tolist())]
+        if not count or (places == places[0]).all():  # of one sender, as nearly always
+            of_senders = {places[0].tobytes(): parts} if count else {}
+        else:
+            of_senders = {}
+            for place, part in zip(map(bytes, places), parts, strict=True):
+                of_senders.setdefault(place, []).append(part)
+        joined = ((place, b"".join(pieces)) for place, pieces in of_senders.items())
         return [(self._name(place), whole) for place, whole in joined if whole]
 
     def _name(self, place: bytes) -> str:

@@ -11,7 +11,6 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
-
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 

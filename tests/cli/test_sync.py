@@ -117,8 +117,8 @@ def test_import_with_auto_looks_where_the_camera_looked(desk, aerodft, tmp_path)
     tilt_rad, _, _ = camera_angles(trajectory.sampled(list(poses)).enu_wxyz_cam)
     off_rad = np.array(list(poses.values())) - tilt_rad
     assert len(poses) > 200
-    # The simulated gimbal has a bias of its own; what varies would be a wrong time. It turns at up to 35 deg/s: 10 ms, a
-    # standard deviation and a half of so small images, are 0.35 deg; a lag that was not found would be 5.
+    # The simulated gimbal has a bias of its own; what varies would be a wrong time. It turns at up to 35 deg/s: 10 ms,
+    # a standard deviation and a half of so small images, are 0.35 deg; a lag that was not found would be 5.
     assert np.percentile(np.abs(off_rad - np.median(off_rad)), 95) < math.radians(0.35)
 
 

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
 import numpy as np
@@ -13,41 +12,31 @@ from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.pose import Pose
 from aerodft.vision.bank_edges import Edges, locate_edges
 from aerodft.vision.bank_outliers import stand_out
+from aerodft.vision.river_checks import no_light, no_river
+from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
 from aerodft.vision.water import WaterMask, find_water, with_islands
 from aerodft.vision.water_features import WaterFeatures, water_features
 from aerodft.vision.water_plane import WaterPlane
-from aerodft.vision.waterway import Centreline, centreline
+from aerodft.vision.waterway import Centreline, centreline, looked_up
+
+__all__ = [
+    "WHY",
+    "NoRiver",
+    "River",
+    "RiverQuestion",
+    "RiverStatus",
+    "channel_of",
+    "find_river",
+    "oriented",
+    "river_across",
+    "stations_along",
+]
 
 _SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
 _WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far a mask's outline may be off; a coarse one is off by 4
 _STEP_M: Final = 0.5  # over which directions in the image are taken, at most
 _ROOM: Final = 0.3  # of the way to the opposite bank: so far a profile may reach
-
-
-class RiverStatus(StrEnum):
-    """What became of a river, or of one transect."""
-
-    OK = "ok"
-    ABOVE_HORIZON = "ABOVE_HORIZON"  # the image shows no water plane near enough
-    SEED_OFF_GROUND = "SEED_OFF_GROUND"  # the seed is outside the image, above the horizon or too far away
-    TOO_DARK = "TOO_DARK"  # night, or a covered lens
-    NO_CONTRAST = "NO_CONTRAST"  # water and bank cannot be told apart
-    ALL_WATER = "ALL_WATER"  # no bank anywhere
-    NO_WATER = "NO_WATER"  # the seed is on a bank, or there is no water
-    OUT_OF_IMAGE = "OUT_OF_IMAGE"  # the image ends before the bank
-    TOO_COARSE = "TOO_COARSE"  # the river is too narrow in the image
-    UNLIKE_NEIGHBOURS = "UNLIKE_NEIGHBOURS"  # a bank stands out: something is in front of it, or the mask leaked
-    ILL_CONDITIONED = "ILL_CONDITIONED"  # too uncertain for a number
-
-
-WHY: Final = {
-    RiverStatus.OUT_OF_IMAGE: "the image ends before both banks are in view",
-    RiverStatus.TOO_COARSE: "the river is too narrow in the image for its banks to be told",
-    RiverStatus.UNLIKE_NEIGHBOURS: "a bank stands out from its neighbours: is something in front of it?",
-    RiverStatus.ILL_CONDITIONED: "too far away for how well the pose is known",
-}
-"""Of transects without a width."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,14 +81,6 @@ class River:
     rows: IntArray
 
 
-@dataclass(frozen=True, slots=True)
-class NoRiver:
-    """Why there is no answer."""
-
-    status: RiverStatus
-    reason: str
-
-
 def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion) -> River | NoRiver:
     """Measure the river in one image.
 
@@ -114,17 +95,18 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     ground = _ground(plane, features)
     if not ground.any():
         return NoRiver(RiverStatus.ABOVE_HORIZON, "the image shows no water plane near enough: it looks too far up")
+    if (dark := no_light(image)) is not None:
+        return dark
     seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
-    at = np.clip(np.rint(seed).astype(int), 0, [features.shape[1] - 1, features.shape[0] - 1])
-    if not ground[at[1], at[0]]:
+    if not looked_up(ground, seed):
         return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")
     water = find_water(features, (float(seed[0]), float(seed[1])), ground)
-    if np.count_nonzero(ground & ~water.water) < 0.01 * np.count_nonzero(ground):
-        return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all looks alike")
+    if (refusal := no_river(features, water, ground)) is not None:
+        return refusal
     channel = with_islands(water.water, ground)
     line = centreline(plane, features, channel)
     if line is None:
-        return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
+        return NoRiver(RiverStatus.OUT_OF_IMAGE, WHY[RiverStatus.OUT_OF_IMAGE])
     line = oriented(plane, line, question.flow_rad)
     found = transects(plane, features, (channel, water.water, ground), line, stations_along(line, question.spacing_m))
     return _measured(image, setup, pose, plane, question, (features, water, line, found))

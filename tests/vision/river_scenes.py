@@ -66,7 +66,7 @@ def picture(scene, *, width_px=1920, height_px=1080, noise_std=2.0, seed=1):
 
 def true_crossing(river, centres_en_m, to_left):
     """Offsets ``(n, 2)`` of left and right bank along lines through the water; NaN where their centre is on land."""
-    offsets = np.linspace(-60.0, 60.0, 48001)
+    offsets = np.linspace(-40.0, 40.0, 8001)
     found = np.full((len(centres_en_m), 2), np.nan)
     for row, (centre, unit) in enumerate(zip(centres_en_m, to_left, strict=True)):
         along, across = river.along_across(centre + offsets[:, None] * unit)
@@ -74,6 +74,9 @@ def true_crossing(river, centres_en_m, to_left):
         outside = np.flatnonzero((across > left) | (across < right))
         above, below = outside[offsets[outside] > 0], outside[offsets[outside] < 0]
         if len(above) and len(below) and not np.any(offsets[outside] == 0):
-            step = offsets[1] - offsets[0]
-            found[row] = offsets[above[0]] - step / 2, offsets[below[-1]] + step / 2
+            gap = np.minimum(left - across, across - right)  # linear over a step: where it is 0, the bank is
+            found[row] = [
+                np.interp(0.0, gap[[dry, wet]], offsets[[dry, wet]])
+                for dry, wet in ((above[0], above[0] - 1), (below[-1], below[-1] + 1))
+            ]
     return found

@@ -1,0 +1,38 @@
+"""What can become of a river in an image."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+
+class RiverStatus(StrEnum):
+    """What became of a river, or of one transect."""
+
+    OK = "ok"
+    ABOVE_HORIZON = "ABOVE_HORIZON"  # the image shows no water plane near enough
+    SEED_OFF_GROUND = "SEED_OFF_GROUND"  # the seed is outside the image, above the horizon or too far away
+    TOO_DARK = "TOO_DARK"  # night, or a covered lens
+    NO_CONTRAST = "NO_CONTRAST"  # water and bank cannot be told apart
+    ALL_WATER = "ALL_WATER"  # no bank anywhere
+    NO_WATER = "NO_WATER"  # the seed is on a bank, or there is no water
+    OUT_OF_IMAGE = "OUT_OF_IMAGE"  # the image ends before the bank
+    TOO_COARSE = "TOO_COARSE"  # the river is too narrow in the image
+    UNLIKE_NEIGHBOURS = "UNLIKE_NEIGHBOURS"  # a bank stands out: something is in front of it, or the mask leaked
+    ILL_CONDITIONED = "ILL_CONDITIONED"  # too uncertain for a number
+
+
+WHY: Final = {
+    RiverStatus.OUT_OF_IMAGE: "the image does not show both banks: the river leaves it, or only one bank is in view",
+    RiverStatus.TOO_COARSE: "the river is too narrow in the image for its banks to be told",
+    RiverStatus.UNLIKE_NEIGHBOURS: "a bank stands out from its neighbours: is something in front of it?",
+    RiverStatus.ILL_CONDITIONED: "too far away for how well the pose is known",
+}
+"""Of transects without a width."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoRiver:
+    """Why there is no answer."""
+
+    status: RiverStatus
+    reason: str

@@ -1,0 +1,68 @@
+"""What shows no river between two banks gets a status and a reason, and no width."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aerodft.dft.request import Setup
+from aerodft.geometry.poses import camera_pose
+from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.river import River as SimulatedRiver
+from aerodft.sim.scenario import default_camera
+from aerodft.sim.world import DEFAULT_ORIGIN, Look, World
+from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
+
+CAMERA = default_camera(960, 540)
+MIDDLE = (480.0, 270.0)
+
+
+def seen(north_m, tilt_deg, height_m, *, width_m=22.0, look=None, seed_px=None, dim=1.0):
+    """What is found from ``north_m`` of the river's axis, the camera looking north across it."""
+    river = SimulatedRiver(width_m=width_m, width_swing_m=0.0, meander_m=0.0)
+    world = World(origin=DEFAULT_ORIGIN, river=river, look=look or Look())
+    pose = camera_pose(height_agl_m=height_m, tilt_rad=math.radians(tilt_deg), north_m=north_m)
+    image = Renderer(CAMERA, world, Imaging()).render(pose, 1.0)
+    image = (image * dim).astype(np.uint8)
+    return find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(seed_px=seed_px))
+
+
+def test_a_river_across_the_image_is_measured_from_its_middle():
+    found = seen(0.0, 0.0, 60.0, seed_px=MIDDLE)
+    assert isinstance(found, River)
+    assert np.median(found.widths.width_m) == pytest.approx(22.0, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("given", "status", "says"),
+    [
+        ({"north_m": 500.0, "tilt_deg": 0.0, "height_m": 30.0}, RiverStatus.NO_WATER, "grows"),
+        ({"north_m": 30.0, "tilt_deg": 0.0, "height_m": 60.0}, RiverStatus.NO_WATER, "seed on a bank"),
+        ({"north_m": 0.0, "tilt_deg": 0.0, "height_m": 8.0}, RiverStatus.NO_CONTRAST, "cannot be told apart"),
+        ({"north_m": 9.0, "tilt_deg": 0.0, "height_m": 14.0}, RiverStatus.OUT_OF_IMAGE, "only one bank"),
+        ({"north_m": 0.0, "tilt_deg": 120.0, "height_m": 30.0}, RiverStatus.ABOVE_HORIZON, "too far up"),
+        ({"north_m": 0.0, "tilt_deg": 0.0, "height_m": 60.0, "dim": 0.05}, RiverStatus.TOO_DARK, "night"),
+        (
+            {"north_m": 0.0, "tilt_deg": 0.0, "height_m": 60.0, "seed_px": (480.0, 900.0)},
+            RiverStatus.SEED_OFF_GROUND,
+            "seed",
+        ),
+        (
+            {"north_m": 0.0, "tilt_deg": 75.0, "height_m": 30.0, "seed_px": (480.0, 2.0)},
+            RiverStatus.SEED_OFF_GROUND,
+            "near enough",
+        ),
+    ],
+)
+def test_no_river_for_a_reason(given, status, says):
+    found = seen(**given)
+    assert isinstance(found, NoRiver)
+    assert found.status is status
+    assert says in found.reason
+
+
+def test_a_white_image_shows_nothing():
+    pose = camera_pose(height_agl_m=30.0, tilt_rad=0.2)
+    found = find_river(np.full((540, 960, 3), 255, dtype=np.uint8), Setup(camera=CAMERA), pose, RiverQuestion())
+    assert isinstance(found, NoRiver)
+    assert found.status is RiverStatus.ALL_WATER

@@ -178,7 +178,7 @@ def _replace(path: Path, descriptor: int, found: Survey) -> None:
 
 def _keep_dropped(path: Path, descriptor: int, found: Survey) -> None:
     """Put damaged bytes into a file beside the segment: somebody may be able to read more of them."""
-    damaged = [loss for loss in found.losses if loss.offset is not None and loss.to_ns is not None]
+    damaged = [loss for loss in found.losses if loss.offset is not None and not (loss.is_torn and loss.to_ns is None)]
     if damaged:
         with path.with_name(f"{path.name}.dropped").open("ab") as file:
             for loss in damaged:

@@ -37,6 +37,7 @@ class Loss:
         offset: Where it was in the file; None where it was in none.
         length: How many bytes that were.
         messages: How many messages that were; None where nobody knows.
+        is_torn: Whether it is the end of a file that was not written to its end.
     """
 
     what: str
@@ -45,6 +46,7 @@ class Loss:
     offset: int | None = None
     length: int = 0
     messages: int | None = None
+    is_torn: bool = False
 
 
 @dataclass(slots=True)
@@ -95,7 +97,8 @@ def survey(descriptor: int) -> Survey:
         found.is_sound = False
         is_beginning = item.offset == 0 and not item.is_torn
         if not (is_beginning or (item.is_torn and salvage.has_end)):
-            found.losses.append(Loss(what=_words(item), from_ns=found.end_ns, offset=item.offset, length=item.length))
+            place = {"offset": item.offset, "length": item.length}
+            found.losses.append(Loss(what=_words(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
     if not salvage.has_end and not any(loss.to_ns is None for loss in found.losses):
         found.losses.append(Loss(what=_UNFINISHED, from_ns=found.end_ns))
     for record in (*salvage.at_end.schemas.values(), *salvage.at_end.channels.values()):

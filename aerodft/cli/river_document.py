@@ -86,13 +86,17 @@ def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
     ci95, std = found.widths.ci95_m, found.widths.std_m
     for row, status in enumerate(found.status):
         index = measured.get(row)
-        answer: dict[str, Any] = {"width_m": None, "std": None, "ci95": None, "points_enu_m": None, "geo": None}
+        keys = ("width_m", "std", "ci95", "wetted_m", "wetted_std", "channels", "points_enu_m", "geo")
+        answer: dict[str, Any] = dict.fromkeys(keys)
         if index is not None and status is RiverStatus.OK:
             points = found.widths.points_enu_m[index]
             answer = {
                 "width_m": float(found.widths.width_m[index]),
                 "std": float(std[index]),
                 "ci95": ci95[index].tolist(),
+                "wetted_m": float(found.widths.width_m[index] - found.islands.dry_m[row]),
+                "wetted_std": math.hypot(float(std[index]), float(found.islands.std_m[row])),
+                "channels": int(found.islands.count[row]) + 1,
                 "points_enu_m": points.tolist(),
                 "geo": geo_of(sample, points),
             }

@@ -22,7 +22,8 @@ from aerodft.vision.river import River
 from aerodft.vision.water_plane import WaterPlane
 
 _COLUMNS = (
-    "station_m", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "status", "left_u", "left_v", "right_u", "right_v",
+    "station_m", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "status", "wetted_m", "channels",
+    "left_u", "left_v", "right_u", "right_v",
     "left_std_px", "right_std_px", "left_lat", "left_lon", "right_lat", "right_lon",
 )  # fmt: skip
 
@@ -73,7 +74,17 @@ def _table(document: dict[str, Any]) -> str:
         places = each["geo"] or [{"lat": None, "lon": None}] * 2
         ends = [*(each["left"] or (None, None)), *(each["right"] or (None, None))]
         interval = each["ci95"] or (None, None)
-        row = [each["station_m"], each["width_m"], each["std"], *interval, each["status"], *ends, *each["bank_std_px"]]
+        row = [
+            each["station_m"],
+            each["width_m"],
+            each["std"],
+            *interval,
+            each["status"],
+            each["wetted_m"],
+            each["channels"],
+            *ends,
+            *each["bank_std_px"],
+        ]
         writer.writerow([*row, *(place[key] for place in places for key in ("lat", "lon"))])
     return text.getvalue()
 

@@ -10,8 +10,9 @@ from aerodft.dft.request import Setup
 from aerodft.dft.river_widths import BankPair, RiverWidths, river_widths
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.pose import Pose
-from aerodft.vision.bank_edges import Edges, locate_edges
+from aerodft.vision.bank_edges import Edges
 from aerodft.vision.bank_outliers import stand_out
+from aerodft.vision.river_banks import Islands, islands_across, locate_banks
 from aerodft.vision.river_checks import no_light, no_river
 from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
@@ -34,9 +35,6 @@ __all__ = [
 ]
 
 _SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
-_WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far a mask's outline may be off; a coarse one is off by 4
-_STEP_M: Final = 0.5  # over which directions in the image are taken, at most
-_ROOM: Final = 0.3  # of the way to the opposite bank: so far a profile may reach
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +67,7 @@ class River:
         edges: Its banks, ``(n, 2)``: left, then right; NaN where the image ends first.
         widths: Of the transects that have both banks.
         rows: ``(k,)`` which transects those are.
+        islands: What is dry between the banks, of all transects.
     """
 
     features: WaterFeatures
@@ -79,6 +78,7 @@ class River:
     edges: Edges
     widths: RiverWidths
     rows: IntArray
+    islands: Islands
 
 
 def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion) -> River | NoRiver:
@@ -176,7 +176,7 @@ def _measured(
     seen: tuple[WaterFeatures, WaterMask, Centreline, Transects],
 ) -> River | NoRiver:
     features, water, line, found = seen
-    edges, status = _banks(image, plane, found)
+    edges, status = locate_banks(image, plane, found)
     for row in np.flatnonzero(_unlike_neighbours(plane, found, edges, line.width_m)).tolist():
         status[row] = RiverStatus.UNLIKE_NEIGHBOURS if status[row] is RiverStatus.OK else status[row]
     rows = np.flatnonzero([each is RiverStatus.OK for each in status])
@@ -196,6 +196,7 @@ def _measured(
         edges=edges,
         widths=widths,
         rows=rows,
+        islands=islands_across(image, plane, found),
     )
 
 
@@ -207,59 +208,3 @@ def _unlike_neighbours(plane: WaterPlane, found: Transects, edges: Edges, width_
     std = np.linalg.norm(moved - places, axis=-1)
     sides = [stand_out(found.stations_m, offsets[:, side], std[:, side], width_m) for side in (0, 1)]
     return np.asarray(sides[0] | sides[1])
-
-
-def _banks(image: ImageArray, plane: WaterPlane, found: Transects) -> tuple[Edges, list[RiverStatus]]:
-    """The banks of all transects ``(n, 2)``, left then right, NaN where the image ends first; and their statuses."""
-    count = len(found.stations_m)
-    edges = Edges(*(np.full((count, 2, *tail), np.nan) for tail in ((2,), (), (), (2,))))
-    status = np.full(count, "", dtype=object)
-    for side, offsets in enumerate((found.left_m, found.right_m)):
-        rows = np.flatnonzero(np.isfinite(offsets))
-        one = _edges(image, plane, found, rows, side)
-        told = np.isfinite(one.std_px)
-        status[rows[np.isnan(one.std_px)]] = RiverStatus.TOO_COARSE
-        kept = rows[told]
-        edges.pixels_px[kept, side], edges.std_px[kept, side] = one.pixels_px[told], one.std_px[told]
-        edges.contrast[kept, side], edges.across_px[kept, side] = one.contrast[told], one.across_px[told]
-    missing: list[bool] = np.any(np.isnan(edges.std_px), axis=-1).tolist()
-    return edges, [
-        each or (RiverStatus.OUT_OF_IMAGE if lost else RiverStatus.OK)
-        for each, lost in zip(status.tolist(), missing, strict=True)
-    ]
-
-
-def _edges(image: ImageArray, plane: WaterPlane, found: Transects, rows: IntArray, side: int) -> Edges:
-    """The banks of one side (0 left, 1 right) of some transects.
-
-    Their std is infinite where the image ends too soon for a profile, NaN where the river is too narrow in it.
-    """
-    sign = 1.0 - 2.0 * side
-    offsets, opposite = ((found.left_m, found.right_m)[each][rows] for each in (side, 1 - side))
-    centres, to_left = found.centres_en_m[rows], found.to_left[rows]
-    places = centres + offsets[:, None] * to_left
-    inner = centres + np.where(np.isfinite(opposite), opposite, 0.0)[:, None] * to_left
-    near, far = plane.pixels_px(places), plane.pixels_px(inner)
-    step = np.minimum(_STEP_M, 0.02 * np.linalg.norm(places - inner, axis=-1))[:, None]
-    across = _direction(plane, places, sign * to_left * step)
-    along = _direction(plane, places, np.stack([-to_left[:, 1], to_left[:, 0]], axis=-1) * step)
-    size = np.array([image.shape[1], image.shape[0]]) - 1
-    border = np.min(np.minimum(near, size - near), axis=-1)
-    room = _ROOM * np.linalg.norm(far - near, axis=-1)
-    window = _window_px(np.minimum(room, border) / 2)
-    edges = locate_edges(image, near, across, along, window)
-    edges = locate_edges(image, edges.pixels_px, across, along, window)  # where the first look was off
-    edges.std_px[(window <= 0) & (border <= room)] = np.inf
-    edges.std_px[(window <= 0) & (border > room)] = np.nan
-    return edges
-
-
-def _window_px(limit_px: FloatArray) -> FloatArray:
-    """The largest window of each limit ``(n,)``; 0 where it has none."""
-    return np.asarray(np.max(np.where(limit_px[:, None] >= _WINDOWS_PX, _WINDOWS_PX, 0.0), axis=-1))
-
-
-def _direction(plane: WaterPlane, places: FloatArray, step_m: FloatArray) -> FloatArray:
-    """Unit vectors ``(n, 2)`` in the image of steps ``(n, 2)`` on the water."""
-    moved = plane.pixels_px(places + step_m) - plane.pixels_px(places - step_m)
-    return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))

@@ -88,7 +88,8 @@ def test_widths_and_their_intervals(shape, camera):
     print(
         f"\n{shape}: {len(together)} widths in {len(errors)} images, error {100 * np.median(together):.3f} % in the"
         f" median, {100 * np.percentile(together, 95):.3f} % at 95 %, {100 * together.max():.2f} % at most;"
-        f" intervals of the banks alone hold {100 * held.mean():.1f} %, with poses off as stated {100 * np.mean(posed):.1f} %"
+        f" intervals of the banks alone hold {100 * held.mean():.1f} %, with poses off as stated"
+        f" {100 * np.mean(posed):.1f} %"
     )
     assert held.mean() >= 0.90
     assert np.mean(posed) >= 0.80  # of 15 drawn poses

@@ -8,6 +8,8 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from aerodft.adapters.codec import measurement
+from aerodft.adapters.codec.schemas import SCHEMAS
+from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage
@@ -16,6 +18,7 @@ from aerodft.errors import InputError, NoAnswerError, located
 from replay.segments import Wanted, is_mcap, messages_of, numbered
 
 _SHOWN = 3
+_OWN = "aerodft."
 IMAGE_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
 VIDEO_SCHEMA = str(CompressedVideo.DESCRIPTOR.full_name)
 PICTURE_SCHEMAS = frozenset({IMAGE_SCHEMA, VIDEO_SCHEMA})
@@ -61,6 +64,15 @@ class Recording:
         self.is_whole = all(segment.is_whole for segment in (*self.data, *self.images))
         if not self.is_whole:
             _log.warning("%s: was not finished; read as far as it is whole", folder)
+        self._say_unknown()
+
+    def _say_unknown(self) -> None:
+        """Warn of payloads whose schema this version does not have: a newer one's, or damage."""
+        schemas = {channel.schema for segment in self.data for channel in segment.channels.by_id.values()}
+        unknown = sorted(schema for schema in schemas if schema.startswith(_OWN) and schema not in SCHEMAS)
+        if unknown:
+            names = ", ".join(unknown[:_SHOWN])
+            _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, names, SOFTWARE)
 
     def text(self, name: str) -> str | None:
         """A file beside the segments (``config.toml`` and the like); None where there is none.

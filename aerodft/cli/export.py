@@ -63,6 +63,8 @@ def export(
     if output is None and (json or form not in _TEXT):
         what = "--json" if json else f"--format {form}"
         raise UsageError(f"{what} without --output", expected="-o FILE: stdout has room for one document")
+    if output == Path("-"):
+        raise UsageError("--output", got="-", expected="a file", hint="without --output, text goes to stdout")
     source = Recording(recording)
     if output is None:
         with located(recording):

@@ -84,8 +84,8 @@ def test_what_is_wrong_in_a_table_is_said_with_its_name(aerodft, table, tmp_path
     assert said in done.last
 
 
-def remade(folder: Path, *, data=lambda _, data: data, log_ns=lambda _, log_ns: log_ns) -> Path:
-    """The frozen recording as somebody else's program writes it again, with payloads or log times changed."""
+def remade(folder: Path, *, data=lambda _, data: data, log_ns=lambda _, log_ns: log_ns, name=lambda name: name) -> Path:
+    """The frozen recording as somebody else's program writes it again, with payloads, log times or schemas changed."""
     folder.mkdir()
     shutil.copy(FROZEN / "config.toml", folder)
     with (FROZEN / "data_000.mcap").open("rb") as source, (folder / "data_000.mcap").open("wb") as target:
@@ -94,7 +94,7 @@ def remade(folder: Path, *, data=lambda _, data: data, log_ns=lambda _, log_ns: 
         messages = make_reader(source).iter_messages(log_time_order=False)
         for index, (schema, channel, message) in enumerate(messages):
             if channel.topic not in channels:
-                known = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
+                known = writer.register_schema(name(schema.name), schema.encoding, schema.data) if schema else 0
                 channels[channel.topic] = writer.register_channel(
                     channel.topic, channel.message_encoding, known, channel.metadata
                 )
@@ -152,3 +152,23 @@ def test_a_payload_that_is_none_is_named_with_its_recording(aerodft, tmp_path: P
     assert done.last.startswith(f"aerodft: {folder}: ")
     assert "Traceback" not in done.err
     assert not (tmp_path / "table.csv").exists()
+
+
+def test_a_newer_version_s_recording_says_what_is_left_out(aerodft, tmp_path: Path, caplog) -> None:
+    folder = remade(tmp_path / "newer", name=lambda name: name.replace("measurement/1", "measurement/2"))
+    done = aerodft("export", folder, "--format", "csv", "-o", tmp_path / "table.csv")
+    assert done.code == 4, done.err
+    assert f"{folder}: aerodft.measurement/2 is unknown to aerodft" in caplog.text
+    caplog.clear()
+    assert aerodft("recompute", folder, "-o", tmp_path / "again").code == 0  # its input is of this version
+    assert "aerodft.measurement/2" in caplog.text
+
+
+def test_a_file_called_dash_is_not_made(aerodft, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = aerodft("export", FROZEN, "--format", "csv", "-o", "-")
+    assert (done.code, done.last) == (
+        2,
+        "aerodft: --output: got -, expected a file; without --output, text goes to stdout",
+    )
+    assert not list(tmp_path.iterdir())

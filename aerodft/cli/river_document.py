@@ -10,6 +10,7 @@ from aerodft.dft.river_widths import RiverWidths
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.pose import PoseSample
+from aerodft.vision.bank_view import ONE_SIDED, hidden_per_metre
 from aerodft.vision.river import WHY, NoRiver, River, RiverStatus
 
 SCHEMA: Final = "aerodft.river/1"
@@ -36,6 +37,12 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
     document = river_frame(status, reasons, float(np.mean(found.water.contrast > _TELLS)))
     document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(_SIDES)}
     document["transects"] = list(_transects(found, sample))
+    behind = sum(each["bound"] is not None for each in document["transects"])
+    if behind:
+        reasons.append(
+            f"{behind} transects look over their near bank: each metre of growth on it hides {ONE_SIDED:g} m of water"
+            " or more (hidden_m_per_m), their widths are bounds from below"
+        )
     if used.any():
         document["width_m"] = width_summary(found.widths, used)
     return document
@@ -84,9 +91,22 @@ def _rounded(pixels: FloatArray) -> list[list[float]]:
 def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
     measured = {int(row): index for index, row in enumerate(found.rows)}
     ci95, std = found.widths.ci95_m, found.widths.std_m
+    assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
+    hidden = hidden_per_metre(sample.pose, found.widths.points_enu_m)
     for row, status in enumerate(found.status):
         index = measured.get(row)
-        keys = ("width_m", "std", "ci95", "wetted_m", "wetted_std", "channels", "points_enu_m", "geo")
+        keys = (
+            "width_m",
+            "std",
+            "ci95",
+            "wetted_m",
+            "wetted_std",
+            "channels",
+            "bound",
+            "hidden_m_per_m",
+            "points_enu_m",
+            "geo",
+        )
         answer: dict[str, Any] = dict.fromkeys(keys)
         if index is not None and status is RiverStatus.OK:
             points = found.widths.points_enu_m[index]
@@ -97,6 +117,8 @@ def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
                 "wetted_m": float(found.widths.width_m[index] - found.islands.dry_m[row]),
                 "wetted_std": math.hypot(float(std[index]), float(found.islands.std_m[row])),
                 "channels": int(found.islands.count[row]) + 1,
+                "bound": "at_least" if hidden[index].max() >= ONE_SIDED else None,
+                "hidden_m_per_m": hidden[index].tolist(),
                 "points_enu_m": points.tolist(),
                 "geo": geo_of(sample, points),
             }

@@ -16,6 +16,7 @@ from aerodft.vision.rotation import PlaneMotion, Turns
 from calibration.sync_motion import CameraMotion
 
 _LEAST_STD_RAD = 1e-4  # of a turn between two images
+_MOST_CHI2 = 100.0  # of two degrees of freedom; more are land and water as one, which turn like neither for seconds
 _UNSEEN_RAD = 0.02  # after a second of which no image tells
 
 
@@ -83,13 +84,13 @@ def followed_path(
     """
     start_ns = np.array([pair.start_ns for pair in pairs], dtype=np.int64)
     edges_s = (np.append(start_ns, pairs[-1].end_ns) - zero_ns) / SECOND_NS
-    information = np.linalg.inv(
-        turns.cov_rad2 * np.maximum(turns.chi2 / 2, 1.0)[:, None, None] + _LEAST_STD_RAD**2 * np.eye(3)
-    )
+    whole = turns.chi2 <= _MOST_CHI2
+    off = np.maximum(turns.chi2[whole] / 2, 1.0)[:, None, None]
+    information = np.linalg.inv(turns.cov_rad2[whole] * off + _LEAST_STD_RAD**2 * np.eye(3))
     total, weighted = np.zeros((len(pairs), 3, 3)), np.zeros((len(pairs), 3))
-    at = np.searchsorted(start_ns, motion.start_ns)
+    at = np.searchsorted(start_ns, motion.start_ns[whole])
     np.add.at(total, at, information)
-    np.add.at(weighted, at, np.einsum("nij,nj->ni", information, turns.rotvec_rad))
+    np.add.at(weighted, at, np.einsum("nij,nj->ni", information, turns.rotvec_rad[whole]))
     seen = np.bincount(at, minlength=len(pairs)) > 0
     var_rad2 = np.full(len(pairs), np.inf)
     var_rad2[seen] = np.trace(np.linalg.inv(total[seen]), axis1=1, axis2=2) / 3

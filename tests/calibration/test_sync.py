@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from aerodft.errors import NoAnswerError
-from aerodft.geometry.rotation import inverse, multiply
+from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
 from aerodft.service.settings import AttitudeSettings, FixedMount
 from aerodft.sim.trajectory import heading_wxyz
+from aerodft.vision.rotation import PlaneMotion, Turns
 from calibration.sync import align
+from calibration.sync_motion import CameraMotion
+from calibration.sync_path import followed_path
 
 from .sync_flights import Clocks, hovering, wandering
 from .sync_views import reported, seen_flight
@@ -154,3 +157,29 @@ def test_reports_against_the_vehicle_are_read_as_such():
     assert abs(offset) < 0.005
     assert abs(lag) < 0.005
     assert abs(drift) < 2e-4
+
+
+def test_a_turn_that_no_plane_explains_is_not_believed():
+    trajectory = wandering(1, 20.0)
+    camera = CameraMotion(reported(trajectory, lag_s=0.0), SETTINGS, trajectory.start_ns)
+    utc = trajectory.start_ns + np.arange(2_000_000_000, 18_000_000_000, 200_000_000)
+    pairs = seen_flight(trajectory, utc, utc, 1)
+    at = trajectory.sampled(utc).enu_wxyz_cam
+    turns_rad = to_rotation_vector(multiply(inverse(at[:-1]), at[1:]))
+    chi2 = np.ones(len(pairs))
+    turns_rad[30:40] += 0.02  # land and water as one
+    chi2[30:40] = 500.0
+    motion = PlaneMotion(
+        start_ns=utc[:-1],
+        end_ns=utc[1:],
+        homography=np.tile(np.eye(3), (len(pairs), 1, 1)),
+        cov=np.tile(np.eye(8), (len(pairs), 1, 1)),
+    )
+    turns = Turns(rotvec_rad=turns_rad, cov_rad2=np.tile(1e-8 * np.eye(3), (len(pairs), 1, 1)), chi2=chi2)
+    path = followed_path(pairs, motion, turns, camera, np.zeros(3), trajectory.start_ns)
+    times_s = (utc - trajectory.start_ns) / 1e9
+    off_rad = np.linalg.norm(to_rotation_vector(multiply(inverse(path.at(times_s)), at)), axis=-1)
+    assert np.max(off_rad) < 0.005  # it was 0.35 of ten such turns
+    seen = path.sees((times_s[:-1] + times_s[1:]) / 2)
+    assert seen.tolist() == (chi2 == 1.0).tolist()
+    assert path.stray_rad(times_s)[35] > 50 * path.stray_rad(times_s)[5]

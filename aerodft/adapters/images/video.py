@@ -99,7 +99,8 @@ class VideoFileSource:
                     expected="creation_time in the container",
                     hint="pass --video-start (or images.start), the UTC of its first image",
                 )
-            _LOG.warning("%s: start taken from the container, whole seconds at best; --video-start overrules", path)
+            digits = "" if start_ns % SECOND_NS else ", to whole seconds"
+            _LOG.warning("%s: start taken from the container%s; --video-start overrules", path, digits)
         if self.info.rotation_deg:
             _LOG.warning("%s: flagged as rotated by %d deg; pixels are used as stored", path, self.info.rotation_deg)
         self.start_ns = start_ns + round(time_offset_s * SECOND_NS)

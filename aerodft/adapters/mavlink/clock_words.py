@@ -44,7 +44,8 @@ def clock_sentences(health: ClockHealth, summary: ClockSummary) -> list[str]:
     if health.restarts:
         times = "once" if health.restarts == 1 else f"{health.restarts} times"
         sentences.append(
-            f"the vehicle rebooted {times}{_when(summary.reboots_at_s)}: no pose is made of what came before and after"
+            f"the vehicle rebooted {times}{_when(summary.reboots_at_s)}: no pose is made of what came before and after,"
+            " and heights above home may count from elsewhere since"
         )
     against = _against_host(summary)
     return [*sentences, against] if against else sentences

@@ -14,6 +14,7 @@ from aerodft.geometry.poses import moved_on
 from aerodft.model.image import Image
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import PixelSource
+from aerodft.model.status import Status
 from aerodft.service.looking import LookCounts, Lookout
 from aerodft.service.pipeline import Pipeline
 from aerodft.vision.moving import MovingObjects
@@ -128,7 +129,10 @@ def _pose_near(pipeline: Pipeline, image: Image) -> PoseSample | None:
 
 
 def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
-    """That pose, moved on to the image's stamp."""
+    """The pose at an image's stamp; before its telemetry is there, the newest one, moved on."""
+    known = pipeline.pose_at(pipeline.in_utc(image).stamp_ns)
+    if known.status is Status.OK:
+        return known
     sample = _pose_near(pipeline, image)
     if sample is None or sample.pose is None:
         return None

@@ -21,6 +21,7 @@ _QUALITY: Final = 0.01
 _APART_PX: Final = 6
 _MARGIN_PX: Final = 12.0
 _STRAY_PX: Final = 1.0  # what is farther off moves by itself, or lies on something else
+_TOGETHER_PX: Final = 0.8
 _FEWEST: Final = 12
 _LEAST_SHARE: Final = 0.2  # of the points in view: where fewer agree, it may be another place
 _RICH: Final = 0.55  # of a keyframe's points: with fewer in view it is time for another
@@ -29,11 +30,12 @@ _KEYFRAMES: Final = 12
 _SWITCH_STD_PX: Final = 0.15  # small pixels, of a new keyframe's place
 _DRAWS: Final = 1000
 _CONFIDENCE: Final = 0.999
+_FREE: Final = 8  # elements of a homography
 _LAYERS: Final = 2  # land, and water that flows
 _FORETOLD_STEP_STD_PX: Final = 1.5  # small pixels, of what telemetry foretells from image to image ...
-_FORETOLD_STD_PX: Final = 15.0  # ... and since the first
+_FORETOLD_STD_PX: Final = 15.0  # ... and at most, since the first
 _STEP_STD_PX: Final = 8.0  # of going on as before, without telemetry
-_MOST_DOUBT: Final = 20.0  # squared stds of two times two coordinates
+_MOST_DOUBT: Final = 13.3  # squared stds of two times two coordinates, of which 99 % are less
 _CERTAIN: Final = 20.0  # more of them: the others are not the plane
 _REMEMBERED: Final = 500
 _TRIED: Final = 2  # other keyframes
@@ -46,9 +48,9 @@ class Lock:
 
     Attributes:
         homography: ``(3, 3)`` from straight small pixels of the first image to those of this one.
-        std_px: Of a point that it carries, small pixels, without what keyframes add.
+        std_px: Of the points that agree, small pixels.
         agreeing: Points that it explains.
-        added_px: What the change of keyframes adds to the std.
+        added_px: What the change of keyframes adds to the std, and what else may be the plane.
         land_px: ``(n, 2)`` small pixels of these points.
     """
 
@@ -57,6 +59,11 @@ class Lock:
     agreeing: int
     added_px: float
     land_px: FloatArray
+
+    @property
+    def place_std_px(self) -> float:
+        """Of a point among those that agree, carried by all of them."""
+        return self.std_px * math.sqrt(_FREE / self.agreeing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,12 +115,14 @@ class PlaneLock:
         self._images += 1
         on = self._step @ self._last
         step_std_px = _STEP_STD_PX * (1 + self._missed)
-        if foretold is not None and self._foretold is not None:
-            on = foretold @ np.linalg.inv(self._foretold) @ self._last
-            step_std_px = _FORETOLD_STEP_STD_PX * math.sqrt(1 + self._missed)
+        if foretold is not None:
+            on = foretold if self._foretold is None else foretold @ np.linalg.inv(self._foretold) @ self._last
+            images = self._images if self._foretold is None else 1 + self._missed
+            step_std_px = _FORETOLD_STEP_STD_PX * math.sqrt(images)
         self._expected = [(on, step_std_px)]
         if foretold is not None:
-            self._expected.append((foretold, _FORETOLD_STD_PX))
+            drift_px = _FORETOLD_STEP_STD_PX * math.sqrt(self._images)
+            self._expected.append((foretold, min(drift_px, _FORETOLD_STD_PX)))
         for guess, _ in self._expected:
             for keyframe in (self._held, *self._alike(guess)):
                 lock = self._fit(keyframe, guess, image)
@@ -158,7 +167,9 @@ class PlaneLock:
                     self._held = keyframe
                     return better
         if not self._shows(self._held, lock.homography):
-            new = self._keyframe(image, lock.homography, math.hypot(lock.added_px, _SWITCH_STD_PX), lock)
+            new = self._keyframe(
+                image, lock.homography, math.hypot(lock.added_px, max(_SWITCH_STD_PX, lock.place_std_px)), lock
+            )
             if len(new.corners_px) >= 2 * _FEWEST:
                 self._held = new
                 self._keyframes = [*self._keyframes[:1], *self._keyframes[1:][-_KEYFRAMES:], new]
@@ -203,7 +214,9 @@ class PlaneLock:
         if np.count_nonzero(found) < fewest:
             return None
         then, now = view.straight(keyframe.corners_px[inside][found]), view.straight(now_px[found])
-        groups = _groups(then, now, fewest)
+        on, _ = self._expected[0]
+        off_px = now - carried(on @ np.linalg.inv(keyframe.since_first), then)
+        groups = _drifting_apart(then, now, off_px, fewest) or _groups(then, now, fewest)
         if not groups:
             return None
         doubts = [self._doubt(group.homography @ keyframe.since_first) for group in groups]
@@ -211,6 +224,10 @@ class PlaneLock:
             groups, doubts = groups[::-1], doubts[::-1]
         if doubts[0] > _MOST_DOUBT:
             return None
+        split_px = 0.0
+        if len(groups) > 1 and doubts[1] < doubts[0] + _CERTAIN:
+            places = [carried(group.homography @ keyframe.since_first, self._centre) for group in groups]
+            split_px = float(np.linalg.norm(places[1] - places[0])) * math.exp((doubts[0] - doubts[1]) / 2)
         if doubts[-1] > doubts[0] + _CERTAIN:
             self._forget(keyframe, np.flatnonzero(inside)[found][groups[-1].members])
         whole = groups[0].homography @ keyframe.since_first
@@ -219,7 +236,7 @@ class PlaneLock:
             homography=whole / whole[2, 2],
             std_px=groups[0].std_px,
             agreeing=int(np.count_nonzero(mine)),
-            added_px=keyframe.added_px,
+            added_px=math.hypot(keyframe.added_px, split_px),
             land_px=view.bent(now[mine]),
         )
 
@@ -245,10 +262,32 @@ def _nearest_px(points_px: FloatArray, others_px: FloatArray) -> FloatArray:
     return np.asarray(np.min(np.linalg.norm(points_px[:, None] - others_px, axis=-1), axis=1, initial=np.inf))
 
 
-def _groups(then: FloatArray, now: FloatArray, fewest: int) -> list[_Group]:
+def _drifting_apart(then: FloatArray, now: FloatArray, off_px: FloatArray, fewest: int) -> list[_Group]:
+    """Two groups of points that have moved apart, each as one: ``off_px (n, 2)`` is how far off the expected they are.
+
+    One homography bends between land and water that has only just begun to flow away; a common step does not. Empty
+    where there are not two such steps.
+    """
+    left, parts = np.arange(len(off_px)), []
+    for _ in range(_LAYERS):
+        if len(left) < fewest:
+            return []
+        apart = np.linalg.norm(off_px[left][:, None] - off_px[left], axis=-1) < _TOGETHER_PX
+        best = int(np.argmax(np.sum(apart, axis=1)))
+        middle = np.mean(off_px[left[apart[best]]], axis=0)
+        near = np.linalg.norm(off_px[left] - middle, axis=-1) < _TOGETHER_PX
+        if np.count_nonzero(near) < fewest:
+            return []
+        parts.append(left[near])
+        left = left[~near]
+    groups = [group for part in parts for group in _groups(then, now, fewest, part)[:1]]
+    return groups if len(groups) == _LAYERS else []
+
+
+def _groups(then: FloatArray, now: FloatArray, fewest: int, among: IntArray | None = None) -> list[_Group]:
     """Homographies that at least so many of the points ``(n, 2)`` follow each, at most two, the largest group first."""
     groups: list[_Group] = []
-    left = np.arange(len(then))
+    left = np.arange(len(then)) if among is None else among
     while len(left) >= fewest and len(groups) < _LAYERS:
         found, agreeing = cv2.findHomography(
             then[left], now[left], cv2.USAC_MAGSAC, _STRAY_PX, None, _DRAWS, _CONFIDENCE
@@ -259,7 +298,7 @@ def _groups(then: FloatArray, now: FloatArray, fewest: int) -> list[_Group]:
         members = np.zeros(len(then), dtype=np.bool_)
         members[left[keep]] = True
         off = carried(homography, then[members]) - now[members]
-        std_px = math.sqrt(float(np.sum(off**2)) / max(2 * len(off) - 8, 1))
+        std_px = math.sqrt(float(np.sum(off**2)) / max(2 * len(off) - _FREE, 1))
         groups.append(_Group(homography, members, std_px))
         left = left[~keep]
     return groups

@@ -6,6 +6,7 @@ after it was lost. A point that is not found, or that has left the image, is los
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -27,7 +28,6 @@ from aerodft.vision.straight import StraightView
 _REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane
 _START_NS: Final = SECOND_NS // 5  # pixels are those of an image that is no later than this after their time
 _STD_PX: Final = 0.2  # full pixels: a tracker is never better
-_FREE: Final = 8
 _DECIMALS: Final = 3
 _LEAST_DOWN: Final = 1e-3
 
@@ -41,7 +41,7 @@ class TrackedProbes:
     Args:
         camera: The camera.
         probes: Whose pixels are those of one image: of the first, or of that of their time.
-        pose_of: The pose at an image's stamp, about; None where it is not known.
+        pose_of: The pose at an image's stamp, about; None where it is not known. The first image's is asked for again.
         ground: What the probes' elevations are counted from; None for the level plane at 0.
     """
 
@@ -62,7 +62,6 @@ class TrackedProbes:
         if image.pixels is None:
             return ()
         small = self._view.small(image.pixels())
-        sample = self._pose_of(image)
         return tuple(
             Observation(
                 name=probe.name,
@@ -75,7 +74,7 @@ class TrackedProbes:
                 source=VISION,
             )
             for group in self._groups
-            for probe, pixels, std_px in group.look(image.stamp_ns, small, sample)
+            for probe, pixels, std_px in group.look(image, small, self._pose_of)
         )
 
 
@@ -86,34 +85,39 @@ class _Together:
         self._camera, self._view, self._probes, self._ground = camera, view, probes, ground
         self._at_ns = probes[0].at_ns
         self._lock: PlaneLock | None = None
+        self._first: Image | None = None
         self._is_missed = False
         self._known: tuple[FloatArray, float] | None = None  # the plane at a pose, and its height
         pixels = np.array([pixel for probe in probes for pixel in probe.pixels])
         self._small_px = view.to_small(pixels)
 
-    def look(
-        self, stamp_ns: int, small: ImageArray, sample: PoseSample | None
-    ) -> list[tuple[Probe, Pixels, float | None]]:
+    def look(self, image: Image, small: ImageArray, pose_of: PoseOf) -> list[tuple[Probe, Pixels, float | None]]:
         """Each probe with its pixels and their std; none before their time."""
+        stamp_ns = image.stamp_ns
         if self._at_ns is not None and stamp_ns < self._at_ns:
             return []
         if self._lock is None and not self._is_missed:
             if self._at_ns is not None and stamp_ns > self._at_ns + _START_NS:
                 self._is_missed = True
             else:
+                self._first = replace(image, pixels=None)
                 self._lock = PlaneLock(self._view, small, self._small_px, _REACH * small.shape[1])
                 return [(probe, probe.pixels, None) for probe in self._probes]
-        if self._lock is None:
+        if self._lock is None or self._first is None:
             return [(probe, (), None) for probe in self._probes]
-        pose = None if sample is None or sample.status is not Status.OK else sample.pose
-        camera = self._camera
-        if sample is not None and sample.zoom is not None:
-            camera = camera.zoomed(sample.zoom.magnification, 0.0)
-        plane = None if pose is None else self._plane(camera, pose)
-        found = self._lock.follow(small, plane)
-        if found is not None and self._known is None and pose is not None:
-            self._know(camera, pose, found.homography)
+        if self._known is None and (at_first := self._seen_with(pose_of(self._first))) is not None:
+            self._know(*at_first)
+        now = self._seen_with(pose_of(image))
+        found = self._lock.follow(small, None if now is None else self._plane(*now))
         return [self._answer(probe, found) for probe in self._probes]
+
+    def _seen_with(self, sample: PoseSample | None) -> tuple[Camera, Pose] | None:
+        """Camera, as far as it is zoomed, and pose; None where there is none."""
+        if sample is None or sample.pose is None or sample.status is not Status.OK:
+            return None
+        if sample.zoom is None:
+            return self._camera, sample.pose
+        return self._camera.zoomed(sample.zoom.magnification, 0.0), sample.pose
 
     def _answer(self, probe: Probe, found: Lock | None) -> tuple[Probe, Pixels, float | None]:
         if found is None:
@@ -122,13 +126,13 @@ class _Together:
         farthest = np.array([self._camera.width_px, self._camera.height_px]) - PIXEL_CENTRE_OFFSET_PX
         if not np.all((moved >= -PIXEL_CENTRE_OFFSET_PX) & (moved <= farthest)):
             return probe, (), None
-        carried_px = self._view.shrink * math.hypot(found.std_px * math.sqrt(_FREE / found.agreeing), found.added_px)
+        carried_px = self._view.shrink * math.hypot(found.place_std_px, found.added_px)
         pixels = tuple((u, v) for u, v in np.round(moved, _DECIMALS).tolist())
         return probe, pixels, math.hypot(probe.std_px, carried_px, _STD_PX)
 
-    def _know(self, camera: Camera, pose: Pose, homography: FloatArray) -> None:
-        """Remember a pose at which it is known where the plane is in the image, and how high the plane is."""
-        ray = rays_from_pixels(camera, self._view.to_full(self._view.moved(homography, self._small_px[0])))
+    def _know(self, camera: Camera, pose: Pose) -> None:
+        """Remember where the plane was in the first image, and how high it is."""
+        ray = rays_from_pixels(camera, self._view.to_full(self._small_px[0]))
         down = ray @ matrix(pose.wxyz).T
         elevation_m = self._probes[0].elevation_m
         if self._ground is not None:
@@ -139,7 +143,7 @@ class _Together:
         elif not down[2] < -_LEAST_DOWN:
             return
         if pose.position_enu_m[2] > elevation_m:
-            self._known = np.linalg.inv(self._on_plane(camera, pose, elevation_m)) @ homography, elevation_m
+            self._known = np.asarray(np.linalg.inv(self._on_plane(camera, pose, elevation_m))), elevation_m
 
     def _plane(self, camera: Camera, pose: Pose) -> FloatArray | None:
         """The homography since the first image that telemetry foretells; None before the plane is known."""

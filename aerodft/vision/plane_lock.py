@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.vision.plane_groups import PlaneGroup, carried_std_px, drifting_apart, groups_of
 from aerodft.vision.straight import StraightView, carried
 from aerodft.vision.tracking import followed
 
@@ -20,18 +21,12 @@ _CELLS: Final = 8  # of the grid over which they are spread, along each side
 _QUALITY: Final = 0.01
 _APART_PX: Final = 6
 _MARGIN_PX: Final = 12.0
-_STRAY_PX: Final = 1.0  # what is farther off moves by itself, or lies on something else
-_TOGETHER_PX: Final = 0.8
 _FEWEST: Final = 12
 _LEAST_SHARE: Final = 0.2  # of the points in view: where fewer agree, it may be another place
 _RICH: Final = 0.55  # of a keyframe's points: with fewer in view it is time for another
 _SCALES: Final = (0.7, 1.45)  # a template that is seen larger or smaller than that looks different
 _KEYFRAMES: Final = 12
 _SWITCH_STD_PX: Final = 0.15  # small pixels, of a new keyframe's place
-_DRAWS: Final = 1000
-_CONFIDENCE: Final = 0.999
-_FREE: Final = 8  # elements of a homography
-_LAYERS: Final = 2  # land, and water that flows
 _FORETOLD_STEP_STD_PX: Final = 1.5  # small pixels, of what telemetry foretells from image to image ...
 _FORETOLD_STD_PX: Final = 15.0  # ... and at most, since the first
 _STEP_STD_PX: Final = 8.0  # of going on as before, without telemetry
@@ -48,31 +43,26 @@ class Lock:
 
     Attributes:
         homography: ``(3, 3)`` from straight small pixels of the first image to those of this one.
-        std_px: Of the points that agree, small pixels.
         agreeing: Points that it explains.
         added_px: What the change of keyframes adds to the std, and what else may be the plane.
         land_px: ``(n, 2)`` small pixels of these points.
+        group: What it is made of: points that the keyframe had ...
+        then: ... at these straight pixels ``(m, 2)``; ...
+        since_first: ... and the keyframe's own homography.
     """
 
     homography: FloatArray
-    std_px: float
     agreeing: int
     added_px: float
     land_px: FloatArray
+    group: PlaneGroup
+    then: FloatArray
+    since_first: FloatArray
 
-    @property
-    def place_std_px(self) -> float:
-        """Of a point among those that agree, carried by all of them."""
-        return self.std_px * math.sqrt(_FREE / self.agreeing)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """Points that move alike."""
-
-    homography: FloatArray
-    members: BoolArray
-    std_px: float
+    def std_px(self, first: FloatArray) -> float:
+        """Of the worst known of points that were at ``first (n, 2)``, straight, in the first image; small pixels."""
+        carried_px = carried_std_px(self.group, self.then, carried(self.since_first, first))
+        return math.hypot(float(np.max(carried_px)), self.added_px)
 
 
 @dataclass(slots=True, eq=False)
@@ -167,9 +157,8 @@ class PlaneLock:
                     self._held = keyframe
                     return better
         if not self._shows(self._held, lock.homography):
-            new = self._keyframe(
-                image, lock.homography, math.hypot(lock.added_px, max(_SWITCH_STD_PX, lock.place_std_px)), lock
-            )
+            added_px = max(lock.std_px(self._view.straight(self._near_px)), math.hypot(lock.added_px, _SWITCH_STD_PX))
+            new = self._keyframe(image, lock.homography, added_px, lock)
             if len(new.corners_px) >= 2 * _FEWEST:
                 self._held = new
                 self._keyframes = [*self._keyframes[:1], *self._keyframes[1:][-_KEYFRAMES:], new]
@@ -216,7 +205,7 @@ class PlaneLock:
         then, now = view.straight(keyframe.corners_px[inside][found]), view.straight(now_px[found])
         on, _ = self._expected[0]
         off_px = now - carried(on @ np.linalg.inv(keyframe.since_first), then)
-        groups = _drifting_apart(then, now, off_px, fewest) or _groups(then, now, fewest)
+        groups = drifting_apart(then, now, off_px, fewest) or groups_of(then, now, fewest)
         if not groups:
             return None
         doubts = [self._doubt(group.homography @ keyframe.since_first) for group in groups]
@@ -234,10 +223,12 @@ class PlaneLock:
         mine = groups[0].members
         return Lock(
             homography=whole / whole[2, 2],
-            std_px=groups[0].std_px,
             agreeing=int(np.count_nonzero(mine)),
             added_px=math.hypot(keyframe.added_px, split_px),
             land_px=view.bent(now[mine]),
+            group=groups[0],
+            then=then,
+            since_first=keyframe.since_first,
         )
 
     def _inside(self, small_px: FloatArray) -> BoolArray:
@@ -260,45 +251,3 @@ def _corners(small: ImageArray) -> FloatArray:
 def _nearest_px(points_px: FloatArray, others_px: FloatArray) -> FloatArray:
     """How far each of ``(n, 2)`` is from the nearest of ``(m, 2)``."""
     return np.asarray(np.min(np.linalg.norm(points_px[:, None] - others_px, axis=-1), axis=1, initial=np.inf))
-
-
-def _drifting_apart(then: FloatArray, now: FloatArray, off_px: FloatArray, fewest: int) -> list[_Group]:
-    """Two groups of points that have moved apart, each as one: ``off_px (n, 2)`` is how far off the expected they are.
-
-    One homography bends between land and water that has only just begun to flow away; a common step does not. Empty
-    where there are not two such steps.
-    """
-    left, parts = np.arange(len(off_px)), []
-    for _ in range(_LAYERS):
-        if len(left) < fewest:
-            return []
-        apart = np.linalg.norm(off_px[left][:, None] - off_px[left], axis=-1) < _TOGETHER_PX
-        best = int(np.argmax(np.sum(apart, axis=1)))
-        middle = np.mean(off_px[left[apart[best]]], axis=0)
-        near = np.linalg.norm(off_px[left] - middle, axis=-1) < _TOGETHER_PX
-        if np.count_nonzero(near) < fewest:
-            return []
-        parts.append(left[near])
-        left = left[~near]
-    groups = [group for part in parts for group in _groups(then, now, fewest, part)[:1]]
-    return groups if len(groups) == _LAYERS else []
-
-
-def _groups(then: FloatArray, now: FloatArray, fewest: int, among: IntArray | None = None) -> list[_Group]:
-    """Homographies that at least so many of the points ``(n, 2)`` follow each, at most two, the largest group first."""
-    groups: list[_Group] = []
-    left = np.arange(len(then)) if among is None else among
-    while len(left) >= fewest and len(groups) < _LAYERS:
-        found, agreeing = cv2.findHomography(
-            then[left], now[left], cv2.USAC_MAGSAC, _STRAY_PX, None, _DRAWS, _CONFIDENCE
-        )
-        if np.shape(found) != (3, 3) or np.count_nonzero(agreeing) < fewest:
-            break
-        homography, keep = np.asarray(found, dtype=np.float64), agreeing[:, 0] > 0
-        members = np.zeros(len(then), dtype=np.bool_)
-        members[left[keep]] = True
-        off = carried(homography, then[members]) - now[members]
-        std_px = math.sqrt(float(np.sum(off**2)) / max(2 * len(off) - _FREE, 1))
-        groups.append(_Group(homography, members, std_px))
-        left = left[~keep]
-    return groups

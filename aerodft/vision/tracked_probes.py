@@ -23,10 +23,11 @@ from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe
 from aerodft.model.status import Status
 from aerodft.vision.plane_lock import Lock, PlaneLock
-from aerodft.vision.straight import StraightView
+from aerodft.vision.straight import StraightView, carried
 
 _REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane
 _START_NS: Final = SECOND_NS // 5  # pixels are those of an image that is no later than this after their time
+_MOST_STD_PX: Final = 15.0  # full pixels: what is known no better is lost
 _STD_PX: Final = 0.2  # full pixels: a tracker is never better
 _DECIMALS: Final = 3
 _LEAST_DOWN: Final = 1e-3
@@ -122,11 +123,14 @@ class _Together:
     def _answer(self, probe: Probe, found: Lock | None) -> tuple[Probe, Pixels, float | None]:
         if found is None:
             return probe, (), None
-        moved = self._view.to_full(self._view.moved(found.homography, self._view.to_small(np.array(probe.pixels))))
+        first_px = self._view.straight(self._view.to_small(np.array(probe.pixels)))
+        moved = self._view.to_full(self._view.bent(carried(found.homography, first_px)))
         farthest = np.array([self._camera.width_px, self._camera.height_px]) - PIXEL_CENTRE_OFFSET_PX
         if not np.all((moved >= -PIXEL_CENTRE_OFFSET_PX) & (moved <= farthest)):
             return probe, (), None
-        carried_px = self._view.shrink * math.hypot(found.place_std_px, found.added_px)
+        carried_px = self._view.shrink * found.std_px(first_px)
+        if not carried_px <= _MOST_STD_PX:
+            return probe, (), None
         pixels = tuple((u, v) for u, v in np.round(moved, _DECIMALS).tolist())
         return probe, pixels, math.hypot(probe.std_px, carried_px, _STD_PX)
 

@@ -8,7 +8,6 @@ another one of that, so that what is read holds measurements as well.
 
 import argparse
 import cProfile
-import multiprocessing
 import os
 import pstats
 import runpy
@@ -149,16 +148,22 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--rate", type=float, default=30.0)
     parser.add_argument("--profile", action="store_true")
     parser.add_argument("--keep", type=Path, help="folder to work in; a flight that is there is used again")
+    parser.add_argument("--make", action="store_true", help="only record the flight")
+    parser.add_argument("--write", type=Path, help="only write the flight, into this folder")
     args = parser.parse_args(arguments)
+    if args.write is not None:
+        write_recording(args.write, args.seconds, args.rate)
+        return
     with tempfile.TemporaryDirectory(dir=args.keep) as name:
-        kept = args.keep / f"{args.seconds:g}-{args.rate:g}" if args.keep else Path(name)
+        kept = (args.keep or Path(name)) / f"{args.seconds:g}-{args.rate:g}"
         kept.mkdir(exist_ok=True)
         source = kept / "flight"
+        if args.make:
+            write_recording(kept, args.seconds, args.rate)
+            return
         if not source.exists():  # in a process of its own: a child's peak memory counts what its parent had
-            context = multiprocessing.get_context("spawn")
-            writer = context.Process(target=write_recording, args=(kept, args.seconds, args.rate))
-            writer.start()
-            writer.join()
+            line = [__file__, "--seconds", args.seconds, "--rate", args.rate, "--keep", kept.parent, "--make"]
+            subprocess.run([sys.executable, *map(str, line)], check=True)
         images = int(np.ceil(args.seconds * args.rate))
         print(
             f"{args.seconds:g} s, {sum(RATES_HZ.values()):g} messages/s, 10 probes at {args.rate:g}/s: {images} images"

@@ -14,6 +14,7 @@ from aerodft.vision.bank_view import ONE_SIDED, hidden_per_metre
 from aerodft.vision.river import WHY, NoRiver, River, RiverStatus
 
 SCHEMA: Final = "aerodft.river/1"
+_DOUBT: Final = 0.1  # of the outline, from which that is said
 _TELLS: Final = 2.0  # standard deviations between an outline's two sides, from which they are told apart
 
 
@@ -34,7 +35,13 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
     if not used.any():
         first = found.status[int(found.rows[0])]
         status, reasons = first, [*reasons, WHY[first]]
-    document = river_frame(status, reasons, float(np.mean(found.water.contrast > _TELLS)))
+    clear = float(np.mean(found.water.contrast > _TELLS))
+    document = river_frame(status, reasons, clear * (1.0 - found.water.doubtful))
+    if found.water.doubtful > _DOUBT:
+        reasons.append(
+            f"along {100 * found.water.doubtful:.0f} % of the outline there is a second clear edge inside: bare ground"
+            " may have been taken for water, or water of two colours is there; look at the plate"
+        )
     document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(_SIDES)}
     document["transects"] = list(_transects(found, sample))
     behind = sum(each["bound"] is not None for each in document["transects"])

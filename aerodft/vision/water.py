@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.vision.outline import outline_contrast
 from aerodft.vision.water_features import Float32Image, WaterFeatures
+from aerodft.vision.water_margin import without_margin
 
 _FEW: Final = (2, 3)
 _MANY: Final = 5
@@ -28,8 +30,6 @@ _EVERY: Final = 5  # of the pixels is looked at for clusters
 _SHARE: Final = 0.2  # of the seed's disc: a cluster with more belongs to the water
 _DISC: Final = 0.025  # radius of the seed's disc, of the copy's width
 _CLUSTER_SMOOTH_PX: Final = 2.0
-_STRIP_PX: Final = 6  # on either side of an outline
-_NOISE: Final = np.array([1.5, 1.5, 4.0, 1.0])  # least variances of the planes: flat colours differ by no more
 _CUT_ITERATIONS: Final = 3
 _SURE_PX: Final = 8
 _CUT_SCALES: Final = np.array([3.0, 3.0, 4.0], dtype=np.float32)  # to bytes, of the two colours and the texture
@@ -48,11 +48,13 @@ class WaterMask:
         outline: ``(height, width)``: its pixels beside what is not water, away from the border of what was looked at.
         contrast: ``(k,)``, of the outline's pixels in the order of ``np.nonzero``: how many standard deviations lie
             between the two sides of it.
+        doubtful: Share of the outline along which another clear edge lies inside: what is between may be bare ground.
     """
 
     water: BoolArray
     outline: BoolArray
     contrast: FloatArray
+    doubtful: float = 0.0
 
 
 def find_water(features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray) -> WaterMask:
@@ -68,7 +70,9 @@ def find_water(features: WaterFeatures, seed_px: tuple[float, float], ground: Bo
     clearness = [_clearness(features.planes, water, ground) for water in found]
     water = found[int(np.argmax(clearness))]
     outline, contrast = outline_contrast(features.planes, water, ground)
-    return WaterMask(water, outline, contrast)
+    kept = without_margin(features.planes, water, disc, ground)
+    doubtful = float(np.mean(~kept[outline])) if outline.any() else 0.0
+    return WaterMask(water, outline, contrast, doubtful)
 
 
 def _proposals(planes: Float32Image, disc: BoolArray, ground: BoolArray) -> list[BoolArray]:
@@ -191,38 +195,3 @@ def _without_specks(water: BoolArray) -> BoolArray:
     speck = facts[:count, cv2.CC_STAT_AREA] < _SPECK * water.size
     speck[0] = False
     return np.asarray(water | speck[labels])
-
-
-def outline_contrast(planes: Float32Image, region: BoolArray, ground: BoolArray) -> tuple[BoolArray, FloatArray]:
-    """The outline of a region, and how different its two sides are along it.
-
-    Args:
-        planes: ``(height, width, k)`` features.
-        region: ``(height, width)``.
-        ground: ``(height, width)``: what was looked at; its border is no outline.
-
-    Returns:
-        The region's own pixels at its outline ``(height, width)``; for each of them the distance of the two sides'
-        means in standard deviations ``(n,)``.
-    """
-    kernel, inside = np.ones((3, 3), dtype=np.uint8), region.astype(np.uint8)
-    within = cv2.erode(inside, kernel)
-    near = cv2.erode(inside, kernel, iterations=_STRIP_PX)
-    beyond = cv2.dilate(inside, kernel, iterations=_STRIP_PX)
-    border = cv2.erode(ground.astype(np.uint8), kernel, iterations=2, borderValue=0)
-    outline = (inside > within) & (border > 0)
-    if not outline.any():
-        return outline, np.empty(0)
-    mean_in, variance_in = _local(planes, (within > near).astype(np.float32), outline)
-    mean_out, variance_out = _local(planes, ((beyond > inside) & ground).astype(np.float32), outline)
-    spread = 0.5 * (variance_in + variance_out) + _NOISE
-    return outline, np.asarray(np.sqrt(np.sum(np.square(mean_in - mean_out) / spread, axis=-1)), dtype=np.float64)
-
-
-def _local(planes: Float32Image, weight: Float32Image, at: BoolArray) -> tuple[Float32Image, Float32Image]:
-    """Mean and variance ``(n, k)`` of the planes around each pixel of ``at``, weighted."""
-    size = (2 * _STRIP_PX + 1, 2 * _STRIP_PX + 1)
-    total = cv2.boxFilter(weight, -1, size)[at][:, None] + 1e-6
-    mean = cv2.boxFilter(planes * weight[..., None], -1, size)[at] / total
-    square = cv2.boxFilter(np.square(planes) * weight[..., None], -1, size)[at] / total
-    return mean, np.maximum(square - mean * mean, 0.0)

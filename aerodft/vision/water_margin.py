@@ -1,0 +1,89 @@
+"""Bare or grown ground along the water that the water's outline may have taken in: seen by an edge inside.
+
+The middle of the water says what water looks like, and the band along its outline is cut anew. What that takes away
+counts only where its edge is clear in colour and texture, and where it is no shade or mirrored bank: those are
+darker than the water beside them and no greener. Nor is it glitter, which is far brighter.
+"""
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from aerodft.model.arrays import BoolArray
+from aerodft.vision.outline import outline_contrast
+from aerodft.vision.water_features import Float32Image
+
+_BAND: Final = 0.35  # of half the water's width: so far from the outline it may be ground
+_SCALES: Final = np.array([4.0, 4.0, 2.0, 3.0], dtype=np.float32)  # to bytes, around the water's own middle
+_MIDDLE: Final = 128.0
+_ITERATIONS: Final = 3
+_SEED: Final = 1
+_LEAST: Final = 0.004  # of the copy: a smaller piece is foam, or a stone
+_THICK_PX: Final = 5  # a thinner piece is the outline's own blur
+_CLEAR: Final = 2.6  # standard deviations across the inner edge, lightness left out
+_NO_LIGHT: Final = np.array([1.0, 1.0, 0.0, 1.0], dtype=np.float32)
+_STRIP_PX: Final = 5
+_DARKER: Final = -0.5  # forty times the logarithm of the lightness: about 1 %
+_GLITTER: Final = 12.0  # about 35 % brighter than the water beside it
+_GREENER: Final = 2.0  # likewise of red to green
+_RED_TO_GREEN, _LIGHT = 0, 2  # planes
+
+
+def without_margin(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolArray) -> BoolArray:
+    """The water without the ground along it.
+
+    Args:
+        planes: ``(height, width, 4)`` of ``WaterFeatures``.
+        water: ``(height, width)``, with that ground.
+        sure: Part of it that is water.
+        ground: What is looked at.
+    """
+    if not np.any(ground & ~water):
+        return water
+    inner = _cut(planes, water, sure, ground)
+    kernel = np.ones((_THICK_PX, _THICK_PX), dtype=np.uint8)
+    taken = cv2.morphologyEx((water & ~inner).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    count, pieces, facts, _ = cv2.connectedComponentsWithStats(taken, connectivity=8)
+    large = [each for each in range(1, count) if facts[each, cv2.CC_STAT_AREA] >= _LEAST * water.size]
+    if not large:
+        return water
+    outline, contrast = outline_contrast(planes * _NO_LIGHT, inner, ground)
+    clearness = np.zeros(water.shape)
+    clearness[outline] = contrast
+    result = water.copy()
+    for number in large:
+        piece = np.asarray(pieces == number)
+        near = cv2.dilate(piece.astype(np.uint8), kernel) > 0
+        edge = clearness[near & outline]
+        if len(edge) and float(np.median(edge)) > _CLEAR and _is_ground(planes, piece, inner):
+            result &= ~near | inner
+    return result
+
+
+def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolArray) -> BoolArray:
+    to_land = cv2.distanceTransform(1 - (ground & ~water).astype(np.uint8), cv2.DIST_L2, 5)
+    core = water & (to_land >= _BAND * float(np.percentile(to_land[water], 95)))
+    middle = np.median(planes[core | sure], axis=0)
+    scaled = (planes - middle) * _SCALES
+    colours = np.dstack([scaled[..., 0], scaled[..., 1], scaled[..., 2] + scaled[..., 3]]) + _MIDDLE
+    labels = np.full(water.shape, cv2.GC_BGD, dtype=np.uint8)
+    labels[water] = cv2.GC_PR_BGD
+    labels[core | sure] = cv2.GC_FGD
+    cv2.setRNGSeed(_SEED)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    seen = np.clip(colours, 0, 255).astype(np.uint8)
+    cv2.grabCut(seen, labels, (0, 0, 0, 0), *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
+    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
+
+
+def _is_ground(planes: Float32Image, piece: BoolArray, water: BoolArray) -> bool:
+    """Whether a piece is neither shade nor glitter: not darker than the water next to it, or greener; not glaring."""
+    kernel = np.ones((2 * _STRIP_PX + 1, 2 * _STRIP_PX + 1), dtype=np.uint8)
+    beside = (cv2.dilate(piece.astype(np.uint8), kernel) > 0) & water
+    if not beside.any():
+        return False
+    apart = planes[piece].mean(axis=0) - planes[beside].mean(axis=0)
+    if apart[_LIGHT] > _GLITTER:
+        return False
+    return bool(apart[_LIGHT] > _DARKER or apart[_RED_TO_GREEN] < -_GREENER)

@@ -47,6 +47,7 @@ coverage: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_query.py
 	$(BIN)/python tests/bench/bench_tlog.py
+	$(BIN)/python tests/bench/bench_tracked.py
 	$(BIN)/python tests/bench/bench_import.py
 	$(BIN)/python tests/bench/bench_dense.py
 	$(BIN)/python tests/bench/bench_terrain.py

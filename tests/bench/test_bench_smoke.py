@@ -34,6 +34,7 @@ HERE = Path(__file__).parent
             r"of 1 within 20 ms[^$]*95 % intervals: offset",
         ),
         ("bench_terrain.py", ["--cells", "64", "--step", "40"], r"tilt 70: .* million rays/s"),
+        ("bench_tracked.py", ["--images", "2"], r"tracked probes, 1080p[^$]*images/s[^$]*moving objects, 1080p"),
         ("bench_tlog.py", ["--tiles", "1"], r"recv_match of all messages .* times as long"),
     ],
 )

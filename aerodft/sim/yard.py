@@ -1,0 +1,98 @@
+"""A yard with persons who walk about before a fixed camera: ``python -m aerodft.sim.yard --out yard``.
+
+It writes ``yard.mp4``, ``station.toml`` to import it with, and ``truth.csv``: where everybody stood.
+"""
+
+import argparse
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import tomli_w
+
+from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.poses import camera_pose
+from aerodft.model.arrays import ImageArray
+from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.river import River
+from aerodft.sim.scenario import EPOCH_NS, default_camera
+from aerodft.sim.video import write_video
+from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
+
+_EMPTY_S: Final = 1.5  # before anybody is there
+_FPS: Final = 10
+_HEIGHT_M, _TILT_DEG, _ROLL_DEG = 5.0, 68.0, 4.0
+_STD: Final = {"height_m": 0.02, "tilt_deg": 0.1, "pan_deg": 0.1, "roll_deg": 0.1, "heading_deg": 0.5}
+
+YARD: Final = World(
+    origin=DEFAULT_ORIGIN,
+    river=River(origin_en_m=(0.0, -300.0)),
+    walkers=(
+        Walker(start_en_m=(-9.0, 14.0), end_en_m=(9.0, 15.0)),
+        Walker(start_en_m=(8.0, 17.0), end_en_m=(-8.0, 16.5), speed_mps=1.1),
+        Walker(start_en_m=(-2.0, 8.5), end_en_m=(2.0, 9.0), speed_mps=0.9),
+    ),
+    walls=(Wall(start_en_m=(-2.0, 13.0), end_en_m=(1.0, 13.0)),),
+    look=Look(sun_azimuth_rad=math.radians(30.0), sun_elevation_rad=math.radians(30.0)),
+)
+"""Two of them pass behind the wall in opposite directions, the third before it; shadows fall towards the camera."""
+
+
+def write_yard(folder: Path, *, seconds: float = 13.5, width_px: int = 1280) -> None:
+    """Write the yard's files.
+
+    Args:
+        folder: Where to; made if it is not there.
+        seconds: How long the video is.
+        width_px: Of its images, a multiple of 32.
+    """
+    camera = default_camera(width_px, width_px * 9 // 16)
+    pose = camera_pose(height_agl_m=_HEIGHT_M, tilt_rad=math.radians(_TILT_DEG), roll_rad=math.radians(_ROLL_DEG))
+    noise = Imaging(noise_std=2.0)
+    empty, full = Renderer(camera, replace(YARD, walkers=()), noise), Renderer(camera, YARD, noise)
+    times_s = [k / _FPS for k in range(round(seconds * _FPS))]
+
+    def images() -> Iterator[tuple[int, ImageArray]]:
+        for time_s in times_s:
+            renderer = empty if time_s < _EMPTY_S else full
+            yield EPOCH_NS + round(time_s * SECOND_NS), renderer.render(pose, time_s)
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_video(folder / "yard.mp4", images(), fps=_FPS)
+    station = {
+        "station": {"name": "yard"},
+        "camera": camera_document(camera),
+        "pose": {
+            "height_agl_m": _HEIGHT_M,
+            "tilt_deg": _TILT_DEG,
+            "roll_deg": _ROLL_DEG,
+            "heading_deg": 0.0,
+            "std": _STD,
+        },
+        "images": {"video": "yard.mp4", "start": unix_ns_to_iso(EPOCH_NS)},
+        "objects": {"distances_within_m": 6.0},
+    }
+    (folder / "station.toml").write_text(tomli_w.dumps(station))
+    with (folder / "truth.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["stamp_ns", "walker", "east_m", "north_m"])
+        for time_s in times_s:
+            for number, walker in enumerate(YARD.walkers, start=1):
+                east, north, _ = walker.foot_enu_m(time_s).tolist()
+                rows.writerow([EPOCH_NS + round(time_s * SECOND_NS), number, f"{east:.4f}", f"{north:.4f}"])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Write the files."""
+    parser = argparse.ArgumentParser(prog="python -m aerodft.sim.yard", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="Folder for the files.")
+    write_yard(parser.parse_args(arguments).out)
+
+
+if __name__ == "__main__":
+    main()

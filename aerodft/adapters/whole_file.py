@@ -25,17 +25,25 @@ def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     if path.is_file() and not overwrite:
         raise InputError("the file exists", where=path, hint="choose another name, or add --overwrite")
     try:
-        with replaced(path) as partial:
+        with replaced(path, keep=not overwrite) as partial:
             yield partial
+    except FileExistsError:
+        raise InputError(
+            "the file exists", where=path, hint="somebody made it meanwhile: choose another name"
+        ) from None
     except OSError as error:
         raise InputError("the file cannot be written", where=path, got=error.strerror or error) from error
 
 
 @contextmanager
-def replaced(path: Path) -> Iterator[Path]:
+def replaced(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """A file that takes its name when the block is through, and leaves nothing behind when it raises.
 
     A link stays one; what is no file (a pipe, a device) is written to as it is.
+
+    Args:
+        path: The file.
+        keep: Whether one that was made meanwhile stays.
 
     Yields:
         Where to write.
@@ -52,6 +60,23 @@ def replaced(path: Path) -> Iterator[Path]:
     partial = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         yield partial
-        partial.replace(target)
+        if keep:
+            _take_name(partial, target)
+        else:
+            partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def _take_name(partial: Path, target: Path) -> None:
+    """Give a file its name, unless another one has it.
+
+    Raises:
+        FileExistsError: One has.
+    """
+    try:
+        target.hardlink_to(partial)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        partial.replace(target)

@@ -8,7 +8,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from aerodft.adapters.whole_file import whole_file
 from aerodft.adapters.zenoh.session import free_endpoint
+from aerodft.errors import InputError
 
 FROZEN = Path(__file__).parent / "frozen-0.1"
 
@@ -172,3 +174,20 @@ def test_a_file_called_dash_is_not_made(aerodft, tmp_path: Path, monkeypatch) ->
         "aerodft: --output: got -, expected a file; without --output, text goes to stdout",
     )
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_somebody_made_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+
+    def write_while_somebody_else_does() -> None:
+        with whole_file(path, overwrite=False) as mine:
+            mine.write_text("mine")
+            path.write_text("theirs")
+
+    with pytest.raises(InputError, match="the file exists; somebody made it meanwhile"):
+        write_while_somebody_else_does()
+    assert path.read_text() == "theirs"
+    assert list(tmp_path.iterdir()) == [path]
+    with whole_file(path, overwrite=True) as mine:
+        mine.write_text("mine")
+    assert path.read_text() == "mine"

@@ -26,7 +26,11 @@ HERE = Path(__file__).parent
         ),
         ("bench_query.py", ["--queries", "50"], r"p99 \d+\.\d\d ms"),
         ("bench_replay.py", ["--megabytes", "4"], r"MB of memory in all[^$]*of the time that the stock reader"),
-        ("bench_river.py", ["--width", "960", "--runs", "1"], r"images/s of one core[^$]*where the time goes: small copy"),
+        (
+            "bench_river.py",
+            ["--width", "960", "--runs", "1"],
+            r"images/s of one core[^$]*where the time goes: small copy",
+        ),
         ("bench_recompute.py", ["--seconds", "16", "--rate", "2"], r"recompute: \d+ times real time.*MB on disk"),
         (
             "bench_sync.py",

@@ -100,6 +100,7 @@ def test_the_ellipse_covers_where_they_are_also_while_they_are_hidden(followed) 
             cov = np.array(each.cov_enu_m2)[:2, :2]
             covered[each.status].append(off @ np.linalg.solve(cov, off) < 5.99)
             grown.append((each.status is Status.OCCLUDED, math.sqrt(np.trace(cov))))
+    print({str(status): f"{np.mean(inside):.3f} of {len(inside)}" for status, inside in covered.items()})
     shares = {status: (np.mean(inside), len(inside)) for status, inside in covered.items()}
     assert shares[Status.OCCLUDED][1] >= 20
     assert min(share for share, _ in shares.values()) >= 0.9, shares

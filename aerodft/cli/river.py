@@ -1,6 +1,7 @@
 """``aerodft river``: a river's width along it, from one image with a known pose."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,7 @@ from aerodft.dft.request import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.vision.river import NoRiver, RiverQuestion, find_river
+from aerodft.vision.water_network import WaterNetwork
 
 _LEAST_STD_PX = 0.2
 
@@ -66,6 +68,9 @@ def river(
     images: Annotated[
         int, typer.Option(min=1, help="Of a recording or a video: how many images are looked at, evenly spread.")
     ] = MOST_IMAGES,
+    water_model: Annotated[
+        Path | None, typer.Option(help="Your own network (ONNX) that says where water is: docs/river.md.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write tables, maps and a plate here.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
@@ -86,7 +91,8 @@ def river(
         lon_deg=lon,
         covariance=covariance,
     )
-    question = _question(seed, spacing, flow, std)
+    network = None if water_model is None else WaterNetwork.read(water_model)
+    question = replace(_question(seed, spacing, flow, std), network=network)
     if is_recording(what):
         given.refuse_all("a recording")
         if camera is not None:

@@ -18,6 +18,7 @@ from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
 from aerodft.vision.water import WaterMask, find_water, with_islands
 from aerodft.vision.water_features import WaterFeatures, water_features
+from aerodft.vision.water_network import WaterNetwork
 from aerodft.vision.water_plane import WaterPlane
 from aerodft.vision.waterway import Centreline, centreline, looked_up
 
@@ -46,12 +47,14 @@ class RiverQuestion:
         spacing_m: Of the transects.
         flow_rad: Azimuth to which the river flows; None where it is not known.
         least_std_px: What a bank is seen off by at the least, all of them alike.
+        network: Says where water is; None for the classical segmentation.
     """
 
     seed_px: tuple[float, float] | None = None
     spacing_m: float = 1.0
     flow_rad: float | None = None
     least_std_px: float = 0.2
+    network: WaterNetwork | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,7 +103,8 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
     if not looked_up(ground, seed):
         return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")
-    water = find_water(features, (float(seed[0]), float(seed[1])), ground)
+    segment = find_water if question.network is None else question.network.find_water
+    water = segment(features, (float(seed[0]), float(seed[1])), ground)
     if (refusal := no_river(features, water, ground)) is not None:
         return refusal
     channel = with_islands(water.water, ground)

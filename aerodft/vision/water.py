@@ -75,6 +75,12 @@ def find_water(features: WaterFeatures, seed_px: tuple[float, float], ground: Bo
     return WaterMask(water, outline, contrast, doubtful)
 
 
+def around_seed(wet: BoolArray, shape: tuple[int, int], seed_px: tuple[float, float], ground: BoolArray) -> BoolArray:
+    """The piece of ``wet (height, width)`` around a seed, smoothed, without specks."""
+    disc = _disc(shape, seed_px) & ground
+    return _without_specks(_around(_opened(wet) | disc, disc))
+
+
 def _proposals(planes: Float32Image, disc: BoolArray, ground: BoolArray) -> list[BoolArray]:
     """Regions around the disc: of few clusters, the clearest of them; and of many, joined.
 

@@ -69,6 +69,16 @@ def test_height_is_shared_by_all_widths(shot):
     assert width["std"] == pytest.approx(0.01 * width["median"], rel=0.08)
 
 
+def test_a_water_model_that_is_none_is_one_sentence(shot, tmp_path):
+    _, image, options = shot
+    (tmp_path / "model.onnx").write_text("weights")
+    done = aerodft(image, *options, "--water-model", tmp_path / "model.onnx", "--json")
+    assert done.returncode == 3
+    assert done.stdout == ""
+    assert "model.onnx: no network that OpenCV can run" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 def test_the_camera_above_the_horizon_sees_no_river(shot):
     _, image, options = shot
     options = [*options]

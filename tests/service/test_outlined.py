@@ -108,3 +108,20 @@ def test_the_area_of_what_lies_on_the_ground_comes_from_its_contour():
 def test_a_box_has_no_distance_no_length_and_no_area(kind):
     answers, counts = measured(kind, box=box())
     assert (answers, counts.wrong_pixel_count) == ([], 1)
+
+
+def test_a_tracked_probe_that_is_not_found_is_lost_and_has_no_number():
+    sample = PoseSample(stamp_ns=0, status=Status.OK, pose=POSE, std=STD)
+    probe = Probe(name="walker", kind=ProbeKind.DISTANCE, source=PixelSource.TRACKED, pixels=((900, 600), (1000, 600)))
+    settings = PipelineSettings(station="s", camera=CAMERA, probes=(probe,), fixed_pose=sample)
+    pipeline = Pipeline(settings, NoTelemetry())
+    seen = [
+        Observation(name="walker", stamp_ns=stamp, arrival_ns=stamp, pixels=pixels)
+        for stamp, pixels in ((5, probe.pixels), (6, ()), (7, ((900.0, 600.0),)))
+    ]
+    outputs = (*pipeline.step(Batch(now_ns=10, observations=tuple(seen))), *pipeline.finish())
+    found, lost = (each for item in outputs if hasattr(item, "answers") for each in item)
+    assert (found.status, lost.status) == (Status.OK, Status.LOST)
+    assert (lost.value, lost.enu_m, lost.pixels) == (None, None, ())
+    assert lost.reasons == ("it is out of the image, or was not recognised in it",)
+    assert pipeline.counts.wrong_pixel_count == 1, "one pixel is no distance"

@@ -18,7 +18,8 @@ from aerodft.errors import InputError
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.pose import PoseSample
-from aerodft.vision.river import River
+from aerodft.vision.river import River, ground_of
+from aerodft.vision.water_likeness import water_likeness
 from aerodft.vision.water_plane import WaterPlane
 
 _COLUMNS = (
@@ -36,13 +37,14 @@ def write_river(
     Raises:
         InputError: The folder cannot be written.
     """
-    names = ["result.json", "transects.csv", "river.geojson", "plate.png"]
+    names = ["result.json", "transects.csv", "river.geojson", "plate.png", "likeness.png"]
     document["files"] = [str(folder / name) for name in names]
     with writing(folder):
         (folder / names[0]).write_bytes(as_json(document))
         (folder / names[1]).write_text(_table(document), encoding="utf-8")
         (folder / names[2]).write_bytes(as_json(_map(document, found, setup, sample)))
         draw_plate(folder / names[3], document, found, image, setup, sample)
+        (folder / names[4]).write_bytes(_likeness(found, setup, sample, image.shape[:2]))
 
 
 @contextmanager
@@ -64,6 +66,15 @@ def writing(folder: Path) -> Iterator[None]:
 def as_json(document: dict[str, Any]) -> bytes:
     """A file's bytes."""
     return orjson.dumps(document, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
+
+
+def _likeness(found: River, setup: Setup, sample: PoseSample, size: tuple[int, ...]) -> bytes:
+    """Grey of the image's size: white where a pixel looks like the water, black where it looks like land."""
+    assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
+    plane = WaterPlane(setup.camera, sample.pose, setup.elevation_m, setup.max_range_m)
+    share = water_likeness(found.features.planes, found.water.water, ground_of(plane, found.features))
+    grey = cv2.resize(np.rint(255 * share).astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST)
+    return bytes(cv2.imencode(".png", grey)[1])
 
 
 def _table(document: dict[str, Any]) -> str:

@@ -30,6 +30,7 @@ __all__ = [
     "RiverStatus",
     "channel_of",
     "find_river",
+    "ground_of",
     "oriented",
     "river_across",
     "stations_along",
@@ -95,7 +96,7 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     """
     plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
     features = water_features(image)
-    ground = _ground(plane, features)
+    ground = ground_of(plane, features)
     if not ground.any():
         return NoRiver(RiverStatus.ABOVE_HORIZON, "the image shows no water plane near enough: it looks too far up")
     if (dark := no_light(image)) is not None:
@@ -130,7 +131,7 @@ def river_across(
         line: The centreline, in the direction in which left and right are meant.
     """
     plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
-    ground = _ground(plane, seen.features)
+    ground = ground_of(plane, seen.features)
     masks = with_islands(seen.water.water, ground), seen.water.water, ground
     found = transects(plane, seen.features, masks, line, stations_along(line, question.spacing_m))
     return _measured(image, setup, pose, plane, question, (seen.features, seen.water, line, found))
@@ -138,10 +139,11 @@ def river_across(
 
 def channel_of(plane: WaterPlane, seen: River) -> BoolArray:
     """The water with its islands, ``(height, width)`` of the small copy."""
-    return with_islands(seen.water.water, _ground(plane, seen.features))
+    return with_islands(seen.water.water, ground_of(plane, seen.features))
 
 
-def _ground(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
+def ground_of(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
+    """Which pixels of the small copy show the water's plane, near enough, ``(height, width)``."""
     rows, columns = features.shape
     small = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
     return np.asarray(np.isfinite(plane.places_en_m(features.to_image(small))[..., 0]))

@@ -57,7 +57,7 @@ def river(
         typer.Option(help="Take pose and lens of a calibration file, or correct the options by its biases."),
     ] = None,
     seed: Annotated[str | None, typer.Option(help="A pixel u,v in the water; else the lower middle.")] = None,
-    spacing: Annotated[float, typer.Option(help="Of the transects along the river, m.")] = 1.0,
+    spacing: Annotated[float, typer.Option(help="Of the transects along the river, m; of 1000 at the most.")] = 1.0,
     flow: Annotated[
         float | None,
         typer.Option(help="Where the river flows to, deg clockwise from north: left is then its left bank."),

@@ -98,7 +98,8 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     features = water_features(image)
     ground = ground_of(plane, features)
     if not ground.any():
-        return NoRiver(RiverStatus.ABOVE_HORIZON, "the image shows no water plane near enough: it looks too far up")
+        up = "the image shows no water plane near enough: it looks too far up"
+        return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
     if (dark := no_light(image)) is not None:
         return dark
     seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
@@ -169,6 +170,8 @@ def stations_along(line: Centreline, spacing_m: float) -> FloatArray:
     """Where transects cross a line, ``(n,)``: so far apart, or fewer."""
     length = float(line.stations_m()[-1])
     count = min(int(length / spacing_m) + 1, MOST_TRANSECTS)
+    if count == MOST_TRANSECTS:  # all of the river, more coarsely
+        spacing_m = max(spacing_m, length / count)
     spare = length - (count - 1) * spacing_m
     return np.asarray(spare / 2 + spacing_m * np.arange(count), dtype=np.float64)
 

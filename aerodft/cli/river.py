@@ -180,14 +180,14 @@ def _pixel(text: str) -> tuple[float, float]:
     return u, v
 
 
-def _say(document: dict[str, object]) -> None:
+def _say(document: dict[str, Any]) -> None:
     width = document["width_m"]
-    used = [each for each in document["transects"] if each["status"] == "ok"]  # type: ignore[attr-defined]
-    if isinstance(width, dict):
+    used = [each for each in document["transects"] if each["status"] == "ok"]
+    if width is not None:
         low, high = width["ci95"]
         say(
             f"{width['median']:.3f} m in the median of {len(used)} transects, {low:.3f} to {high:.3f} m (95 %);"
             f" {width['min']:.3f} to {width['max']:.3f} m along the river; confidence {document['confidence']:.2f}"
         )
-    for file in document.get("files") or ():  # type: ignore[attr-defined]
+    for file in document["files"]:
         say(f"wrote {file}")

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from aerodft.dft.request import Request
+from aerodft.dft.request import Request, Setup
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import PixelSource, Probe
@@ -59,6 +59,23 @@ class ImageAnswers:
     camera: str
     calibration: str | None
     config: str | None
+
+    @staticmethod
+    def of(
+        setup: Setup, sample: PoseSample, image: int | None, requests: tuple[Request, ...], answers: Sequence[Answer]
+    ) -> "ImageAnswers":
+        """The answers in one image, with what they share."""
+        return ImageAnswers(
+            requests=requests,
+            answers=answers,
+            sample=sample,
+            stamp_ns=sample.stamp_ns,
+            image=image,
+            model=setup.model,
+            camera=setup.camera.name,
+            calibration=sample.calibration,
+            config=setup.config_id,
+        )
 
     def __len__(self) -> int:
         return len(self.answers)

@@ -16,7 +16,7 @@ from aerodft.dft.limits import (
     MAX_BEARING_STD_RAD,
     MAX_RELATIVE_RANGE_STD,
     NEAR_FOOT,
-    NO_RAY,
+    NO_RAY_CODES,
 )
 from aerodft.dft.points import ImagePoints, lat_lon_alt, to_ground_frame
 from aerodft.dft.polygons import crosses_itself
@@ -31,9 +31,7 @@ from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
-from aerodft.model.status import CODES, Status
-
-_NO_RAY = [CODES.index(status) for status in NO_RAY]
+from aerodft.model.status import Status
 
 Column = list[Answer | None]
 """One request's answers in all images; None where first order gives none."""
@@ -129,7 +127,7 @@ class _Answers:
     def _reachable(self) -> BoolArray:
         """Where all that must be on the ground is, near enough and well enough known for first order; ``(n, g)``."""
         count = self._on_ground.shape[1]
-        misses = np.any(self._status[..., :count] > 0, axis=-1) | np.any(np.isin(self._status, _NO_RAY), axis=-1)
+        misses = np.any(self._status[..., :count] > 0, axis=-1) | np.any(np.isin(self._status, NO_RAY_CODES), axis=-1)
         is_open: BoolArray = ~misses
         if self._setup.max_range_m is not None:
             is_open &= ~np.any(self._range_m > self._setup.max_range_m, axis=-1)

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from aerodft.model.status import Status
+from aerodft.model.status import CODES, Status
 
 FIRST_ORDER_LIMIT: Final = 0.05
 """Relative standard deviation of a slant range above which errors are drawn."""
@@ -19,5 +19,5 @@ NEAR_FOOT: Final = 0.1
 LEANING_STDS: Final = 6.0
 """What leans by more than 45 degrees, and by more than so many standard deviations, is no upright object."""
 
-NO_RAY: Final = (Status.OUT_OF_IMAGE, Status.BEYOND_LENS_MODEL)
-"""A pixel without a ray has no answer of any kind."""
+NO_RAY_CODES: Final = (CODES.index(Status.OUT_OF_IMAGE), CODES.index(Status.BEYOND_LENS_MODEL))
+"""As arrays of statuses have it: a pixel without a ray has no answer of any kind."""

@@ -54,17 +54,7 @@ def measure_images(
         for row, answers in zip(rows, _answered(seen_with, [samples[row] for row in rows], requests), strict=True):
             found[row] = answers
     return [
-        ImageAnswers(
-            requests=requests,
-            answers=answers or _missed(sample, requests),
-            sample=sample,
-            stamp_ns=sample.stamp_ns,
-            image=image,
-            model=setup.model,
-            camera=setup.camera.name,
-            calibration=sample.calibration,
-            config=setup.config_id,
-        )
+        ImageAnswers.of(setup, sample, image, requests, answers or _missed(sample, requests))
         for answers, sample, image in zip(found, samples, images, strict=True)
     ]
 

@@ -11,7 +11,7 @@ from aerodft.dft.limits import (
     MAX_BEARING_STD_RAD,
     MAX_RELATIVE_RANGE_STD,
     NEAR_FOOT,
-    NO_RAY,
+    NO_RAY_CODES,
 )
 from aerodft.dft.points import ProbePoints
 from aerodft.dft.polygons import crosses_itself
@@ -25,9 +25,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from aerodft.model.probe import ProbeKind
-from aerodft.model.status import CODES, Status
-
-_NO_RAY = [CODES.index(status) for status in NO_RAY]
+from aerodft.model.status import Status
 
 
 def seen_in(record: Record, points: ProbePoints) -> Seen:
@@ -125,7 +123,7 @@ def blocked(record: Record, pose: Pose, points: ProbePoints, on_ground: ProbePoi
     statuses = points.ground.status
     if statuses.any():
         has_no_ground = (statuses > 0) & (np.arange(len(statuses)) < len(on_ground.ground.status))
-        bad = np.flatnonzero(has_no_ground | np.isin(statuses, _NO_RAY))
+        bad = np.flatnonzero(has_no_ground | np.isin(statuses, NO_RAY_CODES))
         if len(bad):
             return record.no_ground(pose, points.ground, int(bad[0]))
     limit = record.setup.max_range_m

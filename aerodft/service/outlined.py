@@ -40,17 +40,8 @@ def lost(setup: Setup, sample: PoseSample, probe: Probe, image: int | None) -> I
     answer = Answer(sample.status, sample.reasons)
     if sample.status is Status.OK:
         answer = Answer(Status.LOST, ("it is out of the image, or was not recognised in it", *sample.reasons))
-    return ImageAnswers(
-        requests=(Request(probe=probe, pixels=(), std_px=probe.std_px),),
-        answers=(answer,),
-        sample=sample,
-        stamp_ns=sample.stamp_ns,
-        image=image,
-        model=setup.model,
-        camera=setup.camera.name,
-        calibration=sample.calibration,
-        config=setup.config_id,
-    )
+    request = Request(probe=probe, pixels=(), std_px=probe.std_px)
+    return ImageAnswers.of(setup, sample, image, (request,), (answer,))
 
 
 def request_of(probe: Probe, observation: Observation, camera: Camera, pose: Pose | None) -> Request:

@@ -112,18 +112,8 @@ class ObjectTracks:
     ) -> tuple[ImageAnswers, ...]:
         if not found:
             return ()
-        answers = ImageAnswers(
-            requests=tuple(request for request, _ in found),
-            answers=[answer for _, answer in found],
-            sample=sample,
-            stamp_ns=sample.stamp_ns,
-            image=image,
-            model=setup.model,
-            camera=setup.camera.name,
-            calibration=sample.calibration,
-            config=setup.config_id,
-        )
-        return (answers,)
+        requests, answers = (tuple(column) for column in zip(*found, strict=True))
+        return (ImageAnswers.of(setup, sample, image, requests, answers),)
 
 
 def _request(name: str, kind: ProbeKind, pixels: tuple[FloatArray, ...], std_px: float = 1.0) -> Request:

@@ -55,7 +55,7 @@ class GivenPose:
         return GeoOrigin(lat_rad=math.radians(self.lat_deg), lon_rad=math.radians(self.lon_deg))
 
     def refuse_all(self, beside: str) -> None:
-        """Refuse what the option ``beside`` says itself.
+        """Refuse what ``beside``, an option as typed or an argument in words, says itself.
 
         Raises:
             UsageError: Any of it was given.
@@ -188,14 +188,14 @@ def _terrain(path: Path, origin: GeoOrigin | None) -> tuple[Ground, GeoOrigin]:
 
 
 def refuse_beside(options: Mapping[str, object], beside: str) -> None:
-    """Refuse options beside ``--recording`` or ``--calibration``.
+    """Refuse options beside what says the same: an option as typed, or an argument in words.
 
     Raises:
         UsageError: One of them was given.
     """
     for name, value in options.items():
         if value is not None:
-            raise UsageError(f"--{name} beside --{beside}", expected=f"one of them: the {beside} has it")
+            raise UsageError(f"--{name} beside {beside}", expected=f"one of them: {beside} has it")
 
 
 def _in_range(option: str, value: float | None, low: float, high: float, expected: str) -> float:

@@ -111,14 +111,14 @@ def measure(
     )
     terms = GivenGround(slope_deg=slope, uphill_deg=uphill, terrain=terrain)
     if recording is not None and at is not None:
-        pose.refuse_all("recording")
-        terms.refuse_all("recording")
+        pose.refuse_all("--recording")
+        terms.refuse_all("--recording")
         if config is not None:
-            refuse_beside({"camera": camera}, "config")
+            refuse_beside({"camera": camera}, "--config")
         files = {"config": config, "calibration": calibration, "camera": camera}
         setup, sample, stds = _recorded(recording, at, model, std, topic, files)
     elif calibration is not None and load_calibrated_pose(calibration) is not None:
-        pose.refuse_all("calibration")
+        pose.refuse_all("--calibration")
         setup, sample, stds = calibrated(calibration, camera, model, std, terms)
     else:
         stds = _stds(std, pose)

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.looking import Eyes, build_eyes
-from aerodft.cli.recorded import recorded_station, reoffset
-from aerodft.cli.wiring import build_pipeline, check_size
+from aerodft.cli.recorded import reoffset, stations_of
+from aerodft.cli.wiring import build_pipeline
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.model.image import Image
 from aerodft.service.feed import MergedFeed
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Feed, Source
@@ -57,10 +55,7 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
         UsageError: There is nothing to look for.
     """
     recording = Recording(folder)
-    was, station = _stations(recording, config)
-    if calibration is not None:
-        station = with_calibration(station, calibration)
-    _check_sizes(recording, station)
+    was, station = stations_of(recording, config, calibration)
     pipeline = build_pipeline(station)
     source = reoffset(RecordingSource(recording, pixels=vision), was, station)
     again, eyes = None, Eyes()
@@ -81,23 +76,3 @@ def _seen_again(source: Source, recording: Recording, eyes: Eyes) -> SeenAgain:
         hint = "record.image_hz says how many are kept"
         raise NoAnswerError("no images in the recording", where=recording.folder, hint=hint)
     return SeenAgain(source, eyes.lookouts)
-
-
-def _stations(recording: Recording, config: Path | None) -> tuple[StationConfig, StationConfig]:
-    """The recording's own configuration (where it has none: the new one) and the one to compute with."""
-    if config is None:
-        own = recorded_station(recording)
-        return own, own
-    new = load_station(config)
-    return (new if recording.text("config.toml") is None else recorded_station(recording)), new
-
-
-def _check_sizes(recording: Recording, station: StationConfig) -> None:
-    """Refuse a camera that the recorded images are not from; one source has images of one size.
-
-    Raises:
-        InputError: The sizes differ.
-    """
-    images = (event for event in RecordingSource(recording).events() if isinstance(event, Image))
-    if (first := next(images, None)) is not None:
-        check_size(first, station.pipeline.camera, recording.folder)

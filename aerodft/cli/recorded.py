@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
-from aerodft.adapters.config.loading import parse_station
+from aerodft.adapters.config.loading import load_station, parse_station, with_calibration
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.clock import ImageClock
+from aerodft.cli.wiring import check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.batch import Event
@@ -13,6 +15,7 @@ from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
 from aerodft.service.ports import Source
 from replay.recording import Recording
+from replay.source import RecordingSource
 
 
 def recorded_station(recording: Recording) -> StationConfig:
@@ -30,6 +33,29 @@ def recorded_station(recording: Recording) -> StationConfig:
         )
     beside = recording.folder if recording.folder.is_dir() else recording.folder.parent
     return parse_station(text.encode(), where=str(recording.folder / "config.toml"), folder=beside)
+
+
+def stations_of(
+    recording: Recording, config: Path | None, calibration: Path | None
+) -> tuple[StationConfig, StationConfig]:
+    """The configuration that a recording was made with, and the one to compute with.
+
+    Args:
+        recording: The recording.
+        config: The one to compute with, and where the recording has none the one it was made with; None for its own.
+        calibration: In place of that configuration's; None to leave it.
+
+    Raises:
+        InputError: There is none, or the recorded images are not of its camera.
+    """
+    new = recorded_station(recording) if config is None else load_station(config)
+    is_own = config is None or recording.text("config.toml") is None
+    was = new if is_own else recorded_station(recording)
+    new = new if calibration is None else with_calibration(new, calibration)
+    images = (event for event in RecordingSource(recording).events() if isinstance(event, Image))
+    if (first := next(images, None)) is not None:  # one source has images of one size
+        check_size(first, new.pipeline.camera, recording.folder)
+    return was, new
 
 
 class Reoffset:

@@ -11,7 +11,7 @@ from aerodft.adapters.config.calibration import load_calibrated_pose
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.images.camera_image import read_camera_image
 from aerodft.cli.calibrated import calibrated, corrected
-from aerodft.cli.given import GivenGround, GivenPose
+from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
 from aerodft.cli.output import print_json, say
 from aerodft.cli.river_document import refusal_document, river_document
 from aerodft.cli.river_files import write_river
@@ -95,8 +95,7 @@ def river(
     question = replace(_question(seed, spacing, flow, std), network=network)
     if is_recording(what):
         given.refuse_all("a recording")
-        if camera is not None:
-            raise UsageError("--camera beside a recording", expected="--config FILE, which says what camera it is")
+        refuse_beside({"camera": camera}, "a recording")
         level = _level(elevation, max_range, parse_stds(std) if std else Stds())
         document = flight_document(recorded_views(what, config, calibration, images), level, question, output)
     else:
@@ -135,7 +134,7 @@ def _scene(
 ) -> tuple[Setup, PoseSample, Stds]:
     level = GivenGround(slope_deg=None, uphill_deg=None, terrain=None)
     if calibration is not None and load_calibrated_pose(calibration) is not None:
-        given.refuse_all("calibration")
+        given.refuse_all("--calibration")
         return calibrated(calibration, camera, None, std, level)
     stds = parse_stds(std) if std else Stds() if given.covariance else assumed_stds(given.height_m or 0.0)
     if given.covariance is not None and stds.pose != PoseStd():

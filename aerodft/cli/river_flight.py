@@ -11,7 +11,7 @@ from aerodft.cli.river_document import geo_of, river_frame, width_summary
 from aerodft.cli.river_flight_files import write_flight
 from aerodft.cli.river_views import Views
 from aerodft.dft.request import Setup
-from aerodft.model.pose import PoseSample
+from aerodft.model.pose import Pose, PoseSample
 from aerodft.vision.river import NoRiver, RiverQuestion, RiverStatus
 from aerodft.vision.river_reach import Reach, ReachView, measure_reach
 
@@ -55,8 +55,8 @@ def flight_document(views: Views, level: WaterLevel, question: RiverQuestion, ou
     return document
 
 
-def _pose(sample: PoseSample) -> Any:  # noqa: ANN401 - a Pose: views have one
-    assert sample.pose is not None  # noqa: S101 - as above, for the type checker
+def _pose(sample: PoseSample) -> Pose:
+    assert sample.pose is not None  # noqa: S101 - views have one, for the type checker
     return sample.pose
 
 

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.video import VideoFileSource
-from aerodft.cli.recorded import recorded_station, reoffset
+from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline, check_size
 from aerodft.dft.request import Setup
 from aerodft.dft.zoomed import zoomed
@@ -70,15 +69,12 @@ def recorded_views(folder: Path, config: Path | None, calibration: Path | None, 
         NoAnswerError: No image was recorded, or none has a pose.
     """
     recording = Recording(folder)
-    was = recorded_station(recording) if config is None or recording.text("config.toml") else load_station(config)
-    station = was if config is None else load_station(config)
-    station = station if calibration is None else with_calibration(station, calibration)
+    was, station = stations_of(recording, config, calibration)
     source = _Noted(reoffset(RecordingSource(recording, pixels=True), was, station))
     samples = list(_samples(station, source))
     if not source.pixels:
         hint = "record.image_hz says how many are kept"
         raise NoAnswerError("no images in the recording", where=folder, hint=hint)
-    check_size(source.first, station.pipeline.camera, folder)
     kept = [(index, sample) for index, sample in samples if index in source.pixels]
     refused: dict[str, int] = {}
     for _, sample in kept:
@@ -133,19 +129,15 @@ class _Noted:
 
     Attributes:
         pixels: By image.
-        first: The first image that has any.
     """
 
     def __init__(self, source: Source) -> None:
         self._source = source
         self.pixels: dict[int, Callable[[], ImageArray]] = {}
-        self.first: Image
 
     def events(self) -> Iterator[Event]:
         for event in self._source.events():
             if isinstance(event, Image) and event.pixels is not None:
-                if not self.pixels:
-                    self.first = event
                 self.pixels[event.index] = event.pixels
             yield event
 

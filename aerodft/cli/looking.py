@@ -1,7 +1,8 @@
 """Who looks at a station's images, and what became of that."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -32,14 +33,12 @@ class Eyes:
     Attributes:
         lookouts: What a feed shows images to.
         names: Of the tables that ask for each.
-        markers: The one of them that looks for markers; None where there are none.
-        river: The one of them that looks for banks; likewise.
+        notes: What some of them have to say of their own, by that name.
     """
 
     lookouts: tuple[Lookout, ...] = ()
     names: tuple[str, ...] = ()
-    markers: MarkerObserver | None = None
-    river: RiverObserver | None = None
+    notes: Mapping[str, Callable[[], dict[str, object]]] = field(default_factory=dict)
 
     def report(self, counts: Sequence[LookCounts]) -> dict[str, object]:
         """What was looked at, for the summary; empty where nobody looked.
@@ -49,18 +48,13 @@ class Eyes:
         """
         looks: dict[str, object] = {}
         for name, count in zip(self.names, counts, strict=True):
-            found: dict[str, object] = {
-                "images": count.looked,
-                "skipped": count.skipped,
-                "unreadable": count.unreadable,
-            }
-            if name == "markers" and self.markers is not None:
-                found["not_surveyed"] = _by_text(self.markers.strangers)
-                found["wrong_size"] = _by_text(self.markers.false)
-            if name == "river" and self.river is not None:
-                found["without_river"] = dict(self.river.misses)
-            looks[name] = found
+            found = {"images": count.looked, "skipped": count.skipped, "unreadable": count.unreadable}
+            looks[name] = found | (self.notes[name]() if name in self.notes else {})
         return looks
+
+
+def _marker_notes(observer: MarkerObserver) -> dict[str, object]:
+    return {"not_surveyed": _by_text(observer.strangers), "wrong_size": _by_text(observer.false)}
 
 
 def _by_text(counts: Mapping[int, int]) -> dict[str, int]:
@@ -82,7 +76,7 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may
         InputError: The reference image of a watched camera is of no use.
     """
     lookouts: dict[str, Lookout] = {}
-    observer = None
+    notes: dict[str, Callable[[], dict[str, object]]] = {}
     if station.watch is not None:
         _check_images(station, "[watch]", where, may_record=may_record)
         lookouts["watch"] = steady_lookout(station.watch, station)
@@ -92,24 +86,22 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may
             markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
         )
         lookouts["markers"] = Lookout(observer, markers.every_s)
+        notes["markers"] = partial(_marker_notes, observer)
     if (objects := station.objects) is not None and objects.detect:
         _check_images(station, "[objects]", where, may_record=may_record)
         lookouts["objects"] = Lookout(MovingObjects(station.pipeline.camera, objects), objects.every_s)
-    river = None
     if station.river is not None:
         _check_images(station, "[river]", where, may_record=may_record)
         probes = river_probes(station.pipeline.probes)
-        fixed = station.pipeline.fixed_pose
-        river = RiverObserver(
-            station.pipeline.camera, station.river, probes, lambda image: fixed or _pose_near(pipeline, image)
-        )
+        river = RiverObserver(station.pipeline.camera, station.river, probes, lambda image: _pose_now(pipeline, image))
         lookouts["river"] = Lookout(river, station.river.every_s)
+        notes["river"] = lambda: {"without_river": dict(river.misses)}
     tracked = tuple(probe for probe in station.pipeline.probes if probe.source is PixelSource.TRACKED)
     if tracked:
         _check_images(station, "tracked probes", where, may_record=may_record)
         camera, ground = station.pipeline.camera, station.pipeline.ground
         lookouts["tracked"] = Lookout(TrackedProbes(camera, tracked, lambda image: _pose_now(pipeline, image), ground))
-    return Eyes(tuple(lookouts.values()), tuple(lookouts), observer, river)
+    return Eyes(tuple(lookouts.values()), tuple(lookouts), notes)
 
 
 def _check_images(station: StationConfig, table: str, where: object, *, may_record: bool) -> None:

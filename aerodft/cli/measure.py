@@ -11,8 +11,9 @@ from aerodft.adapters.config.calibration import load_calibrated_pose
 from aerodft.adapters.config.camera import load_camera
 from aerodft.cli.calibrated import calibrated, corrected
 from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
+from aerodft.cli.measured_table import print_budget, print_measurements
 from aerodft.cli.model_table import cautions, show_models
-from aerodft.cli.output import print_budget, print_json, print_measurements, say
+from aerodft.cli.output import print_json, say
 from aerodft.cli.probes import parse_probes
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
 from aerodft.cli.topics import TopicOption, parse_topics

@@ -2,19 +2,15 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import orjson
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
-from aerodft.dft.budget import Share, advice
 from aerodft.errors import InputError, UsageError
-from aerodft.model.measurement import Measurement
-from aerodft.model.status import Status
 
 _FILE_WIDTH = 132
 """Columns of a table that goes to a pipe or a file, where nothing says how wide it may be."""
@@ -58,27 +54,6 @@ def check_output(output: Path | None, inputs: Iterable[Path]) -> None:
 def say(text: str) -> None:
     """A sentence for a person, on stderr."""
     print(text, file=sys.stderr, flush=True)  # noqa: T201 - the command line speaks on stderr
-
-
-def print_measurements(measurements: Iterable[Measurement]) -> None:
-    """A table on stdout."""
-    table = Table("probe", "kind", "value", "95 % interval", "ground X, Y (m)", "status")
-    for item in measurements:
-        value = "" if item.value is None else f"{item.value:.3f} {item.unit}"
-        interval = "" if item.ci95 is None else f"{item.ci95[0]:.3f} ... {item.ci95[1]:.3f}"
-        if item.ellipse95 is not None:
-            interval = f"ellipse {item.ellipse95.semi_major_m:.3f} x {item.ellipse95.semi_minor_m:.3f} m"
-        ground = "; ".join(f"{x:.2f}, {y:.2f}" for x, y, _ in item.ground_m or ())
-        status = str(item.status) if item.status is Status.OK else f"{item.status}: {'; '.join(item.reasons)}"
-        table.add_row(item.name, item.kind, value, interval, ground, status)
-    tables().print(table)
-
-
-def print_budget(measurement: Measurement, budget: Sequence[Share]) -> None:
-    """Where one measurement's uncertainty comes from, the largest part first, on stdout."""
-    parts = ", ".join(f"{part.source} {100 * part.share:.0f} % ({part.std:.3g} {measurement.unit})" for part in budget)
-    sentence = f"{parts}. {advice(tuple(budget))}" if budget else "no single number whose uncertainty could be divided"
-    tables().print(f"{measurement.name}: {sentence}", soft_wrap=True)
 
 
 @contextmanager

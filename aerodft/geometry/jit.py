@@ -3,26 +3,46 @@
 Without it (numba is not installed, or NUMBA_DISABLE_JIT is set) loops run as they are written, slowly.
 """
 
+import os
 from collections.abc import Callable
-from typing import Final, TypeVar, cast
+from functools import cached_property, update_wrapper
+from importlib.util import find_spec
+from typing import Any, Final, TypeVar, cast
 
-try:
-    import numba
-except ImportError:
-    _enabled = False
-else:
-    _enabled = not getattr(numba.config, "DISABLE_JIT", False)
-
-COMPILES: Final[bool] = _enabled
+COMPILES: Final[bool] = find_spec("numba") is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
+class Late:
+    """A function that is compiled when it is first called, or when one that calls it is compiled.
+
+    The compiler takes 60 MB and 0.15 s to load; who only copies, checks or prints a recording does without.
+    """
+
+    def __init__(self, function: Callable[..., object], **options: Any) -> None:  # noqa: ANN401 - as the compiler has them
+        self.py_func = function
+        self._options = options
+        update_wrapper(self, function)
+
+    @cached_property
+    def compiled(self) -> Callable[..., object]:
+        """The compiler's own function."""
+        import numba  # noqa: PLC0415 - see above
+
+        typeof = numba.extending.typeof_impl
+        typeof.register(Late)(lambda late, context: typeof(late.compiled, context))  # as others see it that call it
+        function: Callable[..., object] = numba.njit(cache=True, nogil=True, **self._options)(self.py_func)
+        return function
+
+    def __call__(self, *arguments: object, **named: object) -> object:
+        """As the function itself."""
+        return self.compiled(*arguments, **named)
+
+
 def njit(function: Function) -> Function:
     """Compile at the first call and keep the machine code on disk; the interpreter's lock is released inside."""
-    if not COMPILES:
-        return function
-    return cast("Function", numba.njit(cache=True, nogil=True)(function))
+    return cast("Function", Late(function)) if COMPILES else function
 
 
 def njit_ieee(function: Function) -> Function:
@@ -32,5 +52,4 @@ def njit_ieee(function: Function) -> Function:
     """
     if not COMPILES:
         return function
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp"})(function)
-    return cast("Function", compiled)
+    return cast("Function", Late(function, error_model="numpy", fastmath={"contract", "arcp"}))

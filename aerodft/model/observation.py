@@ -24,7 +24,8 @@ class Observation:
         source: Who observed: a file's name, a topic, ``vision``.
         arrival_ns: When it reached this machine (for files: the stamp).
         box: Left, top, right and bottom limit of an object; where its limits are, not its last pixels' centres.
-        contour: Corners of its closed outline, likewise; of box, contour and pixels there is one.
+        contour: Corners of its closed outline, likewise; of box, contour and pixels there is one, or none.
+        unseen: Why there is none: it was looked for, and not seen; empty where nobody says.
     """
 
     name: str
@@ -37,8 +38,14 @@ class Observation:
     source: str = ""
     box: Box | None = None
     contour: tuple[tuple[float, float], ...] = ()
+    unseen: str = ""
 
     @property
     def has_outline(self) -> bool:
         """Whether it is an object's outline that was observed, and no pixels."""
         return self.box is not None or bool(self.contour)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether somebody looked, and saw nothing."""
+        return not self.pixels and not self.has_outline

@@ -28,6 +28,7 @@ class Status(StrEnum):
     OCCLUDED = "OCCLUDED"  # what moves is hidden: there is a place that its motion foretells, and no value
     LOST = "LOST"  # what is tracked was not found again in the image
     CAMERA_ZOOMED = "CAMERA_ZOOMED"  # not as in its file, and by how much is not known
+    NOT_SEEN = "NOT_SEEN"  # it was looked for in the image, and is not there or cannot be told
 
 
 CODES: tuple[Status, ...] = tuple(Status)

@@ -12,7 +12,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.probe import PixelSource
 from aerodft.service.asked import Asked
-from aerodft.service.outlined import is_lost, lost, request_of
+from aerodft.service.outlined import request_of, unseen
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output
 from aerodft.service.settings import PipelineSettings
 from aerodft.service.waiting import ImageMemory, Ready
@@ -116,8 +116,8 @@ class Answering:
             return [subject, *switch, sample, *asked]
         observation = self._linked(subject)
         probe = self.observed[observation.name]
-        if is_lost(probe, observation):
-            return [observation, lost(self._setup, sample, probe, observation.image)]
+        if observation.is_empty:
+            return [observation, unseen(self._setup, sample, probe, observation)]
         request = request_of(probe, observation, zoomed(self._setup, sample)[0].camera, sample.pose)
         return [observation, Asked(sample, linked([request], self.fixed), observation.image)]
 

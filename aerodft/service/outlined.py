@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.answers import Answer, ImageAnswers
+from aerodft.dft.record import UNITS
 from aerodft.dft.request import Request, Setup
 from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline
 from aerodft.model.arrays import FloatArray
@@ -17,31 +18,33 @@ from aerodft.model.status import Status
 
 _OF_STANDING: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
 
+_UNSEEN: Final = {
+    Status.LOST: "it is out of the image, or was not recognised in it",
+    Status.NOT_SEEN: "it was looked for in the image, and not seen",
+}
+
 Pixels = tuple[tuple[float, float], ...]
 
 
 def can_answer(probe: Probe, observation: Observation) -> bool:
     """Whether what was observed is what a probe measures, or that it was not found."""
     kind = probe.kind
-    if is_lost(probe, observation):
+    if observation.is_empty:
         return True
     if not observation.has_outline:
         return takes_pixels(kind, len(observation.pixels))
     return kind in _OF_STANDING or (kind is ProbeKind.AREA and bool(observation.contour))
 
 
-def is_lost(probe: Probe, observation: Observation) -> bool:
-    """Whether a tracked probe was not found."""
-    return probe.source is PixelSource.TRACKED and not observation.pixels and not observation.has_outline
-
-
-def lost(setup: Setup, sample: PoseSample, probe: Probe, image: int | None) -> ImageAnswers:
-    """What is measured of a probe that was not found: nothing."""
-    answer = Answer(sample.status, sample.reasons)
+def unseen(setup: Setup, sample: PoseSample, probe: Probe, observation: Observation) -> ImageAnswers:
+    """What is measured of a probe that was looked for and not seen: nothing, and why."""
+    unit, _ = UNITS.get(probe.kind, ("m", 1.0))
+    answer = Answer(sample.status, sample.reasons, unit)
     if sample.status is Status.OK:
-        answer = Answer(Status.LOST, ("it is out of the image, or was not recognised in it", *sample.reasons))
+        status = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
+        answer = Answer(status, (observation.unseen or _UNSEEN[status], *sample.reasons), unit)
     request = Request(probe=probe, pixels=(), std_px=probe.std_px)
-    return ImageAnswers.of(setup, sample, image, (request,), (answer,))
+    return ImageAnswers.of(setup, sample, observation.image, (request,), (answer,))
 
 
 def request_of(probe: Probe, observation: Observation, camera: Camera, pose: Pose | None) -> Request:

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,27 +14,12 @@ from aerodft.model.observation import VISION, Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
+from aerodft.vision.river_look import RiverLook
+from aerodft.vision.river_status import WHY
 
 MOST_TRANSECTS: Final = 32
 _DECIMALS: Final = 3
 _LEAST_STD_PX: Final = 0.3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RiverLook:
-    """How banks are looked for.
-
-    Attributes:
-        every_s: Least time between two looks; 0 for every image.
-        spacing_m: Of the transects; up to 32 of them, evenly chosen, become one observation.
-        seed_px: A pixel in the water of every image; None for the lower middle.
-        max_range_m: Water farther than this is left out; None for 12 camera heights.
-    """
-
-    every_s: float = 1.0
-    spacing_m: float = 1.0
-    seed_px: tuple[float, float] | None = None
-    max_range_m: float | None = None
 
 
 class RiverObserver:
@@ -64,7 +48,7 @@ class RiverObserver:
         self._camera, self._look, self._probes, self._pose_near = camera, look, probes, pose_near
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
-        """The banks in one image; nothing where there is no river, or no pose yet.
+        """The banks in one image; of each probe why there are none, where there is no river, or no pose yet.
 
         Raises:
             AerodftError: The pixels cannot be read.
@@ -73,8 +57,10 @@ class RiverObserver:
             return ()
         sample = self._pose_near(image)
         if sample is None or sample.pose is None:
-            self.misses["NO_POSE"] += 1
-            return ()
+            return tuple(
+                self._missed(probe, image, "NO_POSE", "where the camera looks was not known yet")
+                for probe in self._probes
+            )
         seen = []
         for probe in self._probes:
             setup = Setup(camera=self._camera, elevation_m=probe.elevation_m, max_range_m=self._look.max_range_m)
@@ -83,10 +69,22 @@ class RiverObserver:
             question = RiverQuestion(seed_px=self._look.seed_px, spacing_m=self._look.spacing_m)
             found = find_river(image.pixels(), setup, sample.pose, question)
             if isinstance(found, NoRiver):
-                self.misses[str(found.status)] += 1
+                seen.append(self._missed(probe, image, found.status, found.reason))
             elif observation := _observed(found, probe.name, image):
                 seen.append(observation)
+            else:
+                seen.append(self._missed(probe, image, *_commonest(found)))
         return tuple(seen)
+
+    def _missed(self, probe: Probe, image: Image, code: str, reason: str) -> Observation:
+        self.misses[str(code)] += 1
+        return _seen_in(image, probe.name, unseen=f"{code}: {reason}")
+
+
+def _commonest(found: River) -> tuple[str, str]:
+    """Why no transect has a width: what is said of most of them, as a code and a sentence."""
+    status, _ = Counter(found.status).most_common(1)[0]
+    return status, WHY[status]
 
 
 def _observed(found: River, name: str, image: Image) -> Observation | None:
@@ -96,13 +94,21 @@ def _observed(found: River, name: str, image: Image) -> Observation | None:
     chosen = rows[np.unique(np.rint(np.linspace(0, len(rows) - 1, min(len(rows), MOST_TRANSECTS))).astype(np.int64))]
     pixels = np.round(found.edges.pixels_px[chosen].reshape(-1, 2), _DECIMALS).tolist()
     spread_px = float(np.sqrt(np.mean(np.square(found.edges.std_px[chosen]))))
+    std_px = round(float(np.hypot(spread_px, _LEAST_STD_PX)), _DECIMALS)
+    return _seen_in(image, name, tuple((u, v) for u, v in pixels), std_px)
+
+
+def _seen_in(
+    image: Image, name: str, pixels: tuple[tuple[float, float], ...] = (), std_px: float | None = None, unseen: str = ""
+) -> Observation:
     return Observation(
         name=name,
         stamp_ns=image.stamp_ns,
         arrival_ns=image.arrival_ns,
-        pixels=tuple((u, v) for u, v in pixels),
-        std_px=round(float(np.hypot(spread_px, _LEAST_STD_PX)), _DECIMALS),
+        pixels=pixels,
+        std_px=std_px,
         clock=image.clock,
         image=image.index,
         source=VISION,
+        unseen=unseen,
     )

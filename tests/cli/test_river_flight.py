@@ -167,6 +167,14 @@ def test_a_station_that_looks_for_banks_measures_the_river(flight, looked, aerod
     done = aerodft("export", folder / "recording", "--format", "jsonl", "-o", tmp_path / "out.jsonl")
     assert done.code == 0, done.err
     found = [json.loads(line) for line in (tmp_path / "out.jsonl").read_text().splitlines()]
+    assert len(found) == summary["river"]["images"], "one for each look, whether there is a river or not"
+    unseen = [each for each in found if each["status"] == "NOT_SEEN"]
+    assert sum(summary["river"]["without_river"].values()) == len(
+        [each for each in found if each["value"] is None and not each["pixels"]]
+    )
+    assert unseen
+    assert all(each["value"] is None and ": " in each["reasons"][0] for each in unseen)
+    found = [each for each in found if each["status"] == "ok"]
     assert len(found) >= 4
     for each in found:
         assert each["kind"] == "river"
@@ -183,6 +191,32 @@ def test_its_recording_computed_again_needs_no_image(looked, aerodft, tmp_path):
     again = aerodft("recompute", folder / "recording", "--vision", "-o", tmp_path / "seen", "--json")
     assert again.code == 0, again.err
     assert again.json["vision"]["median_px"] < 5.0  # transects begin elsewhere where a bank is seen otherwise
+
+
+def test_a_flight_over_what_is_no_river_says_in_every_look_why_there_is_no_width(flight, aerodft, tmp_path):
+    source = flight[1].parent
+    with av.open(str(source / "video.mp4")) as old, av.open(str(tmp_path / "grass.mp4"), "w") as new:
+        stream = new.add_stream("libx264", rate=Fraction(3), options={"crf": "12"})
+        stream.width, stream.height, stream.pix_fmt = 640, 360, "yuv420p"
+        for k, _ in enumerate(old.decode(video=0)):
+            grass = np.random.default_rng(k).normal((40, 110, 60), 12, (360, 640, 3)).clip(0, 255).astype(np.uint8)
+            new.mux(stream.encode(av.VideoFrame.from_ndarray(cv2.blur(grass, (3, 3)), format="bgr24")))
+        new.mux(stream.encode())
+    probe = {"name": "river", "kind": "river", "observed": True}
+    station = {**STATION, "probe": [probe], "river": {}, "camera": {"file": str(source / "camera.toml")}}
+    (tmp_path / "station.toml").write_text(tomli_w.dumps(station))
+    done = aerodft(
+        *("import", source / "flight.tlog", "--video", tmp_path / "grass.mp4", "--video-start", START),
+        *("-c", tmp_path / "station.toml", "-o", tmp_path / "rec", "--json"),
+    )
+    assert done.code in (0, 4), done.err
+    assert aerodft("export", tmp_path / "rec", "--format", "jsonl", "-o", tmp_path / "out.jsonl").code == 0
+    found = [json.loads(line) for line in (tmp_path / "out.jsonl").read_text().splitlines()]
+    assert len(found) == done.json["river"]["images"] >= 10
+    assert all(each["value"] is None and each["reasons"] for each in found)
+    assert {each["status"] for each in found} >= {"NOT_SEEN"}
+    assert aerodft("recompute", tmp_path / "rec", "-o", tmp_path / "same").code == done.code
+    assert aerodft("compare", tmp_path / "rec", tmp_path / "same", "--tolerance", "0m").code == 0
 
 
 def test_looking_for_banks_that_nobody_measures_is_refused(looked, aerodft, tmp_path):

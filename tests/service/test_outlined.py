@@ -110,6 +110,16 @@ def test_a_box_has_no_distance_no_length_and_no_area(kind):
     assert (answers, counts.wrong_pixel_count) == ([], 1)
 
 
+@pytest.mark.parametrize(("kind", "unit"), [(ProbeKind.RIVER, "m"), (ProbeKind.AREA, "m2"), (ProbeKind.POSITION, "m")])
+def test_what_was_looked_for_and_not_seen_has_a_status_and_a_reason_and_no_number(kind, unit):
+    ((told,), counts) = measured(kind, unseen="NO_CONTRAST: water and bank look alike")
+    assert (told.status, told.reasons) == (Status.NOT_SEEN, ("NO_CONTRAST: water and bank look alike",))
+    assert (told.value, told.ci95, told.enu_m, told.pixels, told.unit) == (None, None, None, (), unit)
+    ((bare,), _) = measured(kind)
+    assert bare.reasons == ("it was looked for in the image, and not seen",)
+    assert counts.wrong_pixel_count == 0
+
+
 def test_a_tracked_probe_that_is_not_found_is_lost_and_has_no_number():
     sample = PoseSample(stamp_ns=0, status=Status.OK, pose=POSE, std=STD)
     probe = Probe(name="walker", kind=ProbeKind.DISTANCE, source=PixelSource.TRACKED, pixels=((900, 600), (1000, 600)))

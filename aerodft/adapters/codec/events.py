@@ -56,6 +56,7 @@ def encode_observation(observation: Observation) -> bytes:
             "pixels": observation.pixels,
             "box": observation.box,
             "contour": observation.contour or None,
+            "unseen": observation.unseen or None,
             "std_px": observation.std_px,
             "image": observation.image,
             "source": observation.source,
@@ -83,8 +84,9 @@ def _observation(payload: wire.Json) -> Observation:
         clock=StampClock(payload["clock"]),
         image=payload["image"],
         source=payload["source"],
-        box=_box(payload.get("box")),  # recordings of old have neither
+        box=_box(payload.get("box")),  # recordings of old have none of these
         contour=wire.pixel_pairs(payload.get("contour") or ()),
+        unseen=payload.get("unseen") or "",
     )
 
 

@@ -12,11 +12,10 @@ from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model.image import StampClock
 from aerodft.model.observation import Box, Observation
-from aerodft.service.objects import OBJECTS
 
 _KEYS = frozenset((
-    "schema", "name", "stamp_ns", "image", "pixels", "box", "contour", "std_px", "clock", "arrival_ns", "source",
-    "software",
+    "schema", "name", "stamp_ns", "image", "pixels", "box", "contour", "unseen", "std_px", "clock", "arrival_ns",
+    "source", "software",
 ))  # fmt: skip
 _EXAMPLE = (
     '{"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}'
@@ -25,6 +24,7 @@ _MAX_LINE_BYTES = 1 << 20
 _LIMITS: Final = 4
 _LEAST_CORNERS: Final = 3
 _MOST_CORNERS: Final = 4096
+_MOST_LETTERS: Final = 200
 
 
 class ObservationList:
@@ -46,7 +46,8 @@ def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = No
 
     Each line has ``name``, ``pixels`` (``[[u, v], ...]``) or instead an object's ``box`` (``[left, top, right,
     bottom]``) or ``contour`` (``[[u, v], ...]``), ``stamp_ns`` (decimal string or integer, UTC) or ``image`` (an
-    image's index), and if known ``std_px``. Blank lines are skipped. The arrival is the stamp.
+    image's index), and if known ``std_px``. No pixels (``[]``) say that it was looked for and not seen, ``unseen`` in a
+    sentence why. Blank lines are skipped. The arrival is the stamp.
 
     Args:
         path: The file.
@@ -111,7 +112,7 @@ def _checked(payload: dict[str, Any], where: str, source: str, image_stamps_ns: 
         raise InputError("clock is unknown", where=where, got=repr(clock), expected=" or ".join(StampClock))
     stamp_ns = _stamp_ns(payload.get("stamp_ns"), image, where, image_stamps_ns)
     given = [key for key in ("pixels", "box", "contour") if payload.get(key) not in (None, [])] or ["pixels"]
-    is_nothing = name == OBJECTS and payload.get("pixels") == []
+    is_nothing = given == ["pixels"] and payload.get("pixels") == []
     if len(given) > 1:
         raise InputError(f"{given[0]} beside {given[1]}", where=where, expected="one of pixels, box and contour")
     return Observation(
@@ -121,6 +122,7 @@ def _checked(payload: dict[str, Any], where: str, source: str, image_stamps_ns: 
         pixels=() if given != ["pixels"] or is_nothing else _pixels(payload.get("pixels"), where),
         box=_box(payload["box"], where) if given == ["box"] else None,
         contour=_contour(payload["contour"], where) if given == ["contour"] else (),
+        unseen=_unseen(payload.get("unseen"), where, is_nothing=is_nothing),
         std_px=_std_px(payload.get("std_px"), where),
         clock=StampClock(clock),
         image=image,
@@ -164,6 +166,17 @@ def _contour(value: object, where: str) -> tuple[tuple[float, float], ...]:
     got = f"{len(value)} corners" if isinstance(value, list) else repr(value)[:60]
     expected = f"[[u, v], ...], finite, {_LEAST_CORNERS} to {_MOST_CORNERS} of them"
     raise InputError("contour is no outline", where=where, got=got, expected=expected)
+
+
+def _unseen(value: object, where: str, *, is_nothing: bool) -> str:
+    if value is None:
+        return ""
+    if not is_nothing:
+        raise InputError("unseen beside what was seen", where=where, expected='"pixels": [] beside it')
+    if isinstance(value, str) and len(value) <= _MOST_LETTERS and value.isprintable():
+        return value
+    expected = f"a sentence of at most {_MOST_LETTERS} letters"
+    raise InputError("unseen is no reason", where=where, got=repr(value)[:60], expected=expected)
 
 
 def _is_pair(value: object) -> bool:

@@ -136,6 +136,7 @@ OBSERVATION: Final = document(
         "pixels": _PIXELS,
         "box": said(or_null(list_of(NUMBER, length=4)), "Left, top, right, bottom limit of an object, in pixels"),
         "contour": said(or_null(list_of(list_of(NUMBER, length=2))), "Corners of an object's outline, in pixels"),
+        "unseen": said(or_null(TEXT), "Why there are no pixels: it was looked for, and not seen"),
         "std_px": NUMBER,
         "image": INTEGER,
         "source": TEXT,

@@ -51,6 +51,17 @@ def test_boxes_and_contours_come_as_they_are_and_stay_so_on_the_way_through_a_re
     assert not decode_observation(orjson.dumps(old)).has_outline, "recordings of before there were boxes"
 
 
+def test_who_saw_nothing_says_so_and_why(tmp_path: Path) -> None:
+    nothing, fog = load_observations(
+        write(tmp_path, {**BARE, "pixels": []}, {**BARE, "pixels": [], "unseen": "fog"})
+    ).events()
+    assert [(seen.is_empty, seen.unseen) for seen in (nothing, fog)] == [(True, ""), (True, "fog")]
+    assert [decode_observation(encode_observation(seen)) for seen in (nothing, fog)] == [nothing, fog]
+    old = orjson.loads(encode_observation(nothing))
+    del old["unseen"]
+    assert decode_observation(orjson.dumps(old)) == nothing, "recordings of before there were reasons"
+
+
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
@@ -63,7 +74,10 @@ def test_boxes_and_contours_come_as_they_are_and_stay_so_on_the_way_through_a_re
         ({**GOOD, "stamp_ns": True}, "stamp_ns is no stamp"),
         ({**GOOD, "stamp_ns": "9" * 5000}, "stamp_ns is no stamp"),
         ({**GOOD, "stamp_ns": None}, "stamp_ns is no stamp"),
-        ({**GOOD, "pixels": []}, "pixels are no pixels"),
+        ({**GOOD, "unseen": "fog"}, "unseen beside what was seen"),
+        ({**BARE, "pixels": [], "unseen": 3}, "unseen is no reason: got 3"),
+        ({**BARE, "pixels": [], "unseen": "x" * 201}, "unseen is no reason"),
+        ({**BARE, "pixels": [], "unseen": "fog\n"}, "unseen is no reason"),
         ({**GOOD, "pixels": [[1, 2, 3]]}, "pixels are no pixels"),
         ({**GOOD, "pixels": [1, 2]}, "pixels are no pixels"),
         ({**GOOD, "pixels": [["1", 2]]}, "pixels are no pixels"),

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from aerodft.adapters.codec.wire import LATEST_NS
-from aerodft.adapters.config.station import Topics
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.foreign.cameras import read_camera
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.mcap.reading import ReadMessage

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from aerodft.adapters.config.station import Topics
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.mcap.scanning import scan_segment
 from replay.foreign import ForeignRecording
 from replay.recording import Recording

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Final
 
-from aerodft.adapters.config.station import Topics
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import JSON, Kind, kind_of
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan

@@ -14,7 +14,7 @@ from aerodft import __version__
 from aerodft.adapters.config.calibration_file import write_calibration
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
-from aerodft.adapters.config.station import FixedPose
+from aerodft.adapters.config.fixed_pose import FixedPose
 from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
 from aerodft.cli.calibrate_unknowns import check_unknowns, names_from, unstated
 from aerodft.cli.calibrate_words import document, print_result, refusal, sentences

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from aerodft.adapters.config.calibration import load_calibrated_lens, load_calibrated_pose, load_calibration
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.settings import pose_sample
+from aerodft.adapters.config.fixed_pose import pose_sample
 from aerodft.cli.given import GivenGround
 from aerodft.cli.stds import Stds, parse_stds
 from aerodft.dft.request import Setup

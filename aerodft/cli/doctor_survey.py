@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from aerodft.adapters.config.station import Topics
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.mavlink.address import parse_address
 from aerodft.adapters.mavlink.commanding import Outcome, ask
 from aerodft.adapters.mavlink.link import MavlinkLink

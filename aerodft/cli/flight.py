@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodft.adapters.codec.observations import load_observations
-from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
+from aerodft.adapters.config.inputs import Rate, Stills, VideoFile
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.clock import OnClock
 from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource

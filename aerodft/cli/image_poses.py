@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.config.evidence_images import GivenImage
-from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
+from aerodft.adapters.config.inputs import Device, Stills, Stream, VideoFile
 from aerodft.adapters.mavlink.composite import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS

@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
+from aerodft.adapters.config.inputs import ImageInput, Rate, Stills, VideoFile
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
-from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Stills, VideoFile
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.video import video_info
 from aerodft.cli.flight_run import measure_flight
 from aerodft.cli.output import say

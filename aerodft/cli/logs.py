@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from aerodft.adapters.config.station import Topics
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.model.batch import Event

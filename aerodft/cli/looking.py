@@ -6,8 +6,9 @@ from functools import partial
 
 import numpy as np
 
+from aerodft.adapters.config.inputs import Rate
 from aerodft.adapters.config.river_tables import river_probes
-from aerodft.adapters.config.station import Rate, StationConfig
+from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.watching import steady_lookout
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError

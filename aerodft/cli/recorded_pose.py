@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
-from aerodft.adapters.config.station import StationConfig, Topics
+from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.recorded import recorded_station
 from aerodft.cli.times import parse_instant
 from aerodft.cli.wiring import build_pipeline

@@ -13,8 +13,9 @@ import typer
 
 from aerodft.adapters.codec.requests import MeasureRequest
 from aerodft.adapters.codec.status import StationStatus
+from aerodft.adapters.config.inputs import Device, Rate, Stills, Stream, VideoFile
 from aerodft.adapters.config.loading import load_station
-from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.rate import LiveRate
 from aerodft.adapters.images.stream import StreamReader
 from aerodft.adapters.mavlink.address import parse_address

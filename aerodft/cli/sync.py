@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.config.loading import load_station
-from aerodft.adapters.config.station import Topics
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.output import print_json
 from aerodft.cli.sync_lines import SyncLines, stated_start_ns

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import tomli_w
 
-from aerodft.adapters.config.station import ImageInput, StationConfig, VideoFile
+from aerodft.adapters.config.inputs import ImageInput, VideoFile
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.sync_run import SyncRun
 from aerodft.conventions import SECOND_NS

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from aerodft.adapters.config.station import Topics
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.cli.logs import open_telemetry_log

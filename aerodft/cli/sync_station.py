@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from aerodft.adapters.config.station import StationConfig, VideoFile
+from aerodft.adapters.config.inputs import VideoFile
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.output import say
 from aerodft.cli.sync_lines import SyncLines

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.config.station import Topics
+from aerodft.adapters.config.inputs import Topics
 from aerodft.errors import UsageError
 
 TopicOption = Annotated[

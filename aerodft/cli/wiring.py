@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from aerodft.adapters.config.ground import COPY_NAME, copy_terrain, travels
+from aerodft.adapters.config.ground_shape import TerrainGround
 from aerodft.adapters.config.resolved import resolved_toml
-from aerodft.adapters.config.station import StationConfig, TerrainGround
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings

@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.bias_tables import BiasTable, biases_from, check_lens_covariance
 from aerodft.adapters.config.camera import CameraTable, camera_from
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
+from aerodft.adapters.config.fixed_pose import FixedPose
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.station import FixedPose
 from aerodft.adapters.config.tables import (
     HeadingDeg,
     Latitude,

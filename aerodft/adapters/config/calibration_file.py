@@ -7,7 +7,7 @@ import tomli_w
 
 from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.config.station import FixedPose
+from aerodft.adapters.config.fixed_pose import FixedPose
 from aerodft.adapters.config.units import to_deg
 from aerodft.adapters.whole_file import replaced
 from aerodft.errors import InputError

@@ -12,9 +12,10 @@ from aerodft.adapters.config.evidence_priors import CameraPriorTable, Known, cam
 from aerodft.adapters.config.live_tables import ErrorStdTable, errors_from
 from aerodft.adapters.config.pose_tables import TelemetryTable
 from aerodft.adapters.config.reading import validated
-from aerodft.adapters.config.settings import origin_from, telemetry_from
+from aerodft.adapters.config.settings import origin_from
 from aerodft.adapters.config.station_tables import OriginTable
 from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible
+from aerodft.adapters.config.telemetry import telemetry_from
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError
 from aerodft.model.evidence import Evidence, Prior

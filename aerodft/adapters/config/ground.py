@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from aerodft.adapters.config.station import GroundShape, SlopedGround, TerrainGround
+from aerodft.adapters.config.ground_shape import GroundShape, SlopedGround, TerrainGround
 from aerodft.adapters.config.station_tables import GroundTable
 from aerodft.adapters.config.units import to_deg
 from aerodft.adapters.filetype import looks_like

@@ -12,36 +12,24 @@ from aerodft.adapters.config.calibration import (
     load_calibration,
 )
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
+from aerodft.adapters.config.fixed_pose import FixedPose, fixed_pose_from, placed
 from aerodft.adapters.config.ground import ground_from, needs_place
+from aerodft.adapters.config.ground_shape import GroundShape, TerrainGround
+from aerodft.adapters.config.inputs import Link, ObservationSettings
 from aerodft.adapters.config.live_tables import live_from
 from aerodft.adapters.config.marker_tables import marker_landmarks, marker_settings
 from aerodft.adapters.config.object_tables import objects_from
+from aerodft.adapters.config.outputs import RecordSettings, ZenohSettings
 from aerodft.adapters.config.pose_tables import PoseTable, SigningTable, TelemetryTable
+from aerodft.adapters.config.probes import probes_from
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.river_tables import river_from
-from aerodft.adapters.config.settings import (
-    fixed_pose_from,
-    images_from,
-    origin_from,
-    placed,
-    probes_from,
-    telemetry_from,
-    topics_from,
-)
-from aerodft.adapters.config.station import (
-    FixedPose,
-    GroundShape,
-    Link,
-    MarkerSettings,
-    ObservationSettings,
-    RecordSettings,
-    StationConfig,
-    TerrainGround,
-    ZenohSettings,
-)
+from aerodft.adapters.config.settings import images_from, origin_from, topics_from
+from aerodft.adapters.config.station import MarkerSettings, StationConfig
 from aerodft.adapters.config.station_tables import ConfigTable
 from aerodft.adapters.config.tables import Table, Text
+from aerodft.adapters.config.telemetry import telemetry_from
 from aerodft.adapters.config.units import to_ns
 from aerodft.adapters.config.watch_tables import watch_from
 from aerodft.adapters.mavlink.signing_settings import SigningSettings

@@ -10,24 +10,15 @@ import tomli_w
 from aerodft.adapters.config.attitude import attitude_document
 from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.config.fixed_pose import FixedPose, placed, pose_sample
 from aerodft.adapters.config.ground import ground_document, made_ground
 from aerodft.adapters.config.health_tables import health_document, zoom_document
+from aerodft.adapters.config.inputs import Device, ImageSettings, Rate, Stills, Stream, Topics, VideoFile
 from aerodft.adapters.config.live_tables import live_document
 from aerodft.adapters.config.marker_tables import marker_landmarks, markers_document
 from aerodft.adapters.config.object_tables import SEEN_ONLY, objects_document
 from aerodft.adapters.config.river_tables import river_document
-from aerodft.adapters.config.settings import placed, pose_sample
-from aerodft.adapters.config.station import (
-    Device,
-    FixedPose,
-    ImageSettings,
-    Rate,
-    StationConfig,
-    Stills,
-    Stream,
-    Topics,
-    VideoFile,
-)
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.config.units import to_deg, to_s
 from aerodft.adapters.config.watch_tables import NOT_OF_THE_NUMBERS, watch_document
 from aerodft.adapters.mavlink.signing_settings import SigningSettings

@@ -6,7 +6,7 @@ from aerodft.adapters.config.tables import Duration, Pixel, Positive, Table
 from aerodft.errors import ConfigError
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.vision.river_observer import RiverLook
+from aerodft.vision.river_look import RiverLook
 
 
 class RiverTable(Table):

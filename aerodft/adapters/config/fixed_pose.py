@@ -5,8 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from aerodft.adapters.config.covariance import as_rows, checked_covariance
-from aerodft.adapters.config.pose_tables import PoseStdTable, PoseTable
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
 from aerodft.geometry.ground import Ground
@@ -15,9 +13,6 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.service.footing import footing
-
-_POSITION_STD_M = 2.0
-_HEADING_STD_DEG = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,50 +48,6 @@ class FixedPose:
     east_m: float = 0.0
     north_m: float = 0.0
     calibration: str | None = None
-
-
-def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
-    """A fixed camera's stated pose.
-
-    Raises:
-        ConfigError: Height or tilt is not stated, or the covariance is none.
-    """
-    if table.height_agl_m is None or table.tilt_deg is None:
-        raise ConfigError("pose", where=where, got="a calibration", expected="height_agl_m and tilt_deg")
-    std = _stated_std(table.std, knows_heading=table.heading_deg is not None, knows_position=table.lat_deg is not None)
-    covariance: tuple[tuple[float, ...], ...] = ()
-    if table.covariance is not None:
-        of = "east, north, up, then rotation about the camera's x, y, z"
-        cov = checked_covariance(table.covariance, 6, where=where, key="pose.covariance", of=of)
-        covariance, std = as_rows(cov), std_of(cov)
-    return FixedPose(
-        height_agl_m=table.height_agl_m,
-        tilt_rad=math.radians(table.tilt_deg),
-        roll_rad=math.radians(table.roll_deg),
-        heading_rad=math.radians(table.heading_deg or 0.0),
-        lat_rad=None if table.lat_deg is None else math.radians(table.lat_deg),
-        lon_rad=None if table.lon_deg is None else math.radians(table.lon_deg),
-        alt_msl_m=table.alt_msl_m,
-        std=std,
-        covariance=covariance,
-        lens_covariance=tuple(map(tuple, table.lens_covariance or ())),
-        east_m=table.east_m,
-        north_m=table.north_m,
-        calibration=table.calibration_id,
-    )
-
-
-def _stated_std(table: PoseStdTable, *, knows_heading: bool, knows_position: bool) -> PoseStd:
-    heading_deg = _HEADING_STD_DEG if knows_heading else 0.0
-    horizontal_m = _POSITION_STD_M if knows_position else 0.0
-    return PoseStd(
-        height_agl_m=table.height_m,
-        horizontal_m=horizontal_m if table.horizontal_m is None else table.horizontal_m,
-        tilt_rad=math.radians(table.tilt_deg),
-        pan_rad=math.radians(table.pan_deg),
-        roll_rad=math.radians(table.roll_deg),
-        heading_rad=math.radians(heading_deg if table.heading_deg is None else table.heading_deg),
-    )
 
 
 def std_of(cov: FloatArray) -> PoseStd:

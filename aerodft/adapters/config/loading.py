@@ -12,7 +12,7 @@ from aerodft.adapters.config.calibration import (
     load_calibration,
 )
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
-from aerodft.adapters.config.fixed_pose import FixedPose, fixed_pose_from, placed
+from aerodft.adapters.config.fixed_pose import FixedPose, placed
 from aerodft.adapters.config.ground import ground_from, needs_place
 from aerodft.adapters.config.ground_shape import GroundShape, TerrainGround
 from aerodft.adapters.config.inputs import Link, ObservationSettings
@@ -20,7 +20,7 @@ from aerodft.adapters.config.live_tables import live_from
 from aerodft.adapters.config.marker_tables import marker_landmarks, marker_settings
 from aerodft.adapters.config.object_tables import objects_from
 from aerodft.adapters.config.outputs import RecordSettings, ZenohSettings
-from aerodft.adapters.config.pose_tables import PoseTable, SigningTable, TelemetryTable
+from aerodft.adapters.config.pose_tables import PoseTable, SigningTable, TelemetryTable, fixed_pose_from
 from aerodft.adapters.config.probes import probes_from
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed

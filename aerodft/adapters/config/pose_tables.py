@@ -1,5 +1,6 @@
 """The tables that say where a pose comes from: a vehicle's telemetry, or a fixed camera's own statement."""
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -7,6 +8,8 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.attitude import AttitudeTable
 from aerodft.adapters.config.bias_tables import BiasTable, check_lens_covariance
 from aerodft.adapters.config.calibration import check_local, check_position
+from aerodft.adapters.config.covariance import as_rows, checked_covariance
+from aerodft.adapters.config.fixed_pose import FixedPose, std_of
 from aerodft.adapters.config.health_tables import HealthTable, ZoomTable
 from aerodft.adapters.config.tables import (
     Count,
@@ -28,7 +31,11 @@ from aerodft.adapters.config.tables import (
     matching,
 )
 from aerodft.adapters.mavlink.signing_settings import RADIO_STATUS
+from aerodft.errors import ConfigError
+from aerodft.model.pose import PoseStd
 
+_POSITION_STD_M = 2.0
+_HEADING_STD_DEG = 2.0
 HeightName = Literal["rangefinder", "terrain", "home", "manual"]
 
 
@@ -154,3 +161,47 @@ class PoseTable(Table):
         check_local(self.lat_deg, self.east_m, self.north_m)
         check_lens_covariance(self.covariance, self.lens_covariance)
         return self
+
+
+def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
+    """A fixed camera's stated pose.
+
+    Raises:
+        ConfigError: Height or tilt is not stated, or the covariance is none.
+    """
+    if table.height_agl_m is None or table.tilt_deg is None:
+        raise ConfigError("pose", where=where, got="a calibration", expected="height_agl_m and tilt_deg")
+    std = _stated_std(table.std, knows_heading=table.heading_deg is not None, knows_position=table.lat_deg is not None)
+    covariance: tuple[tuple[float, ...], ...] = ()
+    if table.covariance is not None:
+        of = "east, north, up, then rotation about the camera's x, y, z"
+        cov = checked_covariance(table.covariance, 6, where=where, key="pose.covariance", of=of)
+        covariance, std = as_rows(cov), std_of(cov)
+    return FixedPose(
+        height_agl_m=table.height_agl_m,
+        tilt_rad=math.radians(table.tilt_deg),
+        roll_rad=math.radians(table.roll_deg),
+        heading_rad=math.radians(table.heading_deg or 0.0),
+        lat_rad=None if table.lat_deg is None else math.radians(table.lat_deg),
+        lon_rad=None if table.lon_deg is None else math.radians(table.lon_deg),
+        alt_msl_m=table.alt_msl_m,
+        std=std,
+        covariance=covariance,
+        lens_covariance=tuple(map(tuple, table.lens_covariance or ())),
+        east_m=table.east_m,
+        north_m=table.north_m,
+        calibration=table.calibration_id,
+    )
+
+
+def _stated_std(table: PoseStdTable, *, knows_heading: bool, knows_position: bool) -> PoseStd:
+    heading_deg = _HEADING_STD_DEG if knows_heading else 0.0
+    horizontal_m = _POSITION_STD_M if knows_position else 0.0
+    return PoseStd(
+        height_agl_m=table.height_m,
+        horizontal_m=horizontal_m if table.horizontal_m is None else table.horizontal_m,
+        tilt_rad=math.radians(table.tilt_deg),
+        pan_rad=math.radians(table.pan_deg),
+        roll_rad=math.radians(table.roll_deg),
+        heading_rad=math.radians(heading_deg if table.heading_deg is None else table.heading_deg),
+    )

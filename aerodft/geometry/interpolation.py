@@ -40,6 +40,10 @@ class Brackets:
     gap_ns: IntArray
     is_known: BoolArray
 
+    def rows(self, rows: IntArray) -> "Brackets":
+        """Those of some of the stamps."""
+        return Brackets(self.before[rows], self.after[rows], self.weight[rows], self.gap_ns[rows], self.is_known[rows])
+
     def ends(self, values: npt.NDArray[_Number]) -> tuple[npt.NDArray[_Number], npt.NDArray[_Number]]:
         """``values (m, ...)`` before and after each stamp."""
         return values[self.before], values[self.after]

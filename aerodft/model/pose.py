@@ -1,8 +1,9 @@
 """Where the camera is and where it looks, with one joint covariance."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 
@@ -47,6 +48,25 @@ class Pose:
             ("rate_cam_radps", (3,)),
         ):
             object.__setattr__(self, name, read_only(getattr(self, name), trailing=trailing))
+
+    def rows(self) -> "list[Pose]":
+        """The single poses of ``(n,)``, which share its arrays; all together take as long as copies of a few."""
+        count = len(self.position_enu_m)
+        lens = self.lens_cov if self.lens_cov.ndim > 2 else [self.lens_cov] * count  # noqa: PLR2004 - one for all
+        columns: tuple[Iterable[object], ...] = (self.position_enu_m, self.wxyz, self.cov, lens)
+        columns = (*columns, self.velocity_enu_mps, self.rate_cam_radps, np.broadcast_to(self.time_std_s, count))
+        return [_of_read_only(row) for row in zip(*columns, strict=True)]
+
+
+_SET: Final = tuple(getattr(Pose, name).__set__ for name in Pose.__slots__)
+
+
+def _of_read_only(values: tuple[object, ...]) -> Pose:
+    """A pose of arrays that nobody can write to and that have the right shapes, in the order of its fields."""
+    pose = object.__new__(Pose)
+    for put, value in zip(_SET, values, strict=True):
+        put(pose, value)
+    return pose
 
 
 def stacked(poses: Sequence[Pose]) -> Pose:

@@ -1,25 +1,21 @@
 """The camera's attitude at a stamp, from the first source in the configured order that has one."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+
+import numpy as np
 
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
-from aerodft.service.attitude_readings import CameraAttitude, Reading, Resolver
+from aerodft.service.attitude_readings import CameraAttitude, Readings, Resolver
+from aerodft.service.carried import Ends
 from aerodft.service.gimbal import Gimbal
 from aerodft.service.gimbal_frame import FrameEvidence
+from aerodft.service.reports import Asked, Refused, readings_of, refused
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import Missing, Stream
 
-__all__ = ["AttitudeSources", "CameraAttitude", "Reading", "Refused"]
-
-
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """There are reports, and they cannot be believed: ``reason`` says why, in a sentence."""
-
-    reason: str
+__all__ = ["AttitudeSources", "CameraAttitude", "Refused"]
 
 
 class AttitudeSources:
@@ -32,6 +28,7 @@ class AttitudeSources:
             source: Gimbal(settings) for source in settings.order if source is not GimbalSource.FIXED_MOUNT
         }
         self._resolver = Resolver(settings)
+        self._tick = -1
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, for the watermark."""
@@ -58,11 +55,13 @@ class AttitudeSources:
 
     def see(self, tick: int) -> None:
         """Look at the gimbals' reports as at one of the ticks of those that came last; the streams are seen apart."""
+        self._tick = tick
         for gimbal in self._gimbals.values():
             gimbal.see(tick)
 
     def settle(self) -> None:
         """All ticks so far are over."""
+        self._tick = -1
         for gimbal in self._gimbals.values():
             gimbal.settle(self._vehicle)
 
@@ -83,37 +82,49 @@ class AttitudeSources:
 
     def at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
         """The camera's attitude at the stamp."""
-        found = self.found(stamp_ns, watermark_ns)
-        return self.resolved([found])[0] if isinstance(found, Reading) else found
-
-    def resolved(self, readings: Sequence[Reading]) -> list[CameraAttitude]:
-        """The attitudes that readings come to, many at once."""
-        return self._resolver.resolved(readings)
-
-    def found(self, stamp_ns: int, watermark_ns: int) -> Reading | Missing | Refused:
-        """What tells the camera's attitude at a stamp."""
         worst = Missing.NEVER
         for source in self._settings.order:
             if source is GimbalSource.FIXED_MOUNT:
-                found: Reading | Missing | Refused = self._bolted(stamp_ns, watermark_ns)
+                missing: Missing | Refused | None = self._bolted(stamp_ns, watermark_ns)
             else:
-                found = self._gimballed(source, stamp_ns, watermark_ns)
-            if not isinstance(found, Missing) or found is Missing.PENDING:
+                missing = self._gimballed(source, stamp_ns, watermark_ns)
+            if missing is None:
+                asked = Asked(np.array([stamp_ns]), np.array([self._tick]), np.array([True]))
+                ((_, (found,)),) = self._resolved(source, asked)
                 return found
-            worst = Missing.STALE if Missing.STALE in (worst, found) else worst
+            if isinstance(missing, Refused) or missing is Missing.PENDING:
+                return missing
+            worst = Missing.STALE if Missing.STALE in (worst, missing) else worst
         return worst
 
-    def _bolted(self, stamp_ns: int, watermark_ns: int) -> Reading | Missing:
-        found, mount = self._vehicle.find(stamp_ns, watermark_ns), self._settings.fixed_mount
-        if isinstance(found, Missing) or mount is None:
-            return found if isinstance(found, Missing) else Missing.NEVER
-        return Reading(
-            source=GimbalSource.FIXED_MOUNT,
-            age_s=self._vehicle.age_s(stamp_ns) or 0.0,
-            vehicle=(self._vehicle.column("wxyz"), found),
-        )
+    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[CameraAttitude | None]:
+        """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
 
-    def _gimballed(self, source: GimbalSource, stamp_ns: int, watermark_ns: int) -> Reading | Missing | Refused:
+        None where it is not that simple: unknown, refused, or more may come.
+        """
+        found: list[CameraAttitude | None] = [None] * len(stamps_ns)
+        left = np.arange(len(stamps_ns))
+        for source in self._settings.order:
+            stream = self._vehicle if source is GimbalSource.FIXED_MOUNT else self._gimbals[source].stream
+            if not stream.has_begun or not len(left):
+                continue
+            is_over = (self._vehicle.newest_at(ticks) >= stamps_ns) | (not self._vehicle.has_begun)
+            for rows, attitudes in self._resolved(source, Asked(stamps_ns[left], ticks[left], is_over[left])):
+                for row, attitude in zip(left[rows].tolist(), attitudes, strict=True):
+                    found[row] = attitude
+            is_known = stream.find_all(stamps_ns[left], ticks[left]).is_known
+            left = left[~is_known & (stream.newest_at(ticks[left]) >= stamps_ns[left])]  # the next source is asked
+        return found
+
+    def _bolted(self, stamp_ns: int, watermark_ns: int) -> Missing | None:
+        """Why a camera that is bolted to the vehicle has no attitude; None where it has."""
+        found = self._vehicle.find(stamp_ns, watermark_ns)
+        if isinstance(found, Missing):
+            return found
+        return Missing.NEVER if self._settings.fixed_mount is None else None
+
+    def _gimballed(self, source: GimbalSource, stamp_ns: int, watermark_ns: int) -> Missing | Refused | None:
+        """Why a gimbal's reports tell no attitude; None where they do."""
         gimbal = self._gimbals[source]
         found, vehicle = gimbal.stream.find(stamp_ns, watermark_ns), self._vehicle.find(stamp_ns, watermark_ns)
         if isinstance(found, Missing):
@@ -121,39 +132,31 @@ class AttitudeSources:
         if vehicle is Missing.PENDING:
             return vehicle
         evidence = gimbal.evidence(self._vehicle)
-        refused = _refused(source, evidence, self._settings.frame)
-        if refused is not None:
-            return refused
+        refusal = refused(source, evidence, self._settings.frame)
+        if refusal is not None:
+            return refusal
         in_earth = gimbal.stream.column("yaw_in_earth")
         if in_earth[found.before] != in_earth[found.after]:
             return Missing.STALE  # no rotation leads from one reference to the other
-        frame, yaw_in_earth = self._settings.frame or evidence.frame or ReportFrame.EARTH, bool(in_earth[found.before])
-        if isinstance(vehicle, Missing) and not (yaw_in_earth and frame is ReportFrame.EARTH):
-            return vehicle
-        is_demand, reports = gimbal.is_demand(evidence.frame), gimbal.stream.column("wxyz")
-        return Reading(
-            source=source,
-            age_s=gimbal.stream.age_s(stamp_ns) or 0.0,
-            report=(reports, found),
-            vehicle=None if isinstance(vehicle, Missing) else (self._vehicle.column("wxyz"), vehicle),
-            frame=frame,
-            yaw_in_earth=yaw_in_earth,
-            demands=gimbal.demands(found, stamp_ns) if is_demand else None,
-            evidence=evidence,
-        )
+        is_against_earth = bool(in_earth[found.before]) and self._frame(evidence) is ReportFrame.EARTH
+        return vehicle if isinstance(vehicle, Missing) and not is_against_earth else None
 
+    def _frame(self, evidence: FrameEvidence) -> ReportFrame:
+        return self._settings.frame or evidence.frame or ReportFrame.EARTH
 
-def _refused(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame | None) -> Refused | None:
-    """Why reports cannot be read as stated, or cannot be read at all."""
-    if stated is ReportFrame.EARTH and evidence.frame is ReportFrame.BODY:
-        return Refused(
-            f"{source} is body-frame (against the vehicle, not the horizon): it undid {evidence.undone} of the "
-            f"vehicle's {evidence.motions} motions; "
-            'set telemetry.attitude.frame = "auto" or "body"'
-        )
-    if stated is None and evidence.contradictory:
-        return Refused(
-            f"{source} is earth-frame (against the horizon) at times and body-frame (against the vehicle) at others; "
-            'set telemetry.attitude.frame = "earth" or "body"'
-        )
-    return None
+    def _resolved(self, source: GimbalSource, asked: Asked) -> Iterator[tuple[IntArray, list[CameraAttitude]]]:
+        """Attitudes at the stamps for which a source tells one, with their rows among them."""
+        if source is not GimbalSource.FIXED_MOUNT:
+            gimbal, stated = self._gimbals[source], self._settings.frame
+            for rows, readings in readings_of(source, gimbal, self._vehicle, stated, asked):
+                yield rows, self._resolver.resolved(readings)
+            return
+        vehicle = self._vehicle.find_all(asked.stamps_ns, asked.ticks)
+        rows = np.flatnonzero(vehicle.is_known & (self._settings.fixed_mount is not None))
+        if len(rows):
+            known = vehicle.rows(rows)
+            own, age_s = (
+                Ends.of(self._vehicle.all_of("wxyz"), known),
+                self._vehicle.ages_s(asked.stamps_ns[rows], known),
+            )
+            yield rows, self._resolver.resolved(Readings(source=source, age_s=age_s, vehicle=own))

@@ -1,12 +1,11 @@
 """A report that is against something which turns itself: composed as rotations, never by adding angles."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Bracket
+from aerodft.geometry.interpolation import Brackets
 from aerodft.geometry.rotation import (
     from_yaw_pitch_roll,
     inverse,
@@ -56,14 +55,9 @@ class Ends:
     gap_ns: IntArray
 
     @classmethod
-    def of(cls, found: Sequence[tuple[FloatArray, Bracket]]) -> "Ends":
-        """Of streams ``wxyz (m, 4)`` with the samples that were found in them."""
-        return cls(
-            np.array([wxyz[each.before] for wxyz, each in found]),
-            np.array([wxyz[each.after] for wxyz, each in found]),
-            np.array([each.weight for _, each in found]),
-            np.array([each.gap_ns for _, each in found]),
-        )
+    def of(cls, wxyz: FloatArray, found: Brackets) -> "Ends":
+        """Those of a stream's ``wxyz (m, 4)`` that were found in it."""
+        return cls(*found.ends(wxyz), found.weight, found.gap_ns)
 
     def between(self) -> Turning:
         """The attitudes at the stamps."""

@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Bracket
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.telemetry import GimbalTrack, ReportFrame
+from aerodft.service.feed import tick_after
 from aerodft.service.gimbal_frame import FrameDetector, FrameEvidence
 from aerodft.service.gravity import moments
 from aerodft.service.settings import AttitudeSettings
@@ -35,7 +35,7 @@ class Gimbal:
         self.reports = self._repeats = 0
         self._last_wxyz: FloatArray | None = None
         self._unweighed = self._detector.evidence
-        self._verdicts: list[tuple[int, FrameEvidence]] = []  # and until when reports were weighed for them
+        self._verdicts: list[tuple[int, FrameEvidence]] = []  # and from which whole second on they hold
         self._ticks: list[tuple[int, int]] = []  # reports and repeats at each of the ticks that came last
 
     def append(self, track: GimbalTrack, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
@@ -90,7 +90,14 @@ class Gimbal:
         """What is known of the reports' frame."""
         last_ns = self._passed_ns(vehicle)
         self._weigh(vehicle)
-        return next((known for until_ns, known in reversed(self._verdicts) if until_ns <= last_ns), self._unweighed)
+        return next((known for from_ns, known in reversed(self._verdicts) if from_ns <= last_ns), self._unweighed)
+
+    def evidence_at(self, vehicle: Stream, ticks: IntArray) -> tuple[list[FrameEvidence], IntArray]:
+        """What was known at ticks ``(n,)`` of those that came last: all that was, and which of it each time."""
+        self._weigh(vehicle)
+        passed_ns = np.minimum(self.stream.newest_at(ticks), vehicle.newest_at(ticks)) // SECOND_NS * SECOND_NS
+        held_from = np.array([from_ns for from_ns, _ in self._verdicts], dtype=np.int64)
+        return [self._unweighed, *(known for _, known in self._verdicts)], held_from.searchsorted(passed_ns, "right")
 
     def is_demand(self, frame: ReportFrame | None) -> bool:
         """Whether the reports may be demands; only what moves by itself and keeps to the horizon is a measurement.
@@ -98,19 +105,34 @@ class Gimbal:
         Args:
             frame: The evidence's verdict.
         """
+        return self._is_demand(frame, self.reports, self._repeats)
+
+    def is_demand_at(self, frame: ReportFrame | None, ticks: IntArray) -> BoolArray:
+        """The same at ticks ``(n,)`` of those that came last."""
+        counts = self._ticks or [(self.reports, self._repeats)]
+        demands = np.array([self._is_demand(frame, *each) for each in counts])
+        return demands[ticks] if self._ticks else np.repeat(demands, len(ticks))
+
+    def _is_demand(self, frame: ReportFrame | None, reports: int, repeats: int) -> bool:
         if self._settings.is_demand is not None:
             return self._settings.is_demand
-        varied = self.reports >= _ENOUGH_REPORTS and self._repeats < _MOST_REPEATS * self.reports
+        varied = reports >= _ENOUGH_REPORTS and repeats < _MOST_REPEATS * reports
         return (self._settings.frame or frame) is not ReportFrame.EARTH or not varied
 
-    def demands(self, found: Bracket, stamp_ns: int) -> Demands:
-        """What was demanded before a stamp."""
+    def demands(self, before: IntArray, stamps_ns: IntArray, ticks: IntArray) -> Demands:
+        """What was demanded before stamps ``(n,)`` at ticks ``(n,)`` of those that came last.
+
+        Args:
+            before: ``(n,)`` rows of the last samples that are not after the stamps.
+            stamps_ns: When.
+            ticks: Samples of later ones are not known.
+        """
         limits, stream = self._settings, self.stream
         return demands_before(
-            stream.column("wxyz"),
-            stream.stamps_ns,
-            found,
-            stamp_ns,
+            stream.all_stamps_ns,
+            before,
+            stamps_ns,
+            stream.first_at(ticks),
             lag_ns=limits.lag_ns,
             slew_radps=limits.slew_radps,
         )
@@ -124,10 +146,15 @@ class Gimbal:
         last_ns = self._passed_ns(vehicle)
         if self._weighed_ns is not None and last_ns <= self._weighed_ns:
             return
-        for moment in moments(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last_ns):
+        second_ns = None  # the one that is weighed
+        for stamp_ns, moment in moments(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last_ns):
+            end_ns = tick_after(stamp_ns, SECOND_NS)
+            if second_ns is not None and end_ns > second_ns:
+                self._verdicts.append((second_ns, self._detector.evidence))
+            second_ns = end_ns
             if moment is None:
                 self._detector.break_off()
             else:
                 self._detector.weigh(moment)
         self._weighed_ns = last_ns
-        self._verdicts.append((last_ns, self._detector.evidence))
+        self._verdicts.append((second_ns or last_ns, self._detector.evidence))

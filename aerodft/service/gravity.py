@@ -37,11 +37,12 @@ class Moment:
     bend_rad: float = 0.0
 
 
-def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> list[Moment | None]:
+def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> list[tuple[int, Moment | None]]:
     """The reports after a stamp and up to another, at most one in each tenth of a second.
 
     Returns:
-        In order; None where the vehicle's attitude is not known on both sides and for the longest lag before.
+        Their stamps, in order; with None where the vehicle's attitude is not known on both sides and for the longest lag
+        before.
     """
     rows = _rows(gimbal.stamps_ns, after_ns, until_ns)
     if not len(rows) or vehicle.last_ns is None:
@@ -59,7 +60,10 @@ def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) ->
     if_body = downs @ against_body
     pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1].tolist()
     return [
-        Moment(stamp_ns, pitches[k], downs[k, 0], reported[k, 2], if_body[k], bends[k]) if known[k] else None
+        (
+            stamp_ns,
+            Moment(stamp_ns, pitches[k], downs[k, 0], reported[k, 2], if_body[k], bends[k]) if known[k] else None,
+        )
         for k, stamp_ns in enumerate(stamps.tolist())
     ]
 

@@ -1,17 +1,15 @@
-"""What a vehicle says of itself at a stamp, and what follows for a pose; ``docs/health.md`` states the rules."""
+"""What a vehicle says of itself, and what was known of that at a stamp."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.poses import pose_covariance
-from aerodft.model.arrays import IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import (
-    FIX_3D,
     RATIOS,
     EstimatorTrack,
     GimbalFailureTrack,
@@ -21,8 +19,6 @@ from aerodft.model.health import (
     LinkTrack,
     RivalTrack,
 )
-from aerodft.model.pose import GimbalSource, PoseSample
-from aerodft.model.status import Status
 from aerodft.model.telemetry import (
     CameraTrack,
     ClockTrack,
@@ -33,12 +29,12 @@ from aerodft.model.telemetry import (
     VehicleTrack,
 )
 from aerodft.service.health_settings import HealthSettings
+from aerodft.service.health_verdict import Facts, Verdict, verdict_on
 from aerodft.service.lately import HeardLately
 from aerodft.service.streams import Stream
 
-_WARNING_SHARE: Final = 0.8  # of the largest ratio
 _GIMBAL_NS: Final = SECOND_NS  # for which a failure that its gimbal reports counts
-_OF_THE_GIMBAL: Final = (GimbalSource.MOUNT_ORIENTATION, GimbalSource.MOUNT_STATUS)  # that cannot say so themselves
+_NEVER: Final = np.iinfo(np.int64).max
 _NAMES: Final = {
     ClockTrack: "clock",
     VehicleTrack: "vehicle attitude",
@@ -54,6 +50,7 @@ class HealthSources:
 
     def __init__(self, settings: HealthSettings) -> None:
         self._settings = settings
+        self._window_ns = settings.window_ns
         self._kinds: dict[str, Stream] = {}
         self._heartbeat, self._gps = Stream(settings.heartbeat_ns), Stream(settings.gps_ns)
         self._estimator, self._link = Stream(settings.heartbeat_ns), Stream(settings.window_ns)
@@ -152,66 +149,63 @@ class HealthSources:
             ages_s={name: age for name, each in self._kinds.items() if (age := _age_s(each, stamp_ns)) is not None},
         )
 
-    def judged(self, sample: PoseSample) -> PoseSample:
-        """A pose with what follows from the vehicle's health: another status, a wider std, no place, remarks."""
-        health = self.at(sample.stamp_ns)
-        status, faults = self._faults(health)
-        failures, rivals = self._failures.at(sample.stamp_ns), self._rivals.at(sample.stamp_ns)
-        if sample.status is not Status.OK:
-            return replace(sample, reasons=(*sample.reasons, *faults, *failures, *rivals))
-        if not faults and failures and sample.attitude_source in _OF_THE_GIMBAL:
-            status, faults = Status.UNHEALTHY, [f"{each}: its other reports are not believed" for each in failures]
-        if faults:
-            return replace(sample, status=status, reasons=(*faults, *sample.reasons))
-        remarks = [*self._remarks(health), *failures, *rivals]
-        sample = _with_horizontal_std(sample, health.horizontal_std_m or 0.0)
-        if health.gps_fix is not None and health.gps_fix < FIX_3D:
-            sample = replace(sample, origin=None, lat_rad=None, lon_rad=None, alt_msl_m=None)
-        return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
+    def verdicts(self, stamps_ns: IntArray, ticks: IntArray) -> list[Verdict]:
+        """What follows for poses at stamps ``(n,)``, each at a tick ``(n,)`` of those that came last.
 
-    def _faults(self, health: Health) -> tuple[Status, list[str]]:
-        """Why there can be no answer, in sentences; and the status of that."""
-        limits, faults = self._settings, []
-        most_s = limits.heartbeat_ns / SECOND_NS
-        if (health.heartbeat_age_s or 0.0) > most_s:
-            faults.append(f"no HEARTBEAT of the autopilot for more than {most_s:g} s")
-        status = Status.STALE_TELEMETRY if faults else Status.UNHEALTHY
-        if health.has_attitude is False:
-            faults.append("the autopilot's estimator says that it has no attitude")
-        faults += [
-            f"the autopilot's estimator is at fault: its test ratio of {name} is {ratio:.2f}, below"
-            f" {limits.max_ratio:g} is wanted"
-            for name, ratio in health.ratios.items()
-            if ratio >= limits.max_ratio
-        ]
-        return status, faults
+        Facts change a few times a second at most: the rules are gone through once for each of them.
+        """
+        columns = (*self._rows_and_flags(stamps_ns, ticks), self._lost_shares(stamps_ns, ticks))
+        failures, rivals = self._failures.at_all(stamps_ns, ticks), self._rivals.at_all(stamps_ns, ticks)
+        made: dict[tuple[_Row, tuple[str, ...], tuple[str, ...]], Verdict] = {}
+        found = []
+        for *values, failed, others in zip(*(column.tolist() for column in columns), failures, rivals, strict=True):
+            key = (_Row(*values), failed, others)
+            verdict = made.get(key)
+            if verdict is None:
+                verdict = made[key] = verdict_on(self._facts(*key), self._settings)
+            found.append(verdict)
+        return found
 
-    def _remarks(self, health: Health) -> list[str]:
-        """What makes an answer worth less, in sentences."""
-        limits, remarks = self._settings, []
-        if health.gps_fix is not None and health.gps_fix < FIX_3D:
-            remarks.append(f"GPS has no 3D fix (fix type {health.gps_fix}): the place is not known")
-        most_s = limits.gps_ns / SECOND_NS
-        if (health.gps_age_s or 0.0) > most_s:
-            remarks.append(f"GPS has been silent for more than {most_s:g} s")
-        for what, std_m, most_m in (
-            ("horizontally", health.horizontal_std_m, limits.horizontal_std_m),
-            ("vertically", health.vertical_std_m, limits.vertical_std_m),
-        ):
-            if std_m is not None and std_m > most_m:
-                remarks.append(f"GPS is accurate to {std_m:.1f} m {what} only, at best {most_m:g} m is wanted")
-        most_s = limits.heartbeat_ns / SECOND_NS
-        if health.ages_s.get(_NAMES[EstimatorTrack], 0.0) > most_s:
-            remarks.append(f"the autopilot's estimator has said nothing believable for more than {most_s:g} s")
-        remarks += [
-            f"the autopilot's estimator is near its limit: its test ratio of {name} is {ratio:.2f}"
-            for name, ratio in health.ratios.items()
-            if ratio >= _WARNING_SHARE * limits.max_ratio
-        ]
-        if health.loss_share > limits.loss_share:
-            share, seconds = round(100 * health.loss_share), limits.window_ns / SECOND_NS
-            remarks.append(f"the link lost {share} % of the autopilot's frames over {seconds:g} s")
-        return remarks
+    def _rows_and_flags(self, stamps_ns: IntArray, ticks: IntArray) -> tuple[IntArray | BoolArray, ...]:
+        """Whether the autopilot is silent; the newest rows of the estimator and of GPS, and whether these are late."""
+        limits = self._settings
+        beat, resumed = (_ages_ns(stream, stamps_ns, ticks) for stream in (self._heartbeat, self._resumed))
+        silent = (beat != _NEVER) & (np.minimum(beat, resumed) > limits.heartbeat_ns)
+        estimator, gps = (stream.last_before(stamps_ns, ticks) for stream in (self._estimator, self._gps))
+        estimator_ns, gps_ns = (_ages_ns(stream, stamps_ns, ticks) for stream in (self._estimator, self._gps))
+        late = (estimator >= 0) & (estimator_ns > limits.heartbeat_ns), (gps >= 0) & (gps_ns > limits.gps_ns)
+        return silent, estimator, late[0], gps, late[1]
+
+    def _facts(self, row: "_Row", failures: tuple[str, ...], rivals: tuple[str, ...]) -> Facts:
+        estimator, gps = row.estimator, row.gps
+        speaks, knows = estimator >= 0 and not row.is_estimator_silent, gps >= 0
+        of_gps, of_estimator = self._gps.all_of, self._estimator.all_of
+        return Facts(
+            is_silent=row.is_silent,
+            has_attitude=bool(of_estimator("has_attitude")[estimator]) if speaks else None,
+            ratios=tuple(zip(RATIOS, of_estimator("ratios")[estimator].tolist(), strict=True)) if speaks else (),
+            is_estimator_silent=row.is_estimator_silent,
+            gps_fix=int(of_gps("fix")[gps]) if knows else None,
+            is_gps_silent=row.is_gps_silent,
+            horizontal_std_m=_finite(of_gps("horizontal_std_m")[gps]) if knows else None,
+            vertical_std_m=_finite(of_gps("vertical_std_m")[gps]) if knows else None,
+            lost_share=row.lost_share,
+            failures=failures,
+            rivals=rivals,
+        )
+
+    def _lost_shares(self, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
+        """Shares ``(n,)`` of the autopilot's frames that were lost over the window before stamps; 0 where few were."""
+        link, shares = self._link, np.zeros(len(stamps_ns))
+        if link.is_empty:
+            return shares
+        first = link.first_at(ticks)
+        ends = [np.maximum(link.last_before(stamps_ns - ago_ns, ticks) + 1, first) for ago_ns in (0, self._window_ns)]
+        lost, received = (np.concatenate([[0], np.cumsum(link.all_of(name))]) for name in ("lost", "received"))
+        gone, came = (counts[ends[0]] - counts[ends[1]] for counts in (lost, received))
+        some = gone > 0
+        shares[some] = gone[some] / (gone[some] + came[some])
+        return np.where(shares > self._settings.loss_share, shares, 0.0)
 
     def _link_counts(self, stamp_ns: int) -> tuple[int, int]:
         """Frames received and lost over the window before a stamp."""
@@ -222,22 +216,41 @@ class HealthSources:
         return int(self._link.column("received")[rows].sum()), int(self._link.column("lost")[rows].sum())
 
 
+class _Row(NamedTuple):
+    """Rows that a verdict follows from, -1 for none, and what time makes of them."""
+
+    is_silent: bool
+    estimator: int
+    is_estimator_silent: bool
+    gps: int
+    is_gps_silent: bool
+    lost_share: float
+
+
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _Newest:
     row: int
     age_ns: int
 
 
-def _last(stream: Stream, stamp_ns: int) -> _Row | None:
+def _last(stream: Stream, stamp_ns: int) -> _Newest | None:
     """The newest row that is not after a stamp."""
     stamps = stream.stamps_ns
     row = int(np.searchsorted(stamps, stamp_ns, side="right")) - 1
-    return None if row < 0 else _Row(row, stamp_ns - int(stamps[row]))
+    return None if row < 0 else _Newest(row, stamp_ns - int(stamps[row]))
 
 
 def _age_s(stream: Stream, stamp_ns: int) -> float | None:
     last = _last(stream, stamp_ns)
     return None if last is None else last.age_ns / SECOND_NS
+
+
+def _ages_ns(stream: Stream, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
+    """Since the newest rows that are not after stamps ``(n,)``; the longest of times where there is none."""
+    rows = stream.last_before(stamps_ns, ticks)
+    if stream.is_empty:
+        return np.full(len(stamps_ns), _NEVER)
+    return np.where(rows >= 0, stamps_ns - stream.all_stamps_ns[rows], _NEVER)
 
 
 def _name(track: Track) -> str:
@@ -252,12 +265,3 @@ def _known(count: float) -> int | None:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _with_horizontal_std(sample: PoseSample, horizontal_m: float) -> PoseSample:
-    """The sample, with no smaller standard deviation of its place."""
-    if sample.pose is None or horizontal_m <= sample.std.horizontal_m:
-        return sample
-    std = replace(sample.std, horizontal_m=horizontal_m)
-    widened = pose_covariance(sample.pose.wxyz, std) - pose_covariance(sample.pose.wxyz, sample.std)
-    return replace(sample, pose=replace(sample.pose, cov=sample.pose.cov + widened), std=std)

@@ -29,10 +29,12 @@ class HeardLately:
             self._streams[what] = Stream(self._window_ns)
         self._streams[what].append(stamps_ns)
 
-    def at(self, stamp_ns: int) -> tuple[str, ...]:
-        """What was heard in the time before a stamp."""
-        return tuple(what for what, each in self._streams.items() if self._is_recent(each.stamps_ns, stamp_ns))
-
-    def _is_recent(self, stamps_ns: IntArray, stamp_ns: int) -> bool:
-        row = int(np.searchsorted(stamps_ns, stamp_ns, side="right")) - 1
-        return row >= 0 and stamp_ns - int(stamps_ns[row]) <= self._window_ns
+    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[tuple[str, ...]]:
+        """What was heard in the time before each of the stamps ``(n,)``, at a tick ``(n,)`` of those that came last."""
+        found: list[tuple[str, ...]] = [()] * len(stamps_ns)
+        for what, each in self._streams.items():
+            rows = each.last_before(stamps_ns, ticks)
+            for k in np.flatnonzero(rows >= 0).tolist():
+                if stamps_ns[k] - each.all_stamps_ns[rows[k]] <= self._window_ns:
+                    found[k] = (*found[k], what)
+        return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.geodesy import east_north
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.arrays import IntArray
 from aerodft.model.pose import GeoOrigin
 from aerodft.model.telemetry import PositionTrack
 from aerodft.service.settings import HeightSettings
@@ -20,10 +20,10 @@ _FASTEST_MPS: Final = 150.0  # what moves faster between two samples is none of 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A position: ``(2,)`` metres, ``(3,)`` m/s, and latitude, longitude (rad) and altitude (m MSL)."""
+    """A position: metres, m/s, and latitude, longitude (rad) and altitude (m MSL)."""
 
-    east_north_m: FloatArray
-    velocity_enu_mps: FloatArray
+    east_north_m: tuple[float, float]
+    velocity_enu_mps: tuple[float, float, float]
     lat_lon_alt: tuple[float, float, float]
 
 
@@ -69,8 +69,8 @@ class Places:
         velocity = apart * (SECOND_NS / found.gap_ns) if found.gap_ns else np.zeros(3)
         eastward_rad = math.remainder(lon[found.after] - lon[found.before], 2 * math.pi)  # also over the 180th meridian
         return Place(
-            corners[0, :2] + found.weight * apart[:2],
-            velocity,
+            tuple((corners[0, :2] + found.weight * apart[:2]).tolist()),
+            tuple(velocity.tolist()),
             (
                 float(found.linear(lat)),
                 math.remainder(lon[found.before] + found.weight * eastward_rad, 2 * math.pi),
@@ -100,5 +100,7 @@ class Places:
         is_plain &= np.hypot(*apart.T) < _JUMP_M  # at any speed
         places = before + found.weight[:, None] * apart
         lat_lon_alt = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])
-        rows = zip(is_plain.tolist(), places, velocity, map(tuple, lat_lon_alt.tolist()), strict=True)
+        rows = zip(
+            is_plain.tolist(), *(map(tuple, each.tolist()) for each in (places, velocity, lat_lon_alt)), strict=True
+        )
         return [Place(*rest) if plain else None for plain, *rest in rows]

@@ -1,12 +1,14 @@
 """Poses that images of several ticks will ask for, made at once: quicker, and the same to the last bit."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from aerodft.model.arrays import IntArray
 from aerodft.model.pose import PoseSample
-from aerodft.service.attitude import AttitudeSources, CameraAttitude, Reading
+from aerodft.service.attitude import AttitudeSources, CameraAttitude
+from aerodft.service.health import HealthSources
+from aerodft.service.health_verdict import Verdict
 from aerodft.service.height import HeightSources
 from aerodft.service.places import Places
 from aerodft.service.pose_making import Parts, PoseMaker
@@ -19,57 +21,66 @@ class PosesAhead:
     """What can be told before it is asked for.
 
     Args:
-        attitude: Turns readings into attitudes.
-        height: Heights at many stamps.
-        places: Positions at many stamps.
+        attitude: Attitudes at many stamps.
+        height: Heights likewise.
+        places: Positions likewise.
+        health: What the vehicle's health means for poses at many stamps.
         maker: Makes samples of them.
     """
 
-    def __init__(self, attitude: AttitudeSources, height: HeightSources, places: Places, maker: PoseMaker) -> None:
+    def __init__(
+        self, attitude: AttitudeSources, height: HeightSources, places: Places, health: HealthSources, maker: PoseMaker
+    ) -> None:
         self._attitude = attitude
         self._height = height
         self._places = places
+        self._health = health
         self._maker = maker
-        self._attitudes: dict[Asked, CameraAttitude] = {}
-        self._samples: dict[Asked, tuple[Parts, PoseSample]] = {}
+        self.clear()
 
     def clear(self) -> None:
         """The ticks are over."""
-        self._attitudes, self._samples = {}, {}
+        self._attitudes: dict[Asked, CameraAttitude] = {}
+        self._samples: dict[Asked, tuple[Parts, PoseSample]] = {}
+        self._verdicts: dict[Asked, Verdict] = {}
 
     def attitude(self, asked: Asked) -> CameraAttitude | None:
         """The attitude, where it was prepared."""
         return self._attitudes.get(asked)
 
     def sample(self, asked: Asked) -> tuple[Parts, PoseSample] | None:
-        """The sample and its parts, where they were prepared; what its clock has to say is not in it yet."""
+        """The sample and its parts, where they were prepared; neither clock nor health have had their say yet."""
         return self._samples.get(asked)
 
-    def prepare(self, readings: Mapping[Asked, Reading]) -> None:
-        """Make what can be made of readings, each as it will be seen when it is asked for."""
-        attitudes = self._attitude.resolved(list(readings.values()))
-        self._attitudes = dict(zip(readings, attitudes, strict=True))
-        ticks, stamps_ns = np.array(list(readings), dtype=np.int64).reshape(-1, 2).T
+    def verdict(self, asked: Asked) -> Verdict | None:
+        """What the vehicle's health means for it, where that was prepared."""
+        return self._verdicts.get(asked)
+
+    def prepare(self, stamps_ns: IntArray, ticks: IntArray) -> None:
+        """Make what can be made for stamps ``(n,)``, each as it will be seen at its tick ``(n,)``."""
+        asked = list(zip(ticks.tolist(), stamps_ns.tolist(), strict=True))
+        attitudes = self._attitude.at_all(stamps_ns, ticks)
         heights, places = self._height.at_all(stamps_ns, ticks), self._places.at_all(stamps_ns, ticks)
+        self._attitudes = {key: each for key, each in zip(asked, attitudes, strict=True) if each is not None}
         found = {
-            asked: Parts(asked[1], height, attitude, place)
-            for (asked, attitude), height, place in zip(self._attitudes.items(), heights, places, strict=True)
-            if height is not None and place is not None
+            key: Parts(key[1], height, attitude, place)
+            for key, height, attitude, place in zip(asked, heights, attitudes, places, strict=True)
+            if height is not None and attitude is not None and place is not None
         }
         made = self._maker.samples(list(found.values()), self._places.origin)
-        self._samples = {asked: (parts, sample) for (asked, parts), sample in zip(found.items(), made, strict=True)}
+        self._samples = {key: (parts, sample) for (key, parts), sample in zip(found.items(), made, strict=True)}
+        self._verdicts = dict(zip(asked, self._health.verdicts(stamps_ns, ticks), strict=True))
 
 
-def by_tick(stamps: Iterable[tuple[int, int]], newest_ns: Sequence[IntArray]) -> dict[int, list[int]]:
-    """On which of several ticks stamps will be asked for: the first that all streams have passed them on.
+def by_tick(stamps_ns: IntArray, from_tick: IntArray, newest_ns: Sequence[IntArray]) -> IntArray:
+    """On which of several ticks stamps ``(n,)`` will be asked for: the first that all streams have passed them on.
 
     Args:
-        stamps: UTC, and the tick before which it is not asked for.
+        stamps_ns: UTC.
+        from_tick: ``(n,)`` the tick before which each is not asked for.
         newest_ns: ``(ticks,)`` each, the newest stamp of each stream at each tick.
+
+    Returns:
+        ``(n,)``; the number of ticks where none of them has passed a stamp.
     """
-    asked: dict[int, list[int]] = {}
-    for stamp_ns, from_tick in stamps:
-        tick = max([from_tick, *(int(np.searchsorted(each, stamp_ns)) for each in newest_ns)])
-        if newest_ns and tick < len(newest_ns[0]):
-            asked.setdefault(tick, []).append(stamp_ns)
-    return dict(sorted(asked.items()))
+    return np.asarray(np.maximum.reduce([from_tick, *(np.searchsorted(each, stamps_ns) for each in newest_ns)]))

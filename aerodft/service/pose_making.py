@@ -3,13 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariance
-from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.service.attitude import CameraAttitude, Refused
@@ -31,6 +30,9 @@ class Parts(NamedTuple):
     place: Place | None
 
 
+_STILL: Final = (0.0, 0.0, 0.0)
+
+
 class PoseMaker:
     """Makes samples.
 
@@ -49,10 +51,20 @@ class PoseMaker:
             return []
         stds = [self._std(each.height, each.attitude) for each in parts]
         covs = pose_covariance(np.array([each.attitude.wxyz for each in parts]), stds)
-        return [self._sample(*each, std, cov, origin) for each, std, cov in zip(parts, stds, covs, strict=True)]
+        poses = Pose(
+            position_enu_m=np.array([_position(each) for each in parts]),
+            wxyz=np.array([each.attitude.wxyz for each in parts]),
+            cov=covs,
+            velocity_enu_mps=np.array(
+                [_STILL if each.place is None else each.place.velocity_enu_mps for each in parts]
+            ),
+            rate_cam_radps=np.array([each.attitude.rate_cam_radps for each in parts]),
+            time_std_s=self._time_std_s,
+        )
+        return [_sample(each, std, pose, origin) for each, std, pose in zip(parts, stds, poses.rows(), strict=True)]
 
     def _std(self, height: Height, attitude: CameraAttitude) -> PoseStd:
-        stated, report = self._settings.attitude.std, attitude.report_std_rad.tolist()
+        stated, report = self._settings.attitude.std, attitude.report_std_rad
         tilt_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
         return PoseStd(
             height_agl_m=height.std_m,
@@ -62,43 +74,6 @@ class PoseMaker:
             roll_rad=math.hypot(stated.roll_rad, report[2]),
             heading_rad=stated.heading_rad,
             time_s=self._time_std_s,
-        )
-
-    def _sample(
-        self,
-        stamp_ns: int,
-        height: Height,
-        attitude: CameraAttitude,
-        place: Place | None,
-        std: PoseStd,
-        cov: FloatArray,
-        origin: GeoOrigin | None,
-    ) -> PoseSample:
-        east, north = (0.0, 0.0) if place is None else place.east_north_m.tolist()
-        lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
-        pose = Pose(
-            position_enu_m=np.array([east, north, height.height_agl_m]),
-            wxyz=attitude.wxyz,
-            cov=cov,
-            velocity_enu_mps=np.zeros(3) if place is None else place.velocity_enu_mps,
-            rate_cam_radps=attitude.rate_cam_radps,
-            time_std_s=self._time_std_s,
-        )
-        return PoseSample(
-            stamp_ns=stamp_ns,
-            status=Status.OK,
-            reasons=(*attitude.reasons, *height.reasons),
-            pose=pose,
-            std=std,
-            origin=None if place is None else origin,
-            lat_rad=lat,
-            lon_rad=lon,
-            alt_msl_m=alt,
-            height_source=height.source,
-            height_datum=height.datum,
-            attitude_source=attitude.source,
-            height_age_s=height.age_s,
-            telemetry_age_s=max(height.age_s, attitude.age_s),
         )
 
     def over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: Place | Missing) -> PoseSample:
@@ -115,6 +90,32 @@ class PoseMaker:
             reason = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin, is {below.what}"
             return replace(sample, status=below.status, reasons=(reason,), pose=None)
         return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)
+
+
+def _position(parts: Parts) -> tuple[float, float, float]:
+    east, north = (0.0, 0.0) if parts.place is None else parts.place.east_north_m
+    return east, north, parts.height.height_agl_m
+
+
+def _sample(parts: Parts, std: PoseStd, pose: Pose, origin: GeoOrigin | None) -> PoseSample:
+    stamp_ns, height, attitude, place = parts
+    lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
+    return PoseSample(
+        stamp_ns=stamp_ns,
+        status=Status.OK,
+        reasons=(*attitude.reasons, *height.reasons),
+        pose=pose,
+        std=std,
+        origin=None if place is None else origin,
+        lat_rad=lat,
+        lon_rad=lon,
+        alt_msl_m=alt,
+        height_source=height.source,
+        height_datum=height.datum,
+        attitude_source=attitude.source,
+        height_age_s=height.age_s,
+        telemetry_age_s=max(height.age_s, attitude.age_s),
+    )
 
 
 def missed(

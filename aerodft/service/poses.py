@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from aerodft.geometry.ground import Ground
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
@@ -12,13 +14,13 @@ from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import CameraTrack, PositionTrack, Track
-from aerodft.service.attitude import AttitudeSources, CameraAttitude, Reading, Refused
+from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
 from aerodft.service.clock_ticks import Ticks, of_a_kind
 from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.pose_ahead import Asked, PosesAhead, by_tick
+from aerodft.service.pose_ahead import PosesAhead, by_tick
 from aerodft.service.pose_making import Parts, PoseMaker, missed
 from aerodft.service.pose_words import HOME_MOVED, by_guess, by_host, no_place
 from aerodft.service.settings import TelemetrySettings
@@ -58,8 +60,8 @@ class PoseSource:
         self._height = HeightSources(settings.height)
         self._places = Places(settings.height, origin)
         self._health = HealthSources(settings.health)
-        self._tick = -1
-        self._ahead = PosesAhead(self._attitude, self._height, self._places, self._maker)
+        self._tick = self._looked_at = -1
+        self._ahead = PosesAhead(self._attitude, self._height, self._places, self._health, self._maker)
         self._newest_ns = 0
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 
@@ -138,23 +140,28 @@ class PoseSource:
             stamps: UTC, and from which of the ticks that were taken in together last a stamp may be asked for.
         """
         newest = [each for each in (stream.newest_by_tick() for stream in self._streams()) if len(each)]
-        readings: dict[Asked, Reading] = {}
-        for tick, stamps_ns in by_tick(stamps, newest).items():
-            self.see(tick)
-            for stamp_ns in stamps_ns:
-                found = self._attitude.found(stamp_ns, self._watermark_ns())
-                if isinstance(found, Reading):
-                    readings[tick, stamp_ns] = found
-        self._ahead.prepare(readings)
+        asked = list(stamps)
+        if not newest or not asked:
+            return
+        stamps_ns, from_tick = np.array(asked, dtype=np.int64).T
+        ticks = by_tick(stamps_ns, from_tick, newest)
+        soon = np.flatnonzero(ticks < len(newest[0]))
+        self._ahead.prepare(stamps_ns[soon], ticks[soon])
 
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
         self._tick = tick
         self.clock.see(tick)
-        self._attitude.see(tick)
+
+    def _look(self) -> None:
+        """Turn to the tick that it is: only where something was not prepared."""
+        if self._looked_at == self._tick:
+            return
+        self._looked_at = self._tick
+        self._attitude.see(self._tick)
         streams = self._streams()
         for stream in (*streams, *self._remarks()):
-            stream.see(tick)
+            stream.see(self._tick)
         self._newest_ns = _newest_ns(streams)
 
     def _take(self, track: Track, stamps_ns: IntArray, edges: IntArray | None) -> None:
@@ -167,6 +174,7 @@ class PoseSource:
     def _settle(self) -> None:
         """All ticks so far are over."""
         self.see(-1)
+        self._look()
         self._ahead.clear()
         self.clock.settle()
         for stream in (*self._streams(), *self._remarks()):
@@ -187,11 +195,18 @@ class PoseSource:
         sample = self._by_telemetry(stamp_ns, final=final, by_utc=by_utc)
         if sample is None:
             return None
-        judged = self._health.judged(sample)
-        return judged if self._zoom is None else self._zoom.seen(judged, self._watermark_ns(final=final))
+        verdict = self._ahead.verdict((self._tick, stamp_ns))
+        if verdict is None:
+            (verdict,) = self._health.verdicts(np.array([stamp_ns]), np.array([self._tick]))
+        judged = verdict.judged(sample)
+        if self._zoom is None or not self._zoom.has_begun:
+            return judged
+        self._look()
+        return self._zoom.seen(judged, self._watermark_ns(final=final))
 
     def health_at(self, stamp_ns: int) -> Health:
         """What the vehicle had said of itself by a stamp (UTC)."""
+        self._look()
         return self._health.at(stamp_ns)
 
     def _by_telemetry(self, stamp_ns: int, *, final: bool, by_utc: bool) -> PoseSample | None:
@@ -231,6 +246,7 @@ class PoseSource:
         if prepared is not None:
             parts, sample = prepared
             return sample, parts.height, parts.attitude, parts.place or Missing.NEVER
+        self._look()
         watermark = self._watermark_ns(final=final)
         attitude, place = self._attitude_at(stamp_ns, watermark), self._places.at(stamp_ns, watermark)
         lat_lon_rad = None if isinstance(place, Missing) else place.lat_lon_alt[:2]
@@ -244,10 +260,12 @@ class PoseSource:
 
     def height_switch(self, before: HeightSource, after: HeightSource, stamp_ns: int) -> HeightSwitch:
         """That heights are of another source from a stamp on, and by how much the two differ."""
+        self._look()
         return self._height.switch(before, after, stamp_ns, partial(self._vehicle_at, END_OF_TIME))
 
     def height_differences(self) -> list[HeightDifference]:
         """What the sources of the height said last, two by two."""
+        self._look()
         return self._height.differences(self._watermark_ns(), partial(self._vehicle_at, END_OF_TIME))
 
     def _attitude_at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
@@ -259,10 +277,12 @@ class PoseSource:
 
     def gimbal_frames(self) -> dict[GimbalSource, FrameEvidence]:
         """What the gimbals that reported are against, as far as it is known."""
+        self._look()
         return self._attitude.evidence()
 
     def gimbal_demands(self) -> dict[GimbalSource, bool]:
         """Whether the gimbals that reported may say what they were told, not where they are."""
+        self._look()
         return self._attitude.demands()
 
     def _watermark_ns(self, *, final: bool = False) -> int:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Bracket
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.model.arrays import FloatArray, IntArray
 
@@ -34,62 +33,70 @@ def jump_std(
 
 @dataclass(frozen=True, slots=True)
 class Demands:
-    """What a gimbal was told before a stamp, as far as it may still matter.
+    """What a gimbal was told before each of ``n`` stamps, as far as it may still matter.
 
     Attributes:
-        wxyz: ``(k, 4)``.
-        replaced_ns: ``(k,)`` from the stamp back to when the next demand was seen, less the lag; not below 0.
+        rows: ``(m,)`` of the demands: those of the first stamp, then those of the second, and so on.
+        replaced_ns: ``(m,)`` from the stamp back to when the next demand was seen, less the lag; not below 0.
+        counts: ``(n,)`` how many of them are of each stamp.
     """
 
-    wxyz: FloatArray
+    rows: IntArray
     replaced_ns: IntArray
+    counts: IntArray
 
 
 def demands_before(
-    reported_wxyz: FloatArray, stamps_ns: IntArray, found: Bracket, stamp_ns: int, *, lag_ns: int, slew_radps: float
+    samples_ns: IntArray, before: IntArray, stamps_ns: IntArray, first: IntArray, *, lag_ns: int, slew_radps: float
 ) -> Demands:
     """The demands that a camera may not have reached yet.
 
     Args:
-        reported_wxyz: ``(n, 4)`` demands.
-        stamps_ns: ``(n,)`` theirs.
-        found: The samples around ``stamp_ns``.
-        stamp_ns: When.
+        samples_ns: ``(k,)`` when demands were seen.
+        before: ``(n,)`` rows of the last samples that are not after the stamps.
+        stamps_ns: ``(n,)`` when.
+        first: ``(n,)`` rows before which nothing is known.
         lag_ns: The longest time without any effect of a new demand.
         slew_radps: The least rate at which the camera turns after it.
     """
     memory_ns = lag_ns + round(math.pi / slew_radps * SECOND_NS)
-    first = int(np.searchsorted(stamps_ns, stamp_ns - memory_ns))
-    replaced_ns = stamps_ns[first + 1 : found.before + 1]  # a demand holds until the next one is seen
-    return Demands(reported_wxyz[first : found.before], np.maximum(stamp_ns - replaced_ns - lag_ns, 0))
+    starts = np.maximum(np.searchsorted(samples_ns, stamps_ns - memory_ns), first)
+    counts = np.maximum(before - starts, 0)
+    within = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
+    rows = np.repeat(starts, counts) + within
+    replaced_ns = samples_ns[rows + 1]  # a demand holds until the next one is seen
+    return Demands(rows, np.maximum(np.repeat(stamps_ns, counts) - replaced_ns - lag_ns, 0), counts)
 
 
-def lag_std(demands: list[Demands], now_wxyz: FloatArray, slew_radps: float) -> FloatArray:
+def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, slew_radps: float) -> FloatArray:
     """Standard deviations ``(n, 3)`` of cameras that follow their demands late, in gimbal axes.
 
     Some time after a new demand the camera may still be where the old one had it, then it turns at ``slew_radps`` or
     faster: it is anywhere on what is left of the way, with equal chances.
 
     Args:
-        demands: ``n`` times what was demanded before.
+        demands: What was demanded before.
+        reported_wxyz: ``(k, 4)`` all demands.
         now_wxyz: ``(n, 4)`` the demands at the stamps.
         slew_radps: As in ``demands_before``.
     """
-    counts = np.array([len(each.wxyz) for each in demands])
-    std = np.zeros((len(demands), 3))
-    if not np.any(counts):
+    std = np.zeros((len(now_wxyz), 3))
+    has_any = np.flatnonzero(demands.counts)
+    if not len(has_any):
         return std
-    earlier = np.concatenate([each.wxyz for each in demands])
-    turns = to_rotation_vector(multiply(inverse(earlier), np.repeat(now_wxyz, counts, axis=0)))
+    counts = demands.counts[has_any]
+    starts = np.cumsum(counts) - counts
+    turns = to_rotation_vector(
+        multiply(inverse(reported_wxyz[demands.rows]), np.repeat(now_wxyz[has_any], counts, axis=0))
+    )
     angles = _length(turns)
-    since_ns = np.concatenate([each.replaced_ns for each in demands])
-    left = np.maximum(angles - slew_radps * since_ns / SECOND_NS, 0.0)
-    stop = 0
-    for row, count in enumerate(counts.tolist()):
-        start, stop = stop, stop + count
-        farthest = start + int(np.argmax(left[start:stop])) if count else 0
-        if count and left[farthest] > 0:
-            std[row] = turns[farthest] * (left[farthest] / angles[farthest] / math.sqrt(3))
+    left = np.maximum(angles - slew_radps * demands.replaced_ns / SECOND_NS, 0.0)
+    most = np.maximum.reduceat(left, starts)
+    is_most = np.flatnonzero(left == np.repeat(most, counts))
+    farthest = is_most[np.searchsorted(is_most, starts)]  # of several the first
+    moves = most > 0
+    farthest = farthest[moves]
+    std[has_any[moves]] = turns[farthest] * (left[farthest] / angles[farthest] / math.sqrt(3))[:, None]
     return std
 
 

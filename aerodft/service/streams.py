@@ -122,6 +122,22 @@ class Stream:
         """``(n, ...)`` values, those of later ticks too."""
         return self._buffer.all_of(name)
 
+    def newest_at(self, ticks: IntArray) -> IntArray:
+        """Stamps of the newest samples at ticks ``(n,)`` of those that came last; 0 where none is there."""
+        first, end = self._buffer.seen_by(ticks)
+        if self.is_empty:
+            return np.zeros(len(ticks), dtype=np.int64)
+        return np.where(end > first, self._buffer.all_stamps_ns[np.maximum(end, 1) - 1], 0)
+
+    def first_at(self, ticks: IntArray) -> IntArray:
+        """The first rows of ``all_of`` that are there at ticks ``(n,)`` of those that came last."""
+        return self._buffer.seen_by(ticks)[0]
+
+    @property
+    def all_stamps_ns(self) -> IntArray:
+        """``(n,)`` strictly ascending, those of later ticks too."""
+        return self._buffer.all_stamps_ns
+
     @property
     def is_empty(self) -> bool:
         """Whether there is no sample, of no tick."""

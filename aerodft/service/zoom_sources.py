@@ -27,6 +27,11 @@ class ZoomSources:
         self._camera = camera
         self._cameras: dict[int, CameraReports] = {}
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether any camera that counts has said something."""
+        return bool(self._cameras)
+
     def streams(self) -> tuple[Stream, ...]:
         """All streams, to be forgotten or moved when clocks jump."""
         return tuple(stream for camera in self._cameras.values() for stream in camera.streams())

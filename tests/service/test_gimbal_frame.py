@@ -92,7 +92,7 @@ def test_what_a_slow_noisy_attitude_does_is_no_motion():
     reports = np.tile(from_yaw_pitch_roll(0.0, math.radians(-45), 0.0), (1000, 1))
     gimbal.append(10**9 + np.arange(1000) * STEP_NS, wxyz=reports, yaw_in_earth=np.zeros(1000))
     detector = FrameDetector()
-    for moment in moments(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9):
+    for _, moment in moments(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9):
         detector.weigh(moment)
     assert detector.evidence.motions == 0
 

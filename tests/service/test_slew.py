@@ -27,9 +27,10 @@ def std_at(demands_rad, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW):
 
 
 def lag_at(reported_wxyz, found, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW):
-    demands = demands_before(reported_wxyz, STAMPS, found, stamp_ns, lag_ns=lag_ns, slew_radps=slew_radps)
+    before, stamps_ns, first = (np.array([each] * 3) for each in (found.before, stamp_ns, 0))
+    demands = demands_before(STAMPS, before, stamps_ns, first, lag_ns=lag_ns, slew_radps=slew_radps)
     now = found.spherical(reported_wxyz)
-    together = lag_std([demands] * 3, np.array([now] * 3), slew_radps)
+    together = lag_std(demands, reported_wxyz, np.array([now] * 3), slew_radps)
     assert np.array_equal(together[1:], together[:-1])
     return together[0]
 

@@ -1,0 +1,151 @@
+"""What follows for a pose from what a vehicle says of itself; ``docs/health.md`` states the rules."""
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.poses import pose_covariance
+from aerodft.model.health import FIX_3D
+from aerodft.model.pose import GimbalSource, PoseSample
+from aerodft.model.status import Status
+from aerodft.service.health_settings import HealthSettings
+
+_WARNING_SHARE: Final = 0.8  # of the largest ratio
+_OF_THE_GIMBAL: Final = (GimbalSource.MOUNT_ORIENTATION, GimbalSource.MOUNT_STATUS)  # that cannot say so themselves
+
+
+class Facts(NamedTuple):
+    """What a verdict follows from; None for what was never said.
+
+    Attributes:
+        is_silent: Whether the autopilot's HEARTBEAT stays away.
+        has_attitude: Whether the estimator has an attitude.
+        ratios: The estimator's test ratios, by what they are of.
+        is_estimator_silent: Whether it said something once, and nothing believable since.
+        gps_fix: GPS_FIX_TYPE.
+        is_gps_silent: Whether the receiver spoke once, and stays away.
+        horizontal_std_m: Of its position.
+        vertical_std_m: Likewise.
+        lost_share: Share of the autopilot's frames, where that is more than may be lost; else 0.
+        failures: What the gimbal said that it failed in, lately.
+        rivals: Who else spoke, lately.
+    """
+
+    is_silent: bool
+    has_attitude: bool | None
+    ratios: tuple[tuple[str, float], ...]
+    is_estimator_silent: bool
+    gps_fix: int | None
+    is_gps_silent: bool
+    horizontal_std_m: float | None
+    vertical_std_m: float | None
+    lost_share: float
+    failures: tuple[str, ...]
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What a vehicle's health means for a pose, as long as the facts stay what they are.
+
+    Attributes:
+        status: Of poses with faults.
+        faults: Why there can be no answer, in sentences.
+        remarks: What makes an answer worth less, in sentences.
+        failures: As in ``Facts``.
+        rivals: Likewise.
+        horizontal_std_m: The least that a place may have.
+        has_place: Whether the receiver knows where it is.
+    """
+
+    status: Status
+    faults: tuple[str, ...]
+    remarks: tuple[str, ...]
+    failures: tuple[str, ...]
+    rivals: tuple[str, ...]
+    horizontal_std_m: float
+    has_place: bool
+
+    def judged(self, sample: PoseSample) -> PoseSample:
+        """A pose with what follows: another status, a wider std, no place, remarks."""
+        status, faults = self.status, self.faults
+        if sample.status is not Status.OK:
+            said = (*faults, *self.failures, *self.rivals)
+            return replace(sample, reasons=(*sample.reasons, *said)) if said else sample
+        if not faults and self.failures and sample.attitude_source in _OF_THE_GIMBAL:
+            status = Status.UNHEALTHY
+            faults = tuple(f"{each}: its other reports are not believed" for each in self.failures)
+        if faults:
+            return replace(sample, status=status, reasons=(*faults, *sample.reasons))
+        remarks = (*self.remarks, *self.failures, *self.rivals)
+        sample = _with_horizontal_std(sample, self.horizontal_std_m)
+        if not self.has_place:
+            sample = replace(sample, origin=None, lat_rad=None, lon_rad=None, alt_msl_m=None)
+        return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
+
+
+def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:
+    """What the rules make of facts."""
+    status, faults = _faults(facts, limits)
+    return Verdict(
+        status=status,
+        faults=tuple(faults),
+        remarks=tuple(_remarks(facts, limits)),
+        failures=facts.failures,
+        rivals=facts.rivals,
+        horizontal_std_m=facts.horizontal_std_m or 0.0,
+        has_place=facts.gps_fix is None or facts.gps_fix >= FIX_3D,
+    )
+
+
+def _faults(facts: Facts, limits: HealthSettings) -> tuple[Status, list[str]]:
+    """Why there can be no answer, in sentences; and the status of that."""
+    faults = []
+    if facts.is_silent:
+        faults.append(f"no HEARTBEAT of the autopilot for more than {limits.heartbeat_ns / SECOND_NS:g} s")
+    status = Status.STALE_TELEMETRY if faults else Status.UNHEALTHY
+    if facts.has_attitude is False:
+        faults.append("the autopilot's estimator says that it has no attitude")
+    faults += [
+        f"the autopilot's estimator is at fault: its test ratio of {name} is {ratio:.2f}, below"
+        f" {limits.max_ratio:g} is wanted"
+        for name, ratio in facts.ratios
+        if ratio >= limits.max_ratio
+    ]
+    return status, faults
+
+
+def _remarks(facts: Facts, limits: HealthSettings) -> list[str]:
+    """What makes an answer worth less, in sentences."""
+    remarks = []
+    if facts.gps_fix is not None and facts.gps_fix < FIX_3D:
+        remarks.append(f"GPS has no 3D fix (fix type {facts.gps_fix}): the place is not known")
+    if facts.is_gps_silent:
+        remarks.append(f"GPS has been silent for more than {limits.gps_ns / SECOND_NS:g} s")
+    for what, std_m, most_m in (
+        ("horizontally", facts.horizontal_std_m, limits.horizontal_std_m),
+        ("vertically", facts.vertical_std_m, limits.vertical_std_m),
+    ):
+        if std_m is not None and std_m > most_m:
+            remarks.append(f"GPS is accurate to {std_m:.1f} m {what} only, at best {most_m:g} m is wanted")
+    if facts.is_estimator_silent:
+        most_s = limits.heartbeat_ns / SECOND_NS
+        remarks.append(f"the autopilot's estimator has said nothing believable for more than {most_s:g} s")
+    remarks += [
+        f"the autopilot's estimator is near its limit: its test ratio of {name} is {ratio:.2f}"
+        for name, ratio in facts.ratios
+        if ratio >= _WARNING_SHARE * limits.max_ratio
+    ]
+    if facts.lost_share:
+        share, seconds = round(100 * facts.lost_share), limits.window_ns / SECOND_NS
+        remarks.append(f"the link lost {share} % of the autopilot's frames over {seconds:g} s")
+    return remarks
+
+
+def _with_horizontal_std(sample: PoseSample, horizontal_m: float) -> PoseSample:
+    """The sample, with no smaller standard deviation of its place."""
+    if sample.pose is None or horizontal_m <= sample.std.horizontal_m:
+        return sample
+    std = replace(sample.std, horizontal_m=horizontal_m)
+    widened = pose_covariance(sample.pose.wxyz, std) - pose_covariance(sample.pose.wxyz, sample.std)
+    return replace(sample, pose=replace(sample.pose, cov=sample.pose.cov + widened), std=std)

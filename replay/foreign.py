@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 
 from aerodft.adapters.codec.wire import LATEST_NS
@@ -13,7 +14,7 @@ from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera
 from replay.segments import channels_of, messages_of, numbered
-from replay.topics import Roles, described, roles_of
+from replay.topics import Roles, described, framed_of, roles_of, telemetry_of
 
 _log = logging.getLogger(__name__)
 
@@ -25,7 +26,7 @@ class ForeignRecording:
         path: The file, or the folder of files.
         segments: Its files.
         channels: By topic.
-        roles: What each topic is.
+        roles: What each topic is, telemetry aside.
         start_ns: Earliest log time.
         end_ns: Latest log time.
 
@@ -34,7 +35,7 @@ class ForeignRecording:
         topics: What is known of its topics beforehand.
 
     Raises:
-        InputError: There is none, it cannot be read, or it is not clear which topic is what.
+        InputError: There is none, it cannot be read, or it is not clear which topic has the images.
         NoAnswerError: It holds no message.
     """
 
@@ -49,7 +50,22 @@ class ForeignRecording:
         self.start_ns = min(chunk.start_ns for chunk in chunks)
         self.end_ns = max(chunk.end_ns for chunk in chunks)
         self.channels = {channel.topic: channel for each in self.segments for channel in channels_of(each).values()}
-        self.roles: Roles = roles_of(path, self.segments, topics or Topics())
+        self._stated = topics or Topics()
+        self.roles: Roles = roles_of(path, self.segments, self._stated)
+
+    @cached_property
+    def framed(self) -> tuple[str, ...]:
+        """Topics with MAVLink; found when somebody asks, since messages may have to be looked through."""
+        return self._stated.mavlink or framed_of(self.path, self.segments)
+
+    @cached_property
+    def mavlink(self) -> tuple[str, ...]:
+        """Topics of the vehicle's telemetry.
+
+        Raises:
+            InputError: It is not clear which they are.
+        """
+        return self._stated.mavlink or telemetry_of(self.path, self.channels, self.framed)
 
     def messages(
         self, topic: str | None = None, *, from_ns: int | None = None, to_ns: int | None = None

@@ -5,14 +5,13 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-import av
 from PIL import Image as PillowImage
 
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.pictures import Picture, read_picture
-from aerodft.adapters.images.packets import PacketDecoder
+from aerodft.adapters.images.packet_decoders import decoder_of
 from aerodft.adapters.images.pixels import FramePixels, StillPixels
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.errors import InputError
@@ -21,6 +20,11 @@ from aerodft.model.image import Image, StampClock
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of, first_arrival_ns
 from replay.foreign import ForeignRecording
+
+if TYPE_CHECKING:
+    import av
+
+    from aerodft.adapters.images.packets import PacketDecoder
 
 _BLOCK_FRAMES: Final = 4096
 _STILLS: Final = ("jpeg", "jpg", "png", "webp", "tiff")
@@ -38,9 +42,9 @@ class ForeignTelemetry:
     """
 
     def __init__(self, recording: ForeignRecording) -> None:
-        if not recording.roles.mavlink:
+        if not recording.mavlink:
             raise recording.refusal_without("MAVLink")
-        self._topics = [_Topic(recording, topic) for topic in recording.roles.mavlink]
+        self._topics = [_Topic(recording, topic) for topic in recording.mavlink]
 
     @property
     def counts(self) -> FrameCounts:
@@ -185,7 +189,7 @@ class _Decoder:
         if any(name in picture.format for name in _STILLS) or not picture.format:
             pixels, size_px = StillPixels(picture.data, where) if self._decode else None, _size_of(picture.data)
         else:
-            self._video = self._video or PacketDecoder(picture.format)
+            self._video = self._video or decoder_of(picture.format)
             if not self._decode and self._size_px is not None:
                 pixels, size_px = None, self._size_px
             else:
@@ -204,7 +208,7 @@ class _Decoder:
             pixels=pixels,
         )
 
-    def _pixels(self, frame: av.VideoFrame) -> FramePixels | None:
+    def _pixels(self, frame: "av.VideoFrame") -> FramePixels | None:
         return FramePixels(frame) if self._decode else None
 
 

@@ -15,7 +15,7 @@ def holds_mavlink(recording: AnyRecording, channel: ReadChannel) -> bool:
     """Whether a channel of a recording has MAVLink frames."""
     if isinstance(recording, Recording):
         return channel.encoding == WireProtocol.MAVLINK
-    return channel.topic in recording.roles.mavlink
+    return channel.topic in recording.mavlink
 
 
 def check_mavlink(recordings: tuple[AnyRecording, ...]) -> None:

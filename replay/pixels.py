@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.images.packets import PacketDecoder
+from aerodft.adapters.images.packet_decoders import decoder_of
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.jpeg import decode_jpeg
 from aerodft.adapters.mcap.places import ChunkPlace, SegmentScan
@@ -18,6 +19,9 @@ from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.segments import channels_of
+
+if TYPE_CHECKING:
+    from aerodft.adapters.images.packets import PacketDecoder
 
 
 def jpeg_of(data: bytes) -> bytes:
@@ -94,7 +98,7 @@ class _Video:
     def _decoded(self, message: ReadMessage) -> FramePixels | None:
         try:
             packet = CompressedVideo.FromString(message.data)
-            self._decoder = self._decoder or PacketDecoder(packet.format)
+            self._decoder = self._decoder or decoder_of(packet.format)
             frame = self._decoder.decode(packet.data)
         except (DecodeError, ValueError) as error:
             raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error

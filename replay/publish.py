@@ -14,6 +14,7 @@ from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, Kind, kind_of
 from aerodft.adapters.foreign.pictures import read_picture
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.model.image import Image, StampClock
+from replay.foreign import ForeignRecording
 from replay.pixels import jpeg_of
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.shift import Shift, shift_of, shifted
@@ -108,8 +109,8 @@ class Republisher:
         self._sent += 1
         if self._sent % _LOOK_EVERY == 0 and not self._was_heard:
             self._was_heard = self.has_listeners
-        if not isinstance(item.recording, Recording):
-            self._send_foreign(item, shift_ns)
+        if isinstance(item.recording, ForeignRecording):
+            self._send_foreign(item, item.recording, shift_ns)
             return
         message, keys = item.message, keys_of(item.recording)
         schema = message.channel.schema
@@ -139,11 +140,10 @@ class Republisher:
             _undeclare(publisher)
         self._publishers.clear()
 
-    def _send_foreign(self, item: Item, shift_ns: int) -> None:
+    def _send_foreign(self, item: Item, recording: ForeignRecording, shift_ns: int) -> None:
         """Another tool's message on its own topic as it was recorded, and a JPEG as a station's image beside it."""
         channel, data = item.message.channel, item.message.data
-        is_frames = not isinstance(item.recording, Recording) and channel.topic in item.recording.roles.mavlink
-        if shift_ns and not is_frames:  # frames stay as they were
+        if shift_ns and channel.topic not in recording.framed:  # frames stay as they were
             shift = self._shift(channel)
             data = data if shift is None else shift(data, shift_ns)
         key = "/".join(key_part(part) for part in channel.topic.split("/") if part) or "%"

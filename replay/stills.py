@@ -1,16 +1,19 @@
 """Recorded video as a live station publishes it: a JPEG now and then."""
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.images.packets import PacketDecoder
+from aerodft.adapters.images.packet_decoders import decoder_of
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.jpeg import encode_jpeg
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.conventions import SECOND_NS
 from aerodft.model.image import Image
+
+if TYPE_CHECKING:
+    from aerodft.adapters.images.packets import PacketDecoder
 
 _PERIOD_NS: Final = SECOND_NS // 2  # as a live station does
 _QUALITY: Final = 75
@@ -27,7 +30,7 @@ class VideoStills:
         """A packet's image as JPEG; None where none is due, or where it cannot be decoded."""
         try:
             packet = CompressedVideo.FromString(message.data)
-            self._decoder = self._decoder or PacketDecoder(packet.format)
+            self._decoder = self._decoder or decoder_of(packet.format)
         except (DecodeError, ValueError):
             return None
         frame = self._decoder.decode(packet.data)

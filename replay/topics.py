@@ -1,8 +1,9 @@
 """Which channels of another tool's recording are telemetry, images and camera: as stated, else as they tell."""
 
+import logging
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Final
 
 from aerodft.adapters.config.inputs import Topics
@@ -15,22 +16,22 @@ from replay.segments import channels_of, messages_of
 _SHOWN: Final = 12
 _TO_THE_VEHICLE: Final = ("in", "to", "sink")
 _TRIED: Final = 200  # messages of a channel that are looked through for frames
+_MOST_LOOKED_THROUGH: Final = 500  # channels
 _ENOUGH: Final = 3
 _PICTURES: Final = (Kind.IMAGES, Kind.VIDEO)
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Roles:
-    """What each topic of a recording is.
+    """What each topic of a recording is, as its channels tell.
 
     Attributes:
-        mavlink: Topics of telemetry.
         images: Topic of the images; None where there are none.
         camera: Topic of the camera's calibration; None where there is none.
         location: Topic of positions, likewise.
     """
 
-    mavlink: tuple[str, ...]
     images: str | None
     camera: str | None
     location: str | None
@@ -45,9 +46,9 @@ def roles_of(where: object, segments: Sequence[SegmentScan], stated: Topics) -> 
         stated: What is known beforehand.
 
     Raises:
-        InputError: A stated topic is not there, or several could be the telemetry or the images.
+        InputError: A stated topic is not there, or several could be the images.
     """
-    channels = {channel.topic: channel for each in segments for channel in channels_of(each).values()}
+    channels = _by_topic(segments)
     listed = described(channels)
     for option, topics in (("mavlink", stated.mavlink), ("images", stated.images), ("camera", stated.camera)):
         for topic in topics:
@@ -62,10 +63,8 @@ def roles_of(where: object, segments: Sequence[SegmentScan], stated: Topics) -> 
             raise InputError(f"several topics of {option}", where=where, got=", ".join(found), hint=hint)
         return found[0] if found else None
 
-    mavlink = stated.mavlink or _telemetry(where, segments, channels, kinds)
     cameras = [topic for topic, kind in kinds.items() if kind is Kind.CAMERA]
     return Roles(
-        mavlink=mavlink,
         images=one("images", stated.images, _PICTURES),
         camera=one("camera", stated.camera or (cameras if len(cameras) == 1 else ()), ()),
         location=next((topic for topic, kind in kinds.items() if kind is Kind.LOCATION), None),
@@ -82,31 +81,59 @@ def described(channels: Mapping[str, ReadChannel]) -> str:
     return f"{', '.join(shown[:_SHOWN])}{more}" if shown else "no channel"
 
 
-def _telemetry(
-    where: object,
-    segments: Sequence[SegmentScan],
-    channels: Mapping[str, ReadChannel],
-    kinds: Mapping[str, Kind | None],
-) -> tuple[str, ...]:
-    """The topics of the vehicle's telemetry: by what they are called, else by what their messages hold."""
+def framed_of(where: object, segments: Sequence[SegmentScan]) -> tuple[str, ...]:
+    """The topics that hold MAVLink: by what they are called, else by what their messages hold.
+
+    Args:
+        where: The recording's name in messages.
+        segments: Its files.
+    """
+    kinds = {topic: kind_of(channel) for topic, channel in _by_topic(segments).items()}
     found = [topic for topic, kind in kinds.items() if kind is Kind.MAVLINK]
-    if not found:
-        found = [topic for topic, kind in kinds.items() if kind is None and _holds_frames(segments, topic)]
-    heard = [topic for topic in found if topic.rsplit("/", 1)[-1].rsplit("_", 1)[-1] not in _TO_THE_VEHICLE] or found
-    raw = [topic for topic in heard if channels[topic].encoding != JSON] or heard  # JSON repeats what is there raw
-    if len(raw) > 1:
-        hint = f"say which: --topic mavlink={raw[0]}, once for each that is to be taken"
-        raise InputError("several topics hold MAVLink", where=where, got=", ".join(raw), hint=hint)
-    return tuple(raw)
+    if found:
+        return tuple(found)
+    unknown = [topic for topic, kind in kinds.items() if kind is None]
+    if len(unknown) > _MOST_LOOKED_THROUGH:
+        said = "%s: MAVLink is looked for in %d of %d topics; --topic mavlink=... says which has it"
+        _log.warning(said, where, _MOST_LOOKED_THROUGH, len(unknown))
+    return tuple(_with_frames(segments, unknown[:_MOST_LOOKED_THROUGH]))
 
 
-def _holds_frames(segments: Sequence[SegmentScan], topic: str) -> bool:
-    frames = 0
-    reader: FrameReader | None = None
-    messages = messages_of(segments, wanted=lambda channel: channel.topic == topic)
-    for message in islice(messages, _TRIED):
-        reader = reader or FrameReader(message.channel)
-        frames += len(reader.frames(message.data))
-        if frames >= _ENOUGH:
-            return True
-    return False
+def telemetry_of(where: object, channels: Mapping[str, ReadChannel], framed: Sequence[str]) -> tuple[str, ...]:
+    """Which of the topics with MAVLink has the vehicle's telemetry.
+
+    Args:
+        where: The recording's name in messages.
+        channels: By topic.
+        framed: The topics with MAVLink.
+
+    Raises:
+        InputError: Several could have it.
+    """
+    heard = [topic for topic in framed if topic.rsplit("/", 1)[-1].rsplit("_", 1)[-1] not in _TO_THE_VEHICLE]
+    raw = [topic for topic in heard or framed if channels[topic].encoding != JSON]  # JSON repeats what is there raw
+    found = raw or heard or framed
+    if len(found) > 1:
+        hint = f"say which: --topic mavlink={found[0]}, once for each that is to be taken"
+        raise InputError("several topics hold MAVLink", where=where, got=", ".join(found), hint=hint)
+    return tuple(found)
+
+
+def _by_topic(segments: Sequence[SegmentScan]) -> dict[str, ReadChannel]:
+    return {channel.topic: channel for each in segments for channel in channels_of(each).values()}
+
+
+def _with_frames(segments: Sequence[SegmentScan], topics: Sequence[str]) -> list[str]:
+    """Those of the topics whose first messages hold frames, in their order; reads no further than it must."""
+    readers: dict[str, FrameReader] = {}
+    frames, tried, open_topics = Counter[str](), Counter[str](), set(topics)
+    for message in messages_of(segments, wanted=lambda channel: channel.topic in open_topics):
+        topic = message.channel.topic
+        reader = readers.setdefault(topic, FrameReader(message.channel))
+        frames[topic] += len(reader.frames(message.data))
+        tried[topic] += 1
+        if frames[topic] >= _ENOUGH or tried[topic] >= _TRIED:
+            open_topics.remove(topic)
+            if not open_topics:
+                break
+    return [topic for topic in topics if frames[topic] >= _ENOUGH]

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.adapters.config.evidence_frame import LOCAL
 from aerodft.errors import InputError
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Prior

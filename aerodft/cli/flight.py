@@ -12,7 +12,6 @@ from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.clock import OnClock
 from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource
-from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.foreign_camera import check_camera
@@ -114,6 +113,8 @@ def _images(
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
     chosen, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     if isinstance(chosen, VideoFile):
+        from aerodft.adapters.images.video import VideoFileSource  # noqa: PLC0415 - FFmpeg, 15 MB
+
         video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, decode=decode)
         with _quiet():
             bare = OnClock(VideoFileSource(chosen.path, start_ns=video.start_ns, decode=False), clock)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.adapters.config.evidence_frame import LOCAL, LocalFrame
+from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.evidence_images import Flight, GivenImage, StatedPose
 from aerodft.cli.image_poses import open_telemetry, poses_of, unbroken
 from aerodft.errors import ConfigError, InputError, UsageError

@@ -8,15 +8,12 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.config.inputs import ImageInput, Rate, Stills, VideoFile
+from aerodft.adapters.config.inputs import ImageInput, Rate, Stills, VideoFile, stated_start_ns
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import StationConfig
-from aerodft.adapters.images.video import video_info
 from aerodft.cli.flight_run import measure_flight
 from aerodft.cli.output import say
-from aerodft.cli.sync_lines import stated_start_ns
-from aerodft.cli.sync_station import aligned
 from aerodft.cli.times import parse_utc
 from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.conventions import SECOND_NS
@@ -88,6 +85,8 @@ def _station(
 def _on_time(station: StationConfig, sync: SyncChoice | None, log: Path | None, config: Path) -> StationConfig:
     """The station with its images' clock as it was asked for, and how well that is known."""
     if sync is SyncChoice.AUTO or (sync is None and station.images.is_auto):
+        from aerodft.cli.sync_station import aligned  # noqa: PLC0415 - 40 MB of fitting and decoding, asked for seldom
+
         return refreshed(aligned(station, log, config))
     return refreshed(_timed(replace(station, images=replace(station.images, is_auto=False))))
 
@@ -97,6 +96,8 @@ def _timed(station: StationConfig) -> StationConfig:
     source = station.images.source
     if not isinstance(source, VideoFile) or source.start_ns is not None:
         return station
+    from aerodft.adapters.images.video import video_info  # noqa: PLC0415 - FFmpeg, 15 MB, where there is a video
+
     start_ns = video_info(source.path).start_ns
     if start_ns is None or start_ns % SECOND_NS:
         return station

@@ -9,7 +9,6 @@ import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.cli.ending import Interruptible
-from aerodft.cli.flight_run import measure_flight
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.recompute_many import Many, are_many, recompute_many
 from aerodft.cli.recomputing import prepare
@@ -92,6 +91,8 @@ def _measure_foreign(
     if calibration is not None:
         station = with_calibration(station, calibration)
     station = replace(station, topics=parse_topics(topic, station.topics))
+    from aerodft.cli.flight_run import measure_flight  # noqa: PLC0415 - stills, logs: our own recordings need neither
+
     measure_flight(station, path, (), output, where=config, as_json=as_json)
 
 

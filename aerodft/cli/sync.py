@@ -7,11 +7,11 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.inputs import Topics
+from aerodft.adapters.config.inputs import Topics, stated_start_ns
 from aerodft.adapters.config.loading import load_station
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.output import print_json
-from aerodft.cli.sync_lines import SyncLines, stated_start_ns
+from aerodft.cli.sync_lines import SyncLines
 from aerodft.cli.sync_output import describe_sync, say_sync
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, run_sync
 from aerodft.cli.times import parse_utc

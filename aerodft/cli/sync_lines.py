@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tomli_w
 
-from aerodft.adapters.config.inputs import ImageInput, VideoFile
+from aerodft.adapters.config.inputs import VideoFile
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.sync_run import SyncRun
@@ -88,10 +88,3 @@ class SyncLines:
         telemetry = replace(telemetry, attitude=attitude)
         pipeline = replace(station.pipeline, telemetry=telemetry, time_std_s=self.time_std_s)
         return replace(station, images=images, pipeline=pipeline)
-
-
-def stated_start_ns(configured: ImageInput | None, video: Path) -> int | None:
-    """UTC of a video's first image, where the station's images are that video and it says so."""
-    if not isinstance(configured, VideoFile) or configured.path.resolve() != video.resolve():
-        return None
-    return configured.start_ns

@@ -1,37 +1,10 @@
-"""A fixed camera's steady points: who looks for them in the station's images, and what a run says of them."""
+"""What a run says of a fixed camera's steadiness."""
 
 import math
 from datetime import UTC, datetime
 
-from aerodft.adapters.config.station import StationConfig, Watch
-from aerodft.adapters.images.camera_image import read_camera_image
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError
 from aerodft.model.steadiness import SteadinessEstimate
-from aerodft.service.looking import Lookout
-from aerodft.vision.reference import LEAST_CORNERS
-from aerodft.vision.steady import SteadyPoints
-
-
-def steady_lookout(watch: Watch, station: StationConfig) -> Lookout:
-    """Who looks for steady points.
-
-    Raises:
-        InputError: The reference image cannot be read, is of another size, or shows too little.
-    """
-    camera, settings, pixels = station.pipeline.camera, watch.settings, None
-    if watch.reference is not None:
-        hint = "watch.reference is an image that the camera took in the mode that it is in now"
-        pixels = read_camera_image(watch.reference, camera, hint)
-    points = SteadyPoints(camera, settings.ignore, pixels)
-    if points.corners is not None and points.corners < LEAST_CORNERS:
-        raise InputError(
-            "the reference image shows too little that can be found again",
-            where=watch.reference,
-            got=f"{points.corners} corners outside watch.ignore",
-            expected=f"at least {LEAST_CORNERS}",
-        )
-    return Lookout(points, settings.every_s)
 
 
 def steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:

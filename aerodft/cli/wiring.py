@@ -28,9 +28,9 @@ from aerodft.model.status import Status
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.feed import together
+from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Feed, Output, Sink, Source
-from aerodft.vision.object_tracks import ObjectTracks
+from aerodft.service.ports import Feed, ObjectTracker, Output, Sink, Source
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
 from calibration.steadiness import SteadyCalibrator
@@ -42,7 +42,7 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         hint = "`aerodft import` finds it, `aerodft sync` says it"
         raise ConfigError("images.time_offset_s", got='"auto"', expected="a number", hint=hint)
     decoder = decoder_of(station.pipeline.telemetry)
-    tracker = None if station.objects is None else ObjectTracks(station.objects)
+    tracker = None if station.objects is None else _tracker(station.objects)
     if station.live is not None:
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live, tracker)
@@ -51,6 +51,12 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         return Pipeline(station.pipeline, decoder, steady, steady, tracker)
     calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
     return Pipeline(station.pipeline, decoder, calibrator, tracker=tracker)
+
+
+def _tracker(settings: ObjectSettings) -> ObjectTracker:
+    from aerodft.vision.object_tracks import ObjectTracks  # noqa: PLC0415 - 24 MB of scipy, and few stations track
+
+    return ObjectTracks(settings)
 
 
 def build_recorder(

@@ -2,17 +2,22 @@
 
 import math
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from pyproj import Transformer
 
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin
 
+if TYPE_CHECKING:
+    from pyproj import Transformer
+
 
 @lru_cache(maxsize=32)
-def _topocentric(lat_rad: float, lon_rad: float, height_m: float) -> Transformer:
+def _topocentric(lat_rad: float, lon_rad: float, height_m: float) -> "Transformer":
+    from pyproj import Transformer  # noqa: PLC0415 - 12 MB, and what has no place on earth does without
+
     lat_deg, lon_deg = math.degrees(lat_rad), math.degrees(lon_rad)
     return Transformer.from_pipeline(
         "+proj=pipeline +step +proj=cart +ellps=WGS84 "
@@ -20,7 +25,7 @@ def _topocentric(lat_rad: float, lon_rad: float, height_m: float) -> Transformer
     )
 
 
-def _frame(origin: GeoOrigin) -> Transformer:
+def _frame(origin: GeoOrigin) -> "Transformer":
     return _topocentric(float(origin.lat_rad), float(origin.lon_rad), float(origin.alt_msl_m or 0.0))
 
 

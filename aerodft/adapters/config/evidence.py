@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from aerodft.adapters.config.crs import GEO, LOCAL
 from aerodft.adapters.config.evidence_checks import (
     Stated,
     check_degrees,
@@ -21,7 +22,7 @@ from aerodft.adapters.config.evidence_checks import (
     check_together,
 )
 from aerodft.adapters.config.evidence_csv import landmark_rows
-from aerodft.adapters.config.evidence_frame import GEO, LOCAL, LocalFrame, checked_crs, takes_degrees
+from aerodft.adapters.config.evidence_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.evidence_images import Flight, FlightTables, flight_from, flight_tables
 from aerodft.adapters.config.evidence_places import check_datums, frame_around, landmark_from
 from aerodft.adapters.config.evidence_priors import CameraPriorTable, EvidenceTable, priors_from

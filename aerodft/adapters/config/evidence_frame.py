@@ -14,11 +14,11 @@ import numpy.typing as npt
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
+from aerodft.adapters.config.crs import GEO, LOCAL
 from aerodft.errors import ConfigError
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin
 
-LOCAL, GEO = "local", "geo"
 _WGS84 = "EPSG:4326"
 _STEP_M = 10.0
 _HINT = 'write crs = "local", crs = "geo" for WGS84, or an EPSG code like crs = "EPSG:28992"'

@@ -3,8 +3,9 @@
 import statistics
 from collections.abc import Sequence
 
+from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence_checks import Place, Stated
-from aerodft.adapters.config.evidence_frame import LOCAL, LocalFrame, check_on_map, takes_degrees
+from aerodft.adapters.config.evidence_frame import LocalFrame, check_on_map, takes_degrees
 from aerodft.adapters.config.evidence_priors import CameraPriorTable, EvidenceTable
 from aerodft.adapters.config.evidence_tables import SPACE, LandmarkTable
 from aerodft.errors import ConfigError

@@ -5,7 +5,8 @@ from typing import Annotated, Generic, Self, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from aerodft.adapters.config.evidence_frame import LOCAL, LocalFrame
+from aerodft.adapters.config.crs import LOCAL
+from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.evidence_tables import (
     GEO_KEYS,
     PLANE,

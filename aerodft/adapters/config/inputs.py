@@ -104,3 +104,10 @@ class Topics:
     mavlink: tuple[str, ...] = ()
     images: tuple[str, ...] = ()
     camera: tuple[str, ...] = ()
+
+
+def stated_start_ns(configured: ImageInput | None, video: Path) -> int | None:
+    """UTC of a video's first image, where the station's images are that video and it says so."""
+    if not isinstance(configured, VideoFile) or configured.path.resolve() != video.resolve():
+        return None
+    return configured.start_ns

@@ -1,13 +1,12 @@
 """The table ``[markers]`` of a station: surveyed markers that are looked for in its images."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aerodft.adapters.config.evidence_frame import LOCAL
+from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.live_tables import needed_origin
-from aerodft.adapters.config.markers import MarkersFile, load_markers, markers_from
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station import MarkerSettings
 from aerodft.adapters.config.tables import Duration, Table, Text
@@ -17,6 +16,9 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.landmark import SurveyedLandmark
 from aerodft.model.marker import MarkerSurvey, SurveyedMarker
 from aerodft.model.pose import GeoOrigin
+
+if TYPE_CHECKING:
+    from aerodft.adapters.config.markers import MarkersFile
 
 _FARTHEST_M = 1e5  # of a marker from the station's origin
 
@@ -46,6 +48,8 @@ def marker_settings(
     """
     if document is None:
         return None
+    from aerodft.adapters.config.markers import load_markers, markers_from  # noqa: PLC0415 - 15 MB that few need
+
     origin = needed_origin(origin, "[markers]", where)
     if "file" in document:
         table = validated(_FileTable, document, where, "markers.")
@@ -58,7 +62,7 @@ def marker_settings(
     return MarkerSettings(survey=_placed(file, origin, where), ignore=file.ignore, every_s=every_s)
 
 
-def _placed(file: MarkersFile, origin: GeoOrigin, where: str) -> MarkerSurvey:
+def _placed(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
     """The survey in metres from the station's origin."""
     markers = []
     for each in file.survey.markers:
@@ -73,7 +77,7 @@ def _placed(file: MarkersFile, origin: GeoOrigin, where: str) -> MarkerSurvey:
     return MarkerSurvey(dictionary=file.survey.dictionary, markers=tuple(markers))
 
 
-def _from_origin_m(file: MarkersFile, points_m: FloatArray, origin: GeoOrigin, where: str) -> FloatArray:
+def _from_origin_m(file: "MarkersFile", points_m: FloatArray, origin: GeoOrigin, where: str) -> FloatArray:
     """East, north, up ``(n, 3)`` of the station's origin, of points ``(n, 3)`` of the file's frame."""
     on_map = file.frame.wgs84(points_m)
     if on_map is None:

@@ -1,19 +1,22 @@
 """Pixels that are converted when somebody asks, and stay valid afterwards."""
 
 import threading
+from typing import TYPE_CHECKING
 
-import av
 import cv2
 import numpy as np
 
 from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
 
+if TYPE_CHECKING:
+    import av
+
 
 class FramePixels:
     """A decoded frame's pixels, converted once; may be called from several threads."""
 
-    def __init__(self, frame: av.VideoFrame) -> None:
+    def __init__(self, frame: "av.VideoFrame") -> None:
         self._lock = threading.Lock()
         self._frame: av.VideoFrame | None = frame
         self._pixels: ImageArray | None = None

@@ -1,0 +1,134 @@
+"""The lookouts of a station: what each of its tables and probes asks for."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from aerodft.adapters.config.inputs import Rate
+from aerodft.adapters.config.river_tables import river_probes
+from aerodft.adapters.config.station import StationConfig, Watch
+from aerodft.adapters.images.camera_image import read_camera_image
+from aerodft.cli.looking import Eyes
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import ConfigError, InputError
+from aerodft.geometry.poses import moved_on
+from aerodft.model.image import Image
+from aerodft.model.pose import PoseSample
+from aerodft.model.probe import PixelSource
+from aerodft.model.status import Status
+from aerodft.service.looking import Lookout
+from aerodft.service.pipeline import Pipeline
+from aerodft.vision.moving import MovingObjects
+from aerodft.vision.reference import LEAST_CORNERS
+from aerodft.vision.river_observer import RiverObserver
+from aerodft.vision.steady import SteadyPoints
+from aerodft.vision.tracked_probes import TrackedProbes
+from calibration.marker_observer import CameraPlace, MarkerObserver
+
+_RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
+
+
+def lookouts_of(station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool) -> Eyes:
+    """What ``looking.build_eyes`` says, with its arguments.
+
+    Raises:
+        ConfigError: There is something to look for, and no images.
+        InputError: The reference image of a watched camera is of no use.
+    """
+    lookouts: dict[str, Lookout] = {}
+    notes: dict[str, Callable[[], dict[str, object]]] = {}
+    if station.watch is not None:
+        _check_images(station, "[watch]", where, may_record=may_record)
+        lookouts["watch"] = _steady_lookout(station.watch, station)
+    if (markers := station.markers) is not None:
+        _check_images(station, "[markers]", where, may_record=may_record)
+        observer = MarkerObserver(
+            markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
+        )
+        lookouts["markers"] = Lookout(observer, markers.every_s)
+        notes["markers"] = partial(_marker_notes, observer)
+    if (objects := station.objects) is not None and objects.detect:
+        _check_images(station, "[objects]", where, may_record=may_record)
+        lookouts["objects"] = Lookout(MovingObjects(station.pipeline.camera, objects), objects.every_s)
+    if station.river is not None:
+        _check_images(station, "[river]", where, may_record=may_record)
+        probes = river_probes(station.pipeline.probes)
+        river = RiverObserver(station.pipeline.camera, station.river, probes, lambda image: _pose_now(pipeline, image))
+        lookouts["river"] = Lookout(river, station.river.every_s)
+        notes["river"] = lambda: {"without_river": dict(river.misses)}
+    tracked = tuple(probe for probe in station.pipeline.probes if probe.source is PixelSource.TRACKED)
+    if tracked:
+        _check_images(station, "tracked probes", where, may_record=may_record)
+        camera, ground = station.pipeline.camera, station.pipeline.ground
+        lookouts["tracked"] = Lookout(TrackedProbes(camera, tracked, lambda image: _pose_now(pipeline, image), ground))
+    return Eyes(tuple(lookouts.values()), tuple(lookouts), notes)
+
+
+def _steady_lookout(watch: Watch, station: StationConfig) -> Lookout:
+    """Who looks for steady points.
+
+    Raises:
+        InputError: The reference image cannot be read, is of another size, or shows too little.
+    """
+    camera, settings, pixels = station.pipeline.camera, watch.settings, None
+    if watch.reference is not None:
+        hint = "watch.reference is an image that the camera took in the mode that it is in now"
+        pixels = read_camera_image(watch.reference, camera, hint)
+    points = SteadyPoints(camera, settings.ignore, pixels)
+    if points.corners is not None and points.corners < LEAST_CORNERS:
+        raise InputError(
+            "the reference image shows too little that can be found again",
+            where=watch.reference,
+            got=f"{points.corners} corners outside watch.ignore",
+            expected=f"at least {LEAST_CORNERS}",
+        )
+    return Lookout(points, settings.every_s)
+
+
+def _marker_notes(observer: MarkerObserver) -> dict[str, object]:
+    return {"not_surveyed": _by_text(observer.strangers), "wrong_size": _by_text(observer.false)}
+
+
+def _by_text(counts: Mapping[int, int]) -> dict[str, int]:
+    """The same with ids as JSON's keys are."""
+    return {str(marker): count for marker, count in counts.items()}
+
+
+def _check_images(station: StationConfig, table: str, where: object, *, may_record: bool) -> None:
+    if may_record and not isinstance(station.images.source, Rate):
+        return
+    if station.images.source is None or isinstance(station.images.source, Rate):
+        expected = "a stream or a device; for import a video or stills"
+        raise ConfigError("images", where=where, got=f"none to look into for {table}", expected=expected)
+
+
+def _pose_near(pipeline: Pipeline, image: Image) -> PoseSample | None:
+    """The newest pose that is finished; None where that is not of about the same time."""
+    sample = pipeline.last_pose
+    if sample is None or abs(pipeline.in_utc(image).stamp_ns - sample.stamp_ns) > _RECENT_S * SECOND_NS:
+        return None
+    return sample
+
+
+def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
+    """The pose at an image's stamp; before its telemetry is there, the newest one, moved on."""
+    known = pipeline.pose_at(pipeline.in_utc(image).stamp_ns)
+    if known.status is Status.OK:
+        return known
+    sample = _pose_near(pipeline, image)
+    if sample is None or sample.pose is None:
+        return None
+    elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
+    return replace(sample, pose=moved_on(sample.pose, elapsed_s))
+
+
+def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:
+    """Where the camera is by that pose; None where there is none, or nobody knows where."""
+    sample = _pose_near(pipeline, image)
+    if sample is None or sample.pose is None or sample.origin is None:
+        return None
+    elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
+    std_m = float(np.sqrt(np.trace(sample.pose.cov[:3, :3])))
+    return CameraPlace(sample.pose.position_enu_m + elapsed_s * sample.pose.velocity_enu_mps, std_m)

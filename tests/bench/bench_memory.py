@@ -1,0 +1,98 @@
+"""Peak memory of each command that reads recordings, and its start: ``python tests/bench/bench_memory.py``.
+
+The recordings are of a sample flight: ours, another tool's, and damaged ones. Goals: 200 MB, 300 MB where it computes.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))
+
+from tests.peak import taken_by  # noqa: E402 - found from the line above
+from tests.replay.foreign_files import frames_of, jpegs, write_foreign  # noqa: E402 - as above
+
+LOG = ROOT / "samples/copter.tlog"
+GOAL_MB, GOAL_COMPUTING_MB = 200.0, 300.0
+PICTURES, WIDTH_PX, HEIGHT_PX = 60, 1920, 1080
+FOREIGN_STATION = """
+[station]
+name = "bench"
+[camera]
+file = "camera.toml"
+[telemetry.height]
+order = ["home"]
+[[probe]]
+name = "across"
+kind = "width"
+pixels = [[600, 700], [1300, 720]]
+[[probe]]
+name = "centre"
+kind = "position"
+pixels = [[960, 540]]
+"""
+CAMERA = f'name = "bench"\nwidth_px = {WIDTH_PX}\nheight_px = {HEIGHT_PX}\nhfov_deg = 62.2\n'
+
+
+def files(folder: Path) -> tuple[Path, Path]:
+    """A station's configuration and another tool's recording."""
+    (folder / "camera.toml").write_text(CAMERA)
+    config = folder / "station.toml"
+    config.write_text(FOREIGN_STATION)
+    frames = frames_of(LOG)
+    step_ns = (frames[-1][0] - frames[0][0]) // (PICTURES + 1)
+    stamps_ns = [frames[0][0] + (k + 1) * step_ns for k in range(PICTURES)]
+    return config, write_foreign(folder / "foreign.mcap", frames, jpegs(stamps_ns, WIDTH_PX, HEIGHT_PX))
+
+
+def commands(folder: Path) -> dict[str, tuple[float, list[object]]]:
+    """Goal (MB) and arguments of each command, in an order in which they can be run."""
+    config, foreign = files(folder)
+    ours, again = folder / "ours", folder / "again"
+    cut, flipped = folder / "cut.mcap", folder / "flipped.mcap"
+    data = bytearray(foreign.read_bytes())
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    data[len(data) // 2] ^= 4
+    flipped.write_bytes(data)
+    quiet: list[object] = ["--rate", "max", "--listen", "tcp/127.0.0.1:0"]
+    reading: dict[str, list[object]] = {
+        "replay": ["replay", ours, *quiet],
+        "replay, other tool": ["replay", foreign, *quiet],
+        "replay, cut": ["replay", cut, *quiet],
+        "replay, flipped": ["replay", flipped, *quiet],
+        "doctor, other tool": ["doctor", foreign],
+        "recover": ["recover", ours],
+        "compare": ["compare", ours, again],
+        "compare, plot": ["compare", ours, again, "-o", folder / "plot.png"],
+        "export, CSV": ["export", ours, "-o", folder / "ours.csv"],
+        "export, MCAP": ["export", ours, "-o", folder / "ours.mcap"],
+        "export, Parquet": ["export", ours, "-o", folder / "ours.parquet"],
+        "export, video": ["export", ours, "-o", folder / "ours.mp4"],
+        "no recording": ["replay", config],
+        "measure --help": ["measure", "--help"],
+        "--help": ["--help"],
+    }
+    return {
+        "import, other tool": (GOAL_COMPUTING_MB, ["import", foreign, "-c", config, "-o", ours]),
+        "import, cut": (GOAL_COMPUTING_MB, ["import", cut, "-c", config, "-o", folder / "of-cut"]),
+        "recompute": (GOAL_COMPUTING_MB, ["recompute", ours, "-o", again]),
+        **{title: (GOAL_MB, line) for title, line in reading.items()},
+    }
+
+
+def main() -> None:
+    """Print a line for each command."""
+    with tempfile.TemporaryDirectory() as name:
+        for title, (goal_mb, line) in commands(Path(name)).items():
+            taken = taken_by(*line)
+            verdict = "within" if taken.peak_mb < goal_mb else "BEYOND"
+            print(
+                f"{title:20} {taken.peak_mb:4.0f} MB, {verdict} {goal_mb:g} MB; {taken.cpu_s:.2f} s of processor;"
+                f" exit code {taken.code}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -16,28 +16,31 @@ class Lane(Generic[T]):
 
     Args:
         name: Of the thread.
-        work: Does one item, in the lane's thread.
+        work: Does some items, in the lane's thread.
         tend: Called in the lane's thread at least every ``period_s``.
         capacity: Sum of the sizes of waiting items; one item is always taken.
         lossless: Wait for room instead of refusing.
         period_s: Seconds between two calls of ``tend`` when nothing comes.
+        at_once: Items that are done together where so many wait.
     """
 
     def __init__(
         self,
         name: str,
-        work: Callable[[T], None],
+        work: Callable[[list[T]], None],
         tend: Callable[[], None],
         *,
         capacity: int,
         lossless: bool = False,
         period_s: float = 0.1,
+        at_once: int = 1,
     ) -> None:
         self._work = work
         self._tend = tend
         self._capacity = capacity
         self._lossless = lossless
         self._period_s = period_s
+        self._at_once = at_once
         self._items: deque[tuple[T, int]] = deque()
         self._size = 0
         self._closing = False
@@ -80,9 +83,9 @@ class Lane(Generic[T]):
 
     def _run(self) -> None:
         try:
-            while (item := self._next()) is not None:
-                for part in item:
-                    self._work(part)
+            while (items := self._next()) is not None:
+                if items:
+                    self._work(items)
                 self._tend()
         except Exception as error:  # noqa: BLE001 - close raises it, in the thread that can report it
             _log.error("%s ended early: %r", self._thread.name, error)
@@ -92,14 +95,14 @@ class Lane(Generic[T]):
                 self._changed.notify_all()
 
     def _next(self) -> list[T] | None:
-        """The next item; nothing when ``tend`` is due; None at the end."""
+        """The next items; none when ``tend`` is due; None at the end."""
         with self._changed:
             if not self._items and not self._closing:
                 self._changed.wait(self._period_s)
             if self._items:
-                item, size = self._items.popleft()
-                self._size -= size
+                taken = [self._items.popleft() for _ in range(min(len(self._items), self._at_once))]
+                self._size -= sum(size for _, size in taken)
                 if self._held_up:
                     self._changed.notify_all()
-                return [item]
+                return [item for item, _ in taken]
             return None if self._closing else []

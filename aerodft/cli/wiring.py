@@ -136,7 +136,7 @@ class Tally:
             if isinstance(item, Image):
                 self.images += 1
             elif isinstance(item, ImageAnswers):
-                self.measurements.update(answer.status.value for answer in item.answers)
+                self.measurements.update(status.value for status in item.statuses)
             elif isinstance(item, CalibrationEstimate):
                 self.estimate = item
             elif isinstance(item, SteadinessEstimate):

@@ -77,6 +77,12 @@ class ImageAnswers:
             config=setup.config_id,
         )
 
+    @property
+    def statuses(self) -> tuple[Status, ...]:
+        """Of the answers, which are not made for that where they are columns yet."""
+        statuses: tuple[Status, ...] | None = getattr(self.answers, "statuses", None)
+        return tuple(answer.status for answer in self.answers) if statuses is None else statuses
+
     def __len__(self) -> int:
         return len(self.answers)
 

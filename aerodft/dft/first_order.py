@@ -4,12 +4,12 @@ Left out is what misses the ground, is too far away, too uncertain, or must be d
 one, and says why.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.answers import Answer
+from aerodft.dft.answer_columns import AnswerColumn
 from aerodft.dft.limits import (
     FIRST_ORDER_LIMIT,
     LEANING_STDS,
@@ -29,12 +29,7 @@ from aerodft.dft.uncertainty import Z95, ellipses95
 from aerodft.dft.values import SIGNED
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-
-Column = list[Answer | None]
-"""One request's answers in all images; None where first order gives none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +62,22 @@ class _Scalars:
 
 
 def first_order_answers(
-    setup: Setup, samples: Sequence[PoseSample], requests: tuple[Request, ...], points: ImagePoints
-) -> list[Column]:
-    """A column for each of the requests; ``points`` are theirs, in order, in the samples' images."""
-    columns: list[Column] = [[None] * len(samples) for _ in requests]
+    setup: Setup, count: int, requests: tuple[Request, ...], points: ImagePoints
+) -> list[AnswerColumn]:
+    """A column for each of the requests, without other answers.
+
+    Args:
+        setup: What all share.
+        count: Number of images.
+        requests: What is asked in each.
+        points: Theirs, in order, in these images.
+    """
+    nothing = np.zeros(count, dtype=np.bool_)
+    columns = [AnswerColumn("m", nothing, {}, {})] * len(requests)
     for group in _groups(setup, requests):
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # misses
-            found = _Answers(setup, group, points)
-            rows = found.rows(samples)
-        for member, column in zip(group.members, rows, strict=True):
+            found = _Answers(setup, group, points).columns()
+        for member, column in zip(group.members, found, strict=True):
             columns[member] = column
     return columns
 
@@ -112,17 +114,15 @@ class _Answers:
         self._range_m = points.spread.range_m[:, self._on_ground]
         self._is_open = self._reachable()
 
-    def rows(self, samples: Sequence[PoseSample]) -> list[Column]:
+    def columns(self) -> list[AnswerColumn]:
         """A column for each of the group's requests."""
         scalars = None if self._group.kind is ProbeKind.POSITION else self._scalars()
-        reasons = [sample.reasons for sample in samples]
-        columns = self._columns(scalars)
+        numbers = self._numbers(scalars)
         unit, _ = UNITS.get(self._group.kind, ("m", 1.0))
-        found: list[Column] = []
-        for g in range(len(self._group.members)):
-            rows = zip(self._is_open[:, g].tolist(), reasons, *(column[g] for column in columns), strict=True)
-            found.append([Answer(Status.OK, why, unit, *rest) if is_open else None for is_open, why, *rest in rows])
-        return found
+        return [
+            AnswerColumn(unit, self._is_open[:, g], {name: values[:, g] for name, values in numbers.items()}, {})
+            for g in range(len(self._group.members))
+        ]
 
     def _reachable(self) -> BoolArray:
         """Where all that must be on the ground is, near enough and well enough known for first order; ``(n, g)``."""
@@ -190,41 +190,29 @@ class _Answers:
         )
         return np.sqrt(np.maximum(variance, 0.0))
 
-    def _columns(self, scalars: _Scalars | None) -> list[list[list[object]]]:
-        """The numbers of an ``Answer``, each by request and image."""
+    def _numbers(self, scalars: _Scalars | None) -> dict[str, FloatArray]:
+        """The numbers of an ``Answer``, ``(n, g, ...)``."""
         kind, enu_m = self._group.kind, self._enu_m
-        nothing: list[list[object]] = [[None] * len(enu_m)] * enu_m.shape[1]
-        columns = [nothing] * 3
+        numbers: dict[str, FloatArray] = {}
         if scalars is not None:
             _, scale = UNITS.get(kind, ("m", 1.0))
             low = scalars.value - Z95 * scalars.std
             low = low if kind in SIGNED else np.maximum(low, 0.0)
-            ends = zip((scale * low).T.tolist(), (scale * scalars.high).T.tolist(), strict=True)
-            columns = [
-                (scale * scalars.value).T.tolist(),
-                (scale * scalars.std).T.tolist(),
-                [list(zip(*each, strict=True)) for each in ends],
-            ]
+            ends = np.stack([scale * low, scale * scalars.high], axis=-1)
+            numbers = {"value": scale * scalars.value, "std": scale * scalars.std, "ci95": ends}
         if kind is ProbeKind.BEARING and enu_m.shape[2] == 1:
-            return [*columns, *([nothing] * 6)]
+            return numbers
         if kind is ProbeKind.HEIGHT and scalars is not None:
             enu_m = np.stack([enu_m[..., 0, :]] * 2, axis=-2)  # the top above the base
             enu_m[..., 1, 2] += scalars.value
-        return [*columns, *self._places(enu_m, nothing)]
+        return numbers | self._places(enu_m)
 
-    def _places(self, enu_m: FloatArray, nothing: list[list[object]]) -> list[list[list[object]]]:
-        points, kind = self._points, self._group.kind
+    def _places(self, enu_m: FloatArray) -> dict[str, FloatArray]:
+        points = self._points
         count, per_image = len(enu_m), enu_m.shape[1] * enu_m.shape[2]
         ground_m = to_ground_frame(points.pose, enu_m.reshape(count, per_image, 3)).reshape(enu_m.shape)
         away = enu_m - self._camera_m[:, None]
         range_m = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
-        geo = None if points.origin is None else lat_lon_alt(points.origin, enu_m)
-        arrays = (
-            ellipses95(self._cov) if kind is ProbeKind.POSITION else None,
-            ground_m,
-            enu_m,
-            self._cov,
-            geo,
-            range_m,
-        )
-        return [nothing if array is None else array.swapaxes(0, 1).tolist() for array in arrays]
+        ellipse = {"ellipse95": ellipses95(self._cov)} if self._group.kind is ProbeKind.POSITION else {}
+        geo = {} if points.origin is None else {"geo": lat_lon_alt(points.origin, enu_m)}
+        return {**ellipse, "ground_m": ground_m, "enu_m": enu_m, "cov_enu_m2": self._cov, **geo, "range_m": range_m}

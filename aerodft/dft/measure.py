@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aerodft.dft.answer_columns import AnswerBlock, AnswerColumn
 from aerodft.dft.answers import Answer, ImageAnswers
 from aerodft.dft.budget import Share, variance_budget
 from aerodft.dft.first_order import first_order_answers
@@ -49,10 +50,11 @@ def measure_images(
         requests: What is measured in each.
         images: Their indices, where they have one.
     """
-    found: list[list[Answer]] = [[] for _ in samples]
+    found: list[Sequence[Answer]] = [() for _ in samples]
     for rows, seen_with in _alike(setup, samples):
-        for row, answers in zip(rows, _answered(seen_with, [samples[row] for row in rows], requests), strict=True):
-            found[row] = answers
+        answers = _answered(seen_with, [samples[row] for row in rows], requests)
+        for row, own in zip(rows, answers, strict=True):
+            found[row] = own
     return [
         ImageAnswers.of(setup, sample, image, requests, answers or _missed(sample, requests))
         for answers, sample, image in zip(found, samples, images, strict=True)
@@ -80,29 +82,29 @@ def _alike(setup: Setup, samples: Sequence[PoseSample]) -> Iterator[tuple[list[i
         yield waiting, zoomed(setup, samples[waiting[0]])[0]
 
 
-def _answered(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> list[list[Answer]]:
+def _answered(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> Sequence[Sequence[Answer]]:
     """The answers of images that are alike."""
     if not requests:
-        return [[] for _ in samples]
+        return [()] * len(samples)
     samples = [zoomed(setup, sample)[1] for sample in samples]
     on_ground = tuple(request for request in requests if request.on_top_of is None)
     points = _points(setup, samples, on_ground)
-    columns = iter(first_order_answers(setup, samples, on_ground, points))
+    columns = iter(first_order_answers(setup, len(samples), on_ground, points))
     first = 0
-    answers: list[list[Answer]] = []
+    found: list[AnswerColumn] = []
     for request in requests:
         if request.on_top_of is not None:
-            answers.append([_on_top(Record(setup, sample, request)) for sample in samples])
+            tops = {row: _on_top(Record(setup, sample, request)) for row, sample in enumerate(samples)}
+            found.append(AnswerColumn("m", np.zeros(len(samples), dtype=np.bool_), {}, tops))
             continue
-        stop = first + len(request.pixels)
-        answers.append(
-            [
-                answer or measure_one(Record(setup, sample, request), points.probe(row, first, stop))
-                for row, (sample, answer) in enumerate(zip(samples, next(columns), strict=True))
-            ]
-        )
+        column, stop = next(columns), first + len(request.pixels)
+        one_by_one = {
+            row: measure_one(Record(setup, samples[row], request), points.probe(row, first, stop))
+            for row in np.flatnonzero(~column.is_plain).tolist()
+        }
+        found.append(replace(column, others=one_by_one))
         first = stop
-    return [[column[row] for column in answers] for row in range(len(samples))]
+    return AnswerBlock(tuple(found), samples).rows()
 
 
 def _points(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> ImagePoints:

@@ -11,9 +11,10 @@ def nothing() -> None:
     return
 
 
-def test_work_is_done_in_order_and_finished_at_close() -> None:
+@pytest.mark.parametrize("at_once", [1, 7])
+def test_work_is_done_in_order_and_finished_at_close(at_once: int) -> None:
     done: list[int] = []
-    lane: Lane[int] = Lane("t", done.append, nothing, capacity=1000)
+    lane: Lane[int] = Lane("t", done.extend, nothing, capacity=1000, at_once=at_once)
     assert all(lane.put(index) for index in range(500))
     lane.close()
     assert done == list(range(500))
@@ -22,7 +23,7 @@ def test_work_is_done_in_order_and_finished_at_close() -> None:
 def test_what_does_not_fit_is_refused_but_one_item_always_fits() -> None:
     gate, begun = threading.Event(), threading.Event()
 
-    def work(_: int) -> None:
+    def work(_: list[int]) -> None:
         begun.set()
         gate.wait(30)
 
@@ -38,7 +39,7 @@ def test_what_does_not_fit_is_refused_but_one_item_always_fits() -> None:
 def test_an_error_ends_the_lane_refuses_what_comes_and_is_raised_by_close(
     caplog: pytest.LogCaptureFixture, *, lossless: bool
 ) -> None:
-    def work(_: int) -> None:
+    def work(_: list[int]) -> None:
         raise KeyError("bug")
 
     lane: Lane[int] = Lane("worker", work, nothing, capacity=1, lossless=lossless)

@@ -5,15 +5,19 @@ single payloads come back byte by byte.
 """
 
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Hashable, Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.pose import sample_of_summary, summary
+from aerodft.adapters.codec.pose import PoseEncoder, sample_of_summary, stamp_word, summary_key
+from aerodft.adapters.codec.template import Same, Templates
+from aerodft.dft.answer_columns import AnswerBlock, AnswerRow
 from aerodft.dft.answers import Answer, ImageAnswers, answers_of
 from aerodft.dft.request import Request
+from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
-from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 
@@ -21,20 +25,21 @@ SCHEMA = "aerodft.measurement/1"
 IMAGE_SCHEMA = "aerodft.measurements/1"
 
 _LIST = "measurements"
+_ANGLES: Final = {"ellipse95": slice(2, 3), "geo": slice(0, 2)}  # which of the numbers
 
 
 class MeasurementEncoder:
     """Encodes measurements; the pose that one image's measurements share is turned into angles once.
 
     Not shared between threads.
+
+    Args:
+        poses: Whose summaries are made already.
     """
 
-    _sample: PoseSample | None
-    _summary: wire.Json
-
-    def __init__(self) -> None:
-        self._sample = None
-        self._summary = {}
+    def __init__(self, poses: PoseEncoder | None = None) -> None:
+        self._poses = poses or PoseEncoder()
+        self._templates = Templates(words=("stamp_ns", "image"), fixed=("pixels", "std_px"))
 
     def payload(self, measurement: Measurement) -> wire.Json:
         """The measurement as ``aerodft.measurement/1``, before it is written out; not to be changed."""
@@ -51,8 +56,26 @@ class MeasurementEncoder:
 
     def image(self, image: ImageAnswers) -> bytes:
         """All of an image's answers as ``aerodft.measurements/1``."""
+        (text,) = self.images([image])
+        return text
+
+    def images(self, images: Sequence[ImageAnswers]) -> list[bytes]:
+        """The same of several images: numbers of those that are alike but for these are written in one go."""
+        return self._templates.written(images, _key, self._together, _words, self._numbers)
+
+    def _together(self, image: ImageAnswers) -> wire.Json:
         answers = [_own(request, answer) for request, answer in zip(image.requests, image.answers, strict=True)]
-        return wire.dump({"schema": IMAGE_SCHEMA, **self._shared(image), _LIST: answers})
+        return {"schema": IMAGE_SCHEMA, **self._shared(image), _LIST: answers}
+
+    def _numbers(self, images: Sequence[ImageAnswers]) -> FloatArray:
+        """The numbers of images that are alike, as they stand in their payloads ``(n, m)``."""
+        parts = [np.array([self._poses.summary_numbers(image.sample) for image in images])]
+        rows: dict[AnswerBlock, list[int]] = {}
+        for image in images:
+            assert isinstance(image.answers, AnswerRow)  # noqa: S101 - by their key, for the type checker
+            rows.setdefault(image.answers.block, []).append(image.answers.row)
+        parts.append(np.concatenate([_block_numbers(block, own) for block, own in rows.items()]))
+        return np.concatenate(parts, axis=1)
 
     def _payloads(self, image: ImageAnswers) -> Iterator[wire.Json]:
         shared = self._shared(image)
@@ -61,9 +84,6 @@ class MeasurementEncoder:
 
     def _shared(self, image: ImageAnswers) -> wire.Json:
         """What all measurements of an image have in common."""
-        sample = image.sample
-        if sample is not self._sample:
-            self._sample, self._summary = sample, summary(sample)
         return {
             "stamp_ns": str(image.stamp_ns),
             "image": image.image,
@@ -72,8 +92,33 @@ class MeasurementEncoder:
             "calibration": image.calibration,
             "config": image.config,
             "software": wire.SOFTWARE,
-            "pose": self._summary,
+            "pose": self._poses.summary(image.sample),
         }
+
+
+def _key(image: ImageAnswers) -> Hashable | None:
+    """What images have in common that are written with one template; None where an answer is not plain."""
+    answers = image.answers
+    if not isinstance(answers, AnswerRow) or not answers.block.is_plain[answers.row]:
+        return None
+    own = (image.model, image.camera, image.calibration, image.config, image.sample.reasons)
+    return (*summary_key(image.sample), *own, answers.block.shape, Same(image.requests))
+
+
+def _words(image: ImageAnswers) -> tuple[bytes, bytes]:
+    return stamp_word(image.sample), b"null" if image.image is None else b"%d" % image.image
+
+
+def _block_numbers(block: AnswerBlock, rows: list[int]) -> FloatArray:
+    """The numbers of some images' answers, as they stand in their payloads ``(n, m)``."""
+    parts = []
+    for column in block.columns:
+        for name, values in column.numbers.items():
+            own = values[rows]
+            if name in _ANGLES:
+                own[..., _ANGLES[name]] = np.degrees(own[..., _ANGLES[name]])
+            parts.append(own.reshape(len(rows), -1))
+    return np.concatenate(parts, axis=1)
 
 
 def _own(request: Request, answer: Answer) -> wire.Json:

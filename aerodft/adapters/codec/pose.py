@@ -1,22 +1,127 @@
 """``aerodft.pose/1``: a pose sample with its full covariance; and the shorter pose inside a measurement."""
 
 import math
+from collections.abc import Hashable, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.angles import camera_angles_deg
+from aerodft.adapters.codec.template import Templates
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.arrays import read_only
+from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
 
 SCHEMA = "aerodft.pose/1"
 
+_REMEMBERED: Final = 1024  # summaries
+
+
+class PoseEncoder:
+    """Encodes poses, of which many are alike but for their numbers; their summaries are made once.
+
+    Not shared between threads.
+    """
+
+    def __init__(self) -> None:
+        self._templates = Templates(words=("stamp_ns",))
+        self._summaries: dict[int, _Summary] = {}
+
+    def encode(self, samples: Sequence[PoseSample]) -> list[bytes]:
+        """Pose samples as ``aerodft.pose/1``."""
+        return self._templates.written(
+            samples, _key, self._payload, lambda sample: (stamp_word(sample),), self._numbers
+        )
+
+    def summary(self, sample: PoseSample) -> wire.Json:
+        """As the function of that name; not to be changed."""
+        return self._summary(sample).payload
+
+    def summary_numbers(self, sample: PoseSample) -> list[float]:
+        """Those of a summary, in its order; not to be changed."""
+        return self._summary(sample).numbers
+
+    def _summary(self, sample: PoseSample) -> "_Summary":
+        known = self._summaries.get(id(sample))
+        if known is not None and known.sample is sample:
+            return known
+        if len(self._summaries) >= _REMEMBERED:
+            self._summaries.clear()
+        payload = summary(sample)
+        *values, stds = payload.values()
+        numbers = [*(value for value in values if isinstance(value, float)), *stds.values()]
+        self._summaries[id(sample)] = known = _Summary(sample, payload, numbers)
+        return known
+
+    def _payload(self, sample: PoseSample) -> wire.Json:
+        return _payload(sample, self.summary(sample))
+
+    def _numbers(self, samples: Sequence[PoseSample]) -> FloatArray:
+        poses = [sample.pose for sample in samples if sample.pose is not None]
+        first = samples[0]
+        scalars = [
+            [
+                *self.summary_numbers(sample),
+                sample.std.horizontal_m,
+                sample.std.time_s,
+                *(() if sample.alt_msl_m is None else (sample.alt_msl_m,)),
+            ]
+            for sample in samples
+        ]
+        fields = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps", "time_std_s")
+        arrays = [np.array([getattr(pose, name) for pose in poses]).reshape(len(poses), -1) for name in fields]
+        origin = (
+            []
+            if first.origin is None
+            else [each for each in _origin_payload(first.origin).values() if each is not None]
+        )
+        return np.concatenate([np.array(scalars), *arrays, np.tile(origin, (len(samples), 1))], axis=1)
+
+
+class _Summary(NamedTuple):
+    sample: PoseSample
+    payload: wire.Json
+    numbers: list[float]
+
+
+def stamp_word(sample: PoseSample) -> bytes:
+    """A sample's stamp, as it stands in a payload."""
+    return b'"%d"' % sample.stamp_ns
+
+
+def summary_key(sample: PoseSample) -> tuple[Hashable, ...]:
+    """What summaries have in common that differ in numbers only."""
+    return (
+        sample.pose is None,
+        sample.lat_rad is None,
+        sample.lon_rad is None,
+        sample.height_source,
+        sample.height_datum,
+        sample.height_age_s is None,
+        sample.telemetry_age_s is None,
+    )
+
+
+def _key(sample: PoseSample) -> Hashable | None:
+    """What samples have in common that are written with one template."""
+    if sample.pose is None or sample.zoom is not None:
+        return None
+    own = (sample.status, sample.reasons, sample.alt_msl_m is None, sample.attitude_source, sample.calibration)
+    origin = sample.origin
+    place = None if origin is None else (origin.lat_rad, origin.lon_rad, origin.alt_msl_m)
+    return (*summary_key(sample), *own, place)
+
 
 def encode_pose(sample: PoseSample) -> bytes:
     """A pose sample as ``aerodft.pose/1``."""
+    return wire.dump(_payload(sample, summary(sample)))
+
+
+def _payload(sample: PoseSample, own: wire.Json) -> wire.Json:
+    """As ``aerodft.pose/1``, with its summary."""
     pose, origin = sample.pose, sample.origin
     payload: wire.Json = {
         "schema": SCHEMA,
@@ -24,8 +129,8 @@ def encode_pose(sample: PoseSample) -> bytes:
         "status": sample.status,
         "reasons": sample.reasons,
     }
-    payload |= summary(sample)
-    payload["std"] |= {"horizontal_m": sample.std.horizontal_m, "time_s": sample.std.time_s}
+    payload |= own
+    payload["std"] = own["std"] | {"horizontal_m": sample.std.horizontal_m, "time_s": sample.std.time_s}
     payload["alt_msl_m"] = sample.alt_msl_m
     payload["attitude_source"] = sample.attitude_source
     payload["calibration"] = sample.calibration
@@ -38,7 +143,7 @@ def encode_pose(sample: PoseSample) -> bytes:
     payload["time_std_s"] = pose.time_std_s if pose else None
     payload["origin"] = None if origin is None else _origin_payload(origin)
     payload["software"] = wire.SOFTWARE
-    return wire.dump(payload)
+    return payload
 
 
 def decode_pose(data: bytes) -> PoseSample:

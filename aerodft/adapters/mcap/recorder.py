@@ -8,9 +8,8 @@ JPEGs and the camera. Inputs are logged at their arrival, in order of arrival; o
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import TypeAlias
 
 import orjson
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -22,7 +21,7 @@ from aerodft.adapters.lane import Lane
 from aerodft.adapters.mcap.channels import STATION_KEY, Channel, protobuf_channel
 from aerodft.adapters.mcap.foxglove import camera_calibration
 from aerodft.adapters.mcap.pictures import Pictures, picture_channels
-from aerodft.adapters.mcap.records import Record, Records
+from aerodft.adapters.mcap.records import Outputs, Record, Records, Work
 from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
 from aerodft.adapters.mcap.series import Series
 from aerodft.adapters.mcap.settings import RecorderSettings, SeriesSettings
@@ -37,19 +36,11 @@ from aerodft.service.ports import Estimate, Output
 
 _OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
 _FRAME_OVERHEAD_BYTES = 64
+_AT_ONCE = 200  # ticks' inputs and outputs: many numbers are written quicker than few
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
 _SPARE_DATA_BYTES, _SPARE_IMAGE_BYTES = 16 << 20, 4 << 20
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class _Outputs:
-    now_ns: int
-    items: tuple[Output, ...]
-
-
-_Work: TypeAlias = Batch | _Outputs | StationStatus
 
 
 class McapRecorder:
@@ -89,12 +80,13 @@ class McapRecorder:
                 raise
         except OSError as error:
             raise InputError("the recording cannot be written", where=folder, got=error.strerror) from error
-        self._data_lane: Lane[_Work] = Lane(
+        self._data_lane: Lane[Work] = Lane(
             "record-data",
             self._do,
             self._data.tend,
             capacity=settings.lossless_queue_bytes if settings.lossless else settings.queue_bytes,
             lossless=settings.lossless,
+            at_once=_AT_ONCE,
         )
         self._pictures = Pictures(images, settings, folder)
         self._is_open = True
@@ -134,7 +126,7 @@ class McapRecorder:
         kept = tuple(item for item in outputs if isinstance(item, PoseSample | ImageAnswers | Estimate | HeightSwitch))
         if kept:
             parts = sum(len(item) if isinstance(item, ImageAnswers) else 1 for item in kept)
-            self._put(_Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * parts)
+            self._put(Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * parts)
 
     def status(self, value: StationStatus) -> None:
         """Record a station's state."""
@@ -195,29 +187,15 @@ class McapRecorder:
         counts = {"shed_messages": self._shed_messages, "shed_images": shed_images}
         return StationStatus(station=self._settings.station, stamp_ns=self._now_ns, state=state, counts=counts)
 
-    def _put(self, work: _Work, messages: int, size: int) -> None:
+    def _put(self, work: Work, messages: int, size: int) -> None:
         if not self._data_lane.put(work, size):
             if not self._shed_messages:
                 _log.warning("%s: the disk is too slow, data is shed", self._folder)
             self._shed_messages += messages
 
-    def _do(self, work: _Work) -> None:
-        if isinstance(work, StationStatus):
-            self._write(self._records.of_status(work))
-        elif isinstance(work, Batch):
-            for record in self._records.of_inputs(work):
-                self._write(record)
-        else:
-            for item in work.items:
-                if isinstance(item, ImageAnswers):
-                    self._write(self._records.of_answers(item, work.now_ns))
-                elif isinstance(item, PoseSample):
-                    for record in self._records.of_pose(item, work.now_ns):
-                        self._write(record)
-                elif isinstance(item, HeightSwitch):
-                    self._write(self._records.of_height_switch(item, work.now_ns))
-                elif isinstance(item, Estimate):
-                    self._write(self._records.of_estimate(item, work.now_ns))
+    def _do(self, works: list[Work]) -> None:
+        for record in self._records.of(works):
+            self._write(record)
 
     def _write(self, record: Record) -> None:
         self._data.write(record.channel, record.log_ns, record.data, record.sequence)

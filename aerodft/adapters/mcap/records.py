@@ -1,7 +1,7 @@
 """Inputs and outputs as the messages of a recording's data file."""
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, TypeAlias
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
@@ -17,6 +17,7 @@ from aerodft.model.height import HeightSwitch
 from aerodft.model.pose import PoseSample
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.ports import Estimate, Output
 
 _FIX_PERIOD_NS = SECOND_NS // 5
 _SEQUENCE_MASK = 0xFFFFFFFF
@@ -36,6 +37,16 @@ def image_sequence(index: int) -> int:
     return index & _SEQUENCE_MASK
 
 
+class Outputs(NamedTuple):
+    """What was made on one tick."""
+
+    now_ns: int
+    items: tuple[Output, ...]
+
+
+Work: TypeAlias = Batch | Outputs | status.StationStatus
+
+
 class Records:
     """Makes records; remembers the channels of senders and observed probes. Used by one thread."""
 
@@ -52,7 +63,8 @@ class Records:
         self._height = json_channel(keys.height, height.SCHEMA)
         self._status = json_channel(keys.status, status.SCHEMA)
         self._location = protobuf_channel(keys.location, LocationFix)
-        self._measurements = measurement.MeasurementEncoder()
+        self._poses = pose.PoseEncoder()
+        self._measurements = measurement.MeasurementEncoder(self._poses)
         self._fixed_ns = 0
 
     @property
@@ -75,25 +87,41 @@ class Records:
         records.sort(key=lambda record: record.log_ns)
         return records
 
-    def of_answers(self, value: ImageAnswers, now_ns: int) -> Record:
-        """All that was measured in an image, at the tick that made it."""
-        return Record(now_ns, self._measured, self._measurements.image(value))
+    def of(self, works: Sequence[Work]) -> Iterator[Record]:
+        """All records of some ticks' inputs and outputs, in their order; poses and answers are written together."""
+        items = [item for work in works if isinstance(work, Outputs) for item in work.items]
+        poses = iter(self._poses.encode([item for item in items if isinstance(item, PoseSample)]))
+        answers = iter(self._measurements.images([item for item in items if isinstance(item, ImageAnswers)]))
+        for work in works:
+            if isinstance(work, Batch):
+                yield from self.of_inputs(work)
+            elif isinstance(work, Outputs):
+                for item in work.items:
+                    if isinstance(item, ImageAnswers):
+                        yield Record(work.now_ns, self._measured, next(answers))
+                    elif isinstance(item, PoseSample):
+                        yield Record(work.now_ns, self._pose, next(poses))
+                        yield from self._fixes(item, work.now_ns)
+                    elif isinstance(item, HeightSwitch):
+                        yield self._of_height_switch(item, work.now_ns)
+                    elif isinstance(item, Estimate):
+                        yield self._of_estimate(item, work.now_ns)
+            else:
+                yield self.of_status(work)
 
-    def of_pose(self, sample: PoseSample, now_ns: int) -> list[Record]:
-        """A pose, and a few times a second a position for maps."""
-        records = [Record(now_ns, self._pose, pose.encode_pose(sample))]
+    def _fixes(self, sample: PoseSample, now_ns: int) -> Iterator[Record]:
+        """A few times a second a position for maps."""
         if abs(now_ns - self._fixed_ns) >= _FIX_PERIOD_NS and (fix := location_fix(sample, self._frame)) is not None:
             self._fixed_ns = now_ns
-            records.append(Record(now_ns, self._location, fix))
-        return records
+            yield Record(now_ns, self._location, fix)
 
-    def of_estimate(self, value: CalibrationEstimate | SteadinessEstimate, now_ns: int) -> Record:
+    def _of_estimate(self, value: CalibrationEstimate | SteadinessEstimate, now_ns: int) -> Record:
         """What a live calibration found, or a watched camera's attitude, at the tick that it was learned on."""
         if isinstance(value, SteadinessEstimate):
             return Record(now_ns, self._steadiness, steadiness.encode_steadiness(value))
         return Record(now_ns, self._calibration, estimate.encode_estimate(value))
 
-    def of_height_switch(self, value: HeightSwitch, now_ns: int) -> Record:
+    def _of_height_switch(self, value: HeightSwitch, now_ns: int) -> Record:
         """That heights are of another source, at the tick that it was found on."""
         return Record(now_ns, self._height, height.encode_height_switch(value))
 

@@ -118,7 +118,7 @@ class ZenohBus:
         self._lane: Lane[tuple[Output, ...] | StationStatus] = Lane(
             "publish", self._publish, _nothing, capacity=_QUEUED_TICKS
         )
-        self._image_lane: Lane[Image] = Lane("publish-images", self._publish_image, _nothing, capacity=2)
+        self._image_lane: Lane[Image] = Lane("publish-images", self._publish_images, _nothing, capacity=2)
         self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
             self._session.liveliness().declare_token(self._keys.alive),
             *self._answers(tuple(probes), on_measure),
@@ -163,11 +163,15 @@ class ZenohBus:
             stack.callback(self._lane.close)
             stack.callback(self._image_lane.close)
 
-    def _publish(self, work: tuple[Output, ...] | StationStatus) -> None:
-        if isinstance(work, StationStatus):
-            self._publishers.json(self._keys.status, encode_status(work))
-            return
-        for item in work:
+    def _publish(self, works: list[tuple[Output, ...] | StationStatus]) -> None:
+        for work in works:
+            if isinstance(work, StationStatus):
+                self._publishers.json(self._keys.status, encode_status(work))
+            else:
+                self._publish_outputs(work)
+
+    def _publish_outputs(self, outputs: tuple[Output, ...]) -> None:
+        for item in outputs:
             if isinstance(item, ImageAnswers):
                 for request, payload in zip(item.requests, self._encoder.each(item), strict=True):
                     with self._history_lock:
@@ -181,6 +185,10 @@ class ZenohBus:
                 self._publishers.json(self._keys.calibration, encode_estimate(item))
             elif isinstance(item, SteadinessEstimate):
                 self._publishers.json(self._keys.steadiness, encode_steadiness(item))
+
+    def _publish_images(self, images: list[Image]) -> None:
+        for image in images:
+            self._publish_image(image)
 
     def _publish_image(self, image: Image) -> None:
         try:

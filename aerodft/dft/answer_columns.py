@@ -1,0 +1,117 @@
+"""What the same requests came to in many images, as columns of numbers; single answers are made when they are asked."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, overload
+
+import numpy as np
+
+from aerodft.dft.answers import Answer
+from aerodft.model.arrays import BoolArray, FloatArray
+from aerodft.model.pose import PoseSample
+from aerodft.model.status import Status
+
+NUMBERS: Final = ("value", "std", "ci95", "ellipse95", "ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
+"""The fields of an ``Answer`` that hold numbers, in their order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnswerColumn:
+    """What one request came to in ``n`` images.
+
+    Attributes:
+        unit: Of its value.
+        is_plain: ``(n,)`` where the numbers are the answer, and the status is ok.
+        numbers: ``(n, ...)`` by the fields of ``Answer``, in the order of ``NUMBERS``; what it has none of is left out.
+        others: The answers of the other images, by row.
+    """
+
+    unit: str
+    is_plain: BoolArray
+    numbers: Mapping[str, FloatArray]
+    others: Mapping[int, Answer]
+
+    def answer(self, row: int, reasons: tuple[str, ...]) -> Answer:
+        """What it came to in one image; reasons are those of the image's pose."""
+        if not self.is_plain[row]:
+            return self.others[row]
+        numbers = {name: values[row].tolist() for name, values in self.numbers.items()}
+        if "ci95" in numbers:
+            numbers["ci95"] = tuple(numbers["ci95"])
+        return Answer(Status.OK, reasons, self.unit, **numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class AnswerBlock:
+    """What some requests came to in ``n`` images.
+
+    Attributes:
+        columns: One for each request.
+        samples: The images' poses.
+    """
+
+    columns: tuple[AnswerColumn, ...]
+    samples: Sequence[PoseSample]
+
+    def rows(self) -> "list[AnswerRow]":
+        """The answers of each image."""
+        return [AnswerRow(self, row) for row in range(len(self.samples))]
+
+    @cached_property
+    def is_plain(self) -> BoolArray:
+        """``(n,)`` where all answers are plain."""
+        return np.asarray(np.all([column.is_plain for column in self.columns], axis=0))
+
+    @cached_property
+    def shape(self) -> tuple[tuple[object, ...], ...]:
+        """Which numbers there are, and how many: what blocks have in common that differ in numbers only."""
+        return tuple(
+            (column.unit, *((name, values.shape[1:]) for name, values in column.numbers.items()))
+            for column in self.columns
+        )
+
+    @cached_property
+    def all_ok(self) -> tuple[Status, ...]:
+        """The statuses of an image whose answers are all plain."""
+        return (Status.OK,) * len(self.columns)
+
+
+class AnswerRow(Sequence[Answer]):
+    """The answers of one image of a block.
+
+    Attributes:
+        block: The block.
+        row: Which of its images.
+    """
+
+    __slots__ = ("block", "row")
+
+    def __init__(self, block: AnswerBlock, row: int) -> None:
+        self.block = block
+        self.row = row
+
+    @property
+    def statuses(self) -> tuple[Status, ...]:
+        """Of all answers, which need not be made for that."""
+        if self.block.is_plain[self.row]:
+            return self.block.all_ok
+        return tuple(answer.status for answer in self)
+
+    def __len__(self) -> int:
+        return len(self.block.columns)
+
+    @overload
+    def __getitem__(self, index: int) -> Answer: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Answer]: ...
+
+    def __getitem__(self, index: int | slice) -> Answer | list[Answer]:
+        if isinstance(index, slice):
+            return list(self)[index]
+        return self.block.columns[index].answer(self.row, self.block.samples[self.row].reasons)
+
+    def __iter__(self) -> Iterator[Answer]:
+        reasons = self.block.samples[self.row].reasons
+        return (column.answer(self.row, reasons) for column in self.block.columns)

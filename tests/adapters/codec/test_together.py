@@ -1,0 +1,107 @@
+"""Payloads that are written together are, byte by byte, what each is alone."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aerodft.adapters.codec import wire
+from aerodft.adapters.codec.measurement import MeasurementEncoder
+from aerodft.adapters.codec.pose import PoseEncoder, encode_pose
+from aerodft.adapters.codec.template import Templates
+from aerodft.dft.measure import Request, Setup, measure_images
+from aerodft.dft.request import linked
+from aerodft.geometry.poses import camera_pose
+from aerodft.model.camera import Camera
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
+from aerodft.model.probe import Probe, ProbeKind
+from aerodft.model.status import Status
+from aerodft.model.zoom import Zoom, ZoomSource
+
+CAMERA = Camera(name="c", width_px=1920, height_px=1080, fx_px=1600.0, fy_px=1590.0, cx_px=990.0, cy_px=500.0)
+STD = PoseStd(height_agl_m=0.5, horizontal_m=1.0, tilt_rad=0.005, pan_rad=0.006, roll_rad=0.004, heading_rad=0.03)
+PIXELS = {
+    ProbeKind.POSITION: ((900.0, 800.0),),
+    ProbeKind.RANGE: ((960.0, 300.0),),
+    ProbeKind.WIDTH: ((300.0, 820.0), (1700.0, 810.0)),
+    ProbeKind.HEIGHT: ((1000.0, 900.0), (1001.0, 840.0)),
+    ProbeKind.BEARING: ((400.0, 700.0),),
+    ProbeKind.AREA: ((400.0, 700.0), (800.0, 720.0), (810.0, 900.0), (420.0, 890.0)),
+}
+ORIGINS = (None, GeoOrigin(lat_rad=-0.6, lon_rad=2.6, alt_msl_m=580.0), GeoOrigin(lat_rad=0.1, lon_rad=-3.0))
+
+
+def samples(count: int) -> list[PoseSample]:
+    """Poses that differ in numbers, and here and there in what is known, said or zoomed; some are none."""
+    rng = np.random.default_rng(11)
+    found = []
+    for k in range(count):
+        if k % 17 == 16:
+            found.append(PoseSample(stamp_ns=k, status=Status.STALE_TELEMETRY, reasons=("\x00 is no number",)))
+            continue
+        pose = camera_pose(
+            height_agl_m=float(rng.uniform(2, 60)),
+            tilt_rad=math.radians(rng.uniform(0, 95) if k % 5 == 0 else rng.uniform(20, 60)),
+            heading_rad=float(rng.uniform(0, 6)),
+            std=STD,
+        )
+        sample = PoseSample(
+            stamp_ns=10**18 + k,
+            status=Status.OK,
+            reasons=("a \"word\" and '\\n'",) if k % 19 == 3 else (),
+            pose=pose,
+            std=STD,
+            origin=ORIGINS[k // 40 % 3],
+            height_source=HeightSource.HOME,
+            height_datum="home",
+            height_age_s=0.1 * k,
+            attitude_source=GimbalSource.MOUNT_STATUS,
+            telemetry_age_s=1e-7 * k,
+        )
+        place = {"lat_rad": -0.6 + 1e-7 * k, "lon_rad": 2.6, "alt_msl_m": 600.0 - k} if k % 3 else {}
+        zoom = Zoom(magnification=1.2, std=0.01, source=ZoomSource.CAMERA_SETTINGS) if k % 13 == 5 else None
+        found.append(replace(sample, zoom=zoom, **place))
+    return found
+
+
+def test_poses() -> None:
+    poses = samples(150)
+    assert PoseEncoder().encode(poses) == [encode_pose(each) for each in poses]
+
+
+@pytest.mark.parametrize("limit_m", [None, 60.0])
+def test_images(limit_m: float | None) -> None:
+    probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
+    requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
+    poses = samples(150)
+    indices = [None if k % 7 == 0 else k for k in range(len(poses))]
+    images = measure_images(Setup(camera=CAMERA, max_range_m=limit_m), poses, requests, indices)
+    statuses = {status for image in images for status in image.statuses}
+    assert len(statuses) > 2  # answers and refusals are among them
+    encoder = MeasurementEncoder()
+    together = encoder.images(images)
+    assert together == [MeasurementEncoder().image(image) for image in images]
+    assert together == encoder.images(images[::-1])[::-1]
+    assert [image.statuses for image in images] == [tuple(each.status for each in image) for image in images]
+
+
+def test_any_number_is_written_as_alone() -> None:
+    """Among them whole ones, which JSON tells from others: these are not written with a template."""
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(400, 3)) * 10.0 ** rng.integers(-300, 300, (400, 3))
+    values[::7, 1], values[1::7, 2], values[2::7, 0] = np.nan, -0.0, 1e16
+    rows = [("a" if k % 2 else "b", row) for k, row in enumerate(values.tolist())]
+
+    def payload(item: tuple[str, list[float]]) -> wire.Json:
+        first = item[1][0] if item[0] == "a" else round(min(item[1][0], 9.0) if item[1][0] > 0 else 0)
+        return {"word": len(item[0]), "x": [first], "rest": {"y": item[1][1:], "std_px": 2.5}}
+
+    written = Templates(words=("word",), fixed=("std_px",)).written(
+        rows,
+        key=lambda item: item[0],
+        payload=payload,
+        words=lambda item: (b"%d" % len(item[0]),),
+        numbers=lambda items: np.array([item[1] for item in items]),
+    )
+    assert written == [wire.dump(payload(item)) for item in rows]

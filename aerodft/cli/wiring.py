@@ -103,7 +103,7 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
     recorder.close()
 
 
-RECORDED_SPAN_NS: Final = 4 * SECOND_NS
+RECORDED_SPAN_NS: Final = 8 * SECOND_NS
 """Recorded input is advanced by so much at once."""
 
 

@@ -24,7 +24,7 @@ from aerodft.model.status import Status
 
 __all__ = ["Request", "Setup", "explain", "measure", "measure_images"]
 
-_AT_ONCE = 128  # images: their derivatives stay in the cache
+_AT_ONCE = 256  # images: their derivatives stay in the cache
 
 
 def measure(

@@ -75,9 +75,11 @@ class Answering:
         for each in ready:
             if each.job.is_landmark or each.job.is_object:
                 continue
-            earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
-            landmarks = landmarks[len(earlier) :]
-            outputs += [*self._learn(earlier), *self._answer(each.job.subject, self.refined(each.sample))]
+            if landmarks:
+                earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
+                landmarks = landmarks[len(earlier) :]
+                outputs += self._learn(earlier)
+            outputs += self._answer(each.job.subject, self.refined(each.sample))
         return outputs + self._learn(landmarks) + self._follow([each for each in ready if each.job.is_object])
 
     def _follow(self, seen: Sequence[Ready]) -> list[Output | Asked]:

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track, joined
-from aerodft.service.clock_line import JUMP_NS, DelayedLine, Line, StatedLine
+from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
+from aerodft.service.delayed_line import DelayedLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +35,13 @@ class Ticks:
         """By which tick each row ``(n,)`` of a track had come."""
         return np.repeat(np.arange(self.count), np.diff(edges, prepend=0))
 
-    def last_arrivals(self) -> list[int]:
-        """When the last row of each tick arrived; 0 where none did."""
+    def last_arrivals(self) -> IntArray:
+        """``(ticks,)`` when the last row of each arrived; 0 where none did."""
         last = np.zeros(self.count, dtype=np.int64)
         for track, edges in zip(self.tracks, self.edges, strict=True):
             came = np.flatnonzero(np.diff(edges, prepend=0))
             last[came] = np.maximum(last[came], track.arrival_ns[edges[came] - 1])
-        return last.tolist()
+        return last
 
     def alone(self, tick: int) -> tuple[Track, ...]:
         """The rows that came in one tick."""
@@ -73,15 +73,13 @@ class KnownRows:
         order = known[np.argsort(tick[known], kind="stable")]
         return cls(boots[order], arrivals[order], tick[order])
 
-    def fastest(self, own_ns: IntArray, tick_count: int) -> list[tuple[int, int] | None]:
-        """Own time and arrival of the fastest row of each tick, of those the first; None without a row."""
-        edges = np.searchsorted(self.tick, np.arange(tick_count + 1)).tolist()
+    def fastest(self, own_ns: IntArray) -> IntArray:
+        """The fastest row of each tick that has any, of those the first."""
+        starts = np.flatnonzero(np.diff(self.tick, prepend=-1))
         delays = self.arrival_ns - own_ns
-        found: list[tuple[int, int] | None] = []
-        for start, stop in pairwise(edges):
-            best = start + int(np.argmin(delays[start:stop])) if stop > start else -1
-            found.append((int(own_ns[best]), int(self.arrival_ns[best])) if best >= 0 else None)
-        return found
+        least = np.repeat(np.minimum.reduceat(delays, starts), np.diff(starts, append=len(delays)))
+        is_least = np.flatnonzero(delays == least)
+        return np.asarray(is_least[np.searchsorted(is_least, starts)])
 
 
 class LineTable:
@@ -156,28 +154,28 @@ class TickLines:
         return lines
 
     def _learn_host(self, known: KnownRows, ticks: Ticks) -> bool:
-        arrived = ticks.last_arrivals()
-        by_boot = known.fastest(known.boot_ns, ticks.count)
-        by_utc = known.fastest(known.boot_ns + self._utc.offset(known.boot_ns, known.tick), ticks.count)
-        for boot, utc, arrived_ns in zip(by_boot, by_utc, arrived, strict=True):
-            before = self.host_minus_utc.line
-            if before is None:
-                return False
-            after = before
-            if boot is not None and utc is not None:
-                self.host_minus_boot.learn_fastest(*boot)
-                after = self.host_minus_utc.learn_fastest(*utc)
-                if abs(_offset_of_host(after, arrived_ns) - _offset_of_host(before, arrived_ns)) > JUMP_NS:
-                    return False
-                if self.host_minus_utc.unsettled_ns is not None:
-                    return False
-            self.host.append(after)
+        before = self.host_minus_utc.line
+        if before is None:
+            return False
+        if not len(known.tick):
+            self.host = [before] * ticks.count
+            return True
+        utc_ns = known.boot_ns + self._utc.offset(known.boot_ns, known.tick)
+        by_boot, by_utc = known.fastest(known.boot_ns), known.fastest(utc_ns)
+        alone = np.zeros(len(by_utc), dtype=np.int64)
+        self.host_minus_boot.learn_fastest(known.boot_ns[by_boot], known.arrival_ns[by_boot], alone)
+        learned = self.host_minus_utc.learn_fastest(utc_ns[by_utc], known.arrival_ns[by_utc], alone)
+        arrived_ns, rows = ticks.last_arrivals()[known.tick[by_utc]], np.arange(len(by_utc))
+        after = learned.offset_of_host(arrived_ns, rows)
+        first = before.offset_at(int(arrived_ns[0]) - before.offset_ns)
+        then = np.concatenate([[first], learned.offset_of_host(arrived_ns[1:], rows[:-1])])
+        if np.any(np.abs(after - then) > JUMP_NS) or np.any(learned.is_unsettled):
+            return False
+        lines = zip(learned.at_ns.tolist(), learned.offset_ns.tolist(), learned.drift.tolist(), strict=True)
+        known_lines = [before, *(Line(*each) for each in lines)]
+        came = np.cumsum(np.bincount(known.tick[by_utc], minlength=ticks.count))
+        self.host = [known_lines[number] for number in came.tolist()]
         return True
-
-
-def _offset_of_host(line: Line, host_ns: int) -> int:
-    """This machine's clock minus UTC at one of its own times."""
-    return line.offset_at(host_ns - line.offset_ns)
 
 
 def of_a_kind(

@@ -109,9 +109,9 @@ class Gimbal:
 
     def is_demand_at(self, frame: ReportFrame | None, ticks: IntArray) -> BoolArray:
         """The same at ticks ``(n,)`` of those that came last."""
-        counts = self._ticks or [(self.reports, self._repeats)]
-        demands = np.array([self._is_demand(frame, *each) for each in counts])
-        return demands[ticks] if self._ticks else np.repeat(demands, len(ticks))
+        counts = [self._ticks[tick] for tick in ticks.tolist()] if self._ticks else [(self.reports, self._repeats)]
+        demands = [self._is_demand(frame, *each) for each in counts]
+        return np.broadcast_to(demands, len(ticks))
 
     def _is_demand(self, frame: ReportFrame | None, reports: int, repeats: int) -> bool:
         if self._settings.is_demand is not None:

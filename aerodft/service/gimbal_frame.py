@@ -105,7 +105,8 @@ class FrameDetector:
         """Standard deviation of the vehicle's reported tilt, or a bit more where it turns fast; None at the start."""
         if len(self._recent) > 1:
             first, second = self._recent[-2], self._recent[-1]
-            bend_rad = float(np.linalg.norm(moment.down_body - 2 * second.down_body + first.down_body))
+            downs = zip(moment.down_body, second.down_body, first.down_body, strict=True)
+            bend_rad = math.hypot(*(now - 2 * before + earlier for now, before, earlier in downs))
             self._bends_rad.append(max(bend_rad, moment.bend_rad))
         return median(self._bends_rad) * _NOISE_OF_BEND if len(self._bends_rad) > _ENOUGH_NOISE else None
 

@@ -1,5 +1,6 @@
 """Where down is at a gimbal's reports: for the vehicle, and for the camera by either reading of the report."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,7 +23,7 @@ class Moment:
     Attributes:
         stamp_ns: The report's.
         reported_pitch_rad: As it stands in the report.
-        down_body: ``(3,)`` in the vehicle's axes.
+        down_body: Three numbers, in the vehicle's axes.
         down_if_earth: ``(3,)`` in the gimbal's axes, if the report's roll and pitch are against the horizon.
         down_if_body: ``(lags, 3)`` in the gimbal's axes, if they are against the vehicle as it was that long before.
         bend_rad: How far ``down_body`` was from the mean of its neighbours, twice, in the vehicle's own last samples:
@@ -31,7 +32,7 @@ class Moment:
 
     stamp_ns: int
     reported_pitch_rad: float
-    down_body: FloatArray
+    down_body: Sequence[float]
     down_if_earth: FloatArray
     down_if_body: FloatArray
     bend_rad: float = 0.0
@@ -41,8 +42,8 @@ def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) ->
     """The reports after a stamp and up to another, at most one in each tenth of a second.
 
     Returns:
-        Their stamps, in order; with None where the vehicle's attitude is not known on both sides and for the longest lag
-        before.
+        Their stamps, in order; with None where the vehicle's attitude is not known on both sides, and for the longest
+        lag before.
     """
     rows = _rows(gimbal.stamps_ns, after_ns, until_ns)
     if not len(rows) or vehicle.last_ns is None:
@@ -58,11 +59,12 @@ def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) ->
     yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(attitudes[latest])[0], 0.0)
     against_body = matrix(from_yaw_pitch_roll(-yaws, 0.0, 0.0)) @ reported
     if_body = downs @ against_body
+    own = downs[:, 0].tolist()
     pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1].tolist()
     return [
         (
             stamp_ns,
-            Moment(stamp_ns, pitches[k], downs[k, 0], reported[k, 2], if_body[k], bends[k]) if known[k] else None,
+            Moment(stamp_ns, pitches[k], own[k], reported[k, 2], if_body[k], bends[k]) if known[k] else None,
         )
         for k, stamp_ns in enumerate(stamps.tolist())
     ]

@@ -204,7 +204,9 @@ class Pipeline:
         stamp_ns = self._utc(image.stamp_ns, image.clock)
         if image.width_px is not None:
             self._images.add(image.index, stamp_ns, image.clock)
-        known = replace(image, stamp_ns=stamp_ns, clock=StampClock.UTC, pixels=None)
+        known = image
+        if image.clock is not StampClock.UTC or image.pixels is not None:
+            known = replace(image, stamp_ns=stamp_ns, clock=StampClock.UTC, pixels=None)
         deadline_ns = tick_after(image.arrival_ns + self._wait_ns, self._settings.tick_ns)
         self._jobs.append(Job(stamp_ns, deadline_ns, known, image.clock))
 
@@ -244,6 +246,8 @@ class Pipeline:
 
     def _wait_until(self, now_ns: int | None) -> list[Output | Asked]:
         """What the empty ticks before ``now_ns`` would have answered, whether they came or were left out."""
+        if not self._jobs:
+            return []
         deadlines_ns = {job.deadline_ns for job in self._jobs if now_ns is None or job.deadline_ns < now_ns}
         return [output for deadline_ns in sorted(deadlines_ns) for output in self._finish(deadline_ns)]
 

@@ -15,8 +15,9 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, SyncTrack, Track
 from aerodft.service.boot_clock import BootClock
-from aerodft.service.clock_line import JUMP_NS, DelayedLine, Line, StatedLine
+from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
 from aerodft.service.clock_ticks import TickLines, Ticks
+from aerodft.service.delayed_line import DelayedLine
 
 HOST_STD_S = 0.1
 """Standard deviation of a machine's clock that nobody holds against UTC."""

@@ -11,11 +11,12 @@ from aerodft.adapters.codec import measurement
 from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.mcap.chunk_table import ChunkTable
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError, NoAnswerError, located
-from replay.segments import Wanted, is_mcap, messages_of, numbered
+from replay.segments import Wanted, is_mcap, messages_of, numbered, tables_of
 
 _SHOWN = 3
 _OWN = "aerodft."
@@ -64,15 +65,15 @@ class Recording:
         self.is_whole = all(segment.is_whole for segment in (*self.data, *self.images))
         if not self.is_whole:
             _log.warning("%s: was not finished; read as far as it is whole", folder)
-        self._say_unknown()
+        self._met: set[str] = set()
+        for schema in sorted({one.schema for each in self.data for one in each.channels.by_id.values()}):
+            self._meet(schema)
 
-    def _say_unknown(self) -> None:
-        """Warn of payloads whose schema this version does not have: a newer one's, or damage."""
-        schemas = {channel.schema for segment in self.data for channel in segment.channels.by_id.values()}
-        unknown = sorted(schema for schema in schemas if schema.startswith(_OWN) and schema not in SCHEMAS)
-        if unknown:
-            names = ", ".join(unknown[:_SHOWN])
-            _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, names, SOFTWARE)
+    def _meet(self, schema: str) -> None:
+        """Warn once of payloads whose schema this version does not have: a newer one's, or damage."""
+        self._met.add(schema)
+        if schema.startswith(_OWN) and schema not in SCHEMAS:
+            _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, schema, SOFTWARE)
 
     def text(self, name: str) -> str | None:
         """A file beside the segments (``config.toml`` and the like); None where there is none.
@@ -98,9 +99,16 @@ class Recording:
         """
 
         def is_data(channel: ReadChannel) -> bool:
+            if channel.schema not in self._met:  # a file without an index tells its channels as it is read
+                self._meet(channel.schema)
             return channel.schema not in PICTURE_SCHEMAS and (wanted is None or wanted(channel))
 
-        return messages_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=is_data if self._is_file else wanted)
+        is_looked_at = self._is_file or not all(segment.is_indexed for segment in self.data)
+        return messages_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=is_data if is_looked_at else wanted)
+
+    def tables(self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: Wanted) -> Iterator[ChunkTable]:
+        """``messages`` as columns, a chunk's at a time."""
+        return tables_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
 
     def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ReadMessage]:
         """The images and video packets of the image segments, likewise."""
@@ -112,7 +120,7 @@ class Recording:
         Raises:
             InputError: Some of them cannot be told apart.
         """
-        for message in messages_of(self.data, wanted=lambda channel: channel.schema in _MEASURED):
+        for message in self.messages(wanted=lambda channel: channel.schema in _MEASURED):
             if message.channel.schema == measurement.SCHEMA:
                 yield message.data
             else:

@@ -4,6 +4,9 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from aerodft.adapters.mcap.chunk_table import ChunkTable
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage
@@ -51,6 +54,21 @@ def messages_of(
             in_time = (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
             if in_time and (wanted is None or wanted(message.channel)):
                 yield message
+
+
+def tables_of(
+    segments: Sequence[SegmentScan], *, from_ns: int | None, to_ns: int | None, wanted: Wanted
+) -> Iterator[ChunkTable]:
+    """The same messages as columns, chunk after chunk; arguments as in ``messages_of``."""
+    for segment in segments:
+        reader = ChunkReader(segment.channels.copy())
+        for table in reader.tables(_places(segment, from_ns, to_ns, wanted)):
+            rows = np.isin(table.channel, [number for number, each in table.channels.items() if wanted(each)])
+            if from_ns is not None:
+                rows &= table.log_ns >= np.uint64(from_ns)
+            if to_ns is not None:
+                rows &= table.log_ns < np.uint64(to_ns)
+            yield table.rows(rows)
 
 
 def _places(

@@ -1,23 +1,25 @@
 """A recording's inputs as a ``Source``: the pipeline takes them as it took the live ones."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+
+import numpy as np
 
 from aerodft.adapters.codec import events
 from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.mcap.channels import SENDER_KEY
+from aerodft.adapters.mcap.chunk_table import ChunkTable
 from aerodft.adapters.mcap.places import ReadChannel
-from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
+from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.feed import block_of, first_arrival_ns
+from aerodft.service.feed import first_arrival_ns
 from replay.pixels import PixelStore
 from replay.recording import Recording
 
-_BLOCK_FRAMES = 4096
 _INPUTS = frozenset({events.IMAGE_SCHEMA, events.OBSERVATION_SCHEMA})
 _PROTOCOLS = frozenset(protocol.value for protocol in WireProtocol)
 
@@ -41,50 +43,45 @@ class RecordingSource:
         self._pixels = PixelStore(recording) if pixels else None
 
     def events(self) -> Iterator[Event]:
-        """All events, (first) arrivals not decreasing; at most a second of telemetry is held in memory.
+        """All events, (first) arrivals not decreasing; a chunk of the recording is held in memory.
 
         Raises:
             InputError: Arrivals go back: the recording was put together by hand; or a message is damaged.
         """
         last_ns = 0
-        for event in self._events():
-            arrival_ns = first_arrival_ns(event)
-            if arrival_ns < last_ns:  # by its own word: log times were looked at before
-                raise self._gone_back(last_ns - arrival_ns)
-            last_ns = arrival_ns
-            yield event
-
-    def _events(self) -> Iterator[Event]:
-        blocks = _Blocks()
-        for message in self._inputs():
-            if message.channel.encoding in _PROTOCOLS:
-                if blocks.is_full(message):
-                    yield from blocks.take()
-                blocks.add(message)
-            else:
-                yield from blocks.take()
-                with located(self._recording.folder):
-                    is_image = message.channel.schema == events.IMAGE_SCHEMA
-                    event = self._image(message.data) if is_image else events.decode_observation(message.data)
-                yield event
-        yield from blocks.take()
-
-    def _inputs(self) -> Iterator[ReadMessage]:
-        last_ns = 0
-        for message in self._recording.messages(from_ns=self._from_ns, to_ns=self._to_ns):
-            if message.channel.encoding not in _PROTOCOLS and message.channel.schema not in _INPUTS:
+        for table in self._recording.tables(from_ns=self._from_ns, to_ns=self._to_ns, wanted=_is_input):
+            if not len(table.log_ns):
                 continue
-            if message.log_ns < last_ns:
-                raise self._gone_back(last_ns - message.log_ns)
-            if message.log_ns > LATEST_NS:
-                raise InputError(
-                    "a log time is none",
-                    where=self._recording.folder,
-                    got=message.log_ns,
-                    expected="before the year 2262",
-                )
-            last_ns = message.log_ns
-            yield message
+            others = self._others(table)
+            last_ns = self._checked(table, others, last_ns)
+            yield from sorted([*_blocks(table), *others.values()], key=first_arrival_ns)
+
+    def _checked(self, table: ChunkTable, others: Mapping[int, Image | Observation], last_ns: int) -> int:
+        """The last arrival of a chunk, none of which goes back: by log times, and by what images say themselves."""
+        log_ns = table.log_ns.tolist()
+        if max(log_ns) > LATEST_NS:
+            where, expected = self._recording.folder, "before the year 2262"
+            raise InputError("a log time is none", where=where, got=max(log_ns), expected=expected)
+        arrivals = np.array([last_ns, *log_ns], dtype=np.int64)
+        arrivals[1 + np.array(list(others), dtype=np.int64)] = [each.arrival_ns for each in others.values()]
+        for times in (np.array([last_ns, *log_ns]), arrivals):
+            back_ns = np.diff(times)
+            if np.any(back_ns < 0):
+                raise self._gone_back(-int(back_ns[back_ns < 0][0]))
+        return int(arrivals[-1])
+
+    def _others(self, table: ChunkTable) -> dict[int, Image | Observation]:
+        """Images and observations of a chunk, by row."""
+        makers: dict[int, Callable[[bytes], Image | Observation]] = {}
+        for number, channel in table.channels.items():
+            if channel.schema in _INPUTS:
+                makers[number] = self._image if channel.schema == events.IMAGE_SCHEMA else events.decode_observation
+        found = {}
+        with located(self._recording.folder):
+            for row in np.flatnonzero(np.isin(table.channel, list(makers))).tolist():
+                data = table.content[table.start[row] : table.stop[row]]
+                found[row] = makers[int(table.channel[row])](data)
+        return found
 
     def _gone_back(self, by_ns: int) -> InputError:
         return InputError(
@@ -101,37 +98,24 @@ class RecordingSource:
         return replace(image, pixels=self._pixels.pixels(image.arrival_ns, image.index))
 
 
-class _Blocks:
-    """Frames by sender, collected until something else arrives."""
-
-    def __init__(self) -> None:
-        self._frames: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
-        self._count = 0
-        self._first_ns = 0
-
-    def is_full(self, message: ReadMessage) -> bool:
-        return self._count >= _BLOCK_FRAMES or (self._count > 0 and message.log_ns - self._first_ns > SECOND_NS)
-
-    def add(self, message: ReadMessage) -> None:
-        if not self._count:
-            self._first_ns = message.log_ns
-        arrivals_ns, frames = self._frames.setdefault(_sender(message.channel), ([], []))
-        arrivals_ns.append(message.log_ns)
-        frames.append(message.data)
-        self._count += 1
-
-    def take(self) -> list[RawBlock]:
-        """What was collected, in order of first arrival."""
-        if not self._count:
-            return []
-        blocks = [
-            block_of(WireProtocol(protocol), sender, arrivals_ns, frames)
-            for (protocol, sender), (arrivals_ns, frames) in self._frames.items()
-        ]
-        self._frames.clear()
-        self._count = 0
-        return sorted(blocks, key=first_arrival_ns)
+def _is_input(channel: ReadChannel) -> bool:
+    return channel.encoding in _PROTOCOLS or channel.schema in _INPUTS
 
 
-def _sender(channel: ReadChannel) -> tuple[str, str]:
-    return channel.encoding, channel.metadata.get(SENDER_KEY, "")
+def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
+    """The frames of a chunk, by sender; they stay where they are."""
+    senders: dict[tuple[str, str], list[int]] = {}
+    for number in np.unique(table.channel).tolist():
+        channel = table.channels[number]
+        if channel.encoding in _PROTOCOLS:
+            senders.setdefault((channel.encoding, channel.metadata.get(SENDER_KEY, "")), []).append(number)
+    for (protocol, sender), numbers in senders.items():
+        own = table.rows(np.isin(table.channel, numbers))
+        yield RawBlock(
+            protocol=WireProtocol(protocol),
+            sender=sender,
+            arrival_ns=own.log_ns.astype(np.int64),
+            offset=own.start,
+            length=own.stop - own.start,
+            data=table.content,
+        )

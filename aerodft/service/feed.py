@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
@@ -53,10 +54,13 @@ def joined_blocks(blocks: list[RawBlock]) -> RawBlock:
     data: list[bytes] = []
     offsets = []
     size = 0
-    for block in blocks:
-        start, stop = int(block.offset.min()), int((block.offset + block.length).max())
-        data.append(block.data[start:stop])
-        offsets.append(block.offset - start + size)
+    for _, shared in groupby(blocks, key=lambda block: id(block.data)):
+        own = list(shared)
+        offset = np.concatenate([block.offset for block in own])
+        start = int(offset.min())
+        stop = int((offset + np.concatenate([block.length for block in own])).max())
+        data.append(own[0].data[start:stop])
+        offsets.append(offset - start + size)
         size += stop - start
     arrival_ns = np.concatenate([block.arrival_ns for block in blocks])
     order = np.argsort(arrival_ns, kind="stable")

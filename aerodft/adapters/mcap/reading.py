@@ -5,17 +5,22 @@ import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+from aerodft.adapters.mcap.chunk_table import ChunkTable, message_table, record_table
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head, records_in
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD
 from aerodft.adapters.mcap.places import Channels, ChunkPlace, ReadChannel
 from aerodft.errors import InputError
+
+_DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
+_DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
 
 _log = logging.getLogger(__name__)
 
@@ -53,9 +58,33 @@ class ChunkReader:
         for place in chunks:
             try:
                 yield from self._records(_content(place))
-            except (McapError, struct.error, ValueError, OverflowError) as error:
-                self.damaged += 1
-                _log.warning("%s: damaged chunk at byte %d left out: %s", place.path, place.offset, error)
+            except _DAMAGED as error:
+                self._leave_out(place, error)
+
+    def tables(self, chunks: Iterable[ChunkPlace]) -> Iterator[ChunkTable]:
+        """The same messages, each chunk's as columns: quicker where nearly all of them are wanted.
+
+        Args:
+            chunks: As in ``messages``.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        for place in chunks:
+            try:
+                content = _content(place)
+                records = record_table(content)
+                for row in np.flatnonzero(np.isin(records.opcode, _DEFINITIONS)).tolist():
+                    self._define(int(records.opcode[row]), content[records.start[row] : records.stop[row]])
+                yield message_table(content, self.channels.by_id, records)
+                if not records.is_whole:
+                    self._leave_out(place, "ends within a record")
+            except _DAMAGED as error:
+                self._leave_out(place, error)
+
+    def _leave_out(self, place: ChunkPlace, why: object) -> None:
+        self.damaged += 1
+        _log.warning("%s: damaged chunk at byte %d left out: %s", place.path, place.offset, why)
 
     def _records(self, content: bytes) -> Iterator[ReadMessage]:
         known = self.channels.by_id
@@ -65,10 +94,16 @@ class ChunkReader:
                 channel = known.get(identity)
                 if channel is not None:
                     yield ReadMessage(log_ns, channel, content[start + MESSAGE_HEAD.size : stop], sequence)
-            elif opcode == Opcode.SCHEMA:
-                self.channels.add_schema(Schema.read(ReadDataStream(BytesIO(content[start:stop]))))
-            elif opcode == Opcode.CHANNEL:
-                self.channels.add(Channel.read(ReadDataStream(BytesIO(content[start:stop]))))
+            elif opcode in _DEFINITIONS:
+                self._define(opcode, content[start:stop])
+
+    def _define(self, opcode: int, data: bytes) -> None:
+        """Take a schema or channel record."""
+        stream = ReadDataStream(BytesIO(data))
+        if opcode == Opcode.SCHEMA:
+            self.channels.add_schema(Schema.read(stream))
+        else:
+            self.channels.add(Channel.read(stream))
 
 
 def _content(place: ChunkPlace) -> bytes:

@@ -1,0 +1,114 @@
+"""The messages of a chunk as columns, for who reads nearly all of them: where each is, of which channel and when."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from mcap.opcode import Opcode
+
+from aerodft.adapters.mcap.layout import MESSAGE_HEAD, RECORD_HEAD
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.geometry.jit import njit
+from aerodft.model.arrays import BoolArray, ImageArray, IntArray
+
+Times = npt.NDArray[np.uint64]
+
+_HEAD: Final = RECORD_HEAD.size
+_MESSAGE: Final = int(Opcode.MESSAGE)
+_MESSAGE_HEAD: Final = MESSAGE_HEAD.size
+_TIME_AT: Final = 6  # in a message's head
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChunkTable:
+    """Messages of one chunk, in the order in which they were written.
+
+    Attributes:
+        content: The chunk's records; may hold more than these messages.
+        channels: By id, all that are known.
+        channel: ``(n,)`` ids.
+        log_ns: ``(n,)``.
+        start: ``(n,)`` where the payloads begin in the content.
+        stop: ``(n,)`` where they end.
+    """
+
+    content: bytes
+    channels: dict[int, ReadChannel]
+    channel: IntArray
+    log_ns: Times
+    start: IntArray
+    stop: IntArray
+
+    def rows(self, rows: BoolArray | IntArray) -> "ChunkTable":
+        """Some of the messages."""
+        return ChunkTable(
+            self.content, self.channels, self.channel[rows], self.log_ns[rows], self.start[rows], self.stop[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordTable:
+    """All records of a chunk, up to the first that is damaged.
+
+    Attributes:
+        opcode: ``(n,)``.
+        start: ``(n,)`` where contents begin.
+        stop: ``(n,)`` where they end.
+        is_whole: Whether there is nothing behind them.
+    """
+
+    opcode: IntArray
+    start: IntArray
+    stop: IntArray
+    is_whole: bool
+
+
+def record_table(content: bytes) -> RecordTable:
+    """The records of a chunk's content."""
+    data = np.frombuffer(content, dtype=np.uint8)
+    nothing = np.empty((0, 3), dtype=np.int64)
+    count, _ = _walk(data, nothing)
+    table = np.empty((count, 3), dtype=np.int64)
+    _, is_whole = _walk(data, table)
+    return RecordTable(table[:, 0], table[:, 1], table[:, 2], is_whole)
+
+
+def message_table(content: bytes, channels: dict[int, ReadChannel], records: RecordTable) -> ChunkTable:
+    """The messages among records, of channels that are known."""
+    rows = np.flatnonzero(records.opcode == _MESSAGE)
+    start = records.start[rows]
+    ids, times = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.uint64)
+    _heads(np.frombuffer(content, dtype=np.uint8), start, ids, times)
+    table = ChunkTable(content, channels, ids, times, start + _MESSAGE_HEAD, records.stop[rows])
+    return table.rows(np.isin(ids, list(channels)))
+
+
+@njit
+def _walk(content: ImageArray, table: IntArray) -> tuple[int, bool]:
+    """How many records there are, and whether the content ends there; in ``table (n, 3)`` their opcodes and places."""
+    position, count, end = np.int64(0), 0, len(content)
+    while position + _HEAD <= end:
+        opcode, length = np.int64(content[position]), np.uint64(0)
+        for k in range(_HEAD - 1, 0, -1):
+            length = (length << np.uint64(8)) | np.uint64(content[position + k])
+        start = position + _HEAD
+        if length > np.uint64(end - start) or (opcode == _MESSAGE and length < np.uint64(_MESSAGE_HEAD)):
+            return count, False
+        position = start + np.int64(length)
+        if count < len(table):
+            table[count, 0], table[count, 1], table[count, 2] = opcode, start, position
+        count += 1
+    return count, position == end
+
+
+@njit
+def _heads(content: ImageArray, start: IntArray, ids: IntArray, times: Times) -> None:
+    """Channel ids and log times of messages that begin there."""
+    for row in range(len(start)):
+        at = start[row]
+        ids[row] = 256 * np.int64(content[at + 1]) + np.int64(content[at])
+        log_ns = np.uint64(0)
+        for k in range(_TIME_AT + 7, _TIME_AT - 1, -1):
+            log_ns = (log_ns << np.uint64(8)) | np.uint64(content[at + k])
+        times[row] = log_ns

@@ -8,7 +8,7 @@ from aerodft.errors import NoAnswerError
 from aerodft.model.telemetry import WireProtocol
 from replay.recording import Recording
 from replay.segments import channels_of
-from replay.timeline import AnyRecording, Item
+from replay.timeline import AnyRecording, Item, name_of
 
 
 def holds_mavlink(recording: AnyRecording, channel: ReadChannel) -> bool:
@@ -28,9 +28,9 @@ def check_mavlink(recordings: tuple[AnyRecording, ...]) -> None:
         segments = each.data if isinstance(each, Recording) else each.segments
         if any(holds_mavlink(each, channel) for one in segments for channel in channels_of(one).values()):
             return
-    first = recordings[0]
-    where = first.folder if isinstance(first, Recording) else first.path
-    raise NoAnswerError("no MAVLink to send", where=where, expected="a recording with raw MAVLink frames")
+    raise NoAnswerError(
+        "no MAVLink to send", where=name_of(recordings[0]), expected="a recording with raw MAVLink frames"
+    )
 
 
 class MavlinkOut:

@@ -4,22 +4,24 @@ import logging
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import Final
 
 import zenoh
 
-from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
+from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness, wire
 from aerodft.adapters.codec.keys import Keys, key_part
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, Kind, kind_of
 from aerodft.adapters.foreign.pictures import read_picture
 from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.errors import InputError
 from aerodft.model.image import Image, StampClock
 from replay.foreign import ForeignRecording
 from replay.pixels import jpeg_of
+from replay.publishers import WaitingPublishers, is_matched, undeclare
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.shift import Shift, shift_of, shifted
 from replay.stills import VideoStills
-from replay.timeline import AnyRecording, Item
+from replay.timeline import AnyRecording, Item, name_of
 
 _PUBLISHED: Final = frozenset(
     {
@@ -33,7 +35,7 @@ _PUBLISHED: Final = frozenset(
     }
 )
 _POLL_S: Final = 0.02
-_LOOK_EVERY: Final = 64  # messages, until somebody has subscribed
+_STAMPED: Final = (_PUBLISHED | {events.IMAGE_SCHEMA}) - {measurement.IMAGE_SCHEMA}
 _ENCODINGS: Final = {
     JSON: zenoh.Encoding.APPLICATION_JSON,
     PROTOBUF: zenoh.Encoding.APPLICATION_PROTOBUF,
@@ -45,11 +47,17 @@ _log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class Published:
-    """How many messages went out."""
+    """How many messages went out, and how many did not because they are damaged."""
 
     measurements: int = 0
     others: int = 0
     images: int = 0
+    damaged: int = 0
+
+    @property
+    def total(self) -> int:
+        """All that went out."""
+        return self.measurements + self.others + self.images
 
 
 def is_published(recording: AnyRecording, channel: ReadChannel) -> bool:
@@ -78,11 +86,10 @@ class Republisher:
     def __init__(self, session: zenoh.Session) -> None:
         self.published = Published()
         self._session = session
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._publishers = WaitingPublishers(session)
         self._image_stamps: dict[int, tuple[int, bytes]] = {}
         self._shifts: dict[str, Shift | None] = {}
         self._videos: dict[int, VideoStills] = {}
-        self._sent, self._was_heard = 0, False
 
     def wait_for_link(self, timeout_s: float) -> bool:
         """Wait until another peer or a router is connected; False after ``timeout_s``."""
@@ -93,27 +100,34 @@ class Republisher:
         """Wait until somebody subscribes to anything of a recording's station; False after ``timeout_s``."""
         publishers = [self._session.declare_publisher(f"{keys_of(each).root}/**") for each in recordings]
         try:
-            return _awaited(lambda: any(map(_matches, publishers)), timeout_s)
+            return _awaited(lambda: any(map(is_matched, publishers)), timeout_s)
         finally:
             for publisher in publishers:
-                _undeclare(publisher)
+                undeclare(publisher)
 
     @property
     def has_listeners(self) -> bool:
         """Whether anybody has subscribed to something that was published."""
-        self._was_heard = self._was_heard or any(map(_matches, self._publishers.values()))
-        return self._was_heard
+        return self._publishers.has_listeners
 
     def send(self, item: Item, shift_ns: int) -> None:
-        """Publish a message, if it is one to be published."""
-        self._sent += 1
-        if self._sent % _LOOK_EVERY == 0 and not self._was_heard:
-            self._was_heard = self.has_listeners
+        """Publish a message, if it is one to be published; a damaged one is left out and counted."""
         if isinstance(item.recording, ForeignRecording):
             self._send_foreign(item, item.recording, shift_ns)
             return
+        try:
+            self._send_own(item, shift_ns)
+        except InputError as error:
+            if not self.published.damaged:
+                at = f"{item.message.channel.topic} at {item.log_ns} ns"
+                _log.warning("%s: damaged payloads are left out: %s: %s", name_of(item.recording), at, error)
+            self.published.damaged += 1
+
+    def _send_own(self, item: Item, shift_ns: int) -> None:
         message, keys = item.message, keys_of(item.recording)
         schema = message.channel.schema
+        if schema in _STAMPED:
+            wire.load(message.data, schema, _stamp_of)  # refuses what is none
         if schema == events.IMAGE_SCHEMA:
             self._image_stamps[id(item.recording)] = (message.sequence, shifted(message.data, shift_ns))
         elif schema == IMAGE_SCHEMA:
@@ -136,9 +150,7 @@ class Republisher:
 
     def close(self) -> None:
         """Withdraw what was declared."""
-        for publisher in self._publishers.values():
-            _undeclare(publisher)
-        self._publishers.clear()
+        self._publishers.close()
 
     def _send_foreign(self, item: Item, recording: ForeignRecording, shift_ns: int) -> None:
         """Another tool's message on its own topic as it was recorded, and a JPEG as a station's image beside it."""
@@ -147,7 +159,7 @@ class Republisher:
             shift = self._shift(channel)
             data = data if shift is None else shift(data, shift_ns)
         key = "/".join(key_part(part) for part in channel.topic.split("/") if part) or "%"
-        self._publisher(key, _ENCODINGS.get(channel.encoding, zenoh.Encoding.ZENOH_BYTES)).put(data)
+        self._publishers.put(key, data, _ENCODINGS.get(channel.encoding, zenoh.Encoding.ZENOH_BYTES))
         if item.is_mark and kind_of(channel) is Kind.IMAGES:
             self._put_foreign_image(item, data, shift_ns)
         else:
@@ -174,20 +186,15 @@ class Republisher:
         return self._shifts[channel.topic]
 
     def _put_json(self, key: str, payload: bytes) -> None:
-        self._publisher(key, zenoh.Encoding.APPLICATION_JSON).put(payload)
+        self._publishers.put(key, payload, zenoh.Encoding.APPLICATION_JSON)
 
     def _put_jpeg(self, key: str, jpeg: bytes, stamps: bytes | None) -> None:
-        self._publisher(key, zenoh.Encoding.IMAGE_JPEG).put(jpeg, attachment=stamps)
+        self._publishers.put(key, jpeg, zenoh.Encoding.IMAGE_JPEG, stamps)
         self.published.images += 1
 
-    def _publisher(self, key: str, encoding: zenoh.Encoding) -> zenoh.Publisher:
-        publisher = self._publishers.get(key)
-        if publisher is None:
-            publisher = self._session.declare_publisher(
-                key, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK
-            )
-            self._publishers[key] = publisher
-        return publisher
+
+def _stamp_of(payload: wire.Json) -> int:
+    return int(payload["stamp_ns"])
 
 
 def _awaited(is_so: Callable[[], bool], timeout_s: float) -> bool:
@@ -197,12 +204,3 @@ def _awaited(is_so: Callable[[], bool], timeout_s: float) -> bool:
             return False
         time.sleep(_POLL_S)
     return True
-
-
-def _matches(publisher: zenoh.Publisher) -> bool:
-    # zenoh's annotation says bool, what comes is a MatchingStatus, and that is always true.
-    return cast("zenoh.MatchingStatus", publisher.matching_status).matching
-
-
-def _undeclare(publisher: zenoh.Publisher) -> None:
-    publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part

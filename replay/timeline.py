@@ -35,6 +35,11 @@ class Item(NamedTuple):
     is_mark: bool
 
 
+def name_of(recording: AnyRecording) -> str:
+    """A recording's path, for messages."""
+    return str(recording.folder if isinstance(recording, Recording) else recording.path)
+
+
 def is_image_mark(recording: AnyRecording, channel: ReadChannel) -> bool:
     """Whether a channel has a recording's images, or their stamps."""
     if isinstance(recording, Recording):

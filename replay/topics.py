@@ -1,7 +1,7 @@
 """Which channels of another tool's recording are telemetry, images and camera: as stated, else as they tell."""
 
 import logging
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -9,6 +9,7 @@ from typing import Final
 from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import JSON, Kind, kind_of
+from aerodft.adapters.mavlink.vectorised import count_frames
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
 from aerodft.errors import InputError
 from replay.segments import channels_of, messages_of
@@ -16,6 +17,8 @@ from replay.segments import channels_of, messages_of
 _SHOWN: Final = 12
 _TO_THE_VEHICLE: Final = ("in", "to", "sink")
 _TRIED: Final = 200  # messages of a channel that are looked through for frames
+_MOST_BYTES: Final = 1 << 16
+_LOOKS: Final = (3, 12, 48)  # so many messages are looked at together
 _MOST_LOOKED_THROUGH: Final = 500  # channels
 _ENOUGH: Final = 3
 _PICTURES: Final = (Kind.IMAGES, Kind.VIDEO)
@@ -125,15 +128,23 @@ def _by_topic(segments: Sequence[SegmentScan]) -> dict[str, ReadChannel]:
 
 def _with_frames(segments: Sequence[SegmentScan], topics: Sequence[str]) -> list[str]:
     """Those of the topics whose first messages hold frames, in their order; reads no further than it must."""
+    found, tried, open_topics = set[str](), Counter[str](), set(topics)
     readers: dict[str, FrameReader] = {}
-    frames, tried, open_topics = Counter[str](), Counter[str](), set(topics)
+    unwrapped: dict[str, bytes] = defaultdict(bytes)
     for message in messages_of(segments, wanted=lambda channel: channel.topic in open_topics):
         topic = message.channel.topic
-        reader = readers.setdefault(topic, FrameReader(message.channel))
-        frames[topic] += len(reader.frames(message.data))
+        if topic not in readers:
+            readers[topic] = FrameReader(message.channel)
+        unwrapped[topic] += readers[topic].unwrapped(message.data)[:_MOST_BYTES]
         tried[topic] += 1
-        if frames[topic] >= _ENOUGH or tried[topic] >= _TRIED:
+        is_last = tried[topic] >= _TRIED or len(unwrapped[topic]) >= _MOST_BYTES
+        if is_last or tried[topic] in _LOOKS:
+            if count_frames(unwrapped[topic]) >= _ENOUGH:
+                found.add(topic)
+            elif not is_last:
+                continue
             open_topics.remove(topic)
+            del unwrapped[topic]
             if not open_topics:
                 break
-    return [topic for topic in topics if frames[topic] >= _ENOUGH]
+    return [topic for topic in topics if topic in found or count_frames(unwrapped.get(topic, b"")) >= _ENOUGH]

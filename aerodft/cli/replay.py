@@ -24,7 +24,7 @@ from replay.mavlink_out import MavlinkOut, check_mavlink, holds_mavlink
 from replay.opening import open_recording
 from replay.player import Controls, Outlet, Player
 from replay.publish import Republisher, is_published
-from replay.timeline import AnyRecording, timeline
+from replay.timeline import AnyRecording, name_of, timeline
 
 _NOWHERE = "none"
 _LINK_S = 5.0  # for whoever --connect names to answer
@@ -93,6 +93,9 @@ def replay(
     if is_stopped:
         say("aerodft: stopped")
     _report(recordings, publisher, sender, player, has_listeners=has_listeners, as_json=json)
+    if not is_stopped and not publisher.published.total and (sender is None or not sender.frames):
+        where = ", ".join(map(str, recordings))
+        raise NoAnswerError("nothing was published", where=where, hint="it holds nothing there, or is damaged")
 
 
 def _rate(text: str) -> float | None:
@@ -123,13 +126,9 @@ def _window(recordings: Sequence[AnyRecording], start: str | None, stop: str | N
         raise UsageError("--from is not before --to", got=got)
     if (from_ns is not None and from_ns > last_ns) or (to_ns is not None and to_ns <= first_ns):
         expected = f"times within 0 to {(last_ns - first_ns) / SECOND_NS:.1f} s from its start"
-        where = ", ".join(_name(each) for each in recordings)
+        where = ", ".join(name_of(each) for each in recordings)
         raise NoAnswerError("the recording has nothing there", where=where, got=got, expected=expected)
     return from_ns, to_ns
-
-
-def _name(recording: AnyRecording) -> str:
-    return str(getattr(recording, "folder", None) or getattr(recording, "path", ""))
 
 
 def _mavlink_out(text: str | None, recordings: Sequence[AnyRecording], stack: ExitStack) -> MavlinkOut | None:
@@ -210,15 +209,17 @@ def _report(
             "measurements": published.measurements,
             "images": published.images,
             "others": published.others,
+            "damaged": published.damaged,
             "rounds": player.rounds,
             "subscribers": has_listeners,
         }
         print_json(document if sender is None else {**document, "mavlink_frames": sender.frames})
         return
+    damaged = f"; left out {published.damaged} damaged payloads" if published.damaged else ""
     frames = "" if sender is None else f", sent {sender.frames} MAVLink frames"
     say(
         f"{', '.join(names)}: published {published.measurements} measurements, {published.images} images"
-        f" and {published.others} poses and states{frames}"
+        f" and {published.others} poses and states{frames}{damaged}"
     )
     if not has_listeners and sender is None:
         say("aerodft: nobody subscribed to them; --wait SECONDS waits for somebody")

@@ -13,21 +13,31 @@ import numpy as np
 from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION
 from aerodft.dft.quantities import Sight
 from aerodft.dft.seen import Seen
+from aerodft.dft.sobol import MOST_DIMENSIONS, scrambled_sobol
 from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.geometry.rotation import from_rotation_vector, matrix
 from aerodft.model.arrays import FloatArray
 
 DRAWS = 1024
+_SEED = 20
+
+
+def _points(dimensions: int) -> FloatArray:
+    if dimensions <= MOST_DIMENSIONS:
+        return scrambled_sobol(dimensions, DRAWS // 2, _SEED)
+    from scipy.stats import qmc  # noqa: PLC0415 - 40 MB and 0.4 s, and few probes have so many pixels
+
+    points: FloatArray = qmc.Sobol(dimensions, scramble=True, rng=np.random.default_rng(_SEED)).random(DRAWS // 2)
+    return points
 
 
 @lru_cache(maxsize=16)
 def standard_draws(dimensions: int) -> FloatArray:
     """``(DRAWS, dimensions)`` standard normal draws, always the same ones, symmetric in every dimension."""
     from scipy.special import ndtri  # noqa: PLC0415 - 12 MB and 0.1 s, and most commands never draw
-    from scipy.stats import qmc  # noqa: PLC0415 - 40 MB and 0.4 s, likewise
 
-    half = qmc.Sobol(dimensions, scramble=True, rng=np.random.default_rng(20)).random(DRAWS // 2)
+    half = _points(dimensions)
     normal = ndtri(np.clip(half, 1e-9, 1 - 1e-9))
     draws = np.concatenate([normal, -normal])
     draws.setflags(write=False)

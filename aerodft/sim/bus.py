@@ -1,12 +1,11 @@
 """Observations on zenoh, for a service that listens to ``aerodft/{station}/observation/{probe}``."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import zenoh
 
-from aerodft.errors import LinkError
+from aerodft.adapters.zenoh.session import session_on
 from aerodft.sim.live import Observe
 from aerodft.sim.observations import Sighting
 
@@ -20,31 +19,12 @@ def observation_publisher(endpoint: str, station: str) -> Iterator[Observe]:
         station: The station's name in key expressions.
 
     Raises:
-        LinkError: The endpoint makes no sense to zenoh.
+        LinkError: The endpoint makes no sense.
     """
-    with _session(endpoint) as session:
+    with session_on(None, [endpoint]) as session:
 
         def publish(seen: Sighting) -> None:
             key = f"aerodft/{station}/observation/{seen.name}"
             session.put(key, seen.observation_line(), encoding=zenoh.Encoding.APPLICATION_JSON)
 
         yield publish
-
-
-def _session(endpoint: str) -> zenoh.Session:
-    config = zenoh.Config()
-    try:
-        for key, value in (
-            ("mode", "peer"),
-            ("connect/endpoints", [endpoint]),
-            ("connect/exit_on_failure", False),
-            ("listen/endpoints", []),
-            ("scouting/multicast/enabled", False),
-            ("scouting/gossip/enabled", False),
-        ):
-            config.insert_json5(key, json.dumps(value))
-        return zenoh.open(config)
-    except zenoh.ZError:
-        raise LinkError(
-            "zenoh cannot be opened", got=endpoint, expected="an endpoint like tcp/127.0.0.1:7447"
-        ) from None

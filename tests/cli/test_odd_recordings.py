@@ -156,14 +156,36 @@ def test_a_payload_that_is_none_is_named_with_its_recording(aerodft, tmp_path: P
     assert not (tmp_path / "table.csv").exists()
 
 
-def test_a_newer_version_s_recording_says_what_is_left_out(aerodft, tmp_path: Path, caplog) -> None:
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_a_newer_version_s_recording_says_what_is_left_out(aerodft, tmp_path: Path, caplog, *, is_cut: bool) -> None:
     folder = remade(tmp_path / "newer", name=lambda name: name.replace("measurement/1", "measurement/2"))
+    if is_cut:  # without its index: the channels are known when the chunks are read
+        path = folder / "data_000.mcap"
+        path.write_bytes(path.read_bytes()[:-200])
     done = aerodft("export", folder, "--format", "csv", "-o", tmp_path / "table.csv")
     assert done.code == 4, done.err
     assert f"{folder}: aerodft.measurement/2 is unknown to aerodft" in caplog.text
     caplog.clear()
     assert aerodft("recompute", folder, "-o", tmp_path / "again").code == 0  # its input is of this version
-    assert "aerodft.measurement/2" in caplog.text
+    assert caplog.text.count("aerodft.measurement/2 is unknown") == 1
+
+
+def test_replay_leaves_out_what_is_damaged_and_counts_it(aerodft, tmp_path: Path, caplog) -> None:
+    """Every third payload is cut: the rest is published, and the first of them named."""
+    count = iter(range(10**6))
+
+    def damaged(channel, data: bytes) -> bytes:
+        is_measured = channel.topic.startswith("aerodft/") and "/measurement/" in channel.topic
+        return data[: len(data) // 2] if is_measured and next(count) % 3 == 0 else data
+
+    folder = remade(tmp_path / "remade", data=damaged)
+    done = aerodft("replay", folder, "--rate", "max", "--listen", free_endpoint(), "--json")
+    assert done.code == 0, done.err
+    measured = next(count)
+    assert measured == 118
+    assert done.json["damaged"] == -(-measured // 3)
+    assert done.json["measurements"] == measured - done.json["damaged"]
+    assert caplog.text.count(f"{folder}: damaged payloads are left out: ") == 1
 
 
 def test_a_file_called_dash_is_not_made(aerodft, tmp_path: Path, monkeypatch) -> None:

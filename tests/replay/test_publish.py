@@ -5,10 +5,12 @@ import sys
 import textwrap
 import time
 from pathlib import Path
+from queue import Queue
 
 import numpy as np
 import orjson
 import pytest
+import zenoh
 
 from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.adapters.mcap.recorder import McapRecorder
@@ -26,6 +28,7 @@ from aerodft.service.clock import VirtualClock
 from aerodft.service.feed import batch_of
 from replay.player import Player
 from replay.publish import Republisher, is_published
+from replay.publishers import WaitingPublishers
 from replay.recording import Recording
 from replay.timeline import timeline
 
@@ -132,3 +135,35 @@ def test_waiting_for_nobody_ends(recording: Recording) -> None:
         assert not publisher.has_listeners
         publisher.close()
     assert time.monotonic() - start_s < 10
+
+
+def test_more_keys_than_are_declared_all_arrive_and_listeners_are_noticed() -> None:
+    endpoint, keys = free_endpoint(), 1200
+    got: Queue[str] = Queue()
+    with session_on(endpoint) as session, session_on(None, [endpoint]) as other:
+        publishers = WaitingPublishers(session)
+        publishers.put("many/before", b"", zenoh.Encoding.ZENOH_BYTES)
+        assert not publishers.has_listeners
+        subscriber = other.declare_subscriber("many/**", lambda sample: got.put(str(sample.key_expr)))
+        end_s = time.monotonic() + 20
+        while not publishers.has_listeners and time.monotonic() < end_s:
+            time.sleep(0.01)
+        for key in range(keys):
+            publishers.put(f"many/{key}", b"", zenoh.Encoding.ZENOH_BYTES)
+        assert {got.get(timeout=20) for _ in range(keys)} == {f"many/{key}" for key in range(keys)}
+        subscriber.undeclare()
+        publishers.close()
+
+
+def test_a_listener_to_any_one_of_many_keys_is_noticed() -> None:
+    endpoint = free_endpoint()
+    with session_on(endpoint) as session, session_on(None, [endpoint]) as other:
+        publishers = WaitingPublishers(session)
+        with other.declare_subscriber("many/170"):
+            heard, end_s = False, time.monotonic() + 20
+            while not heard and time.monotonic() < end_s:
+                for key in range(200):
+                    publishers.put(f"many/{key}", b"", zenoh.Encoding.ZENOH_BYTES)
+                heard = publishers.was_heard
+            assert heard
+        publishers.close()

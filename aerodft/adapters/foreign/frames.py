@@ -50,15 +50,20 @@ class FrameReader:
 
     def frames(self, data: bytes) -> list[bytes]:
         """The frames that are complete with this message."""
+        unwrapped = self.unwrapped(data)
+        return self._framer.push(unwrapped) if unwrapped else []
+
+    def unwrapped(self, data: bytes) -> bytes:
+        """What a message holds of a link's bytes; nothing where it cannot be read."""
         try:
             if self._is_mavros:
-                return self._framer.push(_of_mavros(Fields(data, is_ros1=self._is_ros1)))
+                return _of_mavros(Fields(data, is_ros1=self._is_ros1))
             if self._is_json:
-                return self._framer.push(self._of_json(data))
+                return self._of_json(data)
         except (ValueError, struct.error, KeyError, TypeError):
             self.unreadable += 1
-            return []
-        return self._framer.push(data)
+            return b""
+        return data
 
     def _of_json(self, data: bytes) -> bytes:
         item = orjson.loads(data)

@@ -69,7 +69,10 @@ class MavlinkDecoder:
         self.rejected: Counter[str] = Counter()
         self._address = OneAddress()
         self._sequence = SequenceWatch()
-        self.decode(_EMPTY)  # compiles on the very first run, which takes seconds: not while frames wait
+
+    def warm_up(self) -> None:
+        """Load and compile now what would hold up the first frames: on the very first run that takes seconds."""
+        self.decode(_EMPTY)
 
     @property
     def system(self) -> int | None:

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from aerodft.adapters.mavlink.dialect import frame_table
 from aerodft.adapters.mavlink.layout import (
     MIN_FRAME,
     SIGNATURE,
@@ -198,6 +199,11 @@ class Region:
         at, size, extra = at[fits], size[fits], extra[fits]
         good = self.good(at, size, extra)
         return np.stack([at[good], size[good]])
+
+
+def count_frames(data: bytes) -> int:
+    """How many frames some bytes hold, the checks of which they pass."""
+    return Region(np.frombuffer(data, dtype=np.uint8)).frames(frame_table()).shape[1] if data else 0
 
 
 def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *, checked: bool) -> None:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import zenoh
 
+from aerodft.adapters.zenoh.endpoint import EXPECTED, fault_of, reason_in
 from aerodft.errors import LinkError
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -35,13 +36,16 @@ def open_session(listen: str | None, connect: Sequence[str] = ()) -> zenoh.Sessi
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
     }
-    where = ", ".join((*([listen] if listen else []), *connect))
+    endpoints = (*([] if listen is None else [listen]), *connect)
+    for each in endpoints:
+        if fault := fault_of(each):
+            raise LinkError("no endpoint", got=fault, expected=EXPECTED)
     try:
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        raise _link_error(where, error) from error
+        raise _link_error(", ".join(endpoints), error) from error
     _log.info("zenoh listens on %s, connects to %s", listen or "nothing", ", ".join(connect) or "nothing")
     return session
 
@@ -82,7 +86,9 @@ def _link_error(where: str, error: zenoh.ZError) -> LinkError:
             expected="a free port",
             hint="another service runs there, or choose another port in the configuration",
         )
-    return LinkError("zenoh cannot be opened", where=where, got=_short(error), expected="tcp/HOST:PORT")
+    _log.debug("zenoh says: %s", error)
+    got = reason_in(str(error)) or "an endpoint that zenoh cannot open"
+    return LinkError("the bus cannot be opened", where=where, got=got, expected=EXPECTED)
 
 
 def _short(error: zenoh.ZError) -> str:

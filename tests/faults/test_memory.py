@@ -1,0 +1,137 @@
+"""What commands take of memory with other tools' files, damaged ones and such as claim too much: libraries included."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.writer import CompressionType, Writer
+
+from tests.peak import CAN_MEASURE, Taken, taken_by
+from tests.replay.foreign_files import frames_of, jpegs, write_foreign
+
+SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
+FROZEN = Path(__file__).parents[1] / "cli/frozen-0.1"
+MOST_MB, MOST_COMPUTING_MB = 200, 300
+QUIETLY = ("--rate", "max", "--listen", "tcp/127.0.0.1:0")
+CHANNELS = 60_000 if os.environ.get("AERODFT_FAULTS") == "full" else 6_000
+STATION = """
+[station]
+name = "far"
+[camera]
+file = "camera.toml"
+[telemetry.height]
+order = ["home"]
+[[probe]]
+name = "centre"
+kind = "position"
+pixels = [[320, 240]]
+"""
+
+pytestmark = pytest.mark.skipif(not CAN_MEASURE, reason="peaks are read from /proc")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made: Path = tmp_path_factory.mktemp("memory")
+    (made / "camera.toml").write_text('name = "far"\nwidth_px = 640\nheight_px = 480\nhfov_deg = 60.0\n')
+    (made / "station.toml").write_text(STATION)
+    frames = frames_of(SAMPLE)
+    pictures = jpegs([frames[0][0] + k * 400_000_000 for k in range(1, 60)], 640, 480)
+    data = write_foreign(made / "whole.mcap", frames, pictures).read_bytes()
+    (made / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    flipped = bytearray(data)
+    for place in np.random.default_rng(3).integers(len(data), size=20):
+        flipped[place] ^= 1 << 3
+    (made / "flipped.mcap").write_bytes(flipped)
+    (made / "empty.mcap").write_bytes(b"")
+    (made / "noise.mcap").write_bytes(data[:8] + np.random.default_rng(4).bytes(1 << 20))
+    write_foreign(made / "pictures.mcap", (), pictures)
+    (made / "bomb.mcap").write_bytes(data[:8] + bomb(1 << 30))
+    return made
+
+
+def bomb(claimed: int) -> bytes:
+    """A chunk record of a few kilobytes that unpacks to a gigabyte of zeros."""
+    packer = zstandard.ZstdCompressor(level=3).compressobj(size=claimed)
+    block = bytes(1 << 24)
+    packed = b"".join([*(packer.compress(block) for _ in range(claimed >> 24)), packer.flush()])
+    head = (1).to_bytes(8, "little") + (2).to_bytes(8, "little") + claimed.to_bytes(8, "little") + bytes(4)
+    content = head + (4).to_bytes(4, "little") + b"zstd" + len(packed).to_bytes(8, "little") + packed
+    return b"\x06" + len(content).to_bytes(8, "little") + content
+
+
+def checked(taken: Taken, most_mb: float, codes: set[int], what: str) -> None:
+    print(f"\n{what}: {taken.peak_mb:.0f} MB, exit code {taken.code}")
+    assert taken.code in codes, taken.err
+    assert "Traceback" not in taken.err
+    assert taken.peak_mb < most_mb
+
+
+@pytest.mark.parametrize(
+    ("name", "codes"),
+    [
+        ("whole", {0}),
+        ("cut", {0}),
+        ("flipped", {0}),
+        ("pictures", {0}),
+        ("empty", {3}),
+        ("noise", {3, 4}),
+        ("bomb", {4}),
+    ],
+)
+def test_replay_of_other_tools_files(folder: Path, name: str, codes: set[int]) -> None:
+    checked(taken_by("replay", folder / f"{name}.mcap", *QUIETLY), MOST_MB, codes, f"replay {name}")
+
+
+@pytest.mark.parametrize("command", ["doctor", "import", "recompute"])
+@pytest.mark.parametrize("name", ["empty", "noise", "bomb", "pictures"])
+def test_what_is_refused_is_refused_before_much_is_loaded(
+    folder: Path, tmp_path: Path, name: str, command: str
+) -> None:
+    arguments = () if command == "doctor" else ("-c", folder / "station.toml", "-o", tmp_path / "out")
+    taken = taken_by(command, folder / f"{name}.mcap", *arguments)
+    checked(taken, MOST_MB, {3, 4}, f"{command} {name}")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["whole", "cut", "flipped"])
+def test_what_is_measured_takes_no_more_than_measuring_does(folder: Path, tmp_path: Path, name: str) -> None:
+    arguments = ("-c", folder / "station.toml", "-o", tmp_path / "out")
+    checked(taken_by("import", folder / f"{name}.mcap", *arguments), MOST_COMPUTING_MB, {0}, f"import {name}")
+    assert (tmp_path / "out").is_dir()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("replay", FROZEN, *QUIETLY),
+        ("recover", FROZEN),
+        ("compare", FROZEN, FROZEN),
+        ("export", FROZEN, "--format", "mcap", "-o", "OUT/all.mcap"),
+        ("export", FROZEN, "--format", "parquet", "-o", "OUT/all.parquet"),
+    ],
+    ids=["replay", "recover", "compare", "mcap", "parquet"],
+)
+def test_our_own_recordings(tmp_path: Path, arguments: tuple[object, ...]) -> None:
+    line = [str(each).replace("OUT", str(tmp_path)) for each in arguments]
+    checked(taken_by(*line), MOST_MB, {0}, " ".join(line))
+
+
+def test_as_many_channels_as_a_file_may_claim(tmp_path: Path) -> None:
+    """Two messages on each; what it takes is for the channels' names, and no more than a bounded part is declared."""
+    path = tmp_path / "many.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start(library="another tool")
+        ids = [writer.register_channel(f"/c/{k}", "application/octet-stream", 0) for k in range(CHANNELS)]
+        for second in range(2):
+            for k, channel in enumerate(ids):
+                at_ns = 10**18 + second * 10**9 + k * 1000
+                writer.add_message(channel, at_ns, b"\xfd%d" % k, at_ns)
+        writer.finish()
+    checked(taken_by("replay", path, *QUIETLY, timeout_s=250), MOST_MB, {0}, f"replay {CHANNELS} channels")
+    taken = taken_by("doctor", path, timeout_s=250)
+    checked(taken, MOST_MB, {3}, f"doctor {CHANNELS} channels")
+    assert f"MAVLink is looked for in 500 of {CHANNELS} topics" in taken.err

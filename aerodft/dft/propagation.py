@@ -125,15 +125,17 @@ def _along(shared: FloatArray, unit: FloatArray, a: int) -> float:
 
 @njit
 def _range_variance(shared: FloatArray, shared_cov: FloatArray, elevation_var: float, unit: FloatArray) -> float:
-    total = 0.0
-    for a in range(shared.shape[1]):
-        by_a, row = _along(shared, unit, a), 0.0
-        for b in range(shared.shape[1]):
+    total, by = 0.0, np.empty(shared.shape[1])
+    for a in range(len(by)):
+        by[a] = _along(shared, unit, a)
+    for a in range(len(by)):
+        row = 0.0
+        for b in range(len(by)):
             if shared_cov[a, b] != 0.0:
-                row += shared_cov[a, b] * _along(shared, unit, b)
+                row += shared_cov[a, b] * by[b]
         if a == _ELEVATION:
-            row += elevation_var * by_a
-        total += by_a * row
+            row += elevation_var * by[a]
+        total += by[a] * row
     return total
 
 

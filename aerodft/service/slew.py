@@ -2,12 +2,15 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.model.arrays import FloatArray, IntArray
+
+_ROUNDING_RAD: Final = 1e-6  # far more than the angle between two quaternions is off by
 
 
 def jump_std(
@@ -81,22 +84,21 @@ def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, s
         slew_radps: As in ``demands_before``.
     """
     std = np.zeros((len(now_wxyz), 3))
-    has_any = np.flatnonzero(demands.counts)
-    if not len(has_any):
+    of_stamp = np.repeat(np.arange(len(now_wxyz)), demands.counts)
+    done_rad = slew_radps * demands.replaced_ns / SECOND_NS
+    along = np.abs(np.einsum("ij,ij->i", reported_wxyz[demands.rows], now_wxyz[of_stamp]))
+    unreached = np.flatnonzero(2 * np.arccos(np.minimum(along, 1.0)) > done_rad - _ROUNDING_RAD)  # most are reached
+    if not len(unreached):
         return std
-    counts = demands.counts[has_any]
-    starts = np.cumsum(counts) - counts
-    turns = to_rotation_vector(
-        multiply(inverse(reported_wxyz[demands.rows]), np.repeat(now_wxyz[has_any], counts, axis=0))
-    )
+    of_stamp = of_stamp[unreached]
+    turns = to_rotation_vector(multiply(inverse(reported_wxyz[demands.rows[unreached]]), now_wxyz[of_stamp]))
     angles = _length(turns)
-    left = np.maximum(angles - slew_radps * demands.replaced_ns / SECOND_NS, 0.0)
+    left = np.maximum(angles - done_rad[unreached], 0.0)
+    starts = np.flatnonzero(np.diff(of_stamp, prepend=-1))
     most = np.maximum.reduceat(left, starts)
-    is_most = np.flatnonzero(left == np.repeat(most, counts))
-    farthest = is_most[np.searchsorted(is_most, starts)]  # of several the first
-    moves = most > 0
-    farthest = farthest[moves]
-    std[has_any[moves]] = turns[farthest] * (left[farthest] / angles[farthest] / math.sqrt(3))[:, None]
+    is_most = np.flatnonzero(left == np.repeat(most, np.diff(starts, append=len(left))))
+    farthest = is_most[np.searchsorted(is_most, starts)][most > 0]  # of several the first
+    std[of_stamp[farthest]] = turns[farthest] * (left[farthest] / angles[farthest] / math.sqrt(3))[:, None]
     return std
 
 

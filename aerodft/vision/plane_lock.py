@@ -5,36 +5,30 @@ so nothing adds up but at the change from one keyframe to the next, and earlier 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
-import cv2
 import numpy as np
 
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.vision.plane_groups import PlaneGroup, carried_std_px, drifting_apart, groups_of
-from aerodft.vision.straight import StraightView, carried
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.vision.keyframes import FEWEST, MOST_CORNERS, Keyframe, PlaneImage, corners_of, nearest_px
+from aerodft.vision.plane_errors import FREE, Standpoint, foretold_cov, moved_on, place_cov_px2, shift_cov
+from aerodft.vision.plane_groups import Matched, groups_of
+from aerodft.vision.plane_land import Land, land_among
+from aerodft.vision.stillness import LAND_AS_BEFORE, LAND_AT_FIRST, Stillness
+from aerodft.vision.straight import carried
 from aerodft.vision.tracking import followed
 
-_CORNERS: Final = 160
-_CELLS: Final = 8  # of the grid over which they are spread, along each side
-_QUALITY: Final = 0.01
-_APART_PX: Final = 6
-_MARGIN_PX: Final = 12.0
-_FEWEST: Final = 12
+_FEWEST_FORETOLD: Final = 8  # where telemetry says the rest
 _LEAST_SHARE: Final = 0.2  # of the points in view: where fewer agree, it may be another place
 _RICH: Final = 0.55  # of a keyframe's points: with fewer in view it is time for another
-_SCALES: Final = (0.7, 1.45)  # a template that is seen larger or smaller than that looks different
-_KEYFRAMES: Final = 12
-_SWITCH_STD_PX: Final = 0.15  # small pixels, of a new keyframe's place
-_FORETOLD_STEP_STD_PX: Final = 1.5  # small pixels, of what telemetry foretells from image to image ...
-_FORETOLD_STD_PX: Final = 15.0  # ... and at most, since the first
-_STEP_STD_PX: Final = 8.0  # of going on as before, without telemetry
-_MOST_DOUBT: Final = 13.3  # squared stds of two times two coordinates, of which 99 % are less
-_CERTAIN: Final = 20.0  # more of them: the others are not the plane
+_SOME: Final = 0.2  # of them: enough to return to it
+_KEYFRAMES: Final = 24
+_SWITCH_STD_PX: Final = 0.1  # small pixels, of a new keyframe's place
 _REMEMBERED: Final = 500
 _TRIED: Final = 2  # other keyframes
 _LOOK_BACK: Final = 5  # images, from one try of an older keyframe to the next
+_BETTER: Final = 0.7  # of the std: what it takes to return to one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,211 +37,172 @@ class Lock:
 
     Attributes:
         homography: ``(3, 3)`` from straight small pixels of the first image to those of this one.
-        agreeing: Points that it explains.
-        added_px: What the change of keyframes adds to the std, and what else may be the plane.
+        cov: ``(8, 8)`` of that, in units of ``unit``, see ``plane_errors``.
+        unit: ``(3, 3)`` intrinsics.
+        land: What it is made of.
         land_px: ``(n, 2)`` small pixels of these points.
-        group: What it is made of: points that the keyframe had ...
-        then: ... at these straight pixels ``(m, 2)``; ...
-        since_first: ... and the keyframe's own homography.
     """
 
     homography: FloatArray
-    agreeing: int
-    added_px: float
+    cov: FloatArray
+    unit: FloatArray
+    land: Land
     land_px: FloatArray
-    group: PlaneGroup
-    then: FloatArray
-    since_first: FloatArray
 
-    def std_px(self, first: FloatArray) -> float:
-        """Of the worst known of points that were at ``first (n, 2)``, straight, in the first image; small pixels."""
-        carried_px = carried_std_px(self.group, self.then, carried(self.since_first, first))
-        return math.hypot(float(np.max(carried_px)), self.added_px)
+    def cov_px2(self, first: FloatArray) -> FloatArray:
+        """Covariances ``(n, 2, 2)`` of where points are that were at ``first (n, 2)``; straight small pixels."""
+        return place_cov_px2(self.cov, self.unit, carried(self.homography, first))
 
-
-@dataclass(slots=True, eq=False)
-class _Keyframe:
-    image: ImageArray
-    corners_px: FloatArray
-    since_first: FloatArray
-    added_px: float
+    def first_std_px(self, first: FloatArray) -> float:
+        """How well points at ``first (n, 2)`` are held, the worst of them, in pixels of the first image."""
+        back = np.linalg.inv(self.homography)
+        cov = place_cov_px2(moved_on(self.cov, np.asarray(back), self.unit), self.unit, first)
+        return math.sqrt(float(np.max(np.linalg.eigvalsh(cov))))
 
 
 class PlaneLock:
     """Holds the plane.
 
     Args:
-        view: The camera's small images.
-        first: The first of them.
+        first: The first image.
         near_px: ``(n, 2)`` small pixels around which the plane is looked at, because farther away it may be another.
         reach_px: How far around them.
     """
 
-    def __init__(self, view: StraightView, first: ImageArray, near_px: FloatArray, reach_px: float) -> None:
-        self._view, self._near_px, self._reach_px = view, near_px, reach_px
+    def __init__(self, first: PlaneImage, near_px: FloatArray, reach_px: float) -> None:
+        self._near, self._reach_px = first.view.straight(near_px), reach_px
+        lens = first.view.camera
+        self._unit = np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1.0]])
         self._last, self._step = np.eye(3), np.eye(3)
-        self._foretold: FloatArray | None = None
-        self._missed = 0
-        self._astray = np.zeros((0, 2))
-        self._expected: list[tuple[FloatArray, float]] = []
-        self._centre: FloatArray = view.straight(np.asarray(np.mean(near_px, axis=0)))
+        self._last_image = first
+        self._told_s = first.time_s
         self._images = 0
-        self._held = self._keyframe(first, np.eye(3), 0.0)
+        self._astray = np.zeros((0, 2))
+        self._held = self._keyframe(first, np.eye(3), np.zeros((FREE, FREE)))
         self._keyframes = [self._held]
 
-    def follow(self, image: ImageArray, foretold: FloatArray | None = None) -> Lock | None:
-        """Find the plane in the next small image; None where it is not found.
+    def know_first(self, standpoint: Standpoint | None) -> None:
+        """Where the first image was taken from, which may become known after it."""
+        first = self._keyframes[0]
+        if first.taken is self._last_image:
+            self._last_image = replace(first.taken, standpoint=standpoint)
+        first.taken = replace(first.taken, standpoint=standpoint)
 
-        Args:
-            image: ``(height, width)``.
-            foretold: What telemetry makes of the homography since the first image; None where it does not tell.
-        """
+    def follow(self, now: PlaneImage) -> Lock | None:
+        """Find the plane in the next image; None where it is not found."""
         self._images += 1
-        on = self._step @ self._last
-        step_std_px = _STEP_STD_PX * (1 + self._missed)
-        if foretold is not None:
-            on = foretold if self._foretold is None else foretold @ np.linalg.inv(self._foretold) @ self._last
-            images = self._images if self._foretold is None else 1 + self._missed
-            step_std_px = _FORETOLD_STEP_STD_PX * math.sqrt(images)
-        self._expected = [(on, step_std_px)]
-        if foretold is not None:
-            drift_px = _FORETOLD_STEP_STD_PX * math.sqrt(self._images)
-            self._expected.append((foretold, min(drift_px, _FORETOLD_STD_PX)))
-        for guess, _ in self._expected:
-            for keyframe in (self._held, *self._alike(guess)):
-                lock = self._fit(keyframe, guess, image)
+        if now.standpoint is not None:
+            self._told_s = now.time_s
+        for guess in self._guesses(now.standpoint):
+            for keyframe in (self._held, *self._alike(guess, now)):
+                lock = self._fit(keyframe, guess, now)
                 if lock is not None:
                     self._held = keyframe
-                    lock = self._choose(lock, image)
+                    lock = self._choose(lock, now)
                     self._step, self._last = lock.homography @ np.linalg.inv(self._last), lock.homography
-                    self._foretold, self._missed = foretold, 0
+                    self._last_image = now
                     return lock
         self._step = np.eye(3)
-        self._missed += 1
         return None
 
-    def _doubt(self, homography: FloatArray) -> float:
-        """How far a homography since the first image is from what is expected, squared stds."""
-        places = [carried(each, self._centre) for each in (homography, *(each for each, _ in self._expected))]
-        stds = [std for _, std in self._expected]
-        return sum(
-            float(np.sum((place - places[0]) ** 2)) / std**2 for place, std in zip(places[1:], stds, strict=True)
-        )
+    def _guesses(self, standpoint: Standpoint | None) -> list[FloatArray]:
+        """Homographies since the first image, the likeliest first."""
+        first, last = self._keyframes[0].taken.standpoint, self._last_image.standpoint
+        guesses = [
+            self._step @ self._last if standpoint is None or last is None else last.onto(standpoint) @ self._last
+        ]
+        if standpoint is not None and first is not None:
+            guesses.append(first.onto(standpoint))
+        return guesses
 
-    def _forget(self, keyframe: _Keyframe, rows: IntArray) -> None:
-        """Leave corners out that do not lie still on the plane, and remember where such are."""
-        back: FloatArray = np.asarray(np.linalg.inv(keyframe.since_first), dtype=np.float64)
-        away = carried(back, self._view.straight(keyframe.corners_px[rows]))
-        self._astray = np.concatenate([self._astray, away])[-_REMEMBERED:]
-        keyframe.corners_px = np.delete(keyframe.corners_px, rows, axis=0)
+    def _alike(self, homography: FloatArray, now: PlaneImage) -> list[Keyframe]:
+        """Other keyframes that show what is seen now, the best known first."""
+        shown = [each for each in self._keyframes if each is not self._held and _shows(each, homography, now, _SOME)]
+        return sorted(shown, key=lambda each: each.std_px)[:_TRIED]
 
-    def _alike(self, homography: FloatArray) -> list[_Keyframe]:
-        """Other keyframes that show what is seen now, the best first."""
-        others = [each for each in self._keyframes if each is not self._held and self._shows(each, homography)]
-        return sorted(others, key=lambda each: each.added_px)[:_TRIED]
-
-    def _choose(self, lock: Lock, image: ImageArray) -> Lock:
+    def _choose(self, lock: Lock, now: PlaneImage) -> Lock:
         """Hold on to the keyframe whose place is known best of those that show the view; else make this image one."""
         if self._images % _LOOK_BACK == 0:
-            for keyframe in self._alike(lock.homography):
-                better = None
-                if keyframe.added_px < lock.added_px:
-                    better = self._fit(keyframe, lock.homography, image)
-                if better is not None:
-                    self._held = keyframe
-                    return better
-        if not self._shows(self._held, lock.homography):
-            added_px = max(lock.std_px(self._view.straight(self._near_px)), math.hypot(lock.added_px, _SWITCH_STD_PX))
-            new = self._keyframe(image, lock.homography, added_px, lock)
-            if len(new.corners_px) >= 2 * _FEWEST:
+            std_px = lock.first_std_px(self._near)
+            for keyframe in self._alike(lock.homography, now):
+                better = self._fit(keyframe, lock.homography, now) if keyframe.std_px < _BETTER * std_px else None
+                if better is not None and better.first_std_px(self._near) < _BETTER * std_px:
+                    self._held, lock = keyframe, better
+                    break
+        if not _shows(self._held, lock.homography, now, _RICH):
+            new = self._keyframe(now, lock.homography, lock.cov + shift_cov(_SWITCH_STD_PX, self._unit), lock)
+            if len(new.corners_px) >= 2 * FEWEST:
                 self._held = new
                 self._keyframes = [*self._keyframes[:1], *self._keyframes[1:][-_KEYFRAMES:], new]
         return lock
 
-    def _shows(self, keyframe: _Keyframe, homography: FloatArray) -> bool:
-        """Whether a keyframe has most of what is seen, in about the same size."""
-        onto = homography @ np.linalg.inv(keyframe.since_first)
-        if len(keyframe.corners_px) < 2 * _FEWEST:
-            return False
-        share = np.mean(self._inside(self._view.moved(onto, keyframe.corners_px)))
-        middle = np.mean(keyframe.corners_px, axis=0) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        ends = self._view.moved(onto, middle)
-        scale = math.sqrt(abs(float(np.linalg.det(ends[1:] - ends[0]))))
-        return bool(share >= _RICH and _SCALES[0] <= scale <= _SCALES[1])
-
     def _keyframe(
-        self, image: ImageArray, since_first: FloatArray, added_px: float, lock: Lock | None = None
-    ) -> _Keyframe:
-        near_px = self._view.moved(since_first, self._near_px)
-        corners = _corners(image)
+        self, taken: PlaneImage, since_first: FloatArray, cov: FloatArray, lock: Lock | None = None
+    ) -> Keyframe:
+        near_px = taken.view.bent(carried(since_first, self._near))
+        corners = corners_of(taken.small, near_px)
         if len(self._astray) and lock is not None:
-            astray = self._view.bent(carried(since_first, self._astray))
-            astray = astray[np.isfinite(astray[:, 0])]
-            corners = corners[_nearest_px(corners, lock.land_px) < _nearest_px(corners, astray)]
-        apart = np.linalg.norm(corners[:, None] - near_px, axis=-1)
-        near = corners[np.min(np.where(np.isnan(apart), np.inf, apart), axis=1, initial=np.inf) <= self._reach_px]
-        enough = near if len(near) >= _CORNERS // 2 else corners
-        return _Keyframe(image, enough, since_first, added_px)
-
-    def _fit(self, keyframe: _Keyframe, guess: FloatArray, image: ImageArray) -> Lock | None:
-        """The homography by one keyframe's points, near a guess."""
-        view = self._view
-        onto = guess @ np.linalg.inv(keyframe.since_first)
-        there_px = view.moved(onto, keyframe.corners_px)
-        inside = self._inside(there_px)
-        if np.count_nonzero(inside) < _FEWEST:
-            return None
-        warped = view.warped(keyframe.image, onto)
-        now_px, found = followed(warped, image, there_px[inside], there_px[inside])
-        fewest = max(_FEWEST, math.ceil(_LEAST_SHARE * np.count_nonzero(inside)))
-        if np.count_nonzero(found) < fewest:
-            return None
-        then, now = view.straight(keyframe.corners_px[inside][found]), view.straight(now_px[found])
-        on, _ = self._expected[0]
-        off_px = now - carried(on @ np.linalg.inv(keyframe.since_first), then)
-        groups = drifting_apart(then, now, off_px, fewest) or groups_of(then, now, fewest)
-        if not groups:
-            return None
-        doubts = [self._doubt(group.homography @ keyframe.since_first) for group in groups]
-        if len(groups) > 1 and doubts[1] < doubts[0]:
-            groups, doubts = groups[::-1], doubts[::-1]
-        if doubts[0] > _MOST_DOUBT:
-            return None
-        split_px = 0.0
-        if len(groups) > 1 and doubts[1] < doubts[0] + _CERTAIN:
-            places = [carried(group.homography @ keyframe.since_first, self._centre) for group in groups]
-            split_px = float(np.linalg.norm(places[1] - places[0])) * math.exp((doubts[0] - doubts[1]) / 2)
-        if doubts[-1] > doubts[0] + _CERTAIN:
-            self._forget(keyframe, np.flatnonzero(inside)[found][groups[-1].members])
-        whole = groups[0].homography @ keyframe.since_first
-        mine = groups[0].members
-        return Lock(
-            homography=whole / whole[2, 2],
-            agreeing=int(np.count_nonzero(mine)),
-            added_px=math.hypot(keyframe.added_px, split_px),
-            land_px=view.bent(now[mine]),
-            group=groups[0],
-            then=then,
-            since_first=keyframe.since_first,
+            astray_px = taken.view.bent(carried(since_first, self._astray))
+            corners = corners[nearest_px(corners, lock.land_px) < nearest_px(corners, astray_px)]
+        near = corners[nearest_px(corners, near_px) <= self._reach_px]
+        enough = near if len(near) >= MOST_CORNERS // 2 else corners
+        still = Stillness(taken.time_s, LAND_AT_FIRST if lock is None else min(lock.land.log_odds, LAND_AS_BEFORE))
+        return Keyframe(
+            taken=taken,
+            corners_px=enough,
+            since_first=since_first,
+            cov=cov,
+            std_px=0.0 if lock is None else lock.first_std_px(self._near),
+            stillness=still,
+            are_known=np.ones(len(enough), dtype=np.bool_),
+            strangeness=still.again(),
         )
 
-    def _inside(self, small_px: FloatArray) -> BoolArray:
-        farthest = np.array([self._view.camera.width_px, self._view.camera.height_px]) - 1 - _MARGIN_PX
-        return np.asarray(np.all((small_px >= _MARGIN_PX) & (small_px <= farthest), axis=-1))
+    def _fit(self, keyframe: Keyframe, guess: FloatArray, now: PlaneImage) -> Lock | None:
+        """The homography by one keyframe's points, near a guess."""
+        onto = guess @ np.linalg.inv(keyframe.since_first)
+        there_px, inside = keyframe.seen_px(now.view, onto)
+        fewest = max(FEWEST, math.ceil(_LEAST_SHARE * np.count_nonzero(inside)))
+        if np.count_nonzero(inside) < fewest:
+            return None
+        warped = now.view.warped(keyframe.taken.small, onto, keyframe.taken.view)
+        now_px, found = followed(warped, now.small, there_px[inside], there_px[inside])
+        if np.count_nonzero(found) < fewest:
+            return None
+        rows = np.flatnonzero(inside)[found]
+        then = keyframe.taken.view.straight(keyframe.corners_px[rows])
+        seen = self._matched(keyframe.taken, now, then, now.view.straight(now_px[found]), onto)
+        few = fewest if seen.foretold_cov is None else _FEWEST_FORETOLD
+        groups = groups_of(seen, seen.now - carried(onto, then), fewest, few)
+        land = land_among(groups, seen, keyframe, rows, now, self._last_image, self._told_s) if groups else None
+        if land is None or np.count_nonzero(land.group.members) < few:
+            return None
+        if land.gone is not None:
+            keyframe.remember(rows[land.group.members], land.gone)
+        if np.any(land.astray):
+            self._forget(keyframe, rows[land.astray])
+        whole = land.group.homography @ keyframe.since_first
+        since = moved_on(keyframe.cov, land.group.homography, self._unit)
+        cov = since + land.group.cov + shift_cov(land.doubt_px, self._unit)
+        return Lock(whole / np.linalg.norm(whole), cov, self._unit, land, now_px[found][land.group.members])
+
+    def _matched(
+        self, before: PlaneImage, after: PlaneImage, then: FloatArray, now: FloatArray, onto: FloatArray
+    ) -> Matched:
+        if before.standpoint is None or after.standpoint is None:
+            return Matched(then, now, self._unit, onto, None)
+        cov = foretold_cov(before.standpoint, after.standpoint, self._unit)
+        return Matched(then, now, self._unit, before.standpoint.onto(after.standpoint), cov)
+
+    def _forget(self, keyframe: Keyframe, rows: IntArray) -> None:
+        """Leave corners out that do not lie still on the plane, and remember where such are."""
+        back: FloatArray = np.asarray(np.linalg.inv(keyframe.since_first), dtype=np.float64)
+        away = carried(back, keyframe.taken.view.straight(keyframe.corners_px[rows]))
+        self._astray = np.concatenate([self._astray, away])[-_REMEMBERED:]
+        keyframe.forget(rows)
 
 
-def _corners(small: ImageArray) -> FloatArray:
-    """Corners ``(n, 2)``, the best of each cell of a grid."""
-    strength = cv2.cornerMinEigenVal(small, 5)
-    peaks = strength >= cv2.dilate(strength, np.ones((2 * _APART_PX + 1, 2 * _APART_PX + 1), dtype=np.uint8))
-    rows, columns = np.nonzero(peaks & (strength > _QUALITY * float(np.quantile(strength, 0.99))))
-    cells = (rows * _CELLS // small.shape[0]) * _CELLS + columns * _CELLS // small.shape[1]
-    order = np.lexsort((-strength[rows, columns], cells))
-    rank = np.arange(len(order)) - np.searchsorted(cells[order], cells[order])
-    kept = order[rank < _CORNERS // _CELLS**2 + 3]
-    return np.stack([columns[kept], rows[kept]], axis=-1).astype(np.float64)
-
-
-def _nearest_px(points_px: FloatArray, others_px: FloatArray) -> FloatArray:
-    """How far each of ``(n, 2)`` is from the nearest of ``(m, 2)``."""
-    return np.asarray(np.min(np.linalg.norm(points_px[:, None] - others_px, axis=-1), axis=1, initial=np.inf))
+def _shows(keyframe: Keyframe, homography: FloatArray, now: PlaneImage, least_share: float) -> bool:
+    """Whether a keyframe has that share of its points in an image with this homography since the first."""
+    onto: FloatArray = np.asarray(homography @ np.linalg.inv(keyframe.since_first), dtype=np.float64)
+    return keyframe.is_shown(now.view, onto, least_share)

@@ -23,6 +23,7 @@ class StraightView:
     """
 
     def __init__(self, camera: Camera) -> None:
+        self._whole = camera
         self.shrink = max(round(camera.width_px / _WIDTH_PX), 1)
         shift = (self.shrink - 1) / 2  # the centre of a small pixel is that of the pixels it was made of
         self.camera = replace(
@@ -39,6 +40,10 @@ class StraightView:
         centre_px = (_NODE_PX - 1) / 2  # cv2.resize puts a node's value there
         u, v = np.meshgrid(np.arange(across) * _NODE_PX + centre_px, np.arange(down) * _NODE_PX + centre_px)
         self._nodes = self.straight(np.stack([u, v], axis=-1).astype(np.float64))
+
+    def zoomed(self, magnification: float) -> "StraightView":
+        """That of the same camera at another focal length; it bends other pixels by other amounts."""
+        return StraightView(self._whole.zoomed(magnification, 0.0)) if self._bends else self
 
     def small(self, pixels: ImageArray) -> ImageArray:
         """An image ``(height, width, 3)`` BGR, grey and small."""
@@ -70,14 +75,14 @@ class StraightView:
         flat = (straight_px - [lens.cx_px, lens.cy_px]) / [lens.fx_px, lens.fy_px]
         return pixels_from_rays(lens, np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1))
 
-    def moved(self, homography: FloatArray, small_px: FloatArray) -> FloatArray:
-        """Small pixels ``(..., 2)`` under a homography of straight ones."""
-        return self.bent(carried(homography, self.straight(small_px)))
+    def moved(self, homography: FloatArray, small_px: FloatArray, then: "StraightView") -> FloatArray:
+        """Small pixels ``(..., 2)`` of another view, under a homography from its straight ones to those of this."""
+        return self.bent(carried(homography, then.straight(small_px)))
 
-    def warped(self, small: ImageArray, homography: FloatArray) -> ImageArray:
-        """What a small image ``(height, width)`` shows, as it looks after the homography; its border is repeated."""
+    def warped(self, small: ImageArray, homography: FloatArray, then: "StraightView") -> ImageArray:
+        """What a small image ``(height, width)`` of another view shows, as this one sees it; its border is repeated."""
         inverse: FloatArray = np.asarray(np.linalg.inv(homography), dtype=np.float64)
-        nodes = self.bent(carried(inverse, self._nodes))
+        nodes = then.bent(carried(inverse, self._nodes))
         nodes = np.nan_to_num(nodes, nan=_OUTSIDE_PX).astype(np.float32)
         rows, columns = nodes.shape[:2]
         whole = cv2.resize(nodes, (columns * _NODE_PX, rows * _NODE_PX), interpolation=cv2.INTER_LINEAR)

@@ -6,7 +6,7 @@ after it was lost. A point that is not found, or that has left the image, is los
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,19 +15,21 @@ from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX, SECOND_NS
 from aerodft.geometry.ground import Ground
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe
 from aerodft.model.status import Status
+from aerodft.vision.keyframes import PlaneImage
+from aerodft.vision.plane_errors import Standpoint
 from aerodft.vision.plane_lock import Lock, PlaneLock
 from aerodft.vision.straight import StraightView, carried
 
 _REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane
 _START_NS: Final = SECOND_NS // 5  # pixels are those of an image that is no later than this after their time
-_MOST_STD_PX: Final = 15.0  # full pixels: what is known no better is lost
+_MOST_STD_PX: Final = 8.0  # full pixels: what is known no better is lost
 _STD_PX: Final = 0.2  # full pixels: a tracker is never better
 _DECIMALS: Final = 3
 _LEAST_DOWN: Final = 1e-3
@@ -65,18 +67,44 @@ class TrackedProbes:
         small = self._view.small(image.pixels())
         return tuple(
             Observation(
-                name=probe.name,
+                name=found.probe.name,
                 stamp_ns=image.stamp_ns,
                 arrival_ns=image.arrival_ns,
-                pixels=pixels,
-                std_px=std_px,
+                pixels=found.pixels,
+                std_px=found.std_px,
                 clock=image.clock,
                 image=image.index,
                 source=VISION,
+                unseen=found.why,
             )
             for group in self._groups
-            for probe, pixels, std_px in group.look(image, small, self._pose_of)
+            for found in group.look(image, small, self._pose_of)
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What became of a probe in an image.
+
+    Attributes:
+        probe: The probe.
+        pixels: Its pixels; none where it is lost.
+        std_px: Of each coordinate; None where they are those that were given.
+        why: Why there are none.
+    """
+
+    probe: Probe
+    pixels: Pixels = ()
+    std_px: float | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A pose, and by how much the camera is zoomed."""
+
+    pose: Pose
+    magnification: float
 
 
 class _Together:
@@ -84,81 +112,93 @@ class _Together:
 
     def __init__(self, camera: Camera, view: StraightView, probes: tuple[Probe, ...], ground: Ground | None) -> None:
         self._camera, self._view, self._probes, self._ground = camera, view, probes, ground
+        self._last_view = 1.0, view
         self._at_ns = probes[0].at_ns
+        self._first: tuple[Image, ImageArray] | None = None
         self._lock: PlaneLock | None = None
-        self._first: Image | None = None
+        self._first_view = view
         self._is_missed = False
-        self._known: tuple[FloatArray, float] | None = None  # the plane at a pose, and its height
+        self._elevation_m: float | None = None  # of the plane in the world, once it is known
         pixels = np.array([pixel for probe in probes for pixel in probe.pixels])
         self._small_px = view.to_small(pixels)
 
-    def look(self, image: Image, small: ImageArray, pose_of: PoseOf) -> list[tuple[Probe, Pixels, float | None]]:
-        """Each probe with its pixels and their std; none before their time."""
+    def look(self, image: Image, small: ImageArray, pose_of: PoseOf) -> list[Found]:
+        """Each probe with what became of it; nothing before their time."""
         stamp_ns = image.stamp_ns
         if self._at_ns is not None and stamp_ns < self._at_ns:
             return []
-        if self._lock is None and not self._is_missed:
-            if self._at_ns is not None and stamp_ns > self._at_ns + _START_NS:
-                self._is_missed = True
-            else:
-                self._first = replace(image, pixels=None)
-                self._lock = PlaneLock(self._view, small, self._small_px, _REACH * small.shape[1])
-                return [(probe, probe.pixels, None) for probe in self._probes]
-        if self._lock is None or self._first is None:
-            return [(probe, (), None) for probe in self._probes]
-        if self._known is None and (at_first := self._seen_with(pose_of(self._first))) is not None:
-            self._know(*at_first)
+        if self._first is None:
+            self._is_missed |= self._at_ns is not None and stamp_ns > self._at_ns + _START_NS
+            if not self._is_missed:
+                self._first = replace(image, pixels=None), small
+                return [Found(probe, probe.pixels) for probe in self._probes]
+        if self._first is None:
+            return [Found(probe, why="there was no image at the time that its pixels are of") for probe in self._probes]
+        at_first = self._seen_with(pose_of(self._first[0]))
+        if self._lock is None:  # not before, because the first image's pose may come after it
+            self._first_view = self._view_of(at_first)
+            taken = self._taken(*self._first, self._first_view, None)
+            self._lock = PlaneLock(taken, self._small_px, _REACH * small.shape[1])
+        if self._elevation_m is None and at_first is not None:
+            self._elevation_m = self._height_of_plane(at_first)
+            self._lock.know_first(self._standpoint(at_first))
         now = self._seen_with(pose_of(image))
-        found = self._lock.follow(small, None if now is None else self._plane(*now))
-        return [self._answer(probe, found) for probe in self._probes]
+        view = self._view_of(now)
+        found = self._lock.follow(self._taken(image, small, view, self._standpoint(now)))
+        return [self._answer(probe, found, view) for probe in self._probes]
 
-    def _seen_with(self, sample: PoseSample | None) -> tuple[Camera, Pose] | None:
+    def _taken(self, image: Image, small: ImageArray, view: StraightView, standpoint: Standpoint | None) -> PlaneImage:
+        return PlaneImage(small, view, (image.stamp_ns - self._epoch_ns(image)) / SECOND_NS, standpoint)
+
+    def _epoch_ns(self, image: Image) -> int:
+        return image.stamp_ns if self._first is None else self._first[0].stamp_ns
+
+    def _seen_with(self, sample: PoseSample | None) -> _Seen | None:
         """Camera, as far as it is zoomed, and pose; None where there is none."""
         if sample is None or sample.pose is None or sample.status is not Status.OK:
             return None
-        if sample.zoom is None:
-            return self._camera, sample.pose
-        return self._camera.zoomed(sample.zoom.magnification, 0.0), sample.pose
+        return _Seen(sample.pose, 1.0 if sample.zoom is None else sample.zoom.magnification)
 
-    def _answer(self, probe: Probe, found: Lock | None) -> tuple[Probe, Pixels, float | None]:
+    def _view_of(self, seen: _Seen | None) -> StraightView:
+        """Where zooming changes what the lens bends: by the last zoom that is known."""
+        if seen is not None and seen.magnification != self._last_view[0]:
+            self._last_view = seen.magnification, self._view.zoomed(seen.magnification)
+        return self._last_view[1]
+
+    def _answer(self, probe: Probe, found: Lock | None, view: StraightView) -> Found:
         if found is None:
-            return probe, (), None
-        first_px = self._view.straight(self._view.to_small(np.array(probe.pixels)))
-        moved = self._view.to_full(self._view.bent(carried(found.homography, first_px)))
+            return Found(probe, why="the ground around it was not recognised, or what was may be water that flows")
+        first_px = self._first_view.straight(view.to_small(np.array(probe.pixels)))
+        moved = view.to_full(view.bent(carried(found.homography, first_px)))
         farthest = np.array([self._camera.width_px, self._camera.height_px]) - PIXEL_CENTRE_OFFSET_PX
         if not np.all((moved >= -PIXEL_CENTRE_OFFSET_PX) & (moved <= farthest)):
-            return probe, (), None
-        carried_px = self._view.shrink * found.std_px(first_px)
+            return Found(probe, why="it is out of the image")
+        cov_px2 = found.cov_px2(first_px)
+        carried_px = view.shrink * math.sqrt(float(np.max(np.linalg.eigvalsh(cov_px2))))
         if not carried_px <= _MOST_STD_PX:
-            return probe, (), None
+            return Found(probe, why=f"where it is in the image is known to no better than {_MOST_STD_PX:.0f} px")
         pixels = tuple((u, v) for u, v in np.round(moved, _DECIMALS).tolist())
-        return probe, pixels, math.hypot(probe.std_px, carried_px, _STD_PX)
+        return Found(probe, pixels, math.hypot(probe.std_px, carried_px, _STD_PX))
 
-    def _know(self, camera: Camera, pose: Pose) -> None:
-        """Remember where the plane was in the first image, and how high it is."""
-        ray = rays_from_pixels(camera, self._view.to_full(self._small_px[0]))
-        down = ray @ matrix(pose.wxyz).T
+    def _height_of_plane(self, seen: _Seen) -> float | None:
+        """How high the plane is where the first probe is; None where it sees no ground, or is below it."""
+        ray = rays_from_pixels(self._camera.zoomed(seen.magnification, 0.0), self._view.to_full(self._small_px[0]))
+        down = ray @ matrix(seen.pose.wxyz).T
         elevation_m = self._probes[0].elevation_m
         if self._ground is not None:
-            hit = self._ground.meet(pose.position_enu_m, down, elevation_m)
+            hit = self._ground.meet(seen.pose.position_enu_m, down, elevation_m)
             if hit.status:
-                return
+                return None
             elevation_m = float(hit.points_enu_m[2])
         elif not down[2] < -_LEAST_DOWN:
-            return
-        if pose.position_enu_m[2] > elevation_m:
-            self._known = np.asarray(np.linalg.inv(self._on_plane(camera, pose, elevation_m))), elevation_m
-
-    def _plane(self, camera: Camera, pose: Pose) -> FloatArray | None:
-        """The homography since the first image that telemetry foretells; None before the plane is known."""
-        if self._known is None or not pose.position_enu_m[2] > self._known[1]:
             return None
-        return self._on_plane(camera, pose, self._known[1]) @ self._known[0]
+        return elevation_m if seen.pose.position_enu_m[2] > elevation_m else None
 
-    def _on_plane(self, camera: Camera, pose: Pose, elevation_m: float) -> FloatArray:
-        """From east and north on a level plane to straight small pixels, ``(3, 3)``."""
-        lens, scale = self._view.camera, camera.fx_px / self._camera.fx_px
-        intrinsics = np.array([[lens.fx_px * scale, 0, lens.cx_px], [0, lens.fy_px * scale, lens.cy_px], [0, 0, 1.0]])
-        plane = np.eye(3)
-        plane[:, 2] = np.array([0.0, 0.0, elevation_m]) - pose.position_enu_m
-        return np.asarray(intrinsics @ matrix(pose.wxyz).T @ plane)
+    def _standpoint(self, seen: _Seen | None) -> Standpoint | None:
+        """Where an image was taken from; None where that, or how high the plane is, is not known."""
+        if seen is None or self._elevation_m is None or not seen.pose.position_enu_m[2] > self._elevation_m:
+            return None
+        lens, zoom = self._view.camera, seen.magnification
+        intrinsics = np.array([[lens.fx_px * zoom, 0, lens.cx_px], [0, lens.fy_px * zoom, lens.cy_px], [0, 0, 1.0]])
+        place_m = seen.pose.position_enu_m - np.array([0.0, 0.0, self._elevation_m])
+        return Standpoint(intrinsics, matrix(seen.pose.wxyz), place_m)

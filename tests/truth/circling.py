@@ -14,11 +14,12 @@ from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
-from aerodft.sim.plan import Waypoint, fly
+from aerodft.sim.plan import Waypoint, fly, survey
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
-from aerodft.sim.world import DEFAULT_ORIGIN, furnished
+from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.world import DEFAULT_ORIGIN, World, furnished
 
 SECONDS = 60.0
 FPS = 5.0
@@ -43,17 +44,38 @@ class Seen:
         return pixels_from_rays(self.camera, (points_enu_m - self.pose.position_enu_m) @ matrix(self.pose.wxyz))
 
 
-def flight() -> Iterator[Seen]:
-    """All images."""
+def flight(camera: Camera = CAMERA, between_s: tuple[float, float] = (0.0, SECONDS)) -> Iterator[Seen]:
+    """All images of a camera, or those of some time."""
     trajectory = fly(_waypoints(), origin=DEFAULT_ORIGIN)
+    yield from _seen(camera, _WORLD, trajectory, between_s, zooming=True)
+
+
+def back_over_the_river(between_s: tuple[float, float], *, width_m: float = 22.0) -> Iterator[Seen]:
+    """The simulator's survey, which at 40 to 54 s turns and comes back looking straight down at the water."""
+    river = River(origin_en_m=(0.0, -26.0), width_m=width_m)
+    trajectory = survey(river, origin=DEFAULT_ORIGIN, duration_s=SECONDS)
+    yield from _seen(CAMERA, furnished(river), trajectory, between_s)
+
+
+def over_nothing_but_water(seconds: float) -> Iterator[Seen]:
+    """A drone over the middle of a river whose banks are out of view; its water flows by 0.8 m/s."""
+    there = Waypoint(time_s=0.0, east_m=0.0, north_m=0.0, height_m=40.0, heading_rad=0.3, gimbal_pitch_rad=-math.pi / 2)
+    trajectory = fly((there, replace(there, time_s=seconds, east_m=2.0 * seconds)), origin=DEFAULT_ORIGIN)
+    world = World(origin=DEFAULT_ORIGIN, river=River(width_m=200.0))
+    yield from _seen(CAMERA, world, trajectory, (0.0, seconds))
+
+
+def _seen(
+    lens: Camera, world: World, trajectory: Trajectory, between_s: tuple[float, float], *, zooming: bool = False
+) -> Iterator[Seen]:
     last: tuple[float, Camera, Renderer] | None = None
     draws = np.random.default_rng(7)
-    for k in range(round(SECONDS * FPS)):
+    for k in range(round(between_s[0] * FPS), round(between_s[1] * FPS)):
         time_s = k / FPS
-        zoom = round(_zoom(time_s), 2)
+        zoom = round(_zoom(time_s), 2) if zooming else 1.0
         if last is None or last[0] != zoom:
-            camera = replace(CAMERA, fx_px=CAMERA.fx_px * zoom, fy_px=CAMERA.fy_px * zoom)
-            last = zoom, camera, Renderer(camera, _WORLD, Imaging(noise_std=2.0))
+            camera = replace(lens, fx_px=lens.fx_px * zoom, fy_px=lens.fy_px * zoom)
+            last = zoom, camera, Renderer(camera, world, Imaging(noise_std=2.0))
         pose = trajectory.pose(trajectory.start_ns + round(time_s * SECOND_NS))
         said = _said(pose, time_s, zoom, draws)
         yield Seen(time_s, last[2].render(pose, time_s), last[1], pose, said)

@@ -13,6 +13,7 @@ import numpy as np
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.pose import PoseEncoder, sample_of_summary, stamp_word, summary_key
 from aerodft.adapters.codec.template import Same, Templates
+from aerodft.adapters.texts import Texts
 from aerodft.dft.answer_columns import AnswerBlock, AnswerRow
 from aerodft.dft.answers import Answer, ImageAnswers, answers_of
 from aerodft.dft.request import Request
@@ -56,10 +57,9 @@ class MeasurementEncoder:
 
     def image(self, image: ImageAnswers) -> bytes:
         """All of an image's answers as ``aerodft.measurements/1``."""
-        (text,) = self.images([image])
-        return text
+        return self.images([image]).data
 
-    def images(self, images: Sequence[ImageAnswers]) -> list[bytes]:
+    def images(self, images: Sequence[ImageAnswers]) -> Texts:
         """The same of several images: numbers of those that are alike but for these are written in one go."""
         return self._templates.written(images, _key, self._together, _words, self._numbers)
 

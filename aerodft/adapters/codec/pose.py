@@ -9,6 +9,7 @@ import numpy as np
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.angles import camera_angles_deg
 from aerodft.adapters.codec.template import Templates
+from aerodft.adapters.texts import Texts
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
@@ -30,7 +31,7 @@ class PoseEncoder:
         self._templates = Templates(words=("stamp_ns",))
         self._summaries: dict[int, _Summary] = {}
 
-    def encode(self, samples: Sequence[PoseSample]) -> list[bytes]:
+    def encode(self, samples: Sequence[PoseSample]) -> Texts:
         """Pose samples as ``aerodft.pose/1``."""
         return self._templates.written(
             samples, _key, self._payload, lambda sample: (stamp_word(sample),), self._numbers

@@ -11,6 +11,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.codec import wire
+from aerodft.adapters.texts import Form, Texts
 from aerodft.model.arrays import FloatArray
 
 _HOLE: Final = "\x00"  # no name or sentence holds it
@@ -48,20 +49,13 @@ class Template:
     def __init__(self, payload: wire.Json, words: Sequence[str], fixed: frozenset[str]) -> None:
         self.numbers: list[float] = []
         hollow = {key: _HOLE if key in words else self._hollow(value, fixed) for key, value in payload.items()}
-        pieces = wire.dump(hollow).split(_HOLE_TEXT)
-        self._parts = [b""] * (2 * len(pieces) - 1)
-        self._parts[::2] = pieces
+        self._form = Form.of(wire.dump(hollow).split(_HOLE_TEXT))
 
-    def texts(self, words: Sequence[Words], numbers: FloatArray) -> list[bytes]:
+    def texts(self, words: Sequence[Words], numbers: FloatArray) -> Texts:
         """Payloads with their words and numbers ``(n, m)``."""
         flat = orjson.dumps(numbers.ravel(), option=orjson.OPT_SERIALIZE_NUMPY)
-        values, count = flat[1:-1].split(b","), numbers.shape[1]
-        first, parts, found = 2 * len(words[0]) + 1, self._parts.copy(), []
-        for row, own in enumerate(words):
-            parts[1:first:2] = own
-            parts[first::2] = values[row * count : (row + 1) * count]
-            found.append(b"".join(parts))
-        return found
+        each = b",".join(word for own in words for word in own)
+        return self._form.filled(each, flat[1:-1], len(words), len(words[0]))
 
     def _hollow(self, value: Any, fixed: frozenset[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
         """A value with holes for its numbers, which are noted in their order."""
@@ -95,20 +89,20 @@ class Templates:
         payload: Callable[[T], wire.Json],
         words: Callable[[T], Words],
         numbers: Numbers[T],
-    ) -> list[bytes]:
+    ) -> Texts:
         """The payloads of items, each as if it was written alone.
 
         Args:
             items: What to write.
             key: What an item's payload is alike with others' by; None for one that is like no other.
             payload: Of one item.
-            words: Of one item, as JSON.
+            words: Of one item, as JSON without commas.
             numbers: Of some that are alike, ``(n, m)``.
         """
         alike: dict[Hashable, list[int]] = {}
         for row, item in enumerate(items):
             alike.setdefault(key(item), []).append(row)
-        found = [b""] * len(items)
+        parts: list[Texts] = []
         for common, rows in alike.items():
             own = [items[row] for row in rows]
             template = None
@@ -116,12 +110,11 @@ class Templates:
                 values = numbers(own)
                 template = self._template(common, own[0], payload, values[0])
             if template is None:
-                texts = [wire.dump(payload(item)) for item in own]
+                parts.append(Texts.of([wire.dump(payload(item)) for item in own]))
             else:
-                texts = template.texts(list(map(words, own)), values)
-            for row, text in zip(rows, texts, strict=True):
-                found[row] = text
-        return found
+                parts.append(template.texts(list(map(words, own)), values))
+        rows = [row for own in alike.values() for row in own]
+        return Texts.joined(parts, np.argsort(rows)) if parts else Texts.of([])
 
     def _template(
         self, common: Hashable, item: T, payload: Callable[[T], wire.Json], numbers: FloatArray

@@ -8,6 +8,7 @@ import struct
 import zlib
 from typing import NamedTuple
 
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -18,6 +19,7 @@ from mcap.records import (
 )
 
 from aerodft.adapters.mcap.channels import Channel
+from aerodft.model.arrays import IntArray
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
@@ -103,6 +105,24 @@ class ChunkBuffer:
             self._start_ns = log_ns
         self._end_ns = max(self._end_ns, log_ns)
         self.messages += 1
+
+    def add_rows(self, records: memoryview, channel_ids: IntArray, log_ns: IntArray, offset: IntArray) -> None:
+        """Add ``n`` messages.
+
+        Args:
+            records: Them, one behind the other.
+            channel_ids: ``(n,)`` theirs.
+            log_ns: ``(n,)`` likewise.
+            offset: ``(n,)`` where each begins.
+        """
+        entries = np.stack([log_ns, offset + len(self._content)], axis=-1).astype("<u8")
+        for channel_id in np.unique(channel_ids).tolist():
+            self._indexes.setdefault(channel_id, bytearray()).extend(entries[channel_ids == channel_id].tobytes())
+        self._content += records
+        first_ns, last_ns = int(log_ns.min()), int(log_ns.max())
+        self._start_ns = min(self._start_ns, first_ns) if self.messages else first_ns
+        self._end_ns = max(self._end_ns, last_ns)
+        self.messages += len(log_ns)
 
     def built(self, *, compress: bool) -> BuiltChunk:
         """The chunk with what was added so far."""

@@ -20,6 +20,7 @@ from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.lane import Lane
 from aerodft.adapters.mcap.channels import STATION_KEY, Channel, protobuf_channel
 from aerodft.adapters.mcap.foxglove import camera_calibration
+from aerodft.adapters.mcap.message_rows import warm_up
 from aerodft.adapters.mcap.pictures import Pictures, picture_channels
 from aerodft.adapters.mcap.records import Outputs, Record, Records, Work
 from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
@@ -66,6 +67,7 @@ class McapRecorder:
         self._camera = protobuf_channel(Keys(settings.station).camera, CameraCalibration)
         self._shed_messages = 0
         self._is_open = False
+        warm_up()
         _prepare(folder)
         try:
             for name, text in (texts or {}).items():
@@ -194,8 +196,7 @@ class McapRecorder:
             self._shed_messages += messages
 
     def _do(self, works: list[Work]) -> None:
-        for record in self._records.of(works):
-            self._write(record)
+        self._data.write_rows(self._records.of(works))
 
     def _write(self, record: Record) -> None:
         self._data.write(record.channel, record.log_ns, record.data, record.sequence)

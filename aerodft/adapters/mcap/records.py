@@ -1,23 +1,28 @@
 """Inputs and outputs as the messages of a recording's data file."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
+import numpy as np
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
 from aerodft.adapters.codec.keys import Keys
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
+from aerodft.adapters.mcap.message_rows import MessageRows
+from aerodft.adapters.texts import Texts
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
+from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.pose import PoseSample
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.ports import Estimate, Output
+from aerodft.service.feed import joined_blocks
+from aerodft.service.ports import Output
 
 _FIX_PERIOD_NS = SECOND_NS // 5
 _SEQUENCE_MASK = 0xFFFFFFFF
@@ -44,6 +49,8 @@ class Outputs(NamedTuple):
     items: tuple[Output, ...]
 
 
+_Head = tuple[int, int, int, int, int]  # work, log time, order, channel, sequence
+_Part = tuple[IntArray, Texts]  # heads (5, n) and payloads
 Work: TypeAlias = Batch | Outputs | status.StationStatus
 
 
@@ -72,70 +79,127 @@ class Records:
         """The channels that every data file has from the start."""
         return self._image, self._pose, self._measured, self._status, self._location
 
-    def of_inputs(self, batch: Batch) -> list[Record]:
-        """All inputs of a tick, in order of arrival."""
-        records = [record for block in batch.raw for record in self._frames(block)]
-        for image in batch.images:
-            data = events.encode_image(image)
-            records.append(Record(image.arrival_ns, self._image, data, image_sequence(image.index)))
-        for seen in batch.observations:
-            channel = self._observed.get(seen.name)
-            if channel is None:
-                channel = json_channel(self._keys.observation(seen.name), events.OBSERVATION_SCHEMA)
-                self._observed[seen.name] = channel
-            records.append(Record(seen.arrival_ns, channel, events.encode_observation(seen)))
-        records.sort(key=lambda record: record.log_ns)
-        return records
+    def of(self, works: Sequence[Work]) -> MessageRows:
+        """The messages of some ticks' inputs and outputs, in their order; poses and answers are written together.
 
-    def of(self, works: Sequence[Work]) -> Iterator[Record]:
-        """All records of some ticks' inputs and outputs, in their order; poses and answers are written together."""
-        items = [item for work in works if isinstance(work, Outputs) for item in work.items]
-        poses = iter(self._poses.encode([item for item in items if isinstance(item, PoseSample)]))
-        answers = iter(self._measurements.images([item for item in items if isinstance(item, ImageAnswers)]))
-        for work in works:
+        Inputs of a tick come in order of arrival, then its outputs.
+        """
+        rows = _Rows()
+        self._add_frames(rows, works)
+        for number, work in enumerate(works):
             if isinstance(work, Batch):
-                yield from self.of_inputs(work)
+                self._add_inputs(rows, number, work)
             elif isinstance(work, Outputs):
                 for item in work.items:
-                    if isinstance(item, ImageAnswers):
-                        yield Record(work.now_ns, self._measured, next(answers))
-                    elif isinstance(item, PoseSample):
-                        yield Record(work.now_ns, self._pose, next(poses))
-                        yield from self._fixes(item, work.now_ns)
-                    elif isinstance(item, HeightSwitch):
-                        yield self._of_height_switch(item, work.now_ns)
-                    elif isinstance(item, Estimate):
-                        yield self._of_estimate(item, work.now_ns)
+                    self._add_output(rows, number, work.now_ns, item)
             else:
-                yield self.of_status(work)
-
-    def _fixes(self, sample: PoseSample, now_ns: int) -> Iterator[Record]:
-        """A few times a second a position for maps."""
-        if abs(now_ns - self._fixed_ns) >= _FIX_PERIOD_NS and (fix := location_fix(sample, self._frame)) is not None:
-            self._fixed_ns = now_ns
-            yield Record(now_ns, self._location, fix)
-
-    def _of_estimate(self, value: CalibrationEstimate | SteadinessEstimate, now_ns: int) -> Record:
-        """What a live calibration found, or a watched camera's attitude, at the tick that it was learned on."""
-        if isinstance(value, SteadinessEstimate):
-            return Record(now_ns, self._steadiness, steadiness.encode_steadiness(value))
-        return Record(now_ns, self._calibration, estimate.encode_estimate(value))
-
-    def _of_height_switch(self, value: HeightSwitch, now_ns: int) -> Record:
-        """That heights are of another source, at the tick that it was found on."""
-        return Record(now_ns, self._height, height.encode_height_switch(value))
+                rows.add(number, self.of_status(work))
+        return rows.made(self._poses.encode(rows.poses), self._measurements.images(rows.answers))
 
     def of_status(self, value: status.StationStatus) -> Record:
         """A station's state."""
         return Record(value.stamp_ns, self._status, status.encode_status(value))
 
-    def _frames(self, block: RawBlock) -> Iterator[Record]:
-        sender = (block.protocol, block.sender)
-        channel = self._senders.get(sender)
-        if channel is None:
-            channel = self._senders[sender] = raw_channel(*sender)
-        data = block.data
-        for arrival_ns, start, size in zip(
-            block.arrival_ns.tolist(), block.offset.tolist(), block.length.tolist(), strict=True
-        ):
-            yield Record(arrival_ns, channel, data[start : start + size])
+    def _add_frames(self, rows: "_Rows", works: Sequence[Work]) -> None:
+        """Raw telemetry, by sender."""
+        senders: dict[tuple[WireProtocol, str], list[tuple[int, RawBlock]]] = {}
+        for number, work in enumerate(works):
+            if isinstance(work, Batch):
+                for block in work.raw:
+                    senders.setdefault((block.protocol, block.sender), []).append((number, block))
+        for sender, numbered in senders.items():
+            channel = self._senders.get(sender)
+            if channel is None:
+                channel = self._senders[sender] = raw_channel(*sender)
+            rows.add_frames(channel, numbered)
+
+    def _add_inputs(self, rows: "_Rows", number: int, batch: Batch) -> None:
+        for image in batch.images:
+            data = events.encode_image(image)
+            rows.add(number, Record(image.arrival_ns, self._image, data, image_sequence(image.index)))
+        for seen in batch.observations:
+            channel = self._observed.get(seen.name)
+            if channel is None:
+                channel = json_channel(self._keys.observation(seen.name), events.OBSERVATION_SCHEMA)
+                self._observed[seen.name] = channel
+            rows.add(number, Record(seen.arrival_ns, channel, events.encode_observation(seen)))
+
+    def _add_output(self, rows: "_Rows", number: int, now_ns: int, item: Output) -> None:
+        if isinstance(item, ImageAnswers):
+            rows.add_answers(number, now_ns, self._measured, item)
+        elif isinstance(item, PoseSample):
+            rows.add_pose(number, now_ns, self._pose, item)
+            self._add_fix(rows, number, now_ns, item)
+        elif isinstance(item, HeightSwitch):
+            rows.add(number, Record(now_ns, self._height, height.encode_height_switch(item)))
+        elif isinstance(item, SteadinessEstimate):
+            rows.add(number, Record(now_ns, self._steadiness, steadiness.encode_steadiness(item)))
+        elif isinstance(item, CalibrationEstimate):
+            rows.add(number, Record(now_ns, self._calibration, estimate.encode_estimate(item)))
+
+    def _add_fix(self, rows: "_Rows", number: int, now_ns: int, sample: PoseSample) -> None:
+        """A few times a second a position for maps."""
+        if abs(now_ns - self._fixed_ns) >= _FIX_PERIOD_NS and (fix := location_fix(sample, self._frame)) is not None:
+            self._fixed_ns = now_ns
+            rows.add(number, Record(now_ns, self._location, fix))
+
+
+class _Rows:
+    """Messages of some works, in any order."""
+
+    def __init__(self) -> None:
+        self.poses: list[PoseSample] = []
+        self.answers: list[ImageAnswers] = []
+        self._numbers: dict[int, int] = {}  # of channels, by identity
+        self._channels: list[Channel] = []
+        self._frames: list[_Part] = []
+        self._texts: list[bytes] = []
+        self._heads: tuple[list[_Head], list[_Head], list[_Head]] = ([], [], [])  # of texts, poses, answers
+        self._count = 0
+
+    def add(self, work: int, record: Record) -> None:
+        """Add one of a work."""
+        self._head(0, work, record.log_ns, record.channel, record.sequence)
+        self._texts.append(record.data)
+
+    def add_pose(self, work: int, log_ns: int, channel: Channel, sample: PoseSample) -> None:
+        """Add one that is yet to be written."""
+        self._head(1, work, log_ns, channel, 0)
+        self.poses.append(sample)
+
+    def add_answers(self, work: int, log_ns: int, channel: Channel, image: ImageAnswers) -> None:
+        """Likewise."""
+        self._head(2, work, log_ns, channel, 0)
+        self.answers.append(image)
+
+    def add_frames(self, channel: Channel, numbered: Sequence[tuple[int, RawBlock]]) -> None:
+        """Add the frames of one sender, by the works that they came in."""
+        works, blocks = zip(*numbered, strict=True)
+        block = joined_blocks(list(blocks))
+        work = np.repeat(works, [len(each.length) for each in blocks])
+        same = np.zeros(len(work), dtype=np.int64)
+        heads = np.stack([work, block.arrival_ns, same, same + self._number(channel), same])
+        self._frames.append((heads, Texts(block.data, block.offset, block.offset + block.length)))
+
+    def made(self, poses: Texts, answers: Texts) -> MessageRows:
+        """All messages in their order, with what poses and answers come to."""
+        parts = [
+            (np.array(each, dtype=np.int64).reshape(-1, 5).T, texts)
+            for each, texts in zip(self._heads, (Texts.of(self._texts), poses, answers), strict=True)
+        ]
+        heads = np.concatenate([head for head, _ in (*self._frames, *parts)], axis=1)
+        order = np.lexsort((heads[2], heads[1], heads[0]))
+        texts = Texts.joined([texts for _, texts in (*self._frames, *parts)], order)
+        _, log_ns, _, channel, sequence = heads[:, order]
+        return MessageRows(tuple(self._channels), channel, log_ns, sequence, texts)
+
+    def _head(self, part: int, work: int, log_ns: int, channel: Channel, sequence: int) -> None:
+        self._count += 1
+        self._heads[part].append((work, log_ns, self._count, self._number(channel), sequence))
+
+    def _number(self, channel: Channel) -> int:
+        number = self._numbers.get(id(channel))
+        if number is None:
+            number = self._numbers[id(channel)] = len(self._channels)
+            self._channels.append(channel)
+        return number

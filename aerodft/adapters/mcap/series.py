@@ -11,9 +11,12 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 
+import numpy as np
+
 from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.file import free_bytes, sync_folder
 from aerodft.adapters.mcap.layout import BuiltChunk, ChunkBuffer, Registry
+from aerodft.adapters.mcap.message_rows import MessageRows
 from aerodft.adapters.mcap.records import Record
 from aerodft.adapters.mcap.segment import Segment
 from aerodft.adapters.mcap.settings import SeriesSettings
@@ -94,13 +97,33 @@ class Series:
         if self._segment is None and self._reopened() is None:
             self._lost += 1
             return
-        identity = self._registry.find(channel)
-        if identity is None:
-            identity = self._define(channel)
+        identity = self._identity(channel)
         self._room_bytes -= len(data) + _MESSAGE_BYTES
         if self._room_bytes < 0 or log_ns >= self._until_ns:
             self._make_room(log_ns, len(data), may_begin=may_begin)
         self._buffer.add(identity, log_ns, data, sequence)
+
+    def write_rows(self, rows: MessageRows) -> None:
+        """Add messages, each as by ``write``; as many at once as fit into the chunk in progress."""
+        ids = np.array([self._identity(channel) for channel in rows.channels], dtype=np.int64)
+        taken = np.cumsum(rows.sizes + _MESSAGE_BYTES)
+        row = 0
+        while row < len(rows):
+            ahead = int(taken[row - 1]) if row else 0
+            stop = 0
+            if self._segment is not None:
+                stop = int(np.searchsorted(taken, ahead + self._room_bytes, side="right"))
+                late = np.flatnonzero(rows.log_ns[row:stop] >= self._until_ns)
+                stop = row + int(late[0]) if len(late) else stop
+            if stop > row:
+                rows.lay(row, stop, ids, self._buffer)
+                self._offered += stop - row
+                self._room_bytes -= int(taken[stop - 1]) - ahead
+            if stop < len(rows):
+                stop = max(stop, row)
+                self.write(*rows.message(stop))
+                stop += 1
+            row = stop
 
     def tend(self) -> None:
         """Flush, sync and roll over where it is time; to be called at least every 0.1 s."""
@@ -120,7 +143,11 @@ class Series:
                 self._finish(self._segment)
         self._syncer.shutdown()
 
-    def _define(self, channel: Channel) -> int:
+    def _identity(self, channel: Channel) -> int:
+        """A channel's id; a new one is defined."""
+        known = self._registry.find(channel)
+        if known is not None:
+            return known
         definition = self._registry.register(channel)
         self._buffer.define(definition)
         self._room_bytes -= 2 * len(definition)  # it also stands in the summary
@@ -154,7 +181,7 @@ class Series:
             return
         self._buffer, self._repeated = ChunkBuffer(self._repeated), b""
         chunk = buffer.built(compress=self._settings.compress)
-        segment = self._segment
+        segment = self._segment or self._reopened()
         if segment is None:
             self._lost += chunk.messages
             return

@@ -67,7 +67,7 @@ def samples(count: int) -> list[PoseSample]:
 
 def test_poses() -> None:
     poses = samples(150)
-    assert PoseEncoder().encode(poses) == [encode_pose(each) for each in poses]
+    assert PoseEncoder().encode(poses).each() == [encode_pose(each) for each in poses]
 
 
 @pytest.mark.parametrize("limit_m", [None, 60.0])
@@ -80,9 +80,9 @@ def test_images(limit_m: float | None) -> None:
     statuses = {status for image in images for status in image.statuses}
     assert len(statuses) > 2  # answers and refusals are among them
     encoder = MeasurementEncoder()
-    together = encoder.images(images)
+    together = encoder.images(images).each()
     assert together == [MeasurementEncoder().image(image) for image in images]
-    assert together == encoder.images(images[::-1])[::-1]
+    assert together == encoder.images(images[::-1]).each()[::-1]
     assert [image.statuses for image in images] == [tuple(each.status for each in image) for image in images]
 
 
@@ -104,4 +104,4 @@ def test_any_number_is_written_as_alone() -> None:
         words=lambda item: (b"%d" % len(item[0]),),
         numbers=lambda items: np.array([item[1] for item in items]),
     )
-    assert written == [wire.dump(payload(item)) for item in rows]
+    assert written.each() == [wire.dump(payload(item)) for item in rows]

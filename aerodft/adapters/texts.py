@@ -1,0 +1,119 @@
+"""Many texts in one piece of memory, and the loop that puts numbers into the holes of one that they have in common."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.geometry.jit import njit
+from aerodft.model.arrays import ImageArray, IntArray
+
+_COMMA = ord(",")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texts:
+    """``n`` texts; memory may hold more than these.
+
+    Attributes:
+        data: All of them.
+        start: ``(n,)`` where each begins.
+        stop: ``(n,)`` where it ends.
+    """
+
+    data: bytes
+    start: IntArray
+    stop: IntArray
+
+    @staticmethod
+    def of(texts: Sequence[bytes]) -> "Texts":
+        """Texts one behind the other."""
+        stop = np.cumsum(np.fromiter(map(len, texts), dtype=np.int64, count=len(texts)))
+        return Texts(b"".join(texts), np.concatenate([[0], stop[:-1]])[: len(stop)], stop)
+
+    @staticmethod
+    def joined(parts: "Sequence[Texts]", order: IntArray) -> "Texts":
+        """The texts of all parts, put into an order: ``(n,)`` numbers, counted part after part."""
+        ahead = np.cumsum([0, *(len(part.data) for part in parts)])
+        start = np.concatenate([part.start + by for part, by in zip(parts, ahead[:-1], strict=True)])
+        stop = np.concatenate([part.stop + by for part, by in zip(parts, ahead[:-1], strict=True)])
+        return Texts(b"".join(part.data for part in parts), start[order], stop[order])
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def each(self) -> list[bytes]:
+        """The texts."""
+        return [self.data[start:stop] for start, stop in zip(self.start.tolist(), self.stop.tolist(), strict=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Form:
+    """A text with holes: pieces, between every two of which something is put.
+
+    Attributes:
+        data: The pieces one behind the other.
+        stop: ``(m,)`` where each ends.
+    """
+
+    data: ImageArray
+    stop: IntArray
+
+    @staticmethod
+    def of(pieces: Sequence[bytes]) -> "Form":
+        """A form of ``m`` pieces."""
+        texts = Texts.of(pieces)
+        return Form(np.frombuffer(texts.data, dtype=np.uint8), texts.stop)
+
+    def filled(self, first: bytes, then: bytes, count: int, firsts: int) -> Texts:
+        """``count`` texts.
+
+        Args:
+            first: What goes into the first ``firsts`` holes of each, all with a comma between.
+            then: What goes into the others, likewise.
+            count: How many.
+            firsts: How many holes of each take of the first.
+        """
+        out = np.empty(count * len(self.data) + len(first) + len(then), dtype=np.uint8)
+        stop = np.empty(count, dtype=np.int64)
+        sources = np.frombuffer(first, dtype=np.uint8), np.frombuffer(then, dtype=np.uint8)
+        _fill(self.data, self.stop, sources, firsts, out, stop)
+        used = int(stop[-1]) if count else 0
+        return Texts(out[:used].tobytes(), np.concatenate([[0], stop[:-1]])[:count], stop)
+
+
+@njit
+def _fill(
+    pieces: ImageArray,
+    ends: IntArray,
+    sources: tuple[ImageArray, ImageArray],
+    firsts: int,
+    out: ImageArray,
+    stop: IntArray,
+) -> None:
+    first, then = sources
+    at_first, at_then, position = 0, 0, 0
+    for row in range(len(stop)):
+        begin = 0
+        for hole in range(len(ends)):
+            size = ends[hole] - begin
+            out[position : position + size] = pieces[begin : ends[hole]]
+            position += size
+            begin = ends[hole]
+            if hole == len(ends) - 1:
+                break
+            if hole < firsts:
+                position, at_first = _put(first, at_first, out, position)
+            else:
+                position, at_then = _put(then, at_then, out, position)
+        stop[row] = position
+
+
+@njit
+def _put(source: ImageArray, at: int, out: ImageArray, position: int) -> tuple[int, int]:
+    """Copy up to the next comma; gives back what is behind."""
+    while at < len(source) and source[at] != _COMMA:
+        out[position] = source[at]
+        at += 1
+        position += 1
+    return position, at + 1

@@ -138,7 +138,7 @@ class _Film:
         self._container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
         self._container.metadata["creation_time"] = time_utc(start_ns)
         self._stream = self._container.add_stream(
-            "libx264", rate=_GUESSED_HZ, options={"preset": "veryfast", "crf": "20"}
+            "libx264", rate=_GUESSED_HZ, options={"preset": "veryfast", "crf": "20", "rc-lookahead": "5"}
         )
         self._stream.width, self._stream.height = overlay.size
         self._stream.pix_fmt = "yuv420p"

@@ -68,7 +68,6 @@ def commands(folder: Path) -> dict[str, tuple[float, list[object]]]:
         "export, CSV": ["export", ours, "--format", "csv", "-o", folder / "ours.csv"],
         "export, MCAP": ["export", ours, "--format", "mcap", "-o", folder / "ours.mcap"],
         "export, Parquet": ["export", ours, "--format", "parquet", "-o", folder / "ours.parquet"],
-        "export, video": ["export", ours, "--format", "mp4", "-o", folder / "ours.mp4"],
         "no recording": ["replay", config],
         "measure --help": ["measure", "--help"],
         "--help": ["--help"],
@@ -77,6 +76,7 @@ def commands(folder: Path) -> dict[str, tuple[float, list[object]]]:
         "import, other tool": (GOAL_COMPUTING_MB, ["import", foreign, "-c", config, "-o", ours]),
         "import, cut": (GOAL_COMPUTING_MB, ["import", cut, "-c", config, "-o", folder / "of-cut"]),
         "recompute": (GOAL_COMPUTING_MB, ["recompute", ours, "-o", again]),
+        "export, 1080p video": (GOAL_COMPUTING_MB, ["export", ours, "--format", "mp4", "-o", folder / "ours.mp4"]),
         **{title: (GOAL_MB, line) for title, line in reading.items()},
     }
 
@@ -84,6 +84,8 @@ def commands(folder: Path) -> dict[str, tuple[float, list[object]]]:
 def main() -> None:
     """Print a line for each command."""
     with tempfile.TemporaryDirectory() as name:
+        config, foreign = files(Path(name))
+        taken_by("import", foreign, "-c", config, "-o", Path(name) / "first")  # compiles, where that was not done yet
         for title, (goal_mb, line) in commands(Path(name)).items():
             taken = taken_by(*line)
             verdict = "within" if taken.peak_mb < goal_mb else "BEYOND"

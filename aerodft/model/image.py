@@ -34,3 +34,13 @@ class Image:
     width_px: int | None = None
     height_px: int | None = None
     pixels: Callable[[], ImageArray] | None = None
+
+    def known_at(self, stamp_ns: int) -> "Image":
+        """The same with its stamp in UTC, without its pixels."""
+        return Image(
+            index=self.index,
+            stamp_ns=stamp_ns,
+            arrival_ns=self.arrival_ns,
+            width_px=self.width_px,
+            height_px=self.height_px,
+        )

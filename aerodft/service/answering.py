@@ -71,7 +71,8 @@ class Answering:
     def done(self, ready: Sequence[Ready]) -> list[Output | Asked]:
         """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
         outputs: list[Output | Asked] = []
-        landmarks = sorted((each for each in ready if each.job.is_landmark), key=lambda each: each.job.stamp_ns)
+        landmarks = [each for each in ready if each.job.is_landmark]
+        landmarks.sort(key=lambda each: each.job.stamp_ns)
         for each in ready:
             if each.job.is_landmark or each.job.is_object:
                 continue
@@ -80,19 +81,21 @@ class Answering:
                 landmarks = landmarks[len(earlier) :]
                 outputs += self._learn(earlier)
             outputs += self._answer(each.job.subject, self.refined(each.sample))
-        return outputs + self._learn(landmarks) + self._follow([each for each in ready if each.job.is_object])
+        if self._observer is not None:
+            outputs += self._learn(landmarks)
+        if self._tracker is not None:
+            outputs += self._follow(self._tracker, [each for each in ready if each.job.is_object])
+        return outputs
 
-    def _follow(self, seen: Sequence[Ready]) -> list[Output | Asked]:
+    def _follow(self, tracker: ObjectTracker, seen: Sequence[Ready]) -> list[Output | Asked]:
         """Follow objects in order of their stamps, those of one image at once."""
-        if self._tracker is None:
-            return []
         outputs: list[Output | Asked] = []
         seen = sorted(seen, key=lambda each: each.job.stamp_ns)
         for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
             image = tuple(group)
             sample = self.refined(image[0].sample)
             found = tuple(self._linked(each.job.subject) for each in image if isinstance(each.job.subject, Observation))
-            outputs += [*found, *self._tracker.follow(self._setup, sample, found, found[0].image)]
+            outputs += [*found, *tracker.follow(self._setup, sample, found, found[0].image)]
         return outputs
 
     def _learn(self, seen: Sequence[Ready]) -> list[Output]:

@@ -206,7 +206,7 @@ class Pipeline:
             self._images.add(image.index, stamp_ns, image.clock)
         known = image
         if image.clock is not StampClock.UTC or image.pixels is not None:
-            known = replace(image, stamp_ns=stamp_ns, clock=StampClock.UTC, pixels=None)
+            known = image.known_at(stamp_ns)
         deadline_ns = tick_after(image.arrival_ns + self._wait_ns, self._settings.tick_ns)
         self._jobs.append(Job(stamp_ns, deadline_ns, known, image.clock))
 

@@ -1,6 +1,6 @@
 """Poses that images of several ticks will ask for, made at once: quicker, and the same to the last bit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -9,16 +9,26 @@ from aerodft.model.pose import PoseSample
 from aerodft.service.attitude import AttitudeSources, CameraAttitude
 from aerodft.service.health import HealthSources
 from aerodft.service.health_verdict import Verdict
-from aerodft.service.height import HeightSources
-from aerodft.service.places import Places
+from aerodft.service.height import Height, HeightSources
+from aerodft.service.places import Place, Places
 from aerodft.service.pose_making import Parts, PoseMaker
+from aerodft.service.streams import Missing
 
 Asked = tuple[int, int]
 """The tick on which something is asked for, and the stamp (UTC) that is asked about."""
 
 
+Verdicts = dict[Asked, Verdict]
+
+
 class PosesAhead:
     """What can be told before it is asked for.
+
+    Attributes:
+        attitudes: Those that were prepared.
+        samples: With their parts; neither clock nor health have had their say yet.
+        verdicts: What the vehicle's health means for each.
+        ready: Samples of which nothing more is to be said.
 
     Args:
         attitude: Attitudes at many stamps.
@@ -40,36 +50,33 @@ class PosesAhead:
 
     def clear(self) -> None:
         """The ticks are over."""
-        self._attitudes: dict[Asked, CameraAttitude] = {}
-        self._samples: dict[Asked, tuple[Parts, PoseSample]] = {}
-        self._verdicts: dict[Asked, Verdict] = {}
-
-    def attitude(self, asked: Asked) -> CameraAttitude | None:
-        """The attitude, where it was prepared."""
-        return self._attitudes.get(asked)
-
-    def sample(self, asked: Asked) -> tuple[Parts, PoseSample] | None:
-        """The sample and its parts, where they were prepared; neither clock nor health have had their say yet."""
-        return self._samples.get(asked)
-
-    def verdict(self, asked: Asked) -> Verdict | None:
-        """What the vehicle's health means for it, where that was prepared."""
-        return self._verdicts.get(asked)
+        self.attitudes: dict[Asked, CameraAttitude] = {}
+        self.samples: dict[Asked, tuple[Parts, PoseSample]] = {}
+        self.verdicts: Verdicts = {}
+        self.ready: dict[Asked, PoseSample] = {}
 
     def prepare(self, stamps_ns: IntArray, ticks: IntArray) -> None:
         """Make what can be made for stamps ``(n,)``, each as it will be seen at its tick ``(n,)``."""
         asked = list(zip(ticks.tolist(), stamps_ns.tolist(), strict=True))
         attitudes = self._attitude.at_all(stamps_ns, ticks)
         heights, places = self._height.at_all(stamps_ns, ticks), self._places.at_all(stamps_ns, ticks)
-        self._attitudes = {key: each for key, each in zip(asked, attitudes, strict=True) if each is not None}
-        found = {
-            key: Parts(key[1], height, attitude, place)
-            for key, height, attitude, place in zip(asked, heights, attitudes, places, strict=True)
-            if height is not None and attitude is not None and place is not None
-        }
+        found: dict[Asked, Parts] = {}
+        for key, height, attitude, place in zip(asked, heights, attitudes, places, strict=True):
+            if attitude is None:
+                continue
+            if height is None or place is None:
+                self.attitudes[key] = attitude
+            else:
+                found[key] = Parts(key[1], height, attitude, place)
         made = self._maker.samples(list(found.values()), self._places.origin)
-        self._samples = {key: (parts, sample) for (key, parts), sample in zip(found.items(), made, strict=True)}
-        self._verdicts = dict(zip(asked, self._health.verdicts(stamps_ns, ticks), strict=True))
+        self.samples = {key: (parts, sample) for (key, parts), sample in zip(found.items(), made, strict=True)}
+        self.verdicts = dict(zip(asked, self._health.verdicts(stamps_ns, ticks), strict=True))
+
+    def complete(self, completed: Callable[[PoseSample, Height, Place | Missing], PoseSample]) -> None:
+        """Make samples ready, where clocks say the same of all of them."""
+        for key, (parts, sample) in self.samples.items():
+            whole = completed(sample, parts.height, parts.place or Missing.NEVER)
+            self.ready[key] = self.verdicts[key].judged(whole)
 
 
 def by_tick(stamps_ns: IntArray, from_tick: IntArray, newest_ns: Sequence[IntArray]) -> IntArray:

@@ -147,6 +147,8 @@ class PoseSource:
         ticks = by_tick(stamps_ns, from_tick, newest)
         soon = np.flatnonzero(ticks < len(newest[0]))
         self._ahead.prepare(stamps_ns[soon], ticks[soon])
+        if self.clock.is_plain and (self._zoom is None or not self._zoom.has_begun):
+            self._ahead.complete(partial(self._completed, by_utc=False))  # whose UTC it is makes no difference
 
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
@@ -192,10 +194,13 @@ class PoseSource:
         Returns:
             None as long as telemetry that matters may still come.
         """
+        ready = None if final else self._ahead.ready.get((self._tick, stamp_ns))
+        if ready is not None:
+            return ready
         sample = self._by_telemetry(stamp_ns, final=final, by_utc=by_utc)
         if sample is None:
             return None
-        verdict = self._ahead.verdict((self._tick, stamp_ns))
+        verdict = self._ahead.verdicts.get((self._tick, stamp_ns))
         if verdict is None:
             (verdict,) = self._health.verdicts(np.array([stamp_ns]), np.array([self._tick]))
         judged = verdict.judged(sample)
@@ -223,8 +228,12 @@ class PoseSource:
         if isinstance(height, Missing) or isinstance(attitude, Missing | Refused) or sample is None:
             began = any(stream.began_by(stamp_ns) for stream in self._streams())
             return missed(stamp_ns, (height, attitude), self._settings, self.clock, began=began)
+        return self._completed(sample, height, place, by_utc=by_utc)
+
+    def _completed(self, sample: PoseSample, height: Height, place: Place | Missing, *, by_utc: bool) -> PoseSample:
+        """A sample of these parts with what its clock has to say, over its ground, and high enough."""
         home = (HOME_MOVED,) if self.clock.has_restarted and height.source is HeightSource.HOME else ()
-        remarks = (*self.clock.remarks(stamp_ns), *home)
+        remarks = (*self.clock.remarks(sample.stamp_ns), *home)
         sample = replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
         if place is Missing.STALE:
             sample = replace(
@@ -242,7 +251,7 @@ class PoseSource:
 
     def _parts(self, stamp_ns: int, *, final: bool) -> _Found | None:
         """The parts of a pose, and the sample where both height and attitude are there; None: more may come."""
-        prepared = None if final else self._ahead.sample((self._tick, stamp_ns))
+        prepared = None if final else self._ahead.samples.get((self._tick, stamp_ns))
         if prepared is not None:
             parts, sample = prepared
             return sample, parts.height, parts.attitude, parts.place or Missing.NEVER
@@ -269,7 +278,7 @@ class PoseSource:
         return self._height.differences(self._watermark_ns(), partial(self._vehicle_at, END_OF_TIME))
 
     def _attitude_at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
-        prepared = None if watermark_ns == END_OF_TIME else self._ahead.attitude((self._tick, stamp_ns))
+        prepared = None if watermark_ns == END_OF_TIME else self._ahead.attitudes.get((self._tick, stamp_ns))
         return prepared or self._attitude.at(stamp_ns, watermark_ns)
 
     def _vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:

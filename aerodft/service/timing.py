@@ -129,6 +129,11 @@ class ClockMap:
         waits = self.unsettled(by_utc=True) or self.unsettled(by_utc=False) or self.broken_off()
         return self._stated.line is not None and waits is None
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is settled, and there is no time that the vehicle never said."""
+        return self.is_settled and not self._stated.skipped_ns
+
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
         if self._host_lines:

@@ -1,4 +1,4 @@
-"""Makes a recording, mutates copies of it, reads and recovers each; prints what came of it as JSON."""
+"""Records once, mutates copies of that, reads and recovers each; prints what came of it as JSON."""
 
 import json
 import logging
@@ -112,7 +112,8 @@ def main(folder: Path, mutations: int) -> None:
     logging.disable()
     compressor = zstandard.ZstdCompressor().compressobj()
     BOMB = b"".join([*(compressor.compress(bytes(1 << 20)) for _ in range(512)), compressor.flush()])
-    record(folder / "whole")
+    if not (folder / "whole").exists():
+        record(folder / "whole")
     whole = set(stock(folder / "whole"))
     files = sorted((folder / "whole").glob("*.mcap"))
     counts: Counter[str] = Counter(wrong=0, refused=0, unrecovered=0, lost_images=0)

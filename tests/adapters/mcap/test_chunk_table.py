@@ -1,0 +1,47 @@
+"""A chunk's messages as columns: those of its records, whether few or many, also where it is damaged."""
+
+import random
+import struct
+from itertools import takewhile
+
+import pytest
+
+from aerodft.adapters.mcap.chunk_table import message_table, record_table
+
+MESSAGE, FEW = 5, 64
+KNOWN = dict.fromkeys(range(40_000))
+
+
+def record(dice: random.Random) -> bytes:
+    opcode = dice.choice([3, 4, MESSAGE, MESSAGE, MESSAGE])
+    content = dice.randbytes(dice.choice([22, 30, 300]))
+    claimed = len(content) if dice.random() < 0.99 else dice.choice([0, 10, 10**4, 2**63, 2**64 - 1])
+    return struct.pack("<BQ", opcode, claimed) + content
+
+
+def expected(data: bytes) -> list[tuple[int, int, int]]:
+    """Opcode and place of each record, by the format's own words."""
+    rows, at = [], 0
+    while at + 9 <= len(data):
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        rows.append((opcode, at + 9, at + 9 + length))
+        at += 9 + length
+    return list(takewhile(lambda row: row[2] <= len(data) and (row[0] != MESSAGE or row[2] - row[1] >= 22), rows))
+
+
+@pytest.mark.parametrize("count", [0, 1, FEW - 1, FEW, FEW + 1, 300])
+def test_records_and_messages_are_those_of_the_format(count: int) -> None:
+    dice = random.Random(count)  # noqa: S311 - damage, no secrets
+    for turn in range(60):
+        data = b"".join(record(dice) for _ in range(count))
+        data = data[: dice.randrange(len(data) + 1)] if turn % 3 == 0 else data
+        rows = expected(data)
+        records = record_table(data)
+        assert list(zip(records.opcode, records.start, records.stop, strict=True)) == rows
+        assert records.is_whole == ((rows[-1][2] if rows else 0) == len(data))
+        found = message_table(data, KNOWN, records)
+        heads = [
+            (*struct.unpack_from("<HIQ", data, start), start, stop) for kind, start, stop in rows if kind == MESSAGE
+        ]
+        wanted = [(channel, log_ns, start + 22, stop) for channel, _, log_ns, start, stop in heads if channel in KNOWN]
+        assert list(zip(found.channel, found.log_ns, found.start, found.stop, strict=True)) == wanted

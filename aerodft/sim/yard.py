@@ -6,6 +6,7 @@ It writes ``yard.mp4``, ``station.toml`` to import it with, and ``truth.csv``: w
 import argparse
 import csv
 import math
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,12 +17,16 @@ import tomli_w
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
+from aerodft.errors import AerodftError
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.arrays import ImageArray
+from aerodft.model.camera import Camera
+from aerodft.service.clock import WallClock
+from aerodft.sim.live import udp_sender
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS, default_camera
-from aerodft.sim.video import write_video
+from aerodft.sim.video import TransportStream, write_video
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
 
 _EMPTY_S: Final = 1.5  # before anybody is there
@@ -43,55 +48,88 @@ YARD: Final = World(
 """Two of them pass behind the wall in opposite directions, the third before it; shadows fall towards the camera."""
 
 
-def write_yard(folder: Path, *, seconds: float = 13.5, width_px: int = 1280) -> None:
+def write_yard(folder: Path, *, seconds: float = 13.5, width_px: int = 1280, live: str | None = None) -> None:
     """Write the yard's files.
 
     Args:
         folder: Where to; made if it is not there.
         seconds: How long the video is.
         width_px: Of its images, a multiple of 32.
+        live: ``udp://HOST:PORT``: send the images there, now and in real time, and write no video.
+
+    Raises:
+        UsageError: No such address.
+        LinkError: The host is unknown or unreachable.
     """
     camera = default_camera(width_px, width_px * 9 // 16)
+    folder.mkdir(parents=True, exist_ok=True)
+    source: dict[str, object]
+    if live is None:
+        write_video(folder / "yard.mp4", _images(camera, seconds, EPOCH_NS), fps=_FPS)
+        start_ns, source = EPOCH_NS, {"video": "yard.mp4", "start": unix_ns_to_iso(EPOCH_NS)}
+    else:
+        start_ns, source = _perform(camera, seconds, live), {"stream": live}
+    (folder / "station.toml").write_text(tomli_w.dumps(_station(camera, source)))
+    write_truth(
+        folder / "truth.csv", [start_ns + k * SECOND_NS // _FPS for k in range(round(seconds * _FPS))], start_ns
+    )
+
+
+def write_truth(path: Path, stamps_ns: list[int], start_ns: int) -> None:
+    """Write where everybody stands at stamps (host UTC) of a time that starts at another."""
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["stamp_ns", "walker", "east_m", "north_m"])
+        for stamp_ns in stamps_ns:
+            for number, walker in enumerate(YARD.walkers, start=1):
+                east, north, _ = walker.foot_enu_m((stamp_ns - start_ns) / SECOND_NS).tolist()
+                rows.writerow([stamp_ns, number, f"{east:.4f}", f"{north:.4f}"])
+
+
+def _images(camera: Camera, seconds: float, start_ns: int) -> Iterator[tuple[int, ImageArray]]:
     pose = camera_pose(height_agl_m=_HEIGHT_M, tilt_rad=math.radians(_TILT_DEG), roll_rad=math.radians(_ROLL_DEG))
     noise = Imaging(noise_std=2.0)
     empty, full = Renderer(camera, replace(YARD, walkers=()), noise), Renderer(camera, YARD, noise)
-    times_s = [k / _FPS for k in range(round(seconds * _FPS))]
+    for k in range(round(seconds * _FPS)):
+        time_s = k / _FPS
+        yield start_ns + k * SECOND_NS // _FPS, (empty if time_s < _EMPTY_S else full).render(pose, time_s)
 
-    def images() -> Iterator[tuple[int, ImageArray]]:
-        for time_s in times_s:
-            renderer = empty if time_s < _EMPTY_S else full
-            yield EPOCH_NS + round(time_s * SECOND_NS), renderer.render(pose, time_s)
 
-    folder.mkdir(parents=True, exist_ok=True)
-    write_video(folder / "yard.mp4", images(), fps=_FPS)
-    station = {
+def _perform(camera: Camera, seconds: float, address: str) -> int:
+    """Send the images in real time, once all are rendered; when that began, host UTC."""
+    clock = WallClock()
+    with TransportStream(_FPS) as stream, udp_sender(address) as send:
+        packets = [stream.encode(image, after_ns) for after_ns, image in _images(camera, seconds, 0)]
+        start_ns = clock.now_ns() + SECOND_NS
+        for k, datagrams in enumerate(packets):
+            clock.sleep_until(start_ns + k * SECOND_NS // _FPS)
+            for each in datagrams:
+                send(each)
+    return start_ns
+
+
+def _station(camera: Camera, source: dict[str, object]) -> dict[str, object]:
+    pose = {"height_agl_m": _HEIGHT_M, "tilt_deg": _TILT_DEG, "roll_deg": _ROLL_DEG, "heading_deg": 0.0, "std": _STD}
+    return {
         "station": {"name": "yard"},
         "camera": camera_document(camera),
-        "pose": {
-            "height_agl_m": _HEIGHT_M,
-            "tilt_deg": _TILT_DEG,
-            "roll_deg": _ROLL_DEG,
-            "heading_deg": 0.0,
-            "std": _STD,
-        },
-        "images": {"video": "yard.mp4", "start": unix_ns_to_iso(EPOCH_NS)},
+        "pose": pose,
+        "images": source,
         "objects": {"distances_within_m": 6.0},
     }
-    (folder / "station.toml").write_text(tomli_w.dumps(station))
-    with (folder / "truth.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["stamp_ns", "walker", "east_m", "north_m"])
-        for time_s in times_s:
-            for number, walker in enumerate(YARD.walkers, start=1):
-                east, north, _ = walker.foot_enu_m(time_s).tolist()
-                rows.writerow([EPOCH_NS + round(time_s * SECOND_NS), number, f"{east:.4f}", f"{north:.4f}"])
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Write the files."""
     parser = argparse.ArgumentParser(prog="python -m aerodft.sim.yard", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="Folder for the files.")
-    write_yard(parser.parse_args(arguments).out)
+    parser.add_argument("--live", metavar="udp://HOST:PORT", help="Send the images there, now, in real time.")
+    options = parser.parse_args(arguments)
+    try:
+        write_yard(options.out, live=options.live)
+    except AerodftError as error:
+        print(f"aerodft.sim.yard: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
+        sys.exit(error.exit_code)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,14 @@ from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.camera import Camera
 
-_WIDTH_PX: Final = 640  # images are tracked at about this width
-_NODE_PX: Final = 16  # between these, a map from pixels to pixels is as good as straight
-_OUTSIDE_PX: Final = -1e4
+SMALL_PX: Final = 640
+"""Images are tracked at about this width."""
+
+NODE_PX: Final = 16
+""" Between these, a map from pixels to pixels is as good as straight."""
+
+OUTSIDE_PX: Final = -1e4
+"""Of what the lens does not show."""
 
 
 class StraightView:
@@ -20,11 +25,12 @@ class StraightView:
 
     Args:
         camera: The camera.
+        about_px: Width that images are made as small as, about.
     """
 
-    def __init__(self, camera: Camera) -> None:
-        self._whole = camera
-        self.shrink = max(round(camera.width_px / _WIDTH_PX), 1)
+    def __init__(self, camera: Camera, about_px: int = SMALL_PX) -> None:
+        self._whole, self._about_px = camera, about_px
+        self.shrink = max(round(camera.width_px / about_px), 1)
         shift = (self.shrink - 1) / 2  # the centre of a small pixel is that of the pixels it was made of
         self.camera = replace(
             camera,
@@ -36,14 +42,20 @@ class StraightView:
             cy_px=(camera.cy_px - shift) / self.shrink,
         )
         self._bends = any(camera.distortion)
-        across, down = (-(-size // _NODE_PX) for size in (self.camera.width_px, self.camera.height_px))
-        centre_px = (_NODE_PX - 1) / 2  # cv2.resize puts a node's value there
-        u, v = np.meshgrid(np.arange(across) * _NODE_PX + centre_px, np.arange(down) * _NODE_PX + centre_px)
+        across, down = (-(-size // NODE_PX) for size in (self.camera.width_px, self.camera.height_px))
+        centre_px = (NODE_PX - 1) / 2  # cv2.resize puts a node's value there
+        u, v = np.meshgrid(np.arange(across) * NODE_PX + centre_px, np.arange(down) * NODE_PX + centre_px)
         self._nodes = self.straight(np.stack([u, v], axis=-1).astype(np.float64))
+
+    @property
+    def intrinsics(self) -> FloatArray:
+        """``(3, 3)`` of its straight pixels."""
+        lens = self.camera
+        return np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1.0]])
 
     def zoomed(self, magnification: float) -> "StraightView":
         """That of the same camera at another focal length; it bends other pixels by other amounts."""
-        return StraightView(self._whole.zoomed(magnification, 0.0)) if self._bends else self
+        return StraightView(self._whole.zoomed(magnification, 0.0), self._about_px) if self._bends else self
 
     def small(self, pixels: ImageArray) -> ImageArray:
         """An image ``(height, width, 3)`` BGR, grey and small."""
@@ -83,9 +95,9 @@ class StraightView:
         """What a small image ``(height, width)`` of another view shows, as this one sees it; its border is repeated."""
         inverse: FloatArray = np.asarray(np.linalg.inv(homography), dtype=np.float64)
         nodes = then.bent(carried(inverse, self._nodes))
-        nodes = np.nan_to_num(nodes, nan=_OUTSIDE_PX).astype(np.float32)
+        nodes = np.nan_to_num(nodes, nan=OUTSIDE_PX).astype(np.float32)
         rows, columns = nodes.shape[:2]
-        whole = cv2.resize(nodes, (columns * _NODE_PX, rows * _NODE_PX), interpolation=cv2.INTER_LINEAR)
+        whole = cv2.resize(nodes, (columns * NODE_PX, rows * NODE_PX), interpolation=cv2.INTER_LINEAR)
         part = whole[: self.camera.height_px, : self.camera.width_px]
         columns_px, rows_px = cv2.split(part)
         seen = cv2.remap(small, columns_px, rows_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

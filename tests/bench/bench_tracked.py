@@ -26,7 +26,7 @@ from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.sim.yard import YARD
-from aerodft.vision import moving, plane_lock, straight, tracked_probes
+from aerodft.vision import blobs, moving, plane_lock, straight, tracked_probes
 
 CAMERA = default_camera(1920, 1080)
 _spent: Counter[str] = Counter()
@@ -96,9 +96,9 @@ def main(arguments: list[str] | None = None) -> None:
     timed(straight.StraightView, "warped", "warping the keyframe")
     timed(plane_lock, "followed", "Lucas-Kanade there and back")
     timed(plane_lock, "groups_of", "homographies")
-    timed(moving, "shadows", "shadows")
-    timed(moving, "outlines_of", "outlines")
-    timed(moving, "_whole", "cleaning the mask")
+    timed(blobs, "shadows", "shadows")
+    timed(blobs, "outlines_of", "outlines")
+    timed(blobs, "_whole", "cleaning the mask")
     bench_tracked(options.images)
     bench_moving(options.images)
 

@@ -19,7 +19,7 @@ class Lane(Generic[T]):
         work: Does some items, in the lane's thread.
         tend: Called in the lane's thread at least every ``period_s``.
         capacity: Sum of the sizes of waiting items; one item is always taken.
-        lossless: Wait for room instead of refusing.
+        lossless: Wait for room instead of refusing; up to ``period_s`` for more to do at once, too.
         period_s: Seconds between two calls of ``tend`` when nothing comes.
         at_once: Items that are done together where so many wait.
     """
@@ -43,7 +43,7 @@ class Lane(Generic[T]):
         self._at_once = at_once
         self._items: deque[tuple[T, int]] = deque()
         self._size = 0
-        self._closing = False
+        self._closing = self._is_asleep = False
         self._held_up = 0  # callers that wait for room
         self._error: Exception | None = None
         self._changed = threading.Condition()
@@ -55,13 +55,14 @@ class Lane(Generic[T]):
         with self._changed:
             while self._lossless and self._is_full(size) and self._error is None:
                 self._held_up += 1
+                self._changed.notify_all()
                 self._changed.wait()
                 self._held_up -= 1
             if self._is_full(size) or self._error is not None:
                 return False
             self._items.append((item, size))
             self._size += size
-            if len(self._items) == 1:  # else the thread is not asleep: waking it costs more than the item
+            if self._is_asleep and self._has_enough():  # waking it costs more than the item
                 self._changed.notify_all()
             return True
 
@@ -77,6 +78,11 @@ class Lane(Generic[T]):
         self._thread.join()
         if self._error is not None:
             raise self._error
+
+    def _has_enough(self) -> bool:
+        """Whether there is enough to begin with: where nobody waits for an answer, a few items wait for others."""
+        may_wait = self._lossless and self._at_once > 1 and not self._held_up
+        return bool(self._items) and not (may_wait and self._size < self._capacity // 2)
 
     def _is_full(self, size: int) -> bool:
         return bool(self._items) and self._size + size > self._capacity
@@ -97,8 +103,10 @@ class Lane(Generic[T]):
     def _next(self) -> list[T] | None:
         """The next items; none when ``tend`` is due; None at the end."""
         with self._changed:
-            if not self._items and not self._closing:
+            if not self._has_enough() and not self._closing:
+                self._is_asleep = True
                 self._changed.wait(self._period_s)
+                self._is_asleep = False
             if self._items:
                 taken = [self._items.popleft() for _ in range(min(len(self._items), self._at_once))]
                 self._size -= sum(size for _, size in taken)

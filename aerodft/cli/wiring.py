@@ -113,7 +113,7 @@ class Tally:
 
     Attributes:
         images: Images (or stamps) that were evaluated.
-        measurements: Number of measurements by status.
+        alike: Number of images by the statuses of their measurements.
         poses: Number of poses by status.
         estimate: The last one of a live calibration; None without landmarks.
         steadiness: The last one of a watched camera; None of others.
@@ -121,11 +121,20 @@ class Tally:
     """
 
     images: int = 0
-    measurements: Counter[str] = field(default_factory=Counter)
+    alike: Counter[tuple[Status, ...]] = field(default_factory=Counter)
     poses: Counter[str] = field(default_factory=Counter)
     reasons: dict[str, str] = field(default_factory=dict)
     estimate: CalibrationEstimate | None = None
     steadiness: SteadinessEstimate | None = None
+
+    @property
+    def measurements(self) -> Counter[str]:
+        """Number of measurements by status."""
+        found = Counter[str]()
+        for statuses, images in self.alike.items():
+            for status in statuses:
+                found[status.value] += images
+        return found
 
     def inputs(self, batch: Batch) -> None:
         """Nothing is counted before it is answered."""
@@ -136,13 +145,13 @@ class Tally:
             if isinstance(item, Image):
                 self.images += 1
             elif isinstance(item, ImageAnswers):
-                self.measurements.update(status.value for status in item.statuses)
+                self.alike[item.statuses] += 1
             elif isinstance(item, CalibrationEstimate):
                 self.estimate = item
             elif isinstance(item, SteadinessEstimate):
                 self.steadiness = item
             elif isinstance(item, PoseSample):
-                self.poses[str(item.status)] += 1
+                self.poses[item.status] += 1
                 if item.reasons and item.status is not Status.OK:
                     self.reasons.setdefault(str(item.status), "; ".join(item.reasons))
 

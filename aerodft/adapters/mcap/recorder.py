@@ -30,14 +30,17 @@ from aerodft.adapters.mcap.totals import RecordingTotals
 from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import InputError
 from aerodft.model.batch import Batch
+from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.packet import VideoPacket
 from aerodft.model.pose import PoseSample
-from aerodft.service.ports import Estimate, Output
+from aerodft.model.steadiness import SteadinessEstimate
+from aerodft.service.ports import Output
 
 _OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
 _FRAME_OVERHEAD_BYTES = 64
-_AT_ONCE = 200  # ticks' inputs and outputs: many numbers are written quicker than few
+_KEPT = (PoseSample, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
+_AT_ONCE = 400  # ticks' inputs and outputs: many numbers are written quicker than few
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
 _SPARE_DATA_BYTES, _SPARE_IMAGE_BYTES = 16 << 20, 4 << 20
 
@@ -125,7 +128,7 @@ class McapRecorder:
 
     def outputs(self, outputs: tuple[Output, ...]) -> None:
         """Record poses, measurements and estimates; images and observations are inputs and recorded as such."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | ImageAnswers | Estimate | HeightSwitch))
+        kept = tuple(item for item in outputs if isinstance(item, _KEPT))
         if kept:
             parts = sum(len(item) if isinstance(item, ImageAnswers) else 1 for item in kept)
             self._put(Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * parts)

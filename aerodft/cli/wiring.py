@@ -151,7 +151,7 @@ class Tally:
             elif isinstance(item, SteadinessEstimate):
                 self.steadiness = item
             elif isinstance(item, PoseSample):
-                self.poses[item.status] += 1
+                self.poses[str(item.status)] += 1
                 if item.reasons and item.status is not Status.OK:
                     self.reasons.setdefault(str(item.status), "; ".join(item.reasons))
 

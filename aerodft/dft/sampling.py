@@ -18,6 +18,7 @@ from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.geometry.rotation import from_rotation_vector, matrix
 from aerodft.model.arrays import FloatArray
+from aerodft.model.pose import Pose
 
 DRAWS = 1024
 _SEED = 20
@@ -58,14 +59,14 @@ def draw_sights(seen: Seen, every: int = 1) -> Sight:
     """
     count, errors = len(seen.pixels_px), len(seen.shared_cov)
     draws = standard_draws(errors + 2 * count)[::every]
-    shared = draws[:, :errors] @ _root(seen.shared_cov).T
+    shared, rotations = _drawn_poses(seen.pose, seen.shared_cov.tobytes(), errors + 2 * count)
+    shared, rotations = shared[::every], rotations[::every]
     own = seen.std_px * draws[:, errors:].reshape(len(draws), count, 2)
     rays = rays_with_jacobian(seen.camera, seen.pixels_px)
     moved = own.transpose(1, 0, 2) @ rays.jac_px.swapaxes(-1, -2)  # (k, n, 3): a product for each pixel
     if np.any(seen.shared_cov[INTRINSICS, INTRINSICS]):
         moved += shared[:, INTRINSICS] @ rays_by_intrinsics(seen.camera, seen.pixels_px).swapaxes(-1, -2)
     rays_cam = rays.rays_cam + moved.transpose(1, 0, 2)
-    rotations = matrix(seen.pose.wxyz) @ matrix(from_rotation_vector(shared[:, ROTATION]))
     directions = rays_cam @ rotations.swapaxes(-1, -2)
     cameras = seen.pose.position_enu_m + shared[:, POSITION]
     elevations = seen.elevation_m + shared[:, ELEVATION]
@@ -74,6 +75,14 @@ def draw_sights(seen: Seen, every: int = 1) -> Sight:
     else:
         points = seen.surface.meet(cameras[:, None], directions, elevations[:, None]).points_enu_m
     return Sight(cameras, directions, points)
+
+
+@lru_cache(maxsize=4)
+def _drawn_poses(pose: Pose, shared_cov: bytes, dimensions: int) -> tuple[FloatArray, FloatArray]:
+    """Draws of the shared errors ``(DRAWS, s)``, and ``(DRAWS, 3, 3)`` to ENU: the same for most probes of an image."""
+    cov = np.frombuffer(shared_cov).reshape(math.isqrt(len(shared_cov) // 8), -1)
+    shared = standard_draws(dimensions)[:, : len(cov)] @ _root(cov).T
+    return shared, matrix(pose.wxyz) @ matrix(from_rotation_vector(shared[:, ROTATION]))
 
 
 def _meet_level(cameras: FloatArray, directions: FloatArray, elevations: FloatArray) -> FloatArray:

@@ -112,10 +112,13 @@ def _words(image: ImageAnswers) -> tuple[bytes, bytes]:
 def _block_numbers(block: AnswerBlock, rows: list[int]) -> FloatArray:
     """The numbers of some images' answers, as they stand in their payloads ``(n, m)``."""
     parts = []
+    stop = rows[0] + len(rows)
+    which: slice | list[int] = slice(rows[0], stop) if rows == list(range(rows[0], stop)) else rows
     for column in block.columns:
         for name, values in column.numbers.items():
-            own = values[rows]
+            own = values[which]
             if name in _ANGLES:
+                own = own.copy()
                 own[..., _ANGLES[name]] = np.degrees(own[..., _ANGLES[name]])
             parts.append(own.reshape(len(rows), -1))
     return np.concatenate(parts, axis=1)

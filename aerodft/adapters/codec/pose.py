@@ -19,6 +19,7 @@ from aerodft.model.zoom import Zoom, ZoomSource
 SCHEMA = "aerodft.pose/1"
 
 _REMEMBERED: Final = 1024  # summaries
+_STDS: Final = ("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg")
 
 
 class PoseEncoder:
@@ -39,11 +40,12 @@ class PoseEncoder:
 
     def summary(self, sample: PoseSample) -> wire.Json:
         """As the function of that name; not to be changed."""
-        return self._summary(sample).payload
+        return _summary_of(sample, self._summary(sample).values)
 
-    def summary_numbers(self, sample: PoseSample) -> list[float]:
+    def summary_numbers(self, sample: PoseSample) -> Sequence[float | None]:
         """Those of a summary, in its order; not to be changed."""
-        return self._summary(sample).numbers
+        values = self._summary(sample).values
+        return values if None not in values else [value for value in values if value is not None]
 
     def _summary(self, sample: PoseSample) -> "_Summary":
         known = self._summaries.get(id(sample))
@@ -51,10 +53,7 @@ class PoseEncoder:
             return known
         if len(self._summaries) >= _REMEMBERED:
             self._summaries.clear()
-        payload = summary(sample)
-        *values, stds = payload.values()
-        numbers = [*(value for value in values if isinstance(value, float)), *stds.values()]
-        self._summaries[id(sample)] = known = _Summary(sample, payload, numbers)
+        self._summaries[id(sample)] = known = _Summary(sample, _summary_values(sample))
         return known
 
     def _payload(self, sample: PoseSample) -> wire.Json:
@@ -84,8 +83,7 @@ class PoseEncoder:
 
 class _Summary(NamedTuple):
     sample: PoseSample
-    payload: wire.Json
-    numbers: list[float]
+    values: list[float | None]
 
 
 def stamp_word(sample: PoseSample) -> bytes:
@@ -158,29 +156,47 @@ def decode_pose(data: bytes) -> PoseSample:
 
 def summary(sample: PoseSample) -> wire.Json:
     """The pose as a measurement shows it: height, angles, position, age and their standard deviations."""
+    return _summary_of(sample, _summary_values(sample))
+
+
+def _summary_values(sample: PoseSample) -> list[float | None]:
+    """The numbers of a summary in its order, None where they are not known."""
     pose, std = sample.pose, sample.std
     tilt_deg = roll_deg = heading_deg = height_m = None
     if pose is not None:
         tilt_deg, roll_deg, heading_deg = camera_angles_deg(*pose.wxyz.tolist())
         height_m = float(pose.position_enu_m[2]) - sample.datum_enu_m
+    return [
+        height_m,
+        sample.height_age_s,
+        tilt_deg,
+        roll_deg,
+        heading_deg,
+        wire.degrees(sample.lat_rad),
+        wire.degrees(sample.lon_rad),
+        sample.telemetry_age_s,
+        std.height_agl_m,
+        math.degrees(std.tilt_rad),
+        math.degrees(std.pan_rad),
+        math.degrees(std.roll_rad),
+        math.degrees(std.heading_rad),
+    ]
+
+
+def _summary_of(sample: PoseSample, values: Sequence[float | None]) -> wire.Json:
+    height_m, height_age_s, tilt_deg, roll_deg, heading_deg, lat_deg, lon_deg, age_s, *stds = values
     return {
         "height_agl_m": height_m,
         "height_source": sample.height_source,
         "height_datum": sample.height_datum,
-        "height_age_s": sample.height_age_s,
+        "height_age_s": height_age_s,
         "tilt_deg": tilt_deg,
         "roll_deg": roll_deg,
         "heading_deg": heading_deg,
-        "lat": wire.degrees(sample.lat_rad),
-        "lon": wire.degrees(sample.lon_rad),
-        "telemetry_age_s": sample.telemetry_age_s,
-        "std": {
-            "height_agl_m": std.height_agl_m,
-            "tilt_deg": math.degrees(std.tilt_rad),
-            "pan_deg": math.degrees(std.pan_rad),
-            "roll_deg": math.degrees(std.roll_rad),
-            "heading_deg": math.degrees(std.heading_rad),
-        },
+        "lat": lat_deg,
+        "lon": lon_deg,
+        "telemetry_age_s": age_s,
+        "std": dict(zip(_STDS, stds, strict=True)),
     }
 
 

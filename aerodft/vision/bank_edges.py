@@ -1,7 +1,8 @@
 """Where exactly a bank is along a transect: from the image's own profile across it, with how well that tells it.
 
 A profile is a step between two textures. Either side's mean and spread are taken where the profile surely is on that
-side; then every place of the step gets its likelihood, and mean and standard deviation over all places are the answer.
+side; then every place of the step gets its likelihood, the nearer to the mask's outline the more, and mean and standard
+deviation over all places are the answer.
 Neighbouring samples of a texture are alike: a likelihood counts each sample only as far as it is news.
 """
 
@@ -17,6 +18,7 @@ from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 _STEP_PX: Final = 0.5
 _ASIDE_PX: Final = np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0])  # parallel profiles, along the bank
 _PLACE_PX: Final = 0.2
+_NEAR_SHARE: Final = 0.35  # of the window: so well the step's place is known beforehand, one standard deviation
 _BLUR_PX: Final = 0.55  # of a sharp image's edge: a pixel's own width, and the interpolation
 _NOISE: Final = 1.0  # grey levels: no side is known to be smoother
 _LEAST_SPREAD: Final = 0.02  # of the step: no side is known to be more even
@@ -83,6 +85,7 @@ def _located(profiles: FloatArray, half: float) -> tuple[FloatArray, FloatArray,
     news = 1.0 / _alike(profile, wet, dry)
     places = np.arange(-half, half + _PLACE_PX / 2, _PLACE_PX)
     score = news * _likelihood(profile, offsets, places, spread_wet, spread_dry)
+    score -= 0.5 * np.square(places / (_NEAR_SHARE * half))
     weight = np.exp(score - score.max(axis=-1, keepdims=True))
     weight /= weight.sum(axis=-1, keepdims=True)
     mean = weight @ places

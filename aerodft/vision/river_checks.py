@@ -15,6 +15,7 @@ _EVERY: Final = 8  # of the pixels is looked at for that
 _LEAST_LAND: Final = 0.01  # of what is looked at
 _RED_TO_GREEN, _BLUE_TO_GREEN = 0, 1  # planes of the features
 _GREEN: Final = (2.0, -14.0)  # where both are lower than these, something grows
+_MANY_COLOURS: Final = 0.03  # ratios of red to green vary by 1 to 2 % nearby in water, by 3 to 10 % on natural ground
 _CLEAR: Final = 2.3  # standard deviations between an outline's sides along three quarters of it; meadows reach 2.0
 
 
@@ -37,6 +38,12 @@ def no_river(features: WaterFeatures, found: WaterMask, ground: BoolArray) -> No
     red, blue = (float(np.median(features.planes[found.water][:, plane])) for plane in (_RED_TO_GREEN, _BLUE_TO_GREEN))
     if red < _GREEN[0] and blue < _GREEN[1]:
         return NoRiver(RiverStatus.NO_WATER, "where water is looked for something grows: is the seed on a bank?")
+    variety = features.variety(found.water)
+    if variety > _MANY_COLOURS:
+        reason = (
+            f"where water is looked for colours vary by {100 * variety:.0f} % from place to place, as on dry ground"
+        )
+        return NoRiver(RiverStatus.NO_WATER, f"{reason}; {100 * _MANY_COLOURS:g} % is the most for water")
     if np.count_nonzero(ground & ~found.water) < _LEAST_LAND * np.count_nonzero(ground):
         return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all of the image looks alike")
     if len(found.contrast) == 0:

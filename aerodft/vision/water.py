@@ -15,12 +15,12 @@ import numpy.typing as npt
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.vision.outline import outline_contrast
 from aerodft.vision.water_features import Float32Image, WaterFeatures
-from aerodft.vision.water_margin import without_margin
+from aerodft.vision.water_margin import margin
 
 _FEW: Final = (2, 3)
 _MANY: Final = 5
-_PLAIN_WEIGHTS: Final = np.array([1.0, 1.0, 0.0, 0.7], dtype=np.float32)  # of the planes: shade is lightness alone
-_WEIGHTS: Final = np.array([1.0, 1.0, 0.3, 0.7], dtype=np.float32)
+_PLAIN_WEIGHTS: Final = np.array([1.0, 1.0, 0.0, 1.5], dtype=np.float32)  # of the planes: shade is lightness alone
+_WEIGHTS: Final = np.array([1.0, 1.0, 0.3, 1.5], dtype=np.float32)
 _CLEAR_PERCENT: Final = 25.0  # of an outline's contrasts: most of it has to be clear
 _LEAST_OUTLINE: Final = 20  # pixels
 _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
@@ -32,8 +32,9 @@ _DISC: Final = 0.025  # radius of the seed's disc, of the copy's width
 _CLUSTER_SMOOTH_PX: Final = 2.0
 _CUT_ITERATIONS: Final = 3
 _SURE_PX: Final = 8
-_CUT_SCALES: Final = np.array([3.0, 3.0, 4.0], dtype=np.float32)  # to bytes, of the two colours and the texture
-_CUT_MIDDLES: Final = np.array([128.0, 128.0, 60.0], dtype=np.float32)
+_CUT_SCALE: Final = 3.0  # to bytes, of the two colours and the texture
+_CUT_MIDDLE: Final = 128.0
+_LOOKS: Final = 2  # at bare ground along the water: what hid behind the first
 _MASK_SEED: Final = 1
 
 Bytes = npt.NDArray[np.uint8]
@@ -69,9 +70,14 @@ def find_water(features: WaterFeatures, seed_px: tuple[float, float], ground: Bo
     found = [_cut(features.planes, region, disc, ground) for region in _proposals(features.planes, disc, ground)]
     clearness = [_clearness(features.planes, water, ground) for water in found]
     water = found[int(np.argmax(clearness))]
+    along = margin(features.planes, water, disc, ground)
+    for _ in range(_LOOKS):
+        if not along.bare.any():
+            break
+        water = _around(_opened(water & ~along.bare) | disc, disc)
+        along = margin(features.planes, water, disc, ground)
     outline, contrast = outline_contrast(features.planes, water, ground)
-    kept = without_margin(features.planes, water, disc, ground)
-    doubtful = float(np.mean(~kept[outline])) if outline.any() else 0.0
+    doubtful = float(np.mean(along.doubtful[outline])) if outline.any() else 0.0
     return WaterMask(water, outline, contrast, doubtful)
 
 
@@ -179,11 +185,17 @@ def with_islands(water: BoolArray, ground: BoolArray) -> BoolArray:
 
 
 def _cut(planes: Float32Image, region: BoolArray, disc: BoolArray, ground: BoolArray) -> BoolArray:
-    """The region with its outline drawn by a graph cut; what is deep inside stays water."""
-    if not np.any(ground & ~region):
+    """The region with its outline drawn by a graph cut; what is deep inside stays water.
+
+    What is not looked at is land to the cut, whatever it shows: it is given the colours of what land there is.
+    """
+    land = ground & ~region
+    if not land.any():
         return region
-    colours = np.dstack([planes[..., 0], planes[..., 1], planes[..., 3]]) * _CUT_SCALES + _CUT_MIDDLES
+    texture = planes[..., 3] - np.median(planes[..., 3])
+    colours = _CUT_SCALE * np.dstack([planes[..., 0], planes[..., 1], texture]) + _CUT_MIDDLE
     seen = np.clip(colours, 0, 255).astype(np.uint8)
+    seen[~ground] = np.random.default_rng(_MASK_SEED).choice(seen[land], np.count_nonzero(~ground))
     kernel = np.ones((3, 3), dtype=np.uint8)
     deep = cv2.erode(region.astype(np.uint8), kernel, iterations=_SURE_PX) > 0
     labels = np.where(region, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)

@@ -1,4 +1,8 @@
-"""What tells water from land in a small copy of an image: colour, lightness and texture of every pixel."""
+"""What tells water from land in a small copy of an image: colour, lightness and texture of every pixel.
+
+Ground is of many colours: blades, soil and stones lie side by side. Water has one colour at a place; waves, shade and
+foam change its lightness. So the texture is first of all how much the ratio of red to green varies nearby.
+"""
 
 from dataclasses import dataclass
 from typing import Final
@@ -7,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 
 Float32Image = npt.NDArray[np.float32]
 
@@ -15,9 +19,13 @@ WIDTH_PX: Final = 480  # of the small copy's longer side: a bank is found to a f
 _SMOOTH_PX: Final = 1.0
 _DETAIL_PX: Final = 2.0  # of the copy of twice the size: what is smaller is texture
 _NEIGHBOURHOOD_PX: Final = 2.0
-_QUIET: Final = 4e-4  # a contrast of 2 %, squared: sensor noise is no texture
+_RATIO_PX: Final = 0.7  # likewise: video has colour at half the size
+_LIGHT_SHARE: Final = 0.1  # of a contrast in lightness: waves have it too
+_EDGE_PX: Final = 5  # so far an edge spreads its variety over what lies beside it
+_QUIETEST_PERCENT: Final = 10.0  # of an image varies for its noise alone, which is more in the dark
+_QUIET: Final = 0.011  # of the ratio's logarithm
 _DARK: Final = 8.0  # grey levels: what is darker has no colour
-_SCALE: Final = np.array([40.0, 40.0, 40.0, 8.0], dtype=np.float32)  # makes about one unit of what can just be seen
+_SCALE: Final = np.array([40.0, 40.0, 40.0, 12.0], dtype=np.float32)  # makes about one unit of what can just be seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +34,8 @@ class WaterFeatures:
 
     Attributes:
         scale: Its pixels per pixel of the image, below or at 1.
-        planes: ``(height, width, 4)``: logarithms of red to green, blue to green, lightness and the texture's
-            contrast; shade changes none but the lightness.
+        planes: ``(height, width, 4)``: logarithms of red to green, blue to green, lightness and the texture; shade
+            changes none but the lightness.
         pixels: ``(height, width, 3)`` BGR.
     """
 
@@ -39,6 +47,10 @@ class WaterFeatures:
     def shape(self) -> tuple[int, int]:
         """Height and width."""
         return self.planes.shape[0], self.planes.shape[1]
+
+    def variety(self, where: BoolArray) -> float:
+        """How much the ratio of red to green varies nearby, at the median pixel of ``where``: 0.03 is 3 %."""
+        return float(np.exp(np.median(self.planes[where][:, 3]) / _SCALE[3]))
 
     def without_planes(self) -> "WaterFeatures":
         """What is left to go from the image to the small copy and back."""
@@ -58,15 +70,39 @@ def water_features(image: ImageArray) -> WaterFeatures:
     scale = min(1.0, WIDTH_PX / max(image.shape[:2]))
     size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
     double = (min(2 * size[0], image.shape[1]), min(2 * size[1], image.shape[0]))
-    middle = cv2.resize(image, double, interpolation=cv2.INTER_AREA)
+    middle = np.asarray(cv2.resize(image, double, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     small = cv2.resize(middle, size, interpolation=cv2.INTER_AREA)
     smooth = cv2.GaussianBlur(small, (0, 0), _SMOOTH_PX).astype(np.float32)
     blue, green, red = cv2.split(np.log(smooth + _DARK))
-    grey = cv2.cvtColor(middle, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    detail = grey - cv2.GaussianBlur(grey, (0, 0), _DETAIL_PX)
-    light = cv2.resize(grey, size, interpolation=cv2.INTER_AREA) + _DARK
-    strength = cv2.resize(detail * detail, size, interpolation=cv2.INTER_AREA) / np.square(light)
-    texture = 0.5 * np.log(cv2.GaussianBlur(strength, (0, 0), _NEIGHBOURHOOD_PX) + _QUIET)
     lightness = (blue + green + red) / 3.0
+    texture = 0.5 * np.log(_variety(middle, size) + _LIGHT_SHARE**2 * _contrast(middle, size) + _QUIET**2)
     planes = _SCALE * np.dstack([red - green, blue - green, lightness, texture])
     return WaterFeatures(scale, np.asarray(planes, dtype=np.float32), np.asarray(small, dtype=np.uint8))
+
+
+def _variety(image: ImageArray, size: tuple[int, int]) -> Float32Image:
+    """Variance of the logarithm of red to green near each pixel of a copy of ``size``, width and height."""
+    _, green, red = cv2.split(np.log(cv2.GaussianBlur(image, (0, 0), _RATIO_PX).astype(np.float32) + _DARK))
+    ratio = red - green
+    sigma = _NEIGHBOURHOOD_PX * image.shape[1] / size[0]
+    mean = cv2.GaussianBlur(ratio, (0, 0), sigma)
+    variance = np.maximum(cv2.GaussianBlur(ratio * ratio, (0, 0), sigma) - mean * mean, 0.0)
+    nearby = cv2.resize(variance, size, interpolation=cv2.INTER_AREA)
+    light = np.square(_light(image, size))
+    noise = float(np.percentile(nearby * light, _QUIETEST_PERCENT)) / light
+    nearby = np.maximum(nearby - noise, 0.0)
+    return np.asarray(cv2.erode(nearby, np.ones((_EDGE_PX, _EDGE_PX), dtype=np.uint8)), dtype=np.float32)
+
+
+def _light(image: ImageArray, size: tuple[int, int]) -> Float32Image:
+    """Grey levels of a copy of ``size``, above what is too dark to be divided by."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA) + _DARK, dtype=np.float32)
+
+
+def _contrast(image: ImageArray, size: tuple[int, int]) -> Float32Image:
+    """Mean square of the lightness's fine detail near each pixel of a copy of ``size``, relative to the lightness."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    detail = grey - cv2.GaussianBlur(grey, (0, 0), _DETAIL_PX)
+    strength = cv2.resize(detail * detail, size, interpolation=cv2.INTER_AREA) / np.square(_light(image, size))
+    return np.asarray(cv2.GaussianBlur(strength, (0, 0), _NEIGHBOURHOOD_PX), dtype=np.float32)

@@ -1,10 +1,12 @@
 """Bare or grown ground along the water that the water's outline may have taken in: seen by an edge inside.
 
 The middle of the water says what water looks like, and the band along its outline is cut anew. What that takes away
-counts only where its edge is clear in colour and texture, and where it is no shade or mirrored bank: those are
-darker than the water beside them and no greener. Nor is it glitter, which is far brighter.
+is ground where it has more texture than the water beside it. Where it has not it may be ground, if its edge is clear,
+and it is no shade or mirrored bank: those are darker than the water beside them and no greener. Glitter is far
+brighter.
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -19,19 +21,30 @@ _SCALES: Final = np.array([4.0, 4.0, 2.0, 3.0], dtype=np.float32)  # to bytes, a
 _MIDDLE: Final = 128.0
 _ITERATIONS: Final = 3
 _SEED: Final = 1
-_LEAST: Final = 0.004  # of the copy: a smaller piece is foam, or a stone
+_LEAST: Final = 0.001  # of the copy: a smaller piece is foam, or a stone
+_LEAST_EVEN: Final = 0.004  # likewise, where the texture does not tell it
 _THICK_PX: Final = 5  # a thinner piece is the outline's own blur
-_CLEAR: Final = 2.6  # standard deviations across the inner edge, lightness left out
+_CLEAR: Final = 1.7  # standard deviations across the inner edge, lightness left out
+_CLEAR_EVEN: Final = 2.6
+_ROUGHER: Final = 2.5  # of twelve times the texture's logarithm: about a quarter more than the water's beside it
 _NO_LIGHT: Final = np.array([1.0, 1.0, 0.0, 1.0], dtype=np.float32)
-_STRIP_PX: Final = 5
+_STRIP: Final = np.ones((11, 11), dtype=np.uint8)  # around a piece: the water next to it
 _DARKER: Final = -0.5  # forty times the logarithm of the lightness: about 1 %
 _GLITTER: Final = 12.0  # about 35 % brighter than the water beside it
 _GREENER: Final = 2.0  # likewise of red to green
-_RED_TO_GREEN, _LIGHT = 0, 2  # planes
+_RED_TO_GREEN, _LIGHT, _TEXTURE = 0, 2, 3  # planes
 
 
-def without_margin(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolArray) -> BoolArray:
-    """The water without the ground along it.
+@dataclass(frozen=True, slots=True, eq=False)
+class Margin:
+    """Ground along the water's outline, and what may be ground there, ``(height, width)`` each."""
+
+    bare: BoolArray
+    doubtful: BoolArray
+
+
+def margin(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolArray) -> Margin:
+    """The ground along the outline that was taken for water.
 
     Args:
         planes: ``(height, width, 4)`` of ``WaterFeatures``.
@@ -39,26 +52,31 @@ def without_margin(planes: Float32Image, water: BoolArray, sure: BoolArray, grou
         sure: Part of it that is water.
         ground: What is looked at.
     """
+    found = Margin(np.zeros(water.shape, dtype=bool), np.zeros(water.shape, dtype=bool))
     if not np.any(ground & ~water):
-        return water
+        return found
     inner = _cut(planes, water, sure, ground)
     kernel = np.ones((_THICK_PX, _THICK_PX), dtype=np.uint8)
     taken = cv2.morphologyEx((water & ~inner).astype(np.uint8), cv2.MORPH_OPEN, kernel)
     count, pieces, facts, _ = cv2.connectedComponentsWithStats(taken, connectivity=8)
-    large = [each for each in range(1, count) if facts[each, cv2.CC_STAT_AREA] >= _LEAST * water.size]
-    if not large:
-        return water
+    share = facts[:count, cv2.CC_STAT_AREA] / water.size
     outline, contrast = outline_contrast(planes * _NO_LIGHT, inner, ground)
     clearness = np.zeros(water.shape)
     clearness[outline] = contrast
-    result = water.copy()
-    for number in large:
+    for number in range(1, count):
         piece = np.asarray(pieces == number)
         near = cv2.dilate(piece.astype(np.uint8), kernel) > 0
         edge = clearness[near & outline]
-        if len(edge) and float(np.median(edge)) > _CLEAR and _is_ground(planes, piece, inner):
-            result &= ~near | inner
-    return result
+        beside = cv2.dilate(piece.astype(np.uint8), _STRIP) > 0
+        beside &= inner
+        if share[number] < _LEAST or len(edge) == 0 or not beside.any():
+            continue
+        apart, clear = planes[piece].mean(axis=0) - planes[beside].mean(axis=0), float(np.median(edge))
+        if clear > _CLEAR and _is_rougher(apart):
+            found.bare[near & water & ~inner] = True
+        elif clear > _CLEAR_EVEN and share[number] >= _LEAST_EVEN and _may_be_ground(apart):
+            found.doubtful[near & water & ~inner] = True
+    return found
 
 
 def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolArray) -> BoolArray:
@@ -77,13 +95,11 @@ def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolAr
     return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
 
 
-def _is_ground(planes: Float32Image, piece: BoolArray, water: BoolArray) -> bool:
+def _is_rougher(apart: Float32Image) -> bool:
+    """Whether a piece has more texture than the water next to it, ``apart (4,)`` of the planes; glitter has it too."""
+    return bool(apart[_TEXTURE] > _ROUGHER and apart[_LIGHT] < _GLITTER)
+
+
+def _may_be_ground(apart: Float32Image) -> bool:
     """Whether a piece is neither shade nor glitter: not darker than the water next to it, or greener; not glaring."""
-    kernel = np.ones((2 * _STRIP_PX + 1, 2 * _STRIP_PX + 1), dtype=np.uint8)
-    beside = (cv2.dilate(piece.astype(np.uint8), kernel) > 0) & water
-    if not beside.any():
-        return False
-    apart = planes[piece].mean(axis=0) - planes[beside].mean(axis=0)
-    if apart[_LIGHT] > _GLITTER:
-        return False
-    return bool(apart[_LIGHT] > _DARKER or apart[_RED_TO_GREEN] < -_GREENER)
+    return bool(apart[_LIGHT] < _GLITTER and (apart[_LIGHT] > _DARKER or apart[_RED_TO_GREEN] < -_GREENER))

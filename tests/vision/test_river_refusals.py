@@ -38,7 +38,7 @@ def test_a_river_across_the_image_is_measured_from_its_middle():
     [
         ({"north_m": 500.0, "tilt_deg": 0.0, "height_m": 30.0}, RiverStatus.NO_WATER, "grows"),
         ({"north_m": 30.0, "tilt_deg": 0.0, "height_m": 60.0}, RiverStatus.NO_WATER, "seed on a bank"),
-        ({"north_m": 0.0, "tilt_deg": 0.0, "height_m": 8.0}, RiverStatus.NO_CONTRAST, "cannot be told apart"),
+        ({"north_m": 0.0, "tilt_deg": 0.0, "height_m": 8.0}, RiverStatus.ALL_WATER, "no bank"),
         ({"north_m": 9.0, "tilt_deg": 0.0, "height_m": 14.0}, RiverStatus.OUT_OF_IMAGE, "only one bank"),
         ({"north_m": 0.0, "tilt_deg": 120.0, "height_m": 30.0}, RiverStatus.ABOVE_HORIZON, "too far up"),
         ({"north_m": 0.0, "tilt_deg": 0.0, "height_m": 60.0, "dim": 0.05}, RiverStatus.TOO_DARK, "night"),

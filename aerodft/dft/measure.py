@@ -89,22 +89,20 @@ def _answered(setup: Setup, samples: list[PoseSample], requests: tuple[Request, 
     samples = [zoomed(setup, sample)[1] for sample in samples]
     on_ground = tuple(request for request in requests if request.on_top_of is None)
     points = _points(setup, samples, on_ground)
-    columns = iter(first_order_answers(setup, len(samples), on_ground, points))
-    first = 0
-    found: list[AnswerColumn] = []
-    for request in requests:
-        if request.on_top_of is not None:
-            tops = {row: _on_top(Record(setup, sample, request)) for row, sample in enumerate(samples)}
-            found.append(AnswerColumn("m", np.zeros(len(samples), dtype=np.bool_), {}, tops))
-            continue
-        column, stop = next(columns), first + len(request.pixels)
-        one_by_one = {
-            row: measure_one(Record(setup, samples[row], request), points.probe(row, first, stop))
-            for row in np.flatnonzero(~column.is_plain).tolist()
-        }
-        found.append(replace(column, others=one_by_one))
-        first = stop
-    return AnswerBlock(tuple(found), samples).rows()
+    plain = iter(first_order_answers(setup, len(samples), on_ground, points))
+    none = AnswerColumn("m", np.zeros(len(samples), dtype=np.bool_), {}, {})
+    columns = [none if request.on_top_of is not None else next(plain) for request in requests]
+    counts = [0 if request.on_top_of is not None else len(request.pixels) for request in requests]
+    others: list[dict[int, Answer]] = [{} for _ in requests]
+    is_plain = np.array([column.is_plain for column in columns])
+    for row, member in np.argwhere(~is_plain.T).tolist():  # image after image: what its probes draw is shared
+        record, first = Record(setup, samples[row], requests[member]), sum(counts[:member])
+        if counts[member]:
+            others[member][row] = measure_one(record, points.probe(row, first, first + counts[member]))
+        else:
+            others[member][row] = _on_top(record)
+    columns = [replace(column, others=own) for column, own in zip(columns, others, strict=True)]
+    return AnswerBlock(tuple(columns), samples).rows()
 
 
 def _points(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> ImagePoints:

@@ -19,8 +19,11 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import PixelSource
 from aerodft.model.status import Status
 from aerodft.service.looking import Lookout
+from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
+from aerodft.service.ports import ImageObserver
 from aerodft.vision.moving import MovingObjects
+from aerodft.vision.moving_over_ground import MovingOverGround
 from aerodft.vision.reference import LEAST_CORNERS
 from aerodft.vision.river_observer import RiverObserver
 from aerodft.vision.steady import SteadyPoints
@@ -51,7 +54,7 @@ def lookouts_of(station: StationConfig, pipeline: Pipeline, where: object, *, ma
         notes["markers"] = partial(_marker_notes, observer)
     if (objects := station.objects) is not None and objects.detect:
         _check_images(station, "[objects]", where, may_record=may_record)
-        lookouts["objects"] = Lookout(MovingObjects(station.pipeline.camera, objects), objects.every_s)
+        lookouts["objects"] = Lookout(_who_sees_objects(station, objects, pipeline), objects.every_s)
     if station.river is not None:
         _check_images(station, "[river]", where, may_record=may_record)
         probes = river_probes(station.pipeline.probes)
@@ -85,6 +88,14 @@ def _steady_lookout(watch: Watch, station: StationConfig) -> Lookout:
             expected=f"at least {LEAST_CORNERS}",
         )
     return Lookout(points, settings.every_s)
+
+
+def _who_sees_objects(station: StationConfig, objects: ObjectSettings, pipeline: Pipeline) -> ImageObserver:
+    """Before a fixed camera what changes moves; before one that flies, what changes on the held ground."""
+    camera, ground = station.pipeline.camera, station.pipeline.ground
+    if station.pipeline.fixed_pose is not None:
+        return MovingObjects(camera, objects)
+    return MovingOverGround(camera, objects, lambda image: _pose_now(pipeline, image), ground)
 
 
 def _marker_notes(observer: MarkerObserver) -> dict[str, object]:

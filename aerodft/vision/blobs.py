@@ -13,11 +13,12 @@ _MARGIN_PX: Final = 4
 _GRAIN: Final = np.ones((3, 3), dtype=np.uint8)
 _GAPS: Final = np.ones((9, 5), dtype=np.uint8)  # what a belt or a shadow leaves between two parts of one object
 _FRINGE: Final = 0.05  # of an object's height: what is thinner hangs on to it, the border of its shadow for one
+_SCRAP: Final = 0.15  # of what casts a shadow: what is left of the shadow has less
 _ONE: Final = 2  # connected component, beside what is none
 
 
 def without_shadows(
-    pixels: ImageArray, background: ImageArray, new: BoolArray, labelled: BoolArray | None, least_px: int
+    pixels: ImageArray, background: ImageArray, new: BoolArray, labelled: BoolArray, least_px: int
 ) -> BoolArray:
     """What is new and in no shadow; looked at only where there is something.
 
@@ -29,14 +30,24 @@ def without_shadows(
         least_px: What covers fewer pixels is noise.
     """
     mask = cv2.morphologyEx(new.astype(np.uint8), cv2.MORPH_OPEN, _GRAIN)
-    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    for left, top, width, height, area in stats[1:].tolist():
-        if area >= least_px:
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    for number, (left, top, width, height, area) in enumerate(stats.tolist()):
+        if number and area >= least_px:
             rows = slice(max(top - _MARGIN_PX, 0), top + height + _MARGIN_PX)
             part = rows, slice(max(left - _MARGIN_PX, 0), left + width + _MARGIN_PX)
-            shade = shadows(pixels[part], background[part], None if labelled is None else labelled[part])
-            mask[part][shade] = 0
+            shade = shadows(pixels[part], background[part], labelled[part])
+            mine = parts[part] == number
+            mask[part][mine & (shade | _scraps(mine & ~shade))] = 0
     return np.asarray(mask > 0)
+
+
+def _scraps(mask: BoolArray) -> BoolArray:
+    """What is small beside the largest part of a mask ``(height, width)``: rests of a shadow."""
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = stats[:, cv2.CC_STAT_AREA]
+    small = areas < _SCRAP * np.max(areas[1:], initial=0)
+    small[0] = False
+    return np.asarray(small[parts])
 
 
 def objects_in(mask: BoolArray, least_px: int) -> list[FloatArray]:

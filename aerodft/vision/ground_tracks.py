@@ -22,12 +22,31 @@ _ALIKE: Final = 0.2
 _ASTRAY: Final = 4.0  # times the gate: what nobody else has claimed, and what is as high, is the one that was lost
 _BESIDE: Final = 0.1  # of its height
 _FAR: Final = 1e6
+_AT_LEAST_NS: Final = SECOND_NS
+_STILL_M: Final = 1e-6  # a fixed camera moves by less
+_TALLEST_M: Final = 4.0  # of what stands about
+_RAGGED_M: Final = 0.5  # of what is seen of it
 
 Place = tuple[FloatArray, FloatArray]
 """East and north ``(2,)`` with their covariance ``(2, 2)``."""
 
 Match = Callable[["GroundTrack", Sight], Place | None]
 Below = Callable[[Sight, float], Place | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Begun:
+    """The first sight of an object.
+
+    Attributes:
+        stamp_ns: When.
+        place_en_m: ``(2,)`` where it seemed to be.
+        camera_enu_m: ``(3,)`` from where.
+    """
+
+    stamp_ns: int
+    place_en_m: FloatArray
+    camera_enu_m: FloatArray
 
 
 @dataclass(slots=True, eq=False)
@@ -41,6 +60,7 @@ class GroundTrack:
         looks: In how many its foot was seen.
         number: From 1, once it is confirmed; 0 before.
         hidden: Why it is not seen in the newest image; empty where it is.
+        begun: Where, when, and seen from where it was first seen.
     """
 
     state: GroundState
@@ -49,6 +69,7 @@ class GroundTrack:
     looks: int = 1
     number: int = 0
     hidden: str = ""
+    begun: Begun = field(kw_only=True)
     heights_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
     widths_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
 
@@ -93,6 +114,22 @@ class GroundTrack:
         """How high it is; NaN where that is not known."""
         return float(np.median(self.heights_m)) if self.heights_m else math.nan
 
+    def has_moved(self, camera_enu_m: FloatArray) -> bool:
+        """Whether it moves, where it may as well be the top of what stands still, past which the camera has moved.
+
+        That seems to go the other way over the ground, by the share ``h / (H - h)`` of the camera's way.
+        """
+        way = (camera_enu_m - self.begun.camera_enu_m)[:2]
+        way2 = float(way @ way)
+        if way2 < _STILL_M**2:
+            return True
+        off = self.state.place_en_m - self.begun.place_en_m
+        below_m = float(camera_enu_m[2]) - _TALLEST_M
+        most = min(_TALLEST_M / below_m, 1.0) if below_m > 0 else 1.0
+        rest = off + float(np.clip(-(off @ way) / way2, 0.0, most)) * way
+        spread = self.state.cov[:2, :2] + np.eye(2) * _RAGGED_M**2
+        return bool(rest @ np.linalg.solve(spread, rest) > GATE)
+
     def see(self, sight: Sight, stamp_ns: int) -> None:
         """Take a sight for its own, foot and all."""
         if self.aside_px(sight) == 0.0:
@@ -117,6 +154,7 @@ class GroundTracks:
         self._settings = settings
         self._tracks: list[GroundTrack] = []
         self._stamp_ns: int | None = None
+        self._camera_enu_m: FloatArray = np.zeros(3)
         self._count = 0
 
     @property
@@ -124,13 +162,14 @@ class GroundTracks:
         """The objects that are followed, in the order in which they came."""
         return tuple(track for track in self._tracks if track.number)
 
-    def advance(self, stamp_ns: int, sights: list[Sight], below: Below) -> bool:
+    def advance(self, stamp_ns: int, sights: list[Sight], below: Below, camera_enu_m: FloatArray) -> bool:
         """Follow into the next image.
 
         Args:
             stamp_ns: Its stamp.
             sights: What is seen in it.
             below: Where an object stands of which only the top is seen, by its height; None where that is not known.
+            camera_enu_m: ``(3,)`` where the camera is.
 
         Returns:
             Whether that was done: what is older than the last image is left out.
@@ -138,7 +177,7 @@ class GroundTracks:
         if self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             return False
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / SECOND_NS
-        self._stamp_ns = stamp_ns
+        self._stamp_ns, self._camera_enu_m = stamp_ns, camera_enu_m
         for track in self._tracks:
             track.state = predicted(track.state, elapsed_s, self._settings.acceleration_mps2)
         open_tracks = [track for track in self._tracks if track.seen_ns != stamp_ns]
@@ -181,22 +220,31 @@ class GroundTracks:
             track.hidden = "its foot is hidden"
             return
         track.see(sight, stamp_ns)
-        if not track.number and track.looks >= self._settings.confirm:
+        is_known = bool(track.number) or track.looks < self._settings.confirm
+        if not is_known and track.has_moved(self._camera_enu_m):
             self._count += 1
             track.number = self._count
 
     def _begin(self, sights: list[Sight], stamp_ns: int) -> None:
         for sight in sights:
             state = begun(sight.place_en_m, sight.cov_m2, self._settings.speed_mps)
-            track = GroundTrack(state, stamp_ns, sight)
+            first = Begun(stamp_ns, sight.place_en_m, self._camera_enu_m)
+            track = GroundTrack(state, stamp_ns, sight, begun=first)
             track.remember_size(sight)
             self._tracks.append(track)
 
     def _end(self, stamp_ns: int) -> None:
-        """Give up what was not seen for too long; what is not confirmed, at once."""
-        limit_ns = stamp_ns - round(self._settings.forget_s * SECOND_NS)
+        """Give up what was not seen for too long, or for longer than it was; what is not confirmed, at once."""
+        most_ns = round(self._settings.forget_s * SECOND_NS)
+        least_ns = min(_AT_LEAST_NS, most_ns)
         self._tracks = [
-            track for track in self._tracks if track.seen_ns == stamp_ns or (track.number and track.seen_ns >= limit_ns)
+            track
+            for track in self._tracks
+            if track.seen_ns == stamp_ns
+            or (
+                track.number
+                and stamp_ns - track.seen_ns <= min(max(track.seen_ns - track.begun.stamp_ns, least_ns), most_ns)
+            )
         ]
 
 

@@ -88,7 +88,7 @@ class ObjectTracks:
             return self._answers(setup, sample, image, missed)
         setup, sample = zoomed(setup, sample)
         below = partial(below_top, setup, pose)
-        if not self._tracks.advance(sample.stamp_ns, sights(setup, pose, observations), below):
+        if not self._tracks.advance(sample.stamp_ns, sights(setup, pose, observations), below, pose.position_enu_m):
             return ()
         placed = [_placed(setup, pose, track, self._settings.std_px) for track in self._tracks.confirmed]
         gone = [track for track, at in zip(self._tracks.confirmed, placed, strict=True) if at is None]

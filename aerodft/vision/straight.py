@@ -14,7 +14,7 @@ SMALL_PX: Final = 640
 """Images are tracked at about this width."""
 
 NODE_PX: Final = 16
-""" Between these, a map from pixels to pixels is as good as straight."""
+"""Between these, a map from pixels to pixels is as good as straight."""
 
 OUTSIDE_PX: Final = -1e4
 """Of what the lens does not show."""

@@ -5,7 +5,6 @@ after it was lost. A point that is not found, or that has left the image, is los
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -13,18 +12,15 @@ import numpy as np
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX, SECOND_NS
 from aerodft.geometry.ground import Ground
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
-from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe
-from aerodft.model.status import Status
 from aerodft.vision.keyframes import PlaneImage
 from aerodft.vision.plane_errors import Standpoint
 from aerodft.vision.plane_lock import Lock, PlaneLock
+from aerodft.vision.standpoints import PoseOf, Standpoints
 from aerodft.vision.straight import StraightView, carried
 
 _REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane
@@ -32,10 +28,8 @@ _START_NS: Final = SECOND_NS // 5  # pixels are those of an image that is no lat
 _MOST_STD_PX: Final = 8.0  # full pixels: what is known no better is lost
 _STD_PX: Final = 0.2  # full pixels: a tracker is never better
 _DECIMALS: Final = 3
-_LEAST_DOWN: Final = 1e-3
 
 Pixels = tuple[tuple[float, float], ...]
-PoseOf = Callable[[Image], PoseSample | None]
 
 
 class TrackedProbes:
@@ -51,10 +45,17 @@ class TrackedProbes:
     def __init__(self, camera: Camera, probes: tuple[Probe, ...], pose_of: PoseOf, ground: Ground | None) -> None:
         times = dict.fromkeys(probe.at_ns for probe in probes)
         view = StraightView(camera)
+        self._view = view
         self._groups = [
-            _Together(camera, view, tuple(probe for probe in probes if probe.at_ns == at_ns), ground) for at_ns in times
+            _Together(
+                camera,
+                Standpoints(camera, view, pose_of, elevation_m=None),
+                view,
+                tuple(probe for probe in probes if probe.at_ns == at_ns),
+                ground,
+            )
+            for at_ns in times
         ]
-        self._view, self._pose_of = view, pose_of
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
         """Where the probes are.
@@ -78,7 +79,7 @@ class TrackedProbes:
                 unseen=found.why,
             )
             for group in self._groups
-            for found in group.look(image, small, self._pose_of)
+            for found in group.look(image, small)
         )
 
 
@@ -99,30 +100,27 @@ class Found:
     why: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """A pose, and by how much the camera is zoomed."""
-
-    pose: Pose
-    magnification: float
-
-
 class _Together:
     """Probes whose pixels are those of one image."""
 
-    def __init__(self, camera: Camera, view: StraightView, probes: tuple[Probe, ...], ground: Ground | None) -> None:
-        self._camera, self._view, self._probes, self._ground = camera, view, probes, ground
-        self._last_view = 1.0, view
+    def __init__(
+        self,
+        camera: Camera,
+        standpoints: Standpoints,
+        view: StraightView,
+        probes: tuple[Probe, ...],
+        ground: Ground | None,
+    ) -> None:
+        self._camera, self._standpoints, self._probes, self._ground = camera, standpoints, probes, ground
         self._at_ns = probes[0].at_ns
         self._first: tuple[Image, ImageArray] | None = None
         self._lock: PlaneLock | None = None
         self._first_view = view
         self._is_missed = False
-        self._elevation_m: float | None = None  # of the plane in the world, once it is known
         pixels = np.array([pixel for probe in probes for pixel in probe.pixels])
         self._small_px = view.to_small(pixels)
 
-    def look(self, image: Image, small: ImageArray, pose_of: PoseOf) -> list[Found]:
+    def look(self, image: Image, small: ImageArray) -> list[Found]:
         """Each probe with what became of it; nothing before their time."""
         stamp_ns = image.stamp_ns
         if self._at_ns is not None and stamp_ns < self._at_ns:
@@ -134,17 +132,18 @@ class _Together:
                 return [Found(probe, probe.pixels) for probe in self._probes]
         if self._first is None:
             return [Found(probe, why="there was no image at the time that its pixels are of") for probe in self._probes]
-        at_first = self._seen_with(pose_of(self._first[0]))
+        at_first = self._standpoints.seen(self._first[0])
         if self._lock is None:  # not before, because the first image's pose may come after it
-            self._first_view = self._view_of(at_first)
+            self._first_view = self._standpoints.view_of(at_first)
             taken = self._taken(*self._first, self._first_view, None)
             self._lock = PlaneLock(taken, self._small_px, _REACH * small.shape[1])
-        if self._elevation_m is None and at_first is not None:
-            self._elevation_m = self._height_of_plane(at_first)
-            self._lock.know_first(self._standpoint(at_first))
-        now = self._seen_with(pose_of(image))
-        view = self._view_of(now)
-        found = self._lock.follow(self._taken(image, small, view, self._standpoint(now)))
+        if self._standpoints.elevation_m is None and at_first is not None:
+            pixel, elevation_m = np.array(self._probes[0].pixels[0]), self._probes[0].elevation_m
+            self._standpoints.find_plane(at_first, pixel, self._ground, elevation_m)
+            self._lock.know_first(self._standpoints.of(at_first))
+        now = self._standpoints.seen(image)
+        view = self._standpoints.view_of(now)
+        found = self._lock.follow(self._taken(image, small, view, self._standpoints.of(now)))
         return [self._answer(probe, found, view) for probe in self._probes]
 
     def _taken(self, image: Image, small: ImageArray, view: StraightView, standpoint: Standpoint | None) -> PlaneImage:
@@ -152,18 +151,6 @@ class _Together:
 
     def _epoch_ns(self, image: Image) -> int:
         return image.stamp_ns if self._first is None else self._first[0].stamp_ns
-
-    def _seen_with(self, sample: PoseSample | None) -> _Seen | None:
-        """Camera, as far as it is zoomed, and pose; None where there is none."""
-        if sample is None or sample.pose is None or sample.status is not Status.OK:
-            return None
-        return _Seen(sample.pose, 1.0 if sample.zoom is None else sample.zoom.magnification)
-
-    def _view_of(self, seen: _Seen | None) -> StraightView:
-        """Where zooming changes what the lens bends: by the last zoom that is known."""
-        if seen is not None and seen.magnification != self._last_view[0]:
-            self._last_view = seen.magnification, self._view.zoomed(seen.magnification)
-        return self._last_view[1]
 
     def _answer(self, probe: Probe, found: Lock | None, view: StraightView) -> Found:
         if found is None:
@@ -179,26 +166,3 @@ class _Together:
             return Found(probe, why=f"where it is in the image is known to no better than {_MOST_STD_PX:.0f} px")
         pixels = tuple((u, v) for u, v in np.round(moved, _DECIMALS).tolist())
         return Found(probe, pixels, math.hypot(probe.std_px, carried_px, _STD_PX))
-
-    def _height_of_plane(self, seen: _Seen) -> float | None:
-        """How high the plane is where the first probe is; None where it sees no ground, or is below it."""
-        ray = rays_from_pixels(self._camera.zoomed(seen.magnification, 0.0), self._view.to_full(self._small_px[0]))
-        down = ray @ matrix(seen.pose.wxyz).T
-        elevation_m = self._probes[0].elevation_m
-        if self._ground is not None:
-            hit = self._ground.meet(seen.pose.position_enu_m, down, elevation_m)
-            if hit.status:
-                return None
-            elevation_m = float(hit.points_enu_m[2])
-        elif not down[2] < -_LEAST_DOWN:
-            return None
-        return elevation_m if seen.pose.position_enu_m[2] > elevation_m else None
-
-    def _standpoint(self, seen: _Seen | None) -> Standpoint | None:
-        """Where an image was taken from; None where that, or how high the plane is, is not known."""
-        if seen is None or self._elevation_m is None or not seen.pose.position_enu_m[2] > self._elevation_m:
-            return None
-        lens, zoom = self._view.camera, seen.magnification
-        intrinsics = np.array([[lens.fx_px * zoom, 0, lens.cx_px], [0, lens.fy_px * zoom, lens.cy_px], [0, 0, 1.0]])
-        place_m = seen.pose.position_enu_m - np.array([0.0, 0.0, self._elevation_m])
-        return Standpoint(intrinsics, matrix(seen.pose.wxyz), place_m)

@@ -100,9 +100,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             live=_live(table, pipeline, markers, where),
             markers=markers,
             watch=watch_from(table.watch, pipeline.model, pipeline.probes, where, folder),
-            objects=objects_from(
-                table.objects, pipeline.model, pipeline.probes, where, moves=table.telemetry is not None
-            ),
+            objects=objects_from(table.objects, pipeline.model, pipeline.probes, where),
             river=river_from(table.river, pipeline.model, pipeline.probes, where),
             topics=topics_from(table.topics),
         ),

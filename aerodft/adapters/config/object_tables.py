@@ -29,7 +29,7 @@ class ObjectsTable(Table):
 
 
 def objects_from(
-    table: ObjectsTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str, *, moves: bool
+    table: ObjectsTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str
 ) -> ObjectSettings | None:
     """How objects are followed; None without the table.
 
@@ -38,19 +38,15 @@ def objects_from(
         model: Of the station.
         probes: Likewise.
         where: The station file's name in messages.
-        moves: Whether its camera does.
 
     Raises:
-        ConfigError: The equations of the paper are to be used, the camera moves, or a probe takes an object's name.
+        ConfigError: The equations of the paper are to be used, or a probe takes an object's name.
     """
     if table is None:
         return None
     if model is ProjectionModel.DFT:
         got, hint = 'it beside camera.model = "dft"', "the equations of the paper know no roll"
         raise ConfigError("objects", where=where, got=got, expected='"pinhole", or no [objects]', hint=hint)
-    if moves and table.detect:
-        got, hint = "it beside [telemetry]", "before a camera that moves everything does; a detector of yours may look"
-        raise ConfigError("objects", where=where, got=got, expected="[pose], or detect = false", hint=hint)
     taken = next((probe.name for probe in probes if probe.name == OBJECTS or probe.name.startswith("object-")), None)
     if taken is not None:
         got, expected = f'"{taken}", beside [objects]', "another name: objects that move have such names"

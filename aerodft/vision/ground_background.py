@@ -1,0 +1,124 @@
+"""What the ground looks like when nobody is there: mean and variance of each place of a canvas, once it was seen."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
+from aerodft.vision.ground_canvas import GroundCanvas, Window
+
+_Planes = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+
+_NEW_STD: Final = 5.0  # standard deviations from the background
+_NOISE: Final = 3.0  # grey levels, at least
+_ASTRAY_PX: Final = 0.6  # by which images may be laid wrongly: where there are edges, they differ
+_FIRST_VARIANCE: Final = 150.0
+_LEAST_LOOKS: Final = 4
+_YOUNG_LOOKS: Final = 12.0  # of a mean of all looks; then it follows
+_VARIANCE_SHARE: Final = 0.05
+_STANDING_S: Final = 20.0  # who stands still for so long becomes background
+_LEAST_GAIN: Final = 0.3  # the sky still lights what the sun does not
+_SHADE_STD: Final = 3.0
+_QUARTILES: Final = 1.35  # between them, standard deviations of a normal distribution
+_GHOST: Final = 0.6  # of how much the background differs from what is around, where the image does
+_RING_PX: Final = 8
+_RING: Final = np.ones((5, 5), dtype=np.uint8)
+
+
+@dataclass(slots=True, eq=False)
+class GroundBackground:
+    """The background of one canvas.
+
+    Attributes:
+        mean: ``(height, width, 3)`` BGR.
+        variance: ``(height, width)`` of one colour.
+        looks: ``(height, width)`` how often a place was seen.
+    """
+
+    mean: _Planes
+    variance: _Planes
+    looks: _Planes
+
+    @classmethod
+    def of(cls, shape: tuple[int, int]) -> "GroundBackground":
+        """Nothing yet, of a canvas of that shape."""
+        mean, variance = np.zeros((*shape, 3), dtype=np.float32), np.full(shape, _FIRST_VARIANCE, dtype=np.float32)
+        return cls(mean, variance, np.zeros(shape, dtype=np.float32))
+
+    def begin(self, laid: list[tuple[ImageArray, BoolArray]]) -> None:
+        """Take the medians of some images of the whole canvas: who walks is nowhere in most of them."""
+        seen = np.all([is_seen for _, is_seen in laid], axis=0)
+        rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+        if not len(rows):
+            return
+        part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        ordered = np.sort(np.stack([each[part] for each, _ in laid]), axis=0)
+        inside = seen[part]
+        self.mean[part][inside] = ordered[len(laid) // 2][inside]
+        spread = (ordered[3 * len(laid) // 4].astype(np.float32) - ordered[len(laid) // 4]) / _QUARTILES
+        self.variance[part][inside] = np.mean(spread * spread, axis=-1)[inside]
+        self.looks[part][inside] = len(laid)
+
+    def on(self, canvas: GroundCanvas, old: GroundCanvas) -> "GroundBackground":
+        """The same on another canvas."""
+        looks = canvas.moved_here(self.looks, old)
+        edge = cv2.erode((looks > 0).astype(np.uint8), _RING) == 0  # half of what is there beside nothing
+        looks[edge] = 0
+        variance = canvas.moved_here(self.variance, old)
+        variance[edge] = _FIRST_VARIANCE
+        return GroundBackground(canvas.moved_here(self.mean, old), variance, looks)
+
+    def new_in(self, seen: ImageArray, is_seen: BoolArray, window: Window) -> tuple[BoolArray, BoolArray]:
+        """Where an image ``(h, w, 3)`` that is laid into a window shows something else, and where what may be shade."""
+        mean = self.mean[window]
+        off = seen.astype(np.float32) - mean
+        grey = cv2.cvtColor(mean, cv2.COLOR_BGR2GRAY)
+        across, down = cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125)
+        allowed = self.variance[window] + _NOISE**2 + _ASTRAY_PX**2 * (across * across + down * down)
+        off2 = cv2.transform(off * off, np.full((1, 3), 1 / 3, dtype=np.float32))
+        known = self.looks[window] >= _LEAST_LOOKS
+        is_new = (off2 > _NEW_STD**2 * allowed) & known & is_seen
+        gain = np.sum(mean * seen, axis=-1) / np.maximum(np.sum(mean * mean, axis=-1), 1.0)
+        rest = off + mean * (1 - gain)[..., None]
+        rest2 = cv2.transform(rest * rest, np.full((1, 3), 1 / 3, dtype=np.float32))
+        shade = (gain > _LEAST_GAIN) & (gain < 1) & (rest2 < _SHADE_STD**2 * allowed)
+        return np.asarray(is_new), np.asarray(is_new & shade)
+
+    def learn(self, seen: ImageArray, is_seen: BoolArray, is_new: BoolArray, window: Window, elapsed_s: float) -> None:
+        """Take an image in; what is new in it but slowly."""
+        looks, mean, variance = self.looks[window], self.mean[window], self.variance[window]
+        looks += is_seen
+        rate = np.where(is_new, elapsed_s / _STANDING_S, 1 / np.minimum(looks + 1e-3, _YOUNG_LOOKS)) * is_seen
+        rate = np.clip(rate, 0.0, 1.0).astype(np.float32)
+        off = seen.astype(np.float32) - mean
+        mean += off * rate[..., None]
+        off2 = cv2.transform(off * off, np.full((1, 3), 1 / 3, dtype=np.float32))
+        variance += (off2 - variance) * (_VARIANCE_SHARE * (is_seen & ~is_new & (looks > 1)))
+
+    def is_ghost(self, seen: ImageArray, is_new: BoolArray, outline: FloatArray, window: Window) -> bool:
+        """Whether somebody has left there since it was learned: the image is there as around it, the background is not.
+
+        Args:
+            seen: ``(h, w, 3)`` the image, laid into the window.
+            is_new: ``(h, w)`` where that differs.
+            outline: ``(n, 2)`` of what may be one.
+            window: The window.
+        """
+        low = np.maximum(np.floor(outline.min(axis=0)).astype(int) - _RING_PX, 0)
+        high = np.ceil(outline.max(axis=0)).astype(int) + _RING_PX + 1
+        part = slice(low[1], high[1]), slice(low[0], high[0])
+        mask = np.zeros(is_new[part].shape, dtype=np.uint8)
+        cv2.fillPoly(mask, [np.round(outline - low).astype(np.int32)], 1)
+        ring = (cv2.dilate(mask, _RING, iterations=_RING_PX // 2) > mask) & ~is_new[part]
+        if not ring.any() or not mask.any():
+            return False
+        around = np.mean(seen[part][ring], axis=0)
+        now, then = (np.mean(each[part][mask > 0], axis=0) for each in (seen, self.mean[window]))
+        return bool(np.linalg.norm(now - around) < _GHOST * np.linalg.norm(then - around))
+
+    def forget(self, seen: ImageArray, inside: BoolArray, window: Window) -> None:
+        """Take what is seen for the background there ``(h, w)``."""
+        self.mean[window][inside] = seen[inside]
+        self.looks[window][inside] = 1

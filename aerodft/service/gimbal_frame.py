@@ -9,9 +9,9 @@ of the range counts little, and the demand of a camera that is not stabilised, w
 """
 
 import math
+from bisect import bisect_left, insort
 from collections import deque
 from dataclasses import dataclass
-from statistics import median
 from typing import Final
 
 import numpy as np
@@ -72,7 +72,8 @@ class FrameDetector:
 
     def __init__(self) -> None:
         self._recent: deque[Moment] = deque()
-        self._bends_rad: deque[float] = deque(maxlen=_NOISE_WINDOW)
+        self._bends_rad: deque[float] = deque()
+        self._ordered_rad: list[float] = []  # the same, for their median
         self._range_rad = (math.inf, -math.inf)  # pitches reported so far
         self._log_ratios = np.zeros(len(LAGS_NS))  # body against earth, were reports this late
         self._at_limit = np.zeros(len(LAGS_NS))  # the part of it that a servo at its limit could explain
@@ -107,8 +108,17 @@ class FrameDetector:
             first, second = self._recent[-2], self._recent[-1]
             downs = zip(moment.down_body, second.down_body, first.down_body, strict=True)
             bend_rad = math.hypot(*(now - 2 * before + earlier for now, before, earlier in downs))
-            self._bends_rad.append(max(bend_rad, moment.bend_rad))
-        return median(self._bends_rad) * _NOISE_OF_BEND if len(self._bends_rad) > _ENOUGH_NOISE else None
+            self._note_bend(max(bend_rad, moment.bend_rad))
+        count = len(self._ordered_rad)
+        if count <= _ENOUGH_NOISE:
+            return None
+        return (self._ordered_rad[(count - 1) // 2] + self._ordered_rad[count // 2]) / 2 * _NOISE_OF_BEND
+
+    def _note_bend(self, bend_rad: float) -> None:
+        if len(self._bends_rad) == _NOISE_WINDOW:
+            del self._ordered_rad[bisect_left(self._ordered_rad, self._bends_rad.popleft())]
+        self._bends_rad.append(bend_rad)
+        insort(self._ordered_rad, bend_rad)
 
     def _learn(self, start: Moment, end: Moment, turn_rad: float) -> None:
         reported = np.linalg.norm(end.down_if_earth - start.down_if_earth)

@@ -49,7 +49,9 @@ class PoseMaker:
         """A sample of each; what its clock has to say is not in its reasons yet."""
         if not parts:
             return []
-        stds = [self._std(each.height, each.attitude) for each in parts]
+        alike = [(each.height.std_m, each.attitude.report_std_rad, each.attitude.is_demand) for each in parts]
+        std_of = {key: self._std(*key) for key in set(alike)}
+        stds = [std_of[key] for key in alike]
         covs = pose_covariance(np.array([each.attitude.wxyz for each in parts]), stds)
         poses = Pose(
             position_enu_m=np.array([_position(each) for each in parts]),
@@ -63,11 +65,11 @@ class PoseMaker:
         )
         return [_sample(each, std, pose, origin) for each, std, pose in zip(parts, stds, poses.rows(), strict=True)]
 
-    def _std(self, height: Height, attitude: CameraAttitude) -> PoseStd:
-        stated, report = self._settings.attitude.std, attitude.report_std_rad
-        tilt_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD) if attitude.is_demand else stated.tilt_rad
+    def _std(self, height_m: float, report: tuple[float, float, float], is_demand: bool) -> PoseStd:  # noqa: FBT001
+        stated = self._settings.attitude.std
+        tilt_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD) if is_demand else stated.tilt_rad
         return PoseStd(
-            height_agl_m=height.std_m,
+            height_agl_m=height_m,
             horizontal_m=stated.horizontal_m,
             tilt_rad=math.hypot(tilt_rad, report[0]),
             pan_rad=math.hypot(stated.pan_rad, report[1]),

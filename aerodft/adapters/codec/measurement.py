@@ -102,7 +102,7 @@ def _key(image: ImageAnswers) -> Hashable | None:
     if not isinstance(answers, AnswerRow) or not answers.block.is_plain[answers.row]:
         return None
     own = (image.model, image.camera, image.calibration, image.config, image.sample.reasons)
-    return (*summary_key(image.sample), *own, answers.block.shape, Same(image.requests))
+    return (*summary_key(image.sample), *own, Same(answers.block.shape), Same(image.requests))
 
 
 def _words(image: ImageAnswers) -> tuple[bytes, bytes]:

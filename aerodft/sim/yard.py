@@ -28,6 +28,7 @@ from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS, default_camera
 from aerodft.sim.video import TransportStream, write_video
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
+from aerodft.sim.yard_flight import perform_flight, write_flight, yard_flight
 
 _EMPTY_S: Final = 1.5  # before anybody is there
 _FPS: Final = 10
@@ -73,6 +74,36 @@ def write_yard(folder: Path, *, seconds: float = 13.5, width_px: int = 1280, liv
     write_truth(
         folder / "truth.csv", [start_ns + k * SECOND_NS // _FPS for k in range(round(seconds * _FPS))], start_ns
     )
+
+
+def write_flown_yard(
+    folder: Path,
+    *,
+    seconds: float = 15.0,
+    width_px: int = 1280,
+    live: str | None = None,
+    mavlink: str = "udpout:127.0.0.1:14550",
+) -> None:
+    """Write the files of a drone that hovers over the yard: flight.tlog, video.mp4, station.toml, truth.csv and others.
+
+    Args:
+        folder: Where to; made if it is not there.
+        seconds: How long it hovers.
+        width_px: Of its images, a multiple of 32.
+        live: ``udp://HOST:PORT``: fly now and in real time, send the images there, and write no video.
+        mavlink: ``udpout:HOST:PORT``: likewise for the telemetry.
+
+    Raises:
+        UsageError: No such address.
+        LinkError: A host is unknown or unreachable.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    scenario = yard_flight(YARD, seconds=seconds, width_px=width_px)
+    if live is None:
+        write_flight(folder, scenario)
+    else:
+        scenario = perform_flight(folder, scenario, live, mavlink)
+    write_truth(folder / "truth.csv", scenario.image_stamps_ns.tolist(), scenario.trajectory.start_ns)
 
 
 def write_truth(path: Path, stamps_ns: list[int], start_ns: int) -> None:
@@ -124,9 +155,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m aerodft.sim.yard", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="Folder for the files.")
     parser.add_argument("--live", metavar="udp://HOST:PORT", help="Send the images there, now, in real time.")
+    parser.add_argument("--flown", action="store_true", help="Seen by a drone that hovers over the yard.")
+    mavlink = "With --flown --live: where its telemetry goes; udpout:127.0.0.1:14550 without it."
+    parser.add_argument("--mavlink", metavar="udpout:HOST:PORT", default="udpout:127.0.0.1:14550", help=mavlink)
     options = parser.parse_args(arguments)
     try:
-        write_yard(options.out, live=options.live)
+        if options.flown:
+            write_flown_yard(options.out, live=options.live, mavlink=options.mavlink)
+        else:
+            write_yard(options.out, live=options.live)
     except AerodftError as error:
         print(f"aerodft.sim.yard: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
         sys.exit(error.exit_code)

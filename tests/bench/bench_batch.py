@@ -14,21 +14,19 @@ import time
 from functools import partial
 from pathlib import Path
 
-import pyarrow.dataset as ds
-
 from aerodft.cli.main import main as aerodft
 from aerodft.cli.recompute_many import Many, recompute_rows
 from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
-from conftest import CAMERA, STATION, write_tlog
 
 MOST = 0.6
 
 
 def one_flight(folder: Path, seconds: float) -> Path:
     """A recording of a hover, measured at 5 Hz, without images."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
+    from conftest import CAMERA, STATION, write_tlog  # noqa: PLC0415 - each worker imports this file first
+
     (folder / "camera.toml").write_text(CAMERA)
     (folder / "station.toml").write_text(STATION)
     log = folder / "flight.tlog"
@@ -61,6 +59,8 @@ def timed(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]
     outcomes = list(run_batch(jobs, partial(work, out=out, log=log), "processes", workers))
     wall = time.perf_counter() - start
     assert {outcome.state for outcome in outcomes} == {State.DONE}
+    import pyarrow.dataset as ds  # noqa: PLC0415 - as above
+
     rows = ds.dataset(out, partitioning="hive").count_rows()
     return wall, max(float(path.read_text()) for path in log.iterdir()), rows
 

@@ -32,6 +32,8 @@ from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.waiting import ImageMemory, Job, Ready
 
+_UNSETTLED = 10  # ticks after which clocks may have settled
+
 
 @dataclass(slots=True)
 class Counts:
@@ -121,10 +123,18 @@ class Pipeline:
             What ``step`` gives for each of them: it does not matter which ticks are together, only how long it takes.
         """
         with self._lock:
-            before = self._wait_until(batches[0].now_ns)
-            together = self._intake.take_together(batches, lambda: self._stamps(batches))
-            work = [self._tick(batch, tick if together else None) for tick, batch in enumerate(batches)]
-            return measured(self._setup, self._answering.fixed, [before + work[0], *work[1:]])
+            work: list[list[Output | Asked]] = []
+            while len(work) < len(batches):  # at once what clocks are settled for
+                stop = len(batches) if self._poses.is_settled else len(work) + _UNSETTLED
+                work += self._work(batches[len(work) : stop])
+            return measured(self._setup, self._answering.fixed, work)
+
+    def _work(self, batches: Sequence[Batch]) -> list[list[Output | Asked]]:
+        """What is done in each of some ticks, yet to be measured."""
+        before = self._wait_until(batches[0].now_ns)
+        together = self._intake.take_together(batches, lambda: self._stamps(batches))
+        work = [self._tick(batch, tick if together else None) for tick, batch in enumerate(batches)]
+        return [before + work[0], *work[1:]]
 
     def _stamps(self, batches: Sequence[Batch]) -> Iterator[tuple[int, int]]:
         """UTC of the images that wait, and of those that come, with the tick on which they do."""

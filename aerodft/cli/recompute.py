@@ -19,6 +19,8 @@ from aerodft.errors import InputError, UsageError
 from replay.opening import is_foreign
 from replay.recording import Recording
 
+_FROM_IMAGE_TO_IMAGE = {"objects": "[objects]", "tracked": "tracked probes"}
+
 
 def recompute(
     recording: Annotated[list[str], typer.Argument(help="Folder of the recording; several, or a pattern in quotes.")],
@@ -108,11 +110,26 @@ def _recompute_one(
     if next(old.image_messages(), None) is not None:
         _copy_images(old, output)
     seen: dict[str, object] = {}
+    warnings: tuple[str, ...] = ()
     if ready.again is not None:
         moved = ready.again.moved
         seen = {**ready.eyes.report(ready.again.counts), "vision": moved.document()}
         say(moved.sentence())
-    report(recorder.totals, tally, ready.pipeline.counts, as_json=as_json, seen=seen)
+        warnings = _of_few_images(ready.eyes.names, moved.kept)
+    report(recorder.totals, tally, ready.pipeline.counts, as_json=as_json, warnings=warnings, seen=seen)
+
+
+def _of_few_images(names: tuple[str, ...], kept: int) -> tuple[str, ...]:
+    """What is to be said where observers that go from image to image were shown some of them only."""
+    who = " and ".join(_FROM_IMAGE_TO_IMAGE[name] for name in names if name in _FROM_IMAGE_TO_IMAGE)
+    if not kept or not who:
+        return ()
+    sentence = (
+        f"--vision: {kept} observations are of images that are not recorded; {who} go from image to image, and find other"
+        " things in fewer of them: record every image (record.video = true of an H.264 stream, else record.image_hz of the"
+        " camera's rate or more), or compare without --vision"
+    )
+    return (sentence,)
 
 
 def _copy_images(recording: Recording, output: Path) -> None:

@@ -77,25 +77,27 @@ class GroundBackground:
         grey = cv2.cvtColor(mean, cv2.COLOR_BGR2GRAY)
         across, down = cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125)
         allowed = self.variance[window] + _NOISE**2 + _ASTRAY_PX**2 * (across * across + down * down)
-        off2 = cv2.transform(off * off, np.full((1, 3), 1 / 3, dtype=np.float32))
         known = self.looks[window] >= _LEAST_LOOKS
-        is_new = (off2 > _NEW_STD**2 * allowed) & known & is_seen
-        gain = np.sum(mean * seen, axis=-1) / np.maximum(np.sum(mean * mean, axis=-1), 1.0)
-        rest = off + mean * (1 - gain)[..., None]
-        rest2 = cv2.transform(rest * rest, np.full((1, 3), 1 / 3, dtype=np.float32))
-        shade = (gain > _LEAST_GAIN) & (gain < 1) & (rest2 < _SHADE_STD**2 * allowed)
-        return np.asarray(is_new), np.asarray(is_new & shade)
+        is_new = (_mean_square(off) > _NEW_STD**2 * allowed) & known & is_seen
+        now, then = seen[is_new].astype(np.float32), mean[is_new]
+        gain = np.einsum("nk,nk->n", now, then) / np.maximum(np.einsum("nk,nk->n", then, then), 1.0)
+        rest = now - gain[:, None] * then
+        rest2 = np.einsum("nk,nk->n", rest, rest) / 3
+        shade = np.zeros_like(is_new)
+        shade[is_new] = (gain > _LEAST_GAIN) & (gain < 1) & (rest2 < _SHADE_STD**2 * allowed[is_new])
+        return np.asarray(is_new), shade
 
     def learn(self, seen: ImageArray, is_seen: BoolArray, is_new: BoolArray, window: Window, elapsed_s: float) -> None:
         """Take an image in; what is new in it but slowly."""
         looks, mean, variance = self.looks[window], self.mean[window], self.variance[window]
         looks += is_seen
-        rate = np.where(is_new, elapsed_s / _STANDING_S, 1 / np.minimum(looks + 1e-3, _YOUNG_LOOKS)) * is_seen
-        rate = np.clip(rate, 0.0, 1.0).astype(np.float32)
+        rate = 1 / np.clip(looks, 1, _YOUNG_LOOKS)
+        rate[is_new] = min(elapsed_s / _STANDING_S, 1.0)
+        rate *= is_seen
         off = seen.astype(np.float32) - mean
-        mean += off * rate[..., None]
-        off2 = cv2.transform(off * off, np.full((1, 3), 1 / 3, dtype=np.float32))
-        variance += (off2 - variance) * (_VARIANCE_SHARE * (is_seen & ~is_new & (looks > 1)))
+        known = (is_seen & ~is_new & (looks > 1)).astype(np.float32)
+        variance += (_mean_square(off) - variance) * (known * np.float32(_VARIANCE_SHARE))
+        mean += cv2.multiply(off, cv2.merge([rate, rate, rate]))
 
     def is_ghost(self, seen: ImageArray, is_new: BoolArray, outline: FloatArray, window: Window) -> bool:
         """Whether somebody has left there since it was learned: the image is there as around it, the background is not.
@@ -122,3 +124,8 @@ class GroundBackground:
         """Take what is seen for the background there ``(h, w)``."""
         self.mean[window][inside] = seen[inside]
         self.looks[window][inside] = 1
+
+
+def _mean_square(colours: _Planes) -> _Planes:
+    """``(height, width)`` over the colours ``(height, width, 3)``."""
+    return np.asarray(cv2.transform(cv2.multiply(colours, colours), np.full((1, 3), 1 / 3, dtype=np.float32)))

@@ -68,8 +68,11 @@ class GroundCanvas:
         u, v = np.meshgrid(np.arange(across) * NODE_PX + centre_px, np.arange(down) * NODE_PX + centre_px)
         nodes = view.bent(carried(onto, np.stack([u + columns.start, v + rows.start], axis=-1)))
         nodes = np.nan_to_num(nodes, nan=OUTSIDE_PX).astype(np.float32)
-        whole = cv2.resize(nodes, (across * NODE_PX, down * NODE_PX), interpolation=cv2.INTER_LINEAR)
-        columns_px, rows_px = cv2.split(whole[:height, :width])
+        size = across * NODE_PX, down * NODE_PX
+        columns_px, rows_px = (
+            cv2.resize(np.ascontiguousarray(nodes[..., k]), size, interpolation=cv2.INTER_LINEAR)[:height, :width]
+            for k in (0, 1)
+        )
         seen = cv2.remap(pixels, columns_px, rows_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         farthest = self._size_px - 2
         is_seen = (columns_px >= 1) & (columns_px <= farthest[0]) & (rows_px >= 1) & (rows_px <= farthest[1])

@@ -23,6 +23,7 @@ _ASTRAY: Final = 4.0  # times the gate: what nobody else has claimed, and what i
 _BESIDE: Final = 0.1  # of its height
 _FAR: Final = 1e6
 _AT_LEAST_NS: Final = SECOND_NS
+_CARRIED: Final = 2  # times as long as it was seen
 _STILL_M: Final = 1e-6  # a fixed camera moves by less
 _TALLEST_M: Final = 4.0  # of what stands about
 _RAGGED_M: Final = 0.5  # of what is seen of it
@@ -234,7 +235,7 @@ class GroundTracks:
             self._tracks.append(track)
 
     def _end(self, stamp_ns: int) -> None:
-        """Give up what was not seen for too long, or for longer than it was; what is not confirmed, at once."""
+        """Give up what was not seen for too long, or for much longer than it was; what is not confirmed, at once."""
         most_ns = round(self._settings.forget_s * SECOND_NS)
         least_ns = min(_AT_LEAST_NS, most_ns)
         self._tracks = [
@@ -243,7 +244,8 @@ class GroundTracks:
             if track.seen_ns == stamp_ns
             or (
                 track.number
-                and stamp_ns - track.seen_ns <= min(max(track.seen_ns - track.begun.stamp_ns, least_ns), most_ns)
+                and stamp_ns - track.seen_ns
+                <= min(max(_CARRIED * (track.seen_ns - track.begun.stamp_ns), least_ns), most_ns)
             )
         ]
 

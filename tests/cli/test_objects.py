@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from aerodft.sim.yard import write_yard
+from aerodft.sim.yard import write_flown_yard, write_yard
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +54,38 @@ def test_recomputed_tracks_are_the_same_to_the_byte(yard, imported, aerodft, tmp
     assert imported.code == 0
     assert aerodft("recompute", yard / "rec", "-o", tmp_path / "again").code == 0
     same = aerodft("compare", yard / "rec", tmp_path / "again", "--tolerance", "0m")
+    assert same.code == 0, same.err
+
+
+def test_vision_says_where_it_is_shown_too_few_images(yard, imported, aerodft, tmp_path):
+    assert imported.code == 0
+    again = aerodft("recompute", yard / "rec", "--vision", "-o", tmp_path / "seen", "--json")
+    assert again.code == 0, again.err
+    assert again.json["vision"]["kept"] > 20
+    assert any("[objects]" in each and "not recorded" in each for each in again.json["warnings"])
+
+
+def test_a_drone_s_walkers_are_tracked_from_the_video_on_and_the_same_again(aerodft, tmp_path):
+    write_flown_yard(tmp_path, seconds=6.0, width_px=640)
+    done = aerodft(
+        "import", tmp_path / "flight.tlog", "--config", tmp_path / "station.toml", "-o", tmp_path / "rec", "--json"
+    )
+    assert done.code == 0, done.err
+    assert done.json["objects"]["images"] == 60
+    where, owners, inside = truth(tmp_path), {}, []
+    for each in measurements(aerodft, tmp_path / "rec", tmp_path / "all.jsonl"):
+        if each["kind"] == "track" and each["enu_m"]:
+            off = np.array(each["enu_m"][0][:2]) - where[each["stamp_ns"]]
+            nearest = int(np.argmin(np.linalg.norm(off, axis=-1)))
+            owners.setdefault(each["name"], set()).add(nearest)
+            cov = np.array(each["cov_enu_m2"])[:2, :2]
+            inside.append(off[nearest] @ np.linalg.solve(cov, off[nearest]) < 5.99)
+    assert len(owners) >= 2
+    assert all(len(own) == 1 for own in owners.values())
+    assert len(inside) >= 40
+    assert np.mean(inside) > 0.9
+    assert aerodft("recompute", tmp_path / "rec", "-o", tmp_path / "again").code == 0
+    same = aerodft("compare", tmp_path / "rec", tmp_path / "again", "--tolerance", "0m")
     assert same.code == 0, same.err
 
 

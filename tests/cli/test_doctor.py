@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from aerodft.cli.doctor import doctor
 from aerodft.errors import InputError, LinkError, NoAnswerError
+from tests.replay.foreign_files import frames_of
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 app = typer.Typer(pretty_exceptions_enable=False)
@@ -121,3 +122,15 @@ def test_what_is_neither_a_file_nor_a_link_is_told_which_links_there_are() -> No
 
 def test_help_says_what_its_exit_codes_mean() -> None:
     assert "4 no image could be measured" in " ".join(CliRunner().invoke(app, ["--help"]).stdout.split())
+
+
+def test_a_clock_that_jumps_by_decades_is_no_endless_loop(aerodft, desk):
+    """A second of the log, 30 years later: the moments of the silence between are not asked for one by one."""
+    frames = frames_of(desk.log)
+    later = [(at_ns + 30 * 365 * 86_400 * 10**9, frame) for at_ns, frame in frames]
+    log = desk.folder / "jump.tlog"
+    log.write_bytes(b"".join((at_ns // 1000).to_bytes(8, "big") + frame for at_ns, frame in [*frames, *later]))
+    done = aerodft("doctor", log, "--json")
+    assert done.code in {0, 4}, done.err
+    assert done.json["poses"]["seconds"] > 29 * 365 * 86_400
+    assert done.json["poses"]["ok_s"] < 10

@@ -11,6 +11,7 @@ from aerodft.model.status import Status
 from aerodft.service.poses import PoseSource
 
 _FINE_FOR_NS: Final = 10 * SECOND_NS  # a link is listened to for that long
+_MOST_MOMENTS: Final = 2000  # asked for at once
 _FINE_NS: Final = SECOND_NS // 10
 _MOST_TOLD: Final = 3
 _RARE: Final = 0.02  # share of a flight
@@ -124,8 +125,10 @@ class PoseSurvey:
         """Ask for what may be known now that telemetry was taken in that arrived between these (host UTC)."""
         if self._first_ns is None:
             self._first_ns = self._next_ns = first_ns
+        least_ns = (now_ns - self._next_ns) // _MOST_MOMENTS  # a clock may jump by decades
         while self._next_ns <= now_ns:
-            step_ns = _FINE_NS if self._next_ns - self._first_ns < _FINE_FOR_NS else SECOND_NS
+            usual_ns = _FINE_NS if self._next_ns - self._first_ns < _FINE_FOR_NS else SECOND_NS
+            step_ns = max(usual_ns, min(least_ns, now_ns - self._next_ns))
             self._waiting.append((self._next_ns, step_ns))
             self._next_ns += step_ns
         while self._waiting and self._ask(*self._waiting[0], final=False):
@@ -140,5 +143,7 @@ class PoseSurvey:
     def _ask(self, arrival_ns: int, step_ns: int, *, final: bool) -> bool:
         sample = self._source.at(self._source.clock.host_to_utc(arrival_ns), final=final)
         if sample is not None:
-            self._poses.add(sample, (arrival_ns - (self._first_ns or 0)) / SECOND_NS, step_ns / SECOND_NS)
+            # A pose speaks for no more than a second, the silence of a clock that jumped for all of it.
+            spoken_ns = min(step_ns, SECOND_NS) if sample.status is Status.OK else step_ns
+            self._poses.add(sample, (arrival_ns - (self._first_ns or 0)) / SECOND_NS, spoken_ns / SECOND_NS)
         return sample is not None

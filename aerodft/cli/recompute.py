@@ -126,8 +126,8 @@ def _of_few_images(names: tuple[str, ...], kept: int) -> tuple[str, ...]:
         return ()
     sentence = (
         f"--vision: {kept} observations are of images that are not recorded; {who} go from image to image, and find"
-        " other things in fewer of them: record every image (record.video = true of an H.264 stream, else record.image_hz"
-        " of the camera's rate or more), or compare without --vision"
+        " other things in fewer of them: record every image (record.video = true of an H.264 stream, else image_hz of"
+        " the camera's rate or more), or compare without --vision"
     )
     return (sentence,)
 

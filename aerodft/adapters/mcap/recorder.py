@@ -40,7 +40,7 @@ from aerodft.service.ports import Output
 _OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
 _FRAME_OVERHEAD_BYTES = 64
 _KEPT = (PoseSample, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
-_AT_ONCE = 400  # ticks' inputs and outputs: many numbers are written quicker than few
+_AT_ONCE = 100  # ticks' inputs and outputs: many numbers are written quicker than few
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
 _SPARE_DATA_BYTES, _SPARE_IMAGE_BYTES = 16 << 20, 4 << 20
 

@@ -137,9 +137,13 @@ def _segments(folder: Path, stem: str) -> tuple[SegmentScan, ...]:
     if not folder.is_dir():
         got = "a file" if folder.exists() else "nothing"
         raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
-    paths = sorted(folder.glob(f"{stem}_*.mcap"), key=numbered)
+    try:
+        there = list(folder.iterdir())
+    except OSError as error:
+        raise InputError("the recording cannot be read", where=folder, got=error.strerror) from error
+    paths = sorted((path for path in there if path.match(f"{stem}_*.mcap")), key=numbered)
     if not paths and stem == "data":
-        found = next((path.name for path in folder.iterdir()), None)
+        found = there[0].name if there else None
         raise InputError(
             "there is no recording",
             where=folder,

@@ -23,6 +23,8 @@ def is_mcap(path: Path) -> bool:
     """Whether a path is an MCAP file, whatever its name, or a folder of them."""
     if path.is_dir():
         return next(path.glob("*.mcap"), None) is not None
+    if not path.is_file():  # to open a pipe would wait for its writer
+        return False
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC

@@ -1,5 +1,6 @@
 """Folders that nobody may write to, files where a folder should be, and folders that vanish: one sentence each."""
 
+import errno
 import os
 import shutil
 import subprocess
@@ -119,3 +120,34 @@ def test_a_recording_that_vanishes_while_it_is_written_is_a_loss(desk, aerodft, 
     assert done.code == 5, done.err
     assert "messages are not in the recording: they could not be written" in done.last
     assert content(folder) == before
+
+
+@pytest.mark.parametrize("command", ["replay", "export", "recompute", "compare", "recover"])
+def test_nobody_waits_for_who_writes_into_a_pipe(aerodft, tmp_path: Path, command: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    more = {"recompute": ("-o", tmp_path / "out"), "compare": (FROZEN,)}
+    done = aerodft(command, tmp_path / "pipe", *more.get(command, ()))
+    assert (done.code, done.last[: done.last.index(" got")]) == (
+        3,
+        f"aerodft: {tmp_path / 'pipe'}: there is no recording:",
+    )
+
+
+@pytest.mark.parametrize("command", ["replay", "export", "recompute", "compare"])
+def test_a_folder_that_may_not_be_read_is_one_sentence(aerodft, tmp_path: Path, monkeypatch, command: str) -> None:
+    """As if without the right: tests may run as root, who has all of them."""
+    closed, list_it = tmp_path / "closed", Path.iterdir
+    shutil.copytree(FROZEN, closed)
+
+    def refusing(path: Path):
+        if path == closed:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return list_it(path)
+
+    monkeypatch.setattr(Path, "iterdir", refusing)
+    more = {"recompute": ("-o", tmp_path / "out"), "compare": (FROZEN,)}
+    done = aerodft(command, closed, *more.get(command, ()))
+    assert (done.code, done.last) == (
+        3,
+        f"aerodft: {closed}: the recording cannot be read: got Permission denied",
+    )

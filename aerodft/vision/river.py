@@ -13,7 +13,7 @@ from aerodft.model.pose import Pose
 from aerodft.vision.bank_edges import Edges
 from aerodft.vision.bank_outliers import stand_out
 from aerodft.vision.river_banks import Islands, islands_across, locate_banks
-from aerodft.vision.river_checks import no_light, no_river
+from aerodft.vision.river_checks import like_a_road, no_light, no_river
 from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
 from aerodft.vision.water import WaterMask, find_water, with_islands
@@ -97,14 +97,9 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
     features = water_features(image)
     ground = ground_of(plane, features)
-    if not ground.any():
-        up = "the image shows no water plane near enough: it looks too far up"
-        return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
-    if (dark := no_light(image)) is not None:
-        return dark
     seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
-    if not looked_up(ground, seed):
-        return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")
+    if (refusal := _unfit(image, plane, ground, seed)) is not None:
+        return refusal
     segment = find_water if question.network is None else question.network.find_water
     water = segment(features, (float(seed[0]), float(seed[1])), ground)
     if (refusal := no_river(features, water, ground)) is not None:
@@ -115,7 +110,22 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
         return NoRiver(RiverStatus.OUT_OF_IMAGE, WHY[RiverStatus.OUT_OF_IMAGE])
     line = oriented(plane, line, question.flow_rad)
     found = transects(plane, features, (channel, water.water, ground), line, stations_along(line, question.spacing_m))
-    return _measured(image, setup, pose, plane, question, (features, water, line, found))
+    seen = _measured(image, setup, pose, plane, question, (features, water, line, found))
+    if isinstance(seen, River) and question.seed_px is None and question.network is None:
+        return like_a_road(features, water.water, seen.widths.points_enu_m[..., :2]) or seen
+    return seen
+
+
+def _unfit(image: ImageArray, plane: WaterPlane, ground: BoolArray, seed_px: FloatArray) -> NoRiver | None:
+    """Why no water is looked for at all."""
+    if not ground.any():
+        up = "the image shows no water plane near enough: it looks too far up"
+        return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
+    if (dark := no_light(image)) is not None:
+        return dark
+    if not looked_up(ground, seed_px):
+        return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")
+    return None
 
 
 def river_across(

@@ -1,22 +1,34 @@
 """Why an image shows no river whose banks could be told, as far as the image itself says so."""
 
+import math
 from typing import Final
 
 import cv2
 import numpy as np
 
-from aerodft.model.arrays import BoolArray, ImageArray
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
+from aerodft.vision.outline import outline_contrast
 from aerodft.vision.river_status import NoRiver, RiverStatus
 from aerodft.vision.water import WaterMask
-from aerodft.vision.water_features import WaterFeatures
+from aerodft.vision.water_features import LOGARITHM, Float32Image, WaterFeatures
 
 _NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise
 _EVERY: Final = 8  # of the pixels is looked at for that
+_LEAST_PIXELS: Final = 100
 _LEAST_LAND: Final = 0.01  # of what is looked at
-_RED_TO_GREEN, _BLUE_TO_GREEN = 0, 1  # planes of the features
+_RED_TO_GREEN, _BLUE_TO_GREEN, _LIGHT = 0, 1, 2  # planes of the features
+_COLOURS: Final = np.array([1.0, 1.0, 0.0, 0.0], dtype=np.float32)
 _GREEN: Final = (2.0, -14.0)  # where both are lower than these, something grows
 _MANY_COLOURS: Final = 0.03  # ratios of red to green vary by 1 to 2 % nearby in water, by 3 to 10 % on natural ground
 _CLEAR: Final = 2.3  # standard deviations between an outline's sides along three quarters of it; meadows reach 2.0
+_CLEAR_IN_COLOUR: Final = 1.0  # likewise by colour alone; rivers have 1.4 and more, shadows 0.8 at most
+_BESIDE: Final = np.ones((13, 13), dtype=np.uint8)  # of the small copy, around what was found
+_EVEN: Final = 0.035  # of the lightness, beside its trend over the water: waves are 6 % and more
+_EDGE_PX: Final = 9  # of the small copy: so near an outline the two sides' colours mix
+_STRAIGHT: Final = 0.006  # of the width: rms of bank points about a line
+_ONE_WIDTH: Final = 0.015  # relative spread of the widths
+_FEWEST: Final = 6  # bank points that tell whether a bank is straight
+_ROBUST: Final = 1.4826  # from the median of absolute deviations to a standard deviation
 
 
 def no_light(image: ImageArray) -> NoRiver | None:
@@ -35,15 +47,8 @@ def no_river(features: WaterFeatures, found: WaterMask, ground: BoolArray) -> No
         found: What was found.
         ground: What was looked at.
     """
-    red, blue = (float(np.median(features.planes[found.water][:, plane])) for plane in (_RED_TO_GREEN, _BLUE_TO_GREEN))
-    if red < _GREEN[0] and blue < _GREEN[1]:
-        return NoRiver(RiverStatus.NO_WATER, "where water is looked for something grows: is the seed on a bank?")
-    variety = features.variety(found.water)
-    if variety > _MANY_COLOURS:
-        reason = (
-            f"where water is looked for colours vary by {100 * variety:.0f} % from place to place, as on dry ground"
-        )
-        return NoRiver(RiverStatus.NO_WATER, f"{reason}; {100 * _MANY_COLOURS:g} % is the most for water")
+    if (dry := _dry_ground(features, found.water)) is not None:
+        return dry
     if np.count_nonzero(ground & ~found.water) < _LEAST_LAND * np.count_nonzero(ground):
         return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all of the image looks alike")
     if len(found.contrast) == 0:
@@ -52,4 +57,65 @@ def no_river(features: WaterFeatures, found: WaterMask, ground: BoolArray) -> No
     if clear < _CLEAR:
         reason = f"water and bank cannot be told apart: {clear:.1f} standard deviations between them, {_CLEAR:g} needed"
         return NoRiver(RiverStatus.NO_CONTRAST, reason)
-    return None
+    return _shadow(features.planes, found.water, ground)
+
+
+def _shadow(planes: Float32Image, water: BoolArray, ground: BoolArray) -> NoRiver | None:
+    _, in_colour = outline_contrast(planes * _COLOURS, water, ground)
+    if float(np.percentile(in_colour, 25)) >= _CLEAR_IN_COLOUR:
+        return None
+    beside = (cv2.dilate(water.astype(np.uint8), _BESIDE) > 0) & ground & ~water
+    if float(np.median(planes[water][:, _LIGHT])) >= float(np.median(planes[beside][:, _LIGHT])):
+        return None
+    return NoRiver(RiverStatus.NO_WATER, "what was found has the colours of what lies beside it, but darker: a shadow?")
+
+
+def _dry_ground(features: WaterFeatures, water: BoolArray) -> NoRiver | None:
+    red, blue = (float(np.median(features.planes[water][:, plane])) for plane in (_RED_TO_GREEN, _BLUE_TO_GREEN))
+    if red < _GREEN[0] and blue < _GREEN[1]:
+        return NoRiver(RiverStatus.NO_WATER, "where water is looked for something grows: is the seed on a bank?")
+    variety = features.variety(water)
+    if variety <= _MANY_COLOURS:
+        return None
+    reason = f"where water is looked for colours vary by {100 * variety:.0f} % from place to place, as on dry ground"
+    return NoRiver(RiverStatus.NO_WATER, f"{reason}; {100 * _MANY_COLOURS:g} % is the most for water")
+
+
+def like_a_road(features: WaterFeatures, water: BoolArray, banks_en_m: FloatArray) -> NoRiver | None:
+    """Whether what was found is as even as no water is, between two straight edges.
+
+    Args:
+        features: The small copy.
+        water: ``(height, width)``: what was found.
+        banks_en_m: ``(n, 2, 2)``: left, then right bank of each transect, east and north.
+    """
+    if len(banks_en_m) < _FEWEST or _unevenness(features, water) > _EVEN:
+        return None
+    widths_m = np.linalg.norm(banks_en_m[:, 0] - banks_en_m[:, 1], axis=-1)
+    width_m = float(np.median(widths_m))
+    straight = max(_bend_m(banks_en_m[:, side]) for side in range(2)) < _STRAIGHT * width_m
+    if not straight and _ROBUST * float(np.median(np.abs(widths_m - width_m))) > _ONE_WIDTH * width_m:
+        return None
+    how = "between two straight edges" if straight else "and of one width"
+    reason = f"where water is looked for it is even, {how}: a road? If it is water, click it (--seed)"
+    return NoRiver(RiverStatus.NO_WATER, reason)
+
+
+def _unevenness(features: WaterFeatures, water: BoolArray) -> float:
+    """Spread of the lightness within the water, relative, beside what a smooth trend explains."""
+    inside = cv2.erode(water.astype(np.uint8), np.ones((_EDGE_PX, _EDGE_PX), dtype=np.uint8)) > 0
+    rows, columns = np.nonzero(inside)
+    if len(rows) < _LEAST_PIXELS:
+        return math.inf
+    v, u = rows / features.shape[0], columns / features.shape[1]
+    trend = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    light = features.planes[rows, columns, _LIGHT].astype(np.float64)
+    rest = light - trend @ np.linalg.lstsq(trend, light)[0]
+    return _ROBUST * float(np.median(np.abs(rest))) / LOGARITHM
+
+
+def _bend_m(points_en_m: FloatArray) -> float:
+    """How far points ``(n, 2)`` are from the line that fits them best, root mean square."""
+    return float(np.linalg.svd(points_en_m - points_en_m.mean(axis=0), compute_uv=False)[-1]) / math.sqrt(
+        len(points_en_m)
+    )

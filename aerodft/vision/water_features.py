@@ -25,7 +25,9 @@ _EDGE_PX: Final = 5  # so far an edge spreads its variety over what lies beside 
 _QUIETEST_PERCENT: Final = 10.0  # of an image varies for its noise alone, which is more in the dark
 _QUIET: Final = 0.011  # of the ratio's logarithm
 _DARK: Final = 8.0  # grey levels: what is darker has no colour
-_SCALE: Final = np.array([40.0, 40.0, 40.0, 12.0], dtype=np.float32)  # makes about one unit of what can just be seen
+LOGARITHM: Final = 40.0
+"""What the logarithms of colour ratios and lightness are multiplied by: a unit can just be seen."""
+_SCALE: Final = np.array([LOGARITHM, LOGARITHM, LOGARITHM, 12.0], dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

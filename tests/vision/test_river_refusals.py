@@ -66,3 +66,45 @@ def test_a_white_image_shows_nothing():
     found = find_river(np.full((540, 960, 3), 255, dtype=np.uint8), Setup(camera=CAMERA), pose, RiverQuestion())
     assert isinstance(found, NoRiver)
     assert found.status is RiverStatus.ALL_WATER
+
+
+def _meadow():
+    pose = camera_pose(height_agl_m=30.0, tilt_rad=0.0, north_m=500.0)
+    return Renderer(CAMERA, World(origin=DEFAULT_ORIGIN, river=SimulatedRiver(), look=Look()), Imaging()).render(
+        pose, 1.0
+    )
+
+
+def _even(bgr, spread, seed):
+    noise = np.random.default_rng(seed).normal(0, spread, (540, 960, 1))
+    return np.clip(np.array(bgr) + noise, 0, 255)
+
+
+def _band(half_px, swing_px):
+    """Share ``(540, 960, 1)`` that a band down the image covers, soft at its edges."""
+    v, u = np.mgrid[:540, :960]
+    return np.clip(half_px - np.abs(u - 480 - swing_px * np.sin(v / 150)) + 0.5, 0, 1)[..., None]
+
+
+@pytest.mark.parametrize("bgr", [(95, 97, 96), (110, 150, 175)], ids=["asphalt", "dirt"])
+def test_a_road_is_no_river_unless_somebody_says_so(bgr):
+    band = _band(100, 0)
+    image = (_meadow() * (1 - band) + _even(bgr, 4, 1) * band).astype(np.uint8)
+    pose = camera_pose(height_agl_m=30.0, tilt_rad=0.0)
+    found = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion())
+    assert isinstance(found, NoRiver)
+    assert found.status is RiverStatus.NO_WATER
+    assert "a road?" in found.reason
+    told = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(seed_px=MIDDLE))
+    assert isinstance(told, River)
+    assert np.median(told.widths.width_m) == pytest.approx(200 * 30.0 / CAMERA.fx_px, rel=0.01)
+
+
+@pytest.mark.parametrize("swing_px", [0, 75])
+def test_a_shadow_on_bare_ground_is_no_river(swing_px):
+    ground = _even((120, 135, 150), 5, 2)
+    image = (ground * (1 - 0.55 * _band(100, swing_px))).astype(np.uint8)
+    found = find_river(image, Setup(camera=CAMERA), camera_pose(height_agl_m=30.0, tilt_rad=0.0), RiverQuestion())
+    assert isinstance(found, NoRiver)
+    assert found.status is RiverStatus.NO_WATER
+    assert "a shadow?" in found.reason

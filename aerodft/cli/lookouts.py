@@ -21,7 +21,6 @@ from aerodft.model.status import Status
 from aerodft.service.looking import Lookout
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import ImageObserver
 from aerodft.vision.moving import MovingObjects
 from aerodft.vision.moving_over_ground import MovingOverGround
 from aerodft.vision.reference import LEAST_CORNERS
@@ -54,7 +53,9 @@ def lookouts_of(station: StationConfig, pipeline: Pipeline, where: object, *, ma
         notes["markers"] = partial(_marker_notes, observer)
     if (objects := station.objects) is not None and objects.detect:
         _check_images(station, "[objects]", where, may_record=may_record)
-        lookouts["objects"] = Lookout(_who_sees_objects(station, objects, pipeline), objects.every_s)
+        moving = _who_sees_objects(station, objects, pipeline)
+        lookouts["objects"] = Lookout(moving, objects.every_s)
+        notes["objects"] = lambda: {"restless": moving.restless}
     if station.river is not None:
         _check_images(station, "[river]", where, may_record=may_record)
         probes = river_probes(station.pipeline.probes)
@@ -90,7 +91,9 @@ def _steady_lookout(watch: Watch, station: StationConfig) -> Lookout:
     return Lookout(points, settings.every_s)
 
 
-def _who_sees_objects(station: StationConfig, objects: ObjectSettings, pipeline: Pipeline) -> ImageObserver:
+def _who_sees_objects(
+    station: StationConfig, objects: ObjectSettings, pipeline: Pipeline
+) -> MovingObjects | MovingOverGround:
     """Before a fixed camera what changes moves; before one that flies, what changes on the held ground."""
     camera, ground = station.pipeline.camera, station.pipeline.ground
     if station.pipeline.fixed_pose is not None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.vision.ground_canvas import GroundCanvas, Window
+from aerodft.vision.restless import calm, remember_changes
 
 _Planes = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
@@ -35,17 +36,21 @@ class GroundBackground:
         mean: ``(height, width, 3)`` BGR.
         variance: ``(height, width)`` of one colour.
         looks: ``(height, width)`` how often a place was seen.
+        changes: ``(height, width)`` how often it changes, see ``restless``.
+        last: ``(height, width)`` what was new in the last image that showed it.
     """
 
     mean: _Planes
     variance: _Planes
     looks: _Planes
+    changes: _Planes
+    last: _Planes
 
     @classmethod
     def of(cls, shape: tuple[int, int]) -> "GroundBackground":
         """Nothing yet, of a canvas of that shape."""
         mean, variance = np.zeros((*shape, 3), dtype=np.float32), np.full(shape, _FIRST_VARIANCE, dtype=np.float32)
-        return cls(mean, variance, np.zeros(shape, dtype=np.float32))
+        return cls(mean, variance, *(np.zeros(shape, dtype=np.float32) for _ in range(3)))
 
     def begin(self, laid: list[tuple[ImageArray, BoolArray]]) -> None:
         """Take the medians of some images of the whole canvas: who walks is nowhere in most of them."""
@@ -68,20 +73,25 @@ class GroundBackground:
         looks[edge] = 0
         variance = canvas.moved_here(self.variance, old)
         variance[edge] = _FIRST_VARIANCE
-        return GroundBackground(canvas.moved_here(self.mean, old), variance, looks)
+        mean, changes, last = (canvas.moved_here(each, old) for each in (self.mean, self.changes, self.last))
+        return GroundBackground(mean, variance, looks, changes, last)
 
-    def new_in(self, seen: ImageArray, is_seen: BoolArray, window: Window) -> tuple[BoolArray, BoolArray]:
+    def new_in(
+        self, seen: ImageArray, is_seen: BoolArray, window: Window, elapsed_s: float
+    ) -> tuple[BoolArray, BoolArray]:
         """Where an image ``(h, w, 3)`` that is laid into a window shows something else, and where what may be shade."""
         mean = self.mean[window]
         off = seen.astype(np.float32) - mean
         grey = cv2.cvtColor(mean, cv2.COLOR_BGR2GRAY)
         across, down = cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125)
         allowed = self.variance[window] + _NOISE**2 + _ASTRAY_PX**2 * (across * across + down * down)
-        known = self.looks[window] >= _LEAST_LOOKS
-        is_new = (_mean_square(off) > _NEW_STD**2 * allowed) & known & is_seen
-        now, then = seen[is_new].astype(np.float32), mean[is_new]
-        gain = np.einsum("nk,nk->n", now, then) / np.maximum(np.einsum("nk,nk->n", then, then), 1.0)
-        rest = now - gain[:, None] * then
+        is_new = (_mean_square(off) > _NEW_STD**2 * allowed) & (self.looks[window] >= _LEAST_LOOKS) & is_seen
+        now, shown = is_new.astype(np.float32), is_seen.astype(np.float32)
+        remember_changes(self.changes[window], self.last[window], now, shown, self.looks[window], elapsed_s)
+        is_new &= calm(self.changes[window])
+        colours, then = seen[is_new].astype(np.float32), mean[is_new]
+        gain = np.einsum("nk,nk->n", colours, then) / np.maximum(np.einsum("nk,nk->n", then, then), 1.0)
+        rest = colours - gain[:, None] * then
         rest2 = np.einsum("nk,nk->n", rest, rest) / 3
         shade = np.zeros_like(is_new)
         shade[is_new] = (gain > _LEAST_GAIN) & (gain < 1) & (rest2 < _SHADE_STD**2 * allowed[is_new])

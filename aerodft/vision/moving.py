@@ -6,13 +6,14 @@ import cv2
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
 from aerodft.service.objects import OBJECTS, ObjectSettings
 from aerodft.vision.blobs import objects_in, without_shadows
 from aerodft.vision.reference import allowed_outside
+from aerodft.vision.restless import MOST_OUTLINES, TOO_MANY, Planes, calm, remember_changes
 
 _HISTORY: Final = 500
 _APART: Final = 25.0  # squared standard deviations from the background
@@ -23,7 +24,7 @@ _STANDING_S: Final = 20.0  # who stands still for so long becomes background: wh
 _BACKGROUND_SHARE: Final = 0.1  # ... this share of its memory
 _ANOTHER_VIEW: Final = 0.5  # of the image: where more than this is new, light or camera have changed
 _BACKGROUND_LOOKS: Final = 15  # it changes slowly, and takes as long to read as all the rest
-_MOST_OBJECTS: Final = 100
+_COARSE: Final = 4  # pixels of which one is made, to remember what changes
 _DECIMALS: Final = 2
 
 
@@ -35,6 +36,9 @@ class MovingObjects:
     Args:
         camera: The camera.
         settings: What is looked for.
+
+    Attributes:
+        restless: Images so far in which too much seemed to move.
     """
 
     def __init__(self, camera: Camera, settings: ObjectSettings) -> None:
@@ -42,6 +46,8 @@ class MovingObjects:
         self._allowed = allowed_outside(settings.ignore, camera.width_px, camera.height_px)
         self._subtractor = cv2.createBackgroundSubtractorMOG2(_HISTORY, _APART, detectShadows=True)
         self._background: ImageArray | None = None
+        self.restless = 0
+        self._changes: tuple[Planes, Planes] | None = None
         self._looks = 0
         self._last_ns: int | None = None
 
@@ -55,7 +61,9 @@ class MovingObjects:
             return ()
         last_ns, self._last_ns = self._last_ns, image.stamp_ns
         elapsed_s = 0.0 if last_ns is None else max(image.stamp_ns - last_ns, 0) / SECOND_NS
-        return observations_of(self.outlines(image.pixels(), elapsed_s), image, self._settings.std_px)
+        seen = observations_of(self.outlines(image.pixels(), elapsed_s), image, self._settings.std_px)
+        self.restless += bool(seen[0].unseen)
+        return seen
 
     def outlines(self, pixels: ImageArray, elapsed_s: float = 0.1) -> list[FloatArray]:
         """Outlines ``(n, 2)`` of what moves in the next image ``(height, width, 3)`` BGR, the largest first.
@@ -70,10 +78,12 @@ class MovingObjects:
         new = np.asarray(labels > 0) & self._allowed
         if self._looks <= _LEARNED:
             return []
+        calm = self._calm(new, elapsed_s)
         if np.count_nonzero(new) > _ANOTHER_VIEW * new.size:
             self._subtractor = cv2.createBackgroundSubtractorMOG2(_HISTORY, _APART, detectShadows=True)
             self._background, self._looks = None, 0
             return []
+        new &= calm
         if not self._settings.shadows:
             return objects_in(new, self._settings.least_px)
         if self._background is None or self._looks % _BACKGROUND_LOOKS == 0:
@@ -82,10 +92,21 @@ class MovingObjects:
         mask = without_shadows(pixels, self._background, new, labelled, self._settings.least_px)
         return objects_in(mask, self._settings.least_px)
 
+    def _calm(self, new: BoolArray, elapsed_s: float) -> BoolArray:
+        """Where who moves can be told ``(height, width)``, with what is new in the next image."""
+        size = new.shape[1] // _COARSE, new.shape[0] // _COARSE
+        now = np.asarray(cv2.resize(new.astype(np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        if self._changes is None:
+            self._changes = np.zeros_like(now), now.copy()
+        remember_changes(*self._changes, now, np.ones_like(now), self._looks, elapsed_s)
+        mask = cv2.resize(calm(self._changes[0]).astype(np.uint8), new.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        return np.asarray(mask > 0)
+
 
 def observations_of(outlines: list[FloatArray], image: Image, std_px: float) -> tuple[Observation, ...]:
-    """One observation for each outline ``(n, 2)``; one without any where there are none."""
-    rounded = [np.round(outline, _DECIMALS).tolist() for outline in outlines[:_MOST_OBJECTS]]
+    """One observation for each outline ``(n, 2)``; one without any where there are none, or too many."""
+    too_many = len(outlines) > MOST_OUTLINES
+    rounded = [np.round(outline, _DECIMALS).tolist() for outline in ([] if too_many else outlines)]
     contours = [tuple((u, v) for u, v in outline) for outline in rounded]
     return tuple(
         Observation(
@@ -98,6 +119,7 @@ def observations_of(outlines: list[FloatArray], image: Image, std_px: float) -> 
             image=image.index,
             source=VISION,
             contour=contour,
+            unseen=TOO_MANY if too_many else "",
         )
         for contour in contours or [()]
     )

@@ -41,9 +41,13 @@ class MovingOverGround:
         settings: What is looked for.
         pose_of: The pose at an image's stamp, about; None where it is not known.
         ground: None for the level plane at 0; else the level of what is seen in the middle counts.
+
+    Attributes:
+        restless: Images so far in which too much seemed to move.
     """
 
     def __init__(self, camera: Camera, settings: ObjectSettings, pose_of: PoseOf, ground: Ground | None = None) -> None:
+        self.restless = 0
         self._settings, self._ground = settings, ground
         self._allowed = allowed_outside(settings.ignore, camera.width_px, camera.height_px)
         self._all_allowed = bool(np.all(self._allowed))
@@ -68,7 +72,9 @@ class MovingOverGround:
         self._epoch_ns = image.stamp_ns if self._epoch_ns is None else self._epoch_ns
         time_s = (image.stamp_ns - self._epoch_ns) / SECOND_NS
         outlines = self._outlines(image, image.pixels(), time_s)
-        return observations_of(outlines, image, self._settings.std_px)
+        seen = observations_of(outlines, image, self._settings.std_px)
+        self.restless += bool(seen[0].unseen)
+        return seen
 
     def _outlines(self, image: Image, pixels: ImageArray, time_s: float) -> list[FloatArray]:
         since_first, view = self._held(image, pixels, time_s)
@@ -128,7 +134,7 @@ class MovingOverGround:
         seen, is_seen = canvas.laid(pixels, view, onto, window)
         if not seen.size:
             return []
-        is_new, shade = self._background.new_in(seen, is_seen, window)
+        is_new, shade = self._background.new_in(seen, is_seen, window, elapsed_s)
         if int(np.count_nonzero(is_new)) > _ANOTHER_VIEW * int(np.count_nonzero(is_seen)):
             self._lock, self._canvas = None, None
             return []

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
+from aerodft.geometry.jit import njit
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.model.arrays import FloatArray, IntArray
 
@@ -36,17 +37,19 @@ def jump_std(
 
 @dataclass(frozen=True, slots=True)
 class Demands:
-    """What a gimbal was told before each of ``n`` stamps, as far as it may still matter.
+    """What a gimbal was told before each of ``n`` stamps, as far as it may still matter: rows of its reports.
 
     Attributes:
-        rows: ``(m,)`` of the demands: those of the first stamp, then those of the second, and so on.
-        replaced_ns: ``(m,)`` from the stamp back to when the next demand was seen, less the lag; not below 0.
-        counts: ``(n,)`` how many of them are of each stamp.
+        first: ``(n,)`` the first of them.
+        stop: ``(n,)`` the one behind the last.
+        since_ns: ``(k,)`` when each report was replaced: when the next was seen.
+        stamps_ns: ``(n,)`` less the longest time without any effect of a new demand.
     """
 
-    rows: IntArray
-    replaced_ns: IntArray
-    counts: IntArray
+    first: IntArray
+    stop: IntArray
+    since_ns: IntArray
+    stamps_ns: IntArray
 
 
 def demands_before(
@@ -64,11 +67,7 @@ def demands_before(
     """
     memory_ns = lag_ns + round(math.pi / slew_radps * SECOND_NS)
     starts = np.maximum(np.searchsorted(samples_ns, stamps_ns - memory_ns), first)
-    counts = np.maximum(before - starts, 0)
-    within = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
-    rows = np.repeat(starts, counts) + within
-    replaced_ns = samples_ns[rows + 1]  # a demand holds until the next one is seen
-    return Demands(rows, np.maximum(np.repeat(stamps_ns, counts) - replaced_ns - lag_ns, 0), counts)
+    return Demands(starts, before, samples_ns[1:], stamps_ns - lag_ns)  # a demand holds until the next one is seen
 
 
 def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, slew_radps: float) -> FloatArray:
@@ -84,22 +83,47 @@ def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, s
         slew_radps: As in ``demands_before``.
     """
     std = np.zeros((len(now_wxyz), 3))
-    of_stamp = np.repeat(np.arange(len(now_wxyz)), demands.counts)
-    done_rad = slew_radps * demands.replaced_ns / SECOND_NS
-    along = np.abs(np.einsum("ij,ij->i", reported_wxyz[demands.rows], now_wxyz[of_stamp]))
-    unreached = np.flatnonzero(2 * np.arccos(np.minimum(along, 1.0)) > done_rad - _ROUNDING_RAD)  # most are reached
-    if not len(unreached):
+    found = np.empty((2, int(np.sum(np.maximum(demands.stop - demands.first, 0)))), dtype=np.int64)
+    times = demands.since_ns, demands.stamps_ns
+    count = _unreached(demands.first, demands.stop, times, reported_wxyz, now_wxyz, slew_radps, found)
+    if not count:
         return std
-    of_stamp = of_stamp[unreached]
-    turns = to_rotation_vector(multiply(inverse(reported_wxyz[demands.rows[unreached]]), now_wxyz[of_stamp]))
+    of_stamp, rows = found[:, :count]
+    turns = to_rotation_vector(multiply(inverse(reported_wxyz[rows]), now_wxyz[of_stamp]))
     angles = _length(turns)
-    left = np.maximum(angles - done_rad[unreached], 0.0)
+    since_ns = np.maximum(demands.stamps_ns[of_stamp] - demands.since_ns[rows], 0)
+    left = np.maximum(angles - slew_radps * since_ns / SECOND_NS, 0.0)
     starts = np.flatnonzero(np.diff(of_stamp, prepend=-1))
     most = np.maximum.reduceat(left, starts)
     is_most = np.flatnonzero(left == np.repeat(most, np.diff(starts, append=len(left))))
     farthest = is_most[np.searchsorted(is_most, starts)][most > 0]  # of several the first
     std[of_stamp[farthest]] = turns[farthest] * (left[farthest] / angles[farthest] / math.sqrt(3))[:, None]
     return std
+
+
+@njit
+def _unreached(
+    first: IntArray,
+    stop: IntArray,
+    times: tuple[IntArray, IntArray],
+    reported_wxyz: FloatArray,
+    now_wxyz: FloatArray,
+    slew_radps: float,
+    found: IntArray,
+) -> int:
+    """How many demands a camera may not have left behind: most it has. In ``found (2, m)`` their stamps and rows."""
+    since_ns, stamps_ns = times
+    count = 0
+    for n in range(len(first)):
+        for k in range(first[n], stop[n]):
+            done_rad = slew_radps * max(stamps_ns[n] - since_ns[k], 0) / SECOND_NS
+            along = 0.0
+            for i in range(4):
+                along += reported_wxyz[k, i] * now_wxyz[n, i]
+            if 2 * math.acos(min(abs(along), 1.0)) > done_rad - _ROUNDING_RAD:
+                found[0, count], found[1, count] = n, k
+                count += 1
+    return count
 
 
 def _length(vectors: FloatArray) -> FloatArray:

@@ -131,7 +131,10 @@ class _Together:
                 self._first = replace(image, pixels=None), small
                 return [Found(probe, probe.pixels) for probe in self._probes]
         if self._first is None:
-            return [Found(probe, why="there was no image at the time that its pixels are of") for probe in self._probes]
+            return [
+                Found(probe, why="there was no image at the time that its pixels are of, or none within 0.2 s after it")
+                for probe in self._probes
+            ]
         at_first = self._standpoints.seen(self._first[0])
         if self._lock is None:  # not before, because the first image's pose may come after it
             self._first_view = self._standpoints.view_of(at_first)

@@ -4,6 +4,7 @@ Without it (numba is not installed, or NUMBA_DISABLE_JIT is set) loops run as th
 """
 
 import os
+import sys
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from importlib.util import find_spec
@@ -12,6 +13,11 @@ from typing import Any, Final, TypeVar, cast
 COMPILES: Final[bool] = find_spec("numba") is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def is_loaded() -> bool:
+    """Whether something compiled has run already; until then small work is better done without."""
+    return "numba" in sys.modules
 
 
 class Late:

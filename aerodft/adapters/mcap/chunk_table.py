@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD, RECORD_HEAD
 from aerodft.adapters.mcap.places import ReadChannel
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import is_loaded, njit
 from aerodft.model.arrays import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
@@ -18,7 +18,7 @@ _HEAD: Final = RECORD_HEAD.size
 _MESSAGE: Final = int(Opcode.MESSAGE)
 _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
 _TIME_AT: Final = 6  # in a message's head
-_FEW: Final = 64
+_FEW, _FEW_UNCOMPILED = 64, 2048
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ class RecordTable:
 
 def record_table(content: bytes) -> RecordTable:
     """The records of a chunk's content."""
-    few = _few_records(content)
+    few = _few_records(content, _most())
     if few is not None:
         return few
     data = np.frombuffer(content, dtype=np.uint8)
@@ -83,7 +83,7 @@ def message_table(content: bytes, channels: dict[int, ReadChannel], records: Rec
     rows = np.flatnonzero(records.opcode == _MESSAGE)
     start = records.start[rows]
     ids, times = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.uint64)
-    if len(start) <= _FEW:
+    if len(start) <= _most():
         for row, at in enumerate(start.tolist()):
             ids[row], _, times[row], _ = MESSAGE_HEAD.unpack_from(content, at)
     else:
@@ -92,12 +92,17 @@ def message_table(content: bytes, channels: dict[int, ReadChannel], records: Rec
     return table.rows(np.isin(ids, list(channels)))
 
 
-def _few_records(content: bytes) -> RecordTable | None:
-    """As ``_walk``, for a few records: as fast, and who reads no more than such needs no compiler. None of many."""
+def _most() -> int:
+    """Records that are told apart without the compiler: as fast where they are few, and else not worth loading it."""
+    return _FEW if is_loaded() else _FEW_UNCOMPILED
+
+
+def _few_records(content: bytes, most: int) -> RecordTable | None:
+    """As ``_walk``, for a few records; None where there are more."""
     rows: list[tuple[int, int, int]] = []
     position = 0
     while position + _HEAD <= len(content):
-        if len(rows) == _FEW:
+        if len(rows) == most:
             return None
         opcode, length = RECORD_HEAD.unpack_from(content, position)
         start = position + _HEAD

@@ -8,7 +8,7 @@ JPEGs and the camera. Inputs are logged at their arrival, in order of arrival; o
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import orjson
@@ -165,7 +165,7 @@ class McapRecorder:
         stem: str,
         metadata: Mapping[str, dict[str, str]],
         channels: tuple[Channel, ...],
-        first: Callable[[int], Iterable[Record]],
+        first: Callable[[int, int | None], Iterable[Record]],
     ) -> Series:
         is_data = stem == "data"
         settings = SeriesSettings(
@@ -180,11 +180,12 @@ class McapRecorder:
         )
         return Series(settings, first)
 
-    def _first_data(self, number: int) -> Iterable[Record]:
-        return (self._records.of_status(self._status_now("running" if number else "starting")),)
+    def _first_data(self, number: int, at_ns: int | None) -> Iterable[Record]:
+        status = self._status_now("running" if number else "starting")
+        return (self._records.of_status(status if at_ns is None else replace(status, stamp_ns=at_ns)),)
 
-    def _first_images(self, number: int) -> Iterable[Record]:  # noqa: ARG002 - all of them begin alike
-        now_ns = self._now_ns
+    def _first_images(self, number: int, at_ns: int | None) -> Iterable[Record]:  # noqa: ARG002 - all begin alike
+        now_ns = self._now_ns if at_ns is None else at_ns
         return (Record(now_ns, self._camera, camera_calibration(self._settings.camera, now_ns)),)
 
     def _status_now(self, state: str) -> StationStatus:

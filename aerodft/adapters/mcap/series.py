@@ -40,13 +40,14 @@ class Series:
 
     Args:
         settings: How.
-        first_records: What every segment begins with, by its number, so that it is valid from the beginning.
+        first_records: What every segment begins with, so that it is valid from the beginning: by its number, and the
+            log time of the message that it is opened for (None of the very first).
 
     Raises:
         OSError: The first segment cannot be written.
     """
 
-    def __init__(self, settings: SeriesSettings, first_records: Callable[[int], Iterable[Record]]) -> None:
+    def __init__(self, settings: SeriesSettings, first_records: Callable[[int, int | None], Iterable[Record]]) -> None:
         self._settings = settings
         self._first_records = first_records
         self._registry = Registry()
@@ -58,6 +59,7 @@ class Series:
         self._retry_s = 0.0
         self._room_bytes = _CHUNK_BYTES
         self._until_ns = 0
+        self._opened_for_ns: int | None = None
         self._flushed_s = self._synced_s = time.monotonic()
         self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"sync-{settings.stem}")
         self._syncing: tuple[Future[None], int, int] | None = None
@@ -94,6 +96,7 @@ class Series:
             may_begin: Whether a segment may begin with it; not with what can be read only after others.
         """
         self._offered += 1
+        self._opened_for_ns = log_ns
         if self._segment is None and self._reopened() is None:
             self._lost += 1
             return
@@ -248,7 +251,7 @@ class Series:
         )
         try:
             buffer = ChunkBuffer(self._registry.definitions)
-            for record in self._first_records(self._segments):
+            for record in self._first_records(self._segments, self._opened_for_ns):
                 identity = self._registry.find(record.channel)
                 if identity is None:
                     raise ValueError(f"{record.channel.topic} is not among the channels")

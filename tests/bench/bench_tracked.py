@@ -26,7 +26,17 @@ from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.sim.yard import YARD
-from aerodft.vision import blobs, moving, plane_lock, straight, tracked_probes
+from aerodft.sim.yard_flight import yard_flight
+from aerodft.vision import (
+    blobs,
+    ground_background,
+    ground_canvas,
+    moving,
+    moving_over_ground,
+    plane_lock,
+    straight,
+    tracked_probes,
+)
 
 CAMERA = default_camera(1920, 1080)
 _spent: Counter[str] = Counter()
@@ -86,6 +96,26 @@ def bench_moving(count: int) -> None:
     report(f"moving objects, 1080p, {np.median(found):.0f} in an image", count, time.process_time() - start)
 
 
+def bench_from_above(count: int) -> None:
+    flight = yard_flight(YARD, seconds=(count + 12) / 10, width_px=1920)
+    images = list(flight.images())
+    poses = {stamp: flight.trajectory.pose(stamp) for stamp, _ in images}
+
+    def pose_of(image: Image) -> PoseSample:
+        return PoseSample(stamp_ns=image.stamp_ns, status=Status.OK, pose=poses[image.stamp_ns])
+
+    observer, found, start = moving_over_ground.MovingOverGround(CAMERA, ObjectSettings(), pose_of), [], 0.0
+    for k, (stamp_ns, pixels) in enumerate(images):
+        if k == len(images) - count:
+            _spent.clear()
+            start = time.process_time()
+        image = Image(index=k, stamp_ns=stamp_ns, arrival_ns=stamp_ns, pixels=lambda pixels=pixels: pixels)
+        found.append(sum(bool(each.contour) for each in observer.observe(image)))
+    report(
+        f"moving objects from a drone, 1080p, {np.median(found):.0f} in an image", count, time.process_time() - start
+    )
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -99,8 +129,12 @@ def main(arguments: list[str] | None = None) -> None:
     timed(blobs, "shadows", "shadows")
     timed(blobs, "outlines_of", "outlines")
     timed(blobs, "_whole", "cleaning the mask")
+    timed(ground_background.GroundBackground, "new_in", "what is new on the ground")
+    timed(ground_background.GroundBackground, "learn", "learning the ground")
+    timed(ground_canvas.GroundCanvas, "laid", "laying it on the ground")
     bench_tracked(options.images)
     bench_moving(options.images)
+    bench_from_above(options.images)
 
 
 if __name__ == "__main__":

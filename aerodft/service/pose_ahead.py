@@ -1,6 +1,6 @@
 """Poses that images of several ticks will ask for, made at once: quicker, and the same to the last bit."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,16 +9,19 @@ from aerodft.model.pose import PoseSample
 from aerodft.service.attitude import AttitudeSources, CameraAttitude
 from aerodft.service.health import HealthSources
 from aerodft.service.health_verdict import Verdict
-from aerodft.service.height import Height, HeightSources
-from aerodft.service.places import Place, Places
+from aerodft.service.height import HeightSources
+from aerodft.service.places import Places
 from aerodft.service.pose_making import Parts, PoseMaker
 from aerodft.service.streams import Missing
+from aerodft.service.timing import ClockMap
 
 Asked = tuple[int, int]
 """The tick on which something is asked for, and the stamp (UTC) that is asked about."""
 
 
 Verdicts = dict[Asked, Verdict]
+Samples = dict[Asked, tuple[Parts, PoseSample]]
+Ready = dict[Asked, PoseSample]
 
 
 class PosesAhead:
@@ -51,9 +54,9 @@ class PosesAhead:
     def clear(self) -> None:
         """The ticks are over."""
         self.attitudes: dict[Asked, CameraAttitude] = {}
-        self.samples: dict[Asked, tuple[Parts, PoseSample]] = {}
+        self.samples: Samples = {}
         self.verdicts: Verdicts = {}
-        self.ready: dict[Asked, PoseSample] = {}
+        self.ready: Ready = {}
 
     def prepare(self, stamps_ns: IntArray, ticks: IntArray) -> None:
         """Make what can be made for stamps ``(n,)``, each as it will be seen at its tick ``(n,)``."""
@@ -72,22 +75,27 @@ class PosesAhead:
         self.samples = {key: (parts, sample) for (key, parts), sample in zip(found.items(), made, strict=True)}
         self.verdicts = dict(zip(asked, self._health.verdicts(stamps_ns, ticks), strict=True))
 
-    def complete(self, completed: Callable[[PoseSample, Height, Place | Missing], PoseSample]) -> None:
-        """Make samples ready, where clocks say the same of all of them."""
+    def complete(self, clock: ClockMap) -> None:
+        """Make samples ready, where clocks say the same of all of them, and whose UTC it is makes no difference."""
         for key, (parts, sample) in self.samples.items():
-            whole = completed(sample, parts.height, parts.place or Missing.NEVER)
+            place = parts.place or Missing.NEVER
+            whole = self._maker.completed(sample, parts.height, place, clock, by_utc=False)
             self.ready[key] = self.verdicts[key].judged(whole)
 
 
-def by_tick(stamps_ns: IntArray, from_tick: IntArray, newest_ns: Sequence[IntArray]) -> IntArray:
-    """On which of several ticks stamps ``(n,)`` will be asked for: the first that all streams have passed them on.
+def by_tick(asked: IntArray, newest_ns: Sequence[IntArray]) -> IntArray:
+    """On which of several ticks stamps will be asked for: the first that all streams have passed them on.
 
     Args:
-        stamps_ns: UTC.
-        from_tick: ``(n,)`` the tick before which each is not asked for.
-        newest_ns: ``(ticks,)`` each, the newest stamp of each stream at each tick.
+        asked: ``(n, 2)`` stamps (UTC), and the tick before which each is not asked for.
+        newest_ns: ``(ticks,)`` each, the newest stamp of each stream at each tick; empty where nothing of it came.
 
     Returns:
-        ``(n,)``; the number of ticks where none of them has passed a stamp.
+        ``(m, 2)`` ticks and stamps; without those that not all streams have passed.
     """
-    return np.asarray(np.maximum.reduce([from_tick, *(np.searchsorted(each, stamps_ns) for each in newest_ns)]))
+    spoken = [each for each in newest_ns if len(each)]
+    if not spoken:
+        return np.empty((0, 2), dtype=np.int64)
+    stamps_ns, from_tick = asked.T
+    ticks = np.maximum.reduce([from_tick, *(np.searchsorted(each, stamps_ns) for each in spoken)])
+    return np.asarray(np.stack([ticks, stamps_ns], axis=-1)[ticks < len(spoken[0])])

@@ -15,7 +15,16 @@ from aerodft.service.attitude import CameraAttitude, Refused
 from aerodft.service.footing import footing
 from aerodft.service.height import Height
 from aerodft.service.places import Place
-from aerodft.service.pose_words import REBOOTED, no_height, sentence, unplaced
+from aerodft.service.pose_words import (
+    HOME_MOVED,
+    REBOOTED,
+    by_guess,
+    by_host,
+    no_height,
+    no_place,
+    sentence,
+    unplaced,
+)
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.streams import Missing
 from aerodft.service.timing import ClockMap
@@ -39,11 +48,13 @@ class PoseMaker:
     Args:
         settings: Stated standard deviations.
         time_std_s: Of image stamps against telemetry stamps.
+        ground: What heights that are measured from the surface below are counted from; None for the level plane at 0.
     """
 
-    def __init__(self, settings: TelemetrySettings, time_std_s: float) -> None:
+    def __init__(self, settings: TelemetrySettings, time_std_s: float, ground: Ground | None) -> None:
         self._settings = settings
         self._time_std_s = time_std_s
+        self._ground = ground
 
     def samples(self, parts: Sequence[Parts], origin: GeoOrigin | None) -> list[PoseSample]:
         """A sample of each; what its clock has to say is not in its reasons yet."""
@@ -78,7 +89,33 @@ class PoseMaker:
             time_s=self._time_std_s,
         )
 
-    def over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: Place | Missing) -> PoseSample:
+    def completed(
+        self, sample: PoseSample, height: Height, place: Place | Missing, clock: ClockMap, *, by_utc: bool
+    ) -> PoseSample:
+        """A sample of these parts with what its clock has to say, over its ground, and high enough.
+
+        Args:
+            sample: As ``samples`` made it.
+            height: Of it.
+            place: Of it, or why it has none.
+            clock: Of the vehicle.
+            by_utc: Whether it is for a stamp that is UTC by another clock than this machine's.
+        """
+        home = (HOME_MOVED,) if clock.has_restarted and height.source is HeightSource.HOME else ()
+        nowhere = (f"{no_place(self._settings.height)}: the place is not stated",) if place is Missing.STALE else ()
+        remarks = (*clock.remarks(sample.stamp_ns), *home, *nowhere)
+        sample = replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
+        if not clock.is_utc_known:
+            sample = by_guess(sample) if by_utc else by_host(sample)
+        if self._ground is not None:
+            sample = self._over_ground(sample, self._ground, height, place)
+        minimum = self._settings.height.min_m
+        if height.height_agl_m < minimum and sample.status is Status.OK:
+            reason = f"{height.source} says {height.height_agl_m:.2f} m, the minimum is {minimum:g} m"
+            return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(reason,))
+        return sample
+
+    def _over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: Place | Missing) -> PoseSample:
         """The sample in ENU, where its height may be counted from the surface below; or why it has no place there."""
         from_zero, pose = height.source is HeightSource.HOME, sample.pose
         if pose is None:

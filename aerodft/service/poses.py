@@ -1,7 +1,6 @@
 """Telemetry tracks in, the camera's pose at an image's stamp out; interpolated, never the nearest sample."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +21,6 @@ from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
 from aerodft.service.pose_ahead import PosesAhead, by_tick
 from aerodft.service.pose_making import Parts, PoseMaker, missed
-from aerodft.service.pose_words import HOME_MOVED, by_guess, by_host, no_place
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.timing import ClockMap
@@ -54,13 +52,13 @@ class PoseSource:
     ) -> None:
         self.clock = ClockMap()
         self._settings = settings
-        self._maker = PoseMaker(settings, time_std_s)
-        self._ground = ground
+        self._maker = PoseMaker(settings, time_std_s, ground)
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
         self._places = Places(settings.height, origin)
         self._health = HealthSources(settings.health)
         self._tick = self._looked_at = -1
+        self._vehicle: dict[int, FloatArray] = {}  # attitudes of these ticks: heights ask for each many times
         self._ahead = PosesAhead(self._attitude, self._height, self._places, self._health, self._maker)
         self._newest_ns = 0
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
@@ -139,16 +137,17 @@ class PoseSource:
         Args:
             stamps: UTC, and from which of the ticks that were taken in together last a stamp may be asked for.
         """
-        newest = [each for each in (stream.newest_by_tick() for stream in self._streams()) if len(each)]
-        asked = list(stamps)
-        if not newest or not asked:
-            return
-        stamps_ns, from_tick = np.array(asked, dtype=np.int64).T
-        ticks = by_tick(stamps_ns, from_tick, newest)
-        soon = np.flatnonzero(ticks < len(newest[0]))
-        self._ahead.prepare(stamps_ns[soon], ticks[soon])
+        asked = np.array(list(stamps), dtype=np.int64).reshape(-1, 2)
+        needed = (self._places.stream, *self._attitude.streams())  # not every source of a height is waited for
+        last, first = (
+            by_tick(asked, [each.newest_by_tick() for each in streams]) for streams in (self._streams(), needed)
+        )
+        pairs = last if np.array_equal(first, last) else np.unique(np.concatenate([last, first]), axis=0)
+        if len(pairs):
+            ticks, stamps_ns = pairs.T
+            self._ahead.prepare(stamps_ns, ticks)
         if self.clock.is_plain and (self._zoom is None or not self._zoom.has_begun):
-            self._ahead.complete(partial(self._completed, by_utc=False))  # whose UTC it is makes no difference
+            self._ahead.complete(self.clock)
 
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
@@ -178,6 +177,7 @@ class PoseSource:
         self.see(-1)
         self._look()
         self._ahead.clear()
+        self._vehicle = {}
         self.clock.settle()
         for stream in (*self._streams(), *self._remarks()):
             stream.settle()
@@ -228,26 +228,7 @@ class PoseSource:
         if isinstance(height, Missing) or isinstance(attitude, Missing | Refused) or sample is None:
             began = any(stream.began_by(stamp_ns) for stream in self._streams())
             return missed(stamp_ns, (height, attitude), self._settings, self.clock, began=began)
-        return self._completed(sample, height, place, by_utc=by_utc)
-
-    def _completed(self, sample: PoseSample, height: Height, place: Place | Missing, *, by_utc: bool) -> PoseSample:
-        """A sample of these parts with what its clock has to say, over its ground, and high enough."""
-        home = (HOME_MOVED,) if self.clock.has_restarted and height.source is HeightSource.HOME else ()
-        remarks = (*self.clock.remarks(sample.stamp_ns), *home)
-        sample = replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
-        if place is Missing.STALE:
-            sample = replace(
-                sample, reasons=(*sample.reasons, f"{no_place(self._settings.height)}: the place is not stated")
-            )
-        if not self.clock.is_utc_known:
-            sample = by_guess(sample) if by_utc else by_host(sample)
-        if self._ground is not None:
-            sample = self._maker.over_ground(sample, self._ground, height, place)
-        minimum = self._settings.height.min_m
-        if height.height_agl_m < minimum and sample.status is Status.OK:
-            reason = f"{height.source} says {height.height_agl_m:.2f} m, the minimum is {minimum:g} m"
-            return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(reason,))
-        return sample
+        return self._maker.completed(sample, height, place, self.clock, by_utc=by_utc)
 
     def _parts(self, stamp_ns: int, *, final: bool) -> _Found | None:
         """The parts of a pose, and the sample where both height and attitude are there; None: more may come."""
@@ -282,7 +263,13 @@ class PoseSource:
         return prepared or self._attitude.at(stamp_ns, watermark_ns)
 
     def _vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:
-        return self._attitude.vehicle_at(stamp_ns, watermark_ns)
+        known = self._vehicle.get(stamp_ns)
+        if known is not None:
+            return known
+        found = self._attitude.vehicle_at(stamp_ns, watermark_ns)
+        if not isinstance(found, Missing):
+            self._vehicle[stamp_ns] = found
+        return found
 
     def gimbal_frames(self) -> dict[GimbalSource, FrameEvidence]:
         """What the gimbals that reported are against, as far as it is known."""

@@ -58,5 +58,6 @@ def test_a_stream_looks_at_no_sample_that_had_not_come() -> None:
 
 def test_what_is_asked_for_waits_for_the_slowest_stream_and_for_its_own_tick() -> None:
     newest = [np.array([10, 20, 30]), np.array([5, 25, 26])]
-    ticks = by_tick(np.array([4, 8, 26, 4, 27]), np.array([0, 0, 0, 2, 0]), newest)
-    assert ticks.tolist() == [0, 1, 2, 2, 3]  # of the last one nobody knows yet
+    asked = np.array([[4, 0], [8, 0], [26, 0], [4, 2], [27, 0]])
+    assert by_tick(asked, [*newest, np.empty(0)]).tolist() == [[0, 4], [1, 8], [2, 26], [2, 4]]
+    assert not len(by_tick(asked, [np.empty(0)]))

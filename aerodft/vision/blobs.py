@@ -14,7 +14,12 @@ _GRAIN: Final = np.ones((3, 3), dtype=np.uint8)
 _GAPS: Final = np.ones((9, 5), dtype=np.uint8)  # what a belt or a shadow leaves between two parts of one object
 _FRINGE: Final = 0.05  # of an object's height: what is thinner hangs on to it, the border of its shadow for one
 _SCRAP: Final = 0.15  # of what casts a shadow: what is left of the shadow has less
+_GHOST: Final = 0.6  # of how much the background differs from what is around, where the image does
+_RING_PX: Final = 8
+_AROUND: Final = np.ones((5, 5), dtype=np.uint8)
 _ONE: Final = 2  # connected component, beside what is none
+
+Background = ImageArray | np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 def without_shadows(
@@ -54,6 +59,28 @@ def objects_in(mask: BoolArray, least_px: int) -> list[FloatArray]:
     """Outlines ``(n, 2)`` of a mask ``(height, width)`` without grains, its gaps closed, the largest first."""
     found = outlines_of(_whole(mask, least_px))
     return [outline for outline in found if len(outline) >= 3]  # noqa: PLR2004 - a triangle's corners
+
+
+def is_ghost(pixels: ImageArray, background: Background, new: BoolArray, outline: FloatArray) -> bool:
+    """Whether somebody has left there since it was learned: the image is there as around it, the background is not.
+
+    Args:
+        pixels: ``(height, width, 3)`` BGR.
+        background: What was learned, likewise.
+        new: ``(height, width)`` where the two differ.
+        outline: ``(n, 2)`` of what may be one.
+    """
+    low = np.maximum(np.floor(outline.min(axis=0)).astype(int) - _RING_PX, 0)
+    high = np.ceil(outline.max(axis=0)).astype(int) + _RING_PX + 1
+    part = slice(low[1], high[1]), slice(low[0], high[0])
+    mask = np.zeros(new[part].shape, dtype=np.uint8)
+    cv2.fillPoly(mask, [np.round(outline - low).astype(np.int32)], 1)
+    ring = (cv2.dilate(mask, _AROUND, iterations=_RING_PX // 2) > mask) & ~new[part]
+    if not ring.any() or not mask.any():
+        return False
+    around = np.mean(pixels[part][ring], axis=0)
+    now, then = (np.mean(each[part][mask > 0], axis=0) for each in (pixels, background))
+    return bool(np.linalg.norm(now - around) < _GHOST * np.linalg.norm(then - around))
 
 
 def _without_fringe(mask: ImageArray) -> BoolArray:

@@ -6,7 +6,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
+from aerodft.model.arrays import BoolArray, ImageArray
 from aerodft.vision.ground_canvas import GroundCanvas, Window
 from aerodft.vision.restless import calm, remember_changes
 
@@ -23,8 +23,6 @@ _STANDING_S: Final = 20.0  # who stands still for so long becomes background
 _LEAST_GAIN: Final = 0.3  # the sky still lights what the sun does not
 _SHADE_STD: Final = 3.0
 _QUARTILES: Final = 1.35  # between them, standard deviations of a normal distribution
-_GHOST: Final = 0.6  # of how much the background differs from what is around, where the image does
-_RING_PX: Final = 8
 _RING: Final = np.ones((5, 5), dtype=np.uint8)
 
 
@@ -108,27 +106,6 @@ class GroundBackground:
         known = (is_seen & ~is_new & (looks > 1)).astype(np.float32)
         variance += (_mean_square(off) - variance) * (known * np.float32(_VARIANCE_SHARE))
         mean += cv2.multiply(off, cv2.merge([rate, rate, rate]))
-
-    def is_ghost(self, seen: ImageArray, is_new: BoolArray, outline: FloatArray, window: Window) -> bool:
-        """Whether somebody has left there since it was learned: the image is there as around it, the background is not.
-
-        Args:
-            seen: ``(h, w, 3)`` the image, laid into the window.
-            is_new: ``(h, w)`` where that differs.
-            outline: ``(n, 2)`` of what may be one.
-            window: The window.
-        """
-        low = np.maximum(np.floor(outline.min(axis=0)).astype(int) - _RING_PX, 0)
-        high = np.ceil(outline.max(axis=0)).astype(int) + _RING_PX + 1
-        part = slice(low[1], high[1]), slice(low[0], high[0])
-        mask = np.zeros(is_new[part].shape, dtype=np.uint8)
-        cv2.fillPoly(mask, [np.round(outline - low).astype(np.int32)], 1)
-        ring = (cv2.dilate(mask, _RING, iterations=_RING_PX // 2) > mask) & ~is_new[part]
-        if not ring.any() or not mask.any():
-            return False
-        around = np.mean(seen[part][ring], axis=0)
-        now, then = (np.mean(each[part][mask > 0], axis=0) for each in (seen, self.mean[window]))
-        return bool(np.linalg.norm(now - around) < _GHOST * np.linalg.norm(then - around))
 
     def forget(self, seen: ImageArray, inside: BoolArray, window: Window) -> None:
         """Take what is seen for the background there ``(h, w)``."""

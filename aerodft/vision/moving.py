@@ -11,7 +11,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
 from aerodft.service.objects import OBJECTS, ObjectSettings
-from aerodft.vision.blobs import objects_in, without_shadows
+from aerodft.vision.blobs import is_ghost, objects_in, without_shadows
 from aerodft.vision.reference import allowed_outside
 from aerodft.vision.restless import MOST_OUTLINES, TOO_MANY, Planes, calm, remember_changes
 
@@ -83,14 +83,15 @@ class MovingObjects:
             self._subtractor = cv2.createBackgroundSubtractorMOG2(_HISTORY, _APART, detectShadows=True)
             self._background, self._looks = None, 0
             return []
-        new &= calm
-        if not self._settings.shadows:
-            return objects_in(new, self._settings.least_px)
+        mask = new = np.asarray(new & calm)
         if self._background is None or self._looks % _BACKGROUND_LOOKS == 0:
             self._background = np.asarray(self._subtractor.getBackgroundImage(), dtype=np.uint8)
-        labelled = np.asarray(labels == _SHADOW)
-        mask = without_shadows(pixels, self._background, new, labelled, self._settings.least_px)
-        return objects_in(mask, self._settings.least_px)
+        background = self._background
+        if self._settings.shadows:
+            labelled = np.asarray(labels == _SHADOW)
+            mask = without_shadows(pixels, background, new, labelled, self._settings.least_px)
+        found = objects_in(mask, self._settings.least_px)
+        return [outline for outline in found if not is_ghost(pixels, background, new, outline)]
 
     def _calm(self, new: BoolArray, elapsed_s: float) -> BoolArray:
         """Where who moves can be told ``(height, width)``, with what is new in the next image."""

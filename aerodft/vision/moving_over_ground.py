@@ -16,7 +16,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.service.objects import ObjectSettings
-from aerodft.vision.blobs import objects_in, without_shadows
+from aerodft.vision.blobs import is_ghost, objects_in, without_shadows
 from aerodft.vision.ground_background import GroundBackground
 from aerodft.vision.ground_canvas import GroundCanvas, Window
 from aerodft.vision.keyframes import PlaneImage
@@ -154,7 +154,7 @@ class MovingOverGround:
     ) -> list[FloatArray]:
         there = []
         for outline in outlines:
-            if self._background.is_ghost(seen, is_new, outline, window):
+            if is_ghost(seen, self._background.mean[window], is_new, outline):
                 inside = np.zeros(seen.shape[:2], dtype=np.uint8)
                 cv2.fillPoly(inside, [np.round(outline).astype(np.int32)], 1)
                 self._background.forget(seen, np.asarray(inside > 0), window)

@@ -55,6 +55,18 @@ def test_a_foot_is_found_to_3_px_beside_its_shadow(
         assert np.median(with_shadow) > 10 * PIXEL
 
 
+def test_who_is_there_from_the_first_image_on_leaves_nobody_behind_where_he_was() -> None:
+    observer, strangers = MovingObjects(yard.CAMERA, ObjectSettings()), []
+    for time_s, pixels in yard.images(yard.APART, 30, sun_azimuth_deg=30.0, seed=1, empty_images=0):
+        outlines = observer.outlines(pixels)
+        chests = [yard.pixels_of(walker.foot_enu_m(time_s) + [0.0, 0.0, 1.1]) for walker in yard.APART]
+        mine = [o for o in outlines if any(np.all((o.min(axis=0) < c) & (c < o.max(axis=0))) for c in chests)]
+        if time_s > 1.0:
+            assert len(mine) == len(yard.APART)
+            strangers.append(len(outlines) - len(mine))
+    assert np.mean(strangers) < 0.1  # 2 where what was learned first stays
+
+
 @pytest.fixture(scope="module")
 def followed() -> list[tuple[float, list]]:
     """Time and measurements of every image of three walkers, two of whom pass behind the wall."""

@@ -41,7 +41,13 @@ def pixels_of(points_enu_m: FloatArray) -> FloatArray:
 
 
 def images(
-    walkers: tuple[Walker, ...], count: int, *, sun_azimuth_deg: float, seed: int, walls: tuple[Wall, ...] = ()
+    walkers: tuple[Walker, ...],
+    count: int,
+    *,
+    sun_azimuth_deg: float,
+    seed: int,
+    walls: tuple[Wall, ...] = (),
+    empty_images: int = EMPTY,
 ) -> Iterator[tuple[float, ImageArray]]:
     """Times (s) and images, the first of them of the empty yard."""
     look = Look(sun_azimuth_rad=math.radians(sun_azimuth_deg), sun_elevation_rad=math.radians(30))
@@ -50,7 +56,7 @@ def images(
     noise = Imaging(noise_std=2.0, seed=seed)
     bare, full = Renderer(CAMERA, empty, noise), Renderer(CAMERA, replace(empty, walkers=walkers), noise)
     for k in range(count):
-        yield k / FPS, (bare if k < EMPTY else full).render(POSE, k / FPS)
+        yield k / FPS, (bare if k < empty_images else full).render(POSE, k / FPS)
 
 
 def feet_px(walkers: tuple[Walker, ...], time_s: float) -> FloatArray:

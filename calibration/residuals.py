@@ -12,9 +12,10 @@ import numpy as np
 from aerodft.dft.projection import INTRINSICS, POSITION, ROTATION
 from aerodft.geometry.reprojection import reproject
 from aerodft.model.arrays import FloatArray
-from aerodft.model.evidence import EvidenceSet, Landmark
+from aerodft.model.evidence import EvidenceSet, Landmark, SlantRange
 from aerodft.model.measurement import ProjectionModel
 from calibration.conditions import Condition, condition_of
+from calibration.ranges import Ranges
 from calibration.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
@@ -93,8 +94,16 @@ class Problem:
         self._std_px = np.array([each.std_px for each in points], dtype=np.float64)
         std_m = np.array([each.std_m for each in points], dtype=np.float64).reshape(-1, 3)
         self._point_cov = np.square(std_m)[:, None] * np.eye(3) if np.any(std_m) else None
+        ranges = {
+            index: each
+            for index, each in enumerate(known.evidence)
+            if model is ProjectionModel.PINHOLE and isinstance(each, SlantRange)
+        }
+        self._ranges = Ranges(ranges) if ranges else None
         self._conditions: list[tuple[int, Condition]] = [
-            (index, condition_of(each)) for index, each in enumerate(known.evidence) if index not in reprojected
+            (index, condition_of(each))
+            for index, each in enumerate(known.evidence)
+            if index not in reprojected and index not in ranges
         ]
         self._priors = [(name, known.priors[name]) for name in unknowns.names if name in known.priors]
 
@@ -121,6 +130,7 @@ class Problem:
     def observed(self, state: State, by: FloatArray) -> Residuals | None:
         """The evidence's residuals alone, None without evidence; derivatives by what moves a camera ``(s, n)``."""
         parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
+        parts += [_of_ranges(self._ranges, state, by)] if self._ranges is not None else []
         parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
         return _joined(parts) if parts else None
 
@@ -171,6 +181,15 @@ def _joined(parts: list[Residuals]) -> Residuals:
         np.concatenate([part.owner for part in parts]),
         np.concatenate([part.px for part in parts]),
     )
+
+
+def _of_ranges(ranges: Ranges, state: State, by: FloatArray) -> Residuals:
+    values, by_shared = ranges.found(state)
+    px = ranges.std_px * values
+    blind = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
+    if np.any(blind):
+        by_shared[blind], values[blind], px[blind] = 0.0, OUT_OF_SIGHT, np.inf
+    return Residuals(values, by_shared @ by, ranges.owner, px)
 
 
 def _of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:

@@ -12,10 +12,10 @@ import numpy as np
 from aerodft.dft.projection import INTRINSICS, POSITION, ROTATION
 from aerodft.geometry.reprojection import reproject
 from aerodft.model.arrays import FloatArray
-from aerodft.model.evidence import EvidenceSet, Landmark, SlantRange
+from aerodft.model.evidence import EvidenceSet, KnownLength, Landmark, SlantRange
 from aerodft.model.measurement import ProjectionModel
 from calibration.conditions import Condition, condition_of
-from calibration.ranges import Ranges
+from calibration.ranges import Lengths, Ranges
 from calibration.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
@@ -94,16 +94,21 @@ class Problem:
         self._std_px = np.array([each.std_px for each in points], dtype=np.float64)
         std_m = np.array([each.std_m for each in points], dtype=np.float64).reshape(-1, 3)
         self._point_cov = np.square(std_m)[:, None] * np.eye(3) if np.any(std_m) else None
-        ranges = {
-            index: each
-            for index, each in enumerate(known.evidence)
-            if model is ProjectionModel.PINHOLE and isinstance(each, SlantRange)
-        }
-        self._ranges = Ranges(ranges) if ranges else None
+        ranges, lengths = dict[int, SlantRange](), dict[int, KnownLength]()
+        for index, each in enumerate(known.evidence if model is ProjectionModel.PINHOLE else ()):
+            if isinstance(each, SlantRange):
+                ranges[index] = each
+            elif isinstance(each, KnownLength):
+                lengths[index] = each
+        self._together: list[Ranges | Lengths] = []
+        if ranges:
+            self._together.append(Ranges(ranges))
+        if lengths:
+            self._together.append(Lengths(lengths))
         self._conditions: list[tuple[int, Condition]] = [
             (index, condition_of(each))
             for index, each in enumerate(known.evidence)
-            if index not in reprojected and index not in ranges
+            if index not in reprojected and index not in ranges and index not in lengths
         ]
         self._priors = [(name, known.priors[name]) for name in unknowns.names if name in known.priors]
 
@@ -130,7 +135,7 @@ class Problem:
     def observed(self, state: State, by: FloatArray) -> Residuals | None:
         """The evidence's residuals alone, None without evidence; derivatives by what moves a camera ``(s, n)``."""
         parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
-        parts += [_of_ranges(self._ranges, state, by)] if self._ranges is not None else []
+        parts += [_of_many(each, state, by) for each in self._together]
         parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
         return _joined(parts) if parts else None
 
@@ -183,13 +188,13 @@ def _joined(parts: list[Residuals]) -> Residuals:
     )
 
 
-def _of_ranges(ranges: Ranges, state: State, by: FloatArray) -> Residuals:
-    values, by_shared = ranges.found(state)
-    px = ranges.std_px * values
+def _of_many(many: Ranges | Lengths, state: State, by: FloatArray) -> Residuals:
+    values, by_shared = many.found(state)
+    px = many.stds.px * values
     blind = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
     if np.any(blind):
         by_shared[blind], values[blind], px[blind] = 0.0, OUT_OF_SIGHT, np.inf
-    return Residuals(values, by_shared @ by, ranges.owner, px)
+    return Residuals(values, by_shared @ by, many.owner, px)
 
 
 def _of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:

@@ -56,6 +56,7 @@ bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_full_disk.py
 	$(BIN)/python tests/bench/bench_replay.py
 	$(BIN)/python tests/bench/bench_batch.py
+	$(BIN)/python tests/bench/bench_memory.py
 
 # Needs the network once: the peer is installed in an environment of its own.
 bench-peer: $(INSTALLED)

@@ -407,6 +407,7 @@ FULL_DISK = """
             recorder.inputs(batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", [step * 100], [frame])]))
             time.sleep(0.002)
     send(range(1, 101))
+    time.sleep(0.5)  # a lossless recorder waits a tenth of a second for more to do at once
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, most))
     send(range(101, 201))
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))

@@ -1,10 +1,17 @@
 """What is prepared for many stamps at once is what is found for one after the other, to the last bit."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
 from aerodft.geometry.interpolation import bracket, brackets
+from aerodft.geometry.rotation import from_yaw_pitch_roll
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import GimbalTrack, VehicleTrack
+from aerodft.service.attitude import AttitudeSources, CameraAttitude
 from aerodft.service.pose_ahead import by_tick
+from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import Missing, Stream
 
 SAMPLES_NS = np.cumsum(np.random.default_rng(3).integers(1, 400_000_000, 200))
@@ -61,3 +68,49 @@ def test_what_is_asked_for_waits_for_the_slowest_stream_and_for_its_own_tick() -
     asked = np.array([[4, 0], [8, 0], [26, 0], [4, 2], [27, 0]])
     assert by_tick(asked, [*newest, np.empty(0)]).tolist() == [[0, 4], [1, 8], [2, 26], [2, 4]]
     assert not len(by_tick(asked, [np.empty(0)]))
+
+
+def rows(stamps_ns, **columns):
+    return {"arrival_ns": stamps_ns, "boot_ns": stamps_ns, **columns}
+
+
+def test_many_attitudes_are_the_single_ones_whichever_source_tells_them() -> None:
+    """One gimbal falls silent, changes its reference and comes back; another one goes on; each at its own tick."""
+    rng = np.random.default_rng(8)
+    step_ns, count = 50_000_000, 800
+    every = step_ns * np.arange(1, count + 1)
+    speaks = (np.arange(count) < 300) | (np.arange(count) > 500)
+    settings = AttitudeSettings(order=(GimbalSource.GIMBAL_DEVICE, GimbalSource.MOUNT_STATUS), max_gap_ns=10 * step_ns)
+    attitude, edges = AttitudeSources(settings), np.linspace(0, count, 41).astype(np.int64)[1:]
+
+    def turns(number: int) -> np.ndarray:
+        return from_yaw_pitch_roll(
+            *np.cumsum(rng.normal(0, 0.01, (3, number)), axis=1) - np.array([[0.0], [0.8], [0.0]])
+        )
+
+    own = np.flatnonzero(speaks)
+    device = {"source": GimbalSource.GIMBAL_DEVICE, "yaw_in_earth": own % 97 > 60}
+    other = {"source": GimbalSource.MOUNT_STATUS, "yaw_in_earth": np.zeros(count, dtype=np.bool_)}
+    attitude.append(VehicleTrack(**rows(every, wxyz=turns(count))), every, edges)
+    attitude.append(
+        GimbalTrack(**rows(every[own], wxyz=turns(len(own))), **device), every[own], own.searchsorted(edges)
+    )
+    attitude.append(GimbalTrack(**rows(every, wxyz=turns(count)), **other), every, edges)
+    stamps_ns, ticks = rng.integers(0, every[-1], 400), rng.integers(0, 40, 400)
+    found = attitude.at_all(stamps_ns, ticks)
+    told = Counter[object]()
+    for stamp_ns, tick, many in zip(stamps_ns.tolist(), ticks.tolist(), found, strict=True):
+        attitude.see(tick)
+        for stream in attitude.streams():
+            stream.see(tick)
+        single = attitude.at(stamp_ns, max(stream.last_ns or 0 for stream in attitude.streams()))
+        if many is None:
+            told[None] += 1  # pending, or not that simple
+            continue
+        assert isinstance(single, CameraAttitude)
+        assert np.array_equal(many.wxyz, single.wxyz)
+        assert np.array_equal(many.rate_cam_radps, single.rate_cam_radps)
+        assert (many.source, many.age_s, many.report_std_rad) == (single.source, single.age_s, single.report_std_rad)
+        assert (many.is_demand, many.reasons) == (single.is_demand, single.reasons)
+        told[many.source] += 1
+    assert min(told[each] for each in (*settings.order, None)) > 20, told

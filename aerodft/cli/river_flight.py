@@ -9,11 +9,13 @@ import numpy as np
 from aerodft.cli.output import progress_bar
 from aerodft.cli.river_document import geo_of, river_frame, width_summary
 from aerodft.cli.river_flight_files import write_flight
-from aerodft.cli.river_views import Views
+from aerodft.cli.river_views import View, Views
 from aerodft.dft.request import Setup
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.vision.river import NoRiver, RiverQuestion, RiverStatus
 from aerodft.vision.river_reach import Reach, ReachView, measure_reach
+from aerodft.vision.water_motion import LaterLook
+from aerodft.vision.water_plane import WaterPlane
 
 VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
 MOST_IMAGES: Final = 60
@@ -46,13 +48,22 @@ def flight_document(views: Views, level: WaterLevel, question: RiverQuestion, ou
     Raises:
         InputError: An image cannot be read, or the folder cannot be written.
     """
-    asked = [ReachView(level.on(each.setup), _pose(each.sample), each.pixels) for each in views.views]
+    asked = [_asked(each, level) for each in views.views]
     with progress_bar("looking at the river", 0, 2 * len(asked)) as advance:
         found = measure_reach(asked, question, advance)
     document = _document(found, views)
     if isinstance(found, Reach) and output is not None:
         write_flight(output, document, found, views.views[0].sample)
     return document
+
+
+def _asked(view: View, level: WaterLevel) -> ReachView:
+    later = None
+    if view.later is not None:
+        setup = level.on(view.later.setup)
+        plane = WaterPlane(setup.camera, _pose(view.later.sample), setup.elevation_m, setup.max_range_m)
+        later = LaterLook(plane, view.later.copy, (view.later.sample.stamp_ns - view.sample.stamp_ns) / 1e9)
+    return ReachView(level.on(view.setup), _pose(view.sample), view.pixels, later)
 
 
 def _pose(sample: PoseSample) -> Pose:

@@ -1,7 +1,8 @@
 """The images of a recording or a video with their poses, as many as ``aerodft river`` looks at."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,14 @@ from aerodft.cli.wiring import build_pipeline, check_size
 from aerodft.dft.request import Setup
 from aerodft.dft.zoomed import zoomed
 from aerodft.errors import NoAnswerError
-from aerodft.model.arrays import ImageArray
+from aerodft.model.arrays import ImageArray, IntArray
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
 from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
+from aerodft.vision.water_motion import LATEST_S, SOONEST_S, motion_copy
 from replay.recording import Recording
 from replay.source import RecordingSource
 
@@ -33,12 +35,23 @@ class View:
         setup: Its camera, zoomed as it was.
         sample: Its pose.
         pixels: Reads it.
+        later: The next image that is late enough for water to have moved, not too late for it to look the same.
     """
 
     index: int
     setup: Setup
     sample: PoseSample
     pixels: Callable[[], ImageArray]
+    later: "LaterView | None" = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaterView:
+    """A later image with its pose; ``copy`` reads its ``motion_copy``."""
+
+    setup: Setup
+    sample: PoseSample
+    copy: Callable[[], ImageArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +99,14 @@ def recorded_views(folder: Path, config: Path | None, calibration: Path | None, 
     if not posed:
         got = ", ".join(f"{count} {status}" for status, count in refused.items())
         raise NoAnswerError("no image has a pose", where=folder, got=got, hint="see `aerodft doctor`")
-    views = [View(index, *zoomed(setup, sample), source.pixels[index]) for index, sample in _spread(posed, most)]
+    stamps = np.array([sample.stamp_ns for _, sample in posed])
+    views = []
+    for row in _rows(len(posed), most):
+        (index, sample), after = posed[row], _soon_after(stamps, row)
+        later = None
+        if after is not None:
+            later = LaterView(*zoomed(setup, posed[after][1]), _copied(source.pixels[posed[after][0]]))
+        views.append(View(index, *zoomed(setup, sample), source.pixels[index], later))
     return Views(tuple(views), len(kept), refused)
 
 
@@ -100,13 +120,35 @@ def filmed_views(video: Path, setup: Setup, sample: PoseSample, most: int) -> Vi
     stamps = [image.stamp_ns for image in _images(video, setup)]
     if not stamps:
         raise NoAnswerError("no image in the video", where=video)
-    wanted = {stamps[row] for row in _rows(len(stamps), most)}
-    views = [
-        View(image.index, setup, replace(sample, stamp_ns=image.stamp_ns), _held(image))
-        for image in _images(video, setup)
-        if image.stamp_ns in wanted
-    ]
+    rows = _rows(len(stamps), most)
+    after = {row: _soon_after(np.array(stamps), row) for row in rows}
+    held, copies = {}, {}
+    for row, image in enumerate(_images(video, setup)):
+        if row in after:
+            held[row] = image, _held(image)
+        if row in after.values():
+            copies[row] = motion_copy(_held(image)())
+    views = []
+    for row, (image, pixels) in held.items():
+        later = after[row]
+        look = (
+            None
+            if later is None
+            else LaterView(setup, replace(sample, stamp_ns=stamps[later]), partial(copies.__getitem__, later))
+        )
+        views.append(View(image.index, setup, replace(sample, stamp_ns=image.stamp_ns), pixels, look))
     return Views(tuple(views), len(stamps), {})
+
+
+def _soon_after(stamps_ns: IntArray, row: int) -> int | None:
+    """The first image, of all with these stamps, that shows how water moves since another."""
+    away_s = (stamps_ns - stamps_ns[row]) / 1e9
+    found = np.flatnonzero((away_s >= SOONEST_S) & (away_s <= LATEST_S))
+    return int(found[0]) if len(found) else None
+
+
+def _copied(pixels: Callable[[], ImageArray]) -> Callable[[], ImageArray]:
+    return lambda: motion_copy(pixels())
 
 
 def _images(video: Path, setup: Setup) -> Iterator[Image]:
@@ -157,7 +199,3 @@ def _samples(station: StationConfig, source: Source) -> Iterator[tuple[int, Pose
 
 def _rows(count: int, most: int) -> list[int]:
     return sorted({round(row) for row in np.linspace(0, count - 1, min(count, most)).tolist()})
-
-
-def _spread(posed: Sequence[tuple[int, PoseSample]], most: int) -> list[tuple[int, PoseSample]]:
-    return [posed[row] for row in _rows(len(posed), most)]

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
 from aerodft.dft.request import Setup
@@ -18,6 +19,7 @@ from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
 from aerodft.vision.water import WaterMask, find_water, with_islands
 from aerodft.vision.water_features import WaterFeatures, water_features
+from aerodft.vision.water_motion import STAYS, LaterLook, what_stays, without_still
 from aerodft.vision.water_network import WaterNetwork
 from aerodft.vision.water_plane import WaterPlane
 from aerodft.vision.waterway import Centreline, centreline, looked_up
@@ -36,6 +38,8 @@ __all__ = [
     "stations_along",
 ]
 
+_STAYS: Final = "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
+_NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
 _SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
 
 
@@ -85,7 +89,9 @@ class River:
     islands: Islands
 
 
-def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion) -> River | NoRiver:
+def find_river(
+    image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion, later: LaterLook | None = None
+) -> River | NoRiver:
     """Measure the river in one image.
 
     Args:
@@ -93,6 +99,7 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
         setup: The camera; the water's elevation and its standard deviation; how far is looked. Pinhole, level.
         pose: One pose.
         question: What is asked.
+        later: A look at the same place soon afterwards: what does not move is no water, unless there is a seed.
     """
     plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
     features = water_features(image)
@@ -104,6 +111,11 @@ def find_river(image: ImageArray, setup: Setup, pose: Pose, question: RiverQuest
     water = segment(features, (float(seed[0]), float(seed[1])), ground)
     if (refusal := no_river(features, water, ground)) is not None:
         return refusal
+    stayed = None if later is None else what_stays(image, plane, later, water.water, ground)
+    if stayed is not None:
+        if stayed.in_water > STAYS and question.seed_px is None:
+            return NoRiver(RiverStatus.NO_WATER, _STAYS)
+        water = without_still(water, features, ground, stayed.still)
     channel = with_islands(water.water, ground)
     line = centreline(plane, features, channel)
     if line is None:
@@ -195,7 +207,7 @@ def _measured(
     seen: tuple[WaterFeatures, WaterMask, Centreline, Transects],
 ) -> River | NoRiver:
     features, water, line, found = seen
-    edges, status = locate_banks(image, plane, found)
+    edges, status = locate_banks(image, plane, found, _by_motion(plane, features, water, found))
     for row in np.flatnonzero(_unlike_neighbours(plane, found, edges, line.width_m)).tolist():
         status[row] = RiverStatus.UNLIKE_NEIGHBOURS if status[row] is RiverStatus.OK else status[row]
     rows = np.flatnonzero([each is RiverStatus.OK for each in status])
@@ -217,6 +229,15 @@ def _measured(
         rows=rows,
         islands=islands_across(image, plane, found),
     )
+
+
+def _by_motion(plane: WaterPlane, features: WaterFeatures, water: WaterMask, found: Transects) -> BoolArray:
+    """Which banks ``(n, 2)`` are where something was taken off for not moving."""
+    if water.stayed is None:
+        return np.zeros((len(found.stations_m), 2), dtype=bool)
+    near = cv2.dilate(water.stayed.astype(np.uint8), _NEAR_PX) > 0
+    sides = [plane.pixels_px(found.places_en_m(offsets)) for offsets in (found.left_m, found.right_m)]
+    return np.stack([looked_up(near, features.to_small(side)) for side in sides], axis=-1)
 
 
 def _unlike_neighbours(plane: WaterPlane, found: Transects, edges: Edges, width_m: float) -> BoolArray:

@@ -5,13 +5,14 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray, ImageArray, IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.vision.bank_edges import Edges, locate_edges
 from aerodft.vision.river_status import RiverStatus
 from aerodft.vision.transects import Transects
 from aerodft.vision.water_plane import WaterPlane
 
 _WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far a mask's outline may be off; a coarse one is off by 4
+_MOTION_STD_PX: Final = 4.0  # of images of 1080p: the correlation's own blur
 _STEP_M: Final = 0.5  # over which directions in the image are taken, at most
 _ROOM: Final = 0.3  # of the way to the opposite bank: so far a profile may reach
 
@@ -31,8 +32,17 @@ class Islands:
     std_m: FloatArray
 
 
-def locate_banks(image: ImageArray, plane: WaterPlane, found: Transects) -> tuple[Edges, list[RiverStatus]]:
-    """The banks of all transects ``(n, 2)``, left then right, NaN where the image ends first; and their statuses."""
+def locate_banks(
+    image: ImageArray, plane: WaterPlane, found: Transects, by_motion: BoolArray
+) -> tuple[Edges, list[RiverStatus]]:
+    """The banks of all transects ``(n, 2)``, left then right, NaN where the image ends first; and their statuses.
+
+    Args:
+        image: ``(height, width, 3)`` BGR.
+        plane: The water's.
+        found: The transects.
+        by_motion: ``(n, 2)``: which banks are told by what moves: what looks like an edge there is another one.
+    """
     count = len(found.stations_m)
     edges = Edges(*(np.full((count, 2, *tail), np.nan) for tail in ((2,), (), (), (2,))))
     status = np.full(count, "", dtype=object)
@@ -41,6 +51,9 @@ def locate_banks(image: ImageArray, plane: WaterPlane, found: Transects) -> tupl
         rows = np.flatnonzero(np.isfinite(offsets[:, side]))
         opposite = np.nan_to_num(offsets[rows, 1 - side], nan=0.0)
         one = _located(image, plane, found, rows, (offsets[rows, side], opposite))
+        moving = by_motion[rows, side] & np.isfinite(one.std_px)
+        one.pixels_px[moving] = plane.pixels_px(found.places_en_m(offsets[:, side])[rows[moving]])
+        one.std_px[moving] = _MOTION_STD_PX
         told = np.isfinite(one.std_px)
         status[rows[np.isnan(one.std_px)]] = RiverStatus.TOO_COARSE
         kept = rows[told]

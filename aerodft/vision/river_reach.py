@@ -23,6 +23,7 @@ from aerodft.vision.river import (
     river_across,
     stations_along,
 )
+from aerodft.vision.water_motion import LaterLook
 from aerodft.vision.water_plane import WaterPlane
 from aerodft.vision.waterway import Centreline, looked_up
 
@@ -37,11 +38,13 @@ class ReachView:
         setup: As for ``find_river``.
         pose: Its pose; all views in one ENU frame.
         pixels: Reads the image, ``(height, width, 3)`` BGR.
+        later: The same place soon afterwards, where there is such an image.
     """
 
     setup: Setup
     pose: Pose
     pixels: Callable[[], ImageArray]
+    later: LaterLook | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +80,7 @@ def measure_reach(
     rough = replace(question, spacing_m=_ONCE_M)
     looks: list[River | NoRiver] = []
     for view in views:
-        looks.append(_slim(find_river(view.pixels(), view.setup, view.pose, rough)))
+        looks.append(_slim(find_river(view.pixels(), view.setup, view.pose, rough, view.later)))
         advance(len(looks))
     waters = [_water(view, look) for view, look in zip(views, looks, strict=True) if isinstance(look, River)]
     line = reach_line(waters) if waters else None
@@ -122,7 +125,7 @@ def _looked_across(
     if seed is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "the image does not show the reach")
     if isinstance(look, NoRiver) or not looked_up(look.water.water, look.features.to_small(np.array([seed])))[0]:
-        look = find_river(image, view.setup, view.pose, replace(rough, seed_px=seed))
+        look = find_river(image, view.setup, view.pose, replace(rough, seed_px=seed), view.later)
     if isinstance(look, NoRiver):
         return look
     return river_across(image, view.setup, view.pose, question, look, line)

@@ -50,12 +50,14 @@ class WaterMask:
         contrast: ``(k,)``, of the outline's pixels in the order of ``np.nonzero``: how many standard deviations lie
             between the two sides of it.
         doubtful: Share of the outline along which another clear edge lies inside: what is between may be bare ground.
+        stayed: ``(height, width)``: what was taken off because it did not move; None where nothing was.
     """
 
     water: BoolArray
     outline: BoolArray
     contrast: FloatArray
     doubtful: float = 0.0
+    stayed: BoolArray | None = None
 
 
 def find_water(features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray) -> WaterMask:

@@ -10,14 +10,36 @@ from functools import cached_property, update_wrapper
 from importlib.util import find_spec
 from typing import Any, Final, TypeVar, cast
 
+_PATIENCE: Final = 1 << 20  # steps; interpreted they take about as long as loading the compiler
+
 COMPILES: Final[bool] = find_spec("numba") is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
+_done = 0  # steps so far without the compiler
+
+
 def is_loaded() -> bool:
     """Whether something compiled has run already; until then small work is better done without."""
-    return "numba" in sys.modules
+    return COMPILES and "numba" in sys.modules
+
+
+def load_compiler() -> None:
+    """Have everything compiled from now on: where something live must not be held up later."""
+    if COMPILES:
+        import numba  # noqa: PLC0415, F401 - see ``Late``
+
+
+def expect(steps: int) -> None:
+    """Announce steps that ``njit_late`` functions will take; once they are many together, the compiler is loaded.
+
+    A step is a byte or a comparison of a loop, or a frame that numpy looks at with others: about half a microsecond.
+    """
+    global _done  # noqa: PLW0603 - of the process, as the compiler is
+    _done += steps
+    if _done > _PATIENCE and not is_loaded():
+        load_compiler()
 
 
 class Late:
@@ -26,8 +48,9 @@ class Late:
     The compiler takes 60 MB and 0.15 s to load; who only copies, checks or prints a recording does without.
     """
 
-    def __init__(self, function: Callable[..., object], **options: Any) -> None:  # noqa: ANN401 - as the compiler has them
+    def __init__(self, function: Callable[..., object], *, is_patient: bool = False, **options: Any) -> None:  # noqa: ANN401 - as the compiler has them
         self.py_func = function
+        self._is_patient = is_patient
         self._options = options
         update_wrapper(self, function)
 
@@ -43,12 +66,22 @@ class Late:
 
     def __call__(self, *arguments: object, **named: object) -> object:
         """As the function itself."""
+        if self._is_patient and not is_loaded():
+            return self.py_func(*arguments, **named)
         return self.compiled(*arguments, **named)
 
 
 def njit(function: Function) -> Function:
     """Compile at the first call and keep the machine code on disk; the interpreter's lock is released inside."""
     return cast("Function", Late(function)) if COMPILES else function
+
+
+def njit_late(function: Function) -> Function:
+    """As ``njit``, but run as written until the compiler is loaded: who calls it announces the work (``expect``).
+
+    Only for what comes out alike to the last bit: whole numbers, or plain arithmetic in order.
+    """
+    return cast("Function", Late(function, is_patient=True)) if COMPILES else function
 
 
 def njit_ieee(function: Function) -> Function:

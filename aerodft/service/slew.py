@@ -7,10 +7,11 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import expect, njit_late
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.model.arrays import FloatArray, IntArray
 
+_STEPS: Final = 8  # of the compiler's reckoning, for each pair that is compared
 _ROUNDING_RAD: Final = 1e-6  # far more than the angle between two quaternions is off by
 
 
@@ -84,6 +85,7 @@ def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, s
     """
     std = np.zeros((len(now_wxyz), 3))
     found = np.empty((2, int(np.sum(np.maximum(demands.stop - demands.first, 0)))), dtype=np.int64)
+    expect(_STEPS * found.shape[1])
     times = demands.since_ns, demands.stamps_ns
     count = _unreached(demands.first, demands.stop, times, reported_wxyz, now_wxyz, slew_radps, found)
     if not count:
@@ -101,7 +103,7 @@ def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, s
     return std
 
 
-@njit
+@njit_late
 def _unreached(
     first: IntArray,
     stop: IntArray,

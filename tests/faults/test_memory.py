@@ -103,6 +103,30 @@ def test_what_is_refused_is_refused_before_much_is_loaded(
 
 
 @pytest.mark.parametrize("name", ["whole", "cut", "flipped"])
+def test_what_is_looked_through_does_without_the_compiler(folder: Path, name: str) -> None:
+    checked(taken_by("doctor", folder / f"{name}.mcap"), MOST_MB, {0}, f"doctor {name}")
+
+
+@pytest.mark.parametrize(
+    ("size_px", "images", "said"),
+    [((1280, 960), "", "640 x 480"), ((640, 480), "[images]\ntime_offset_s = 86400.0\n", "do not overlap in time")],
+    ids=["size", "overlap"],
+)
+def test_images_that_do_not_fit_are_refused_without_the_compiler(
+    folder: Path, tmp_path: Path, size_px: tuple[int, int], images: str, said: str
+) -> None:
+    width_px, height_px = size_px
+    camera = f'name = "other"\nwidth_px = {width_px}\nheight_px = {height_px}\nhfov_deg = 60.0\n'
+    (tmp_path / "camera.toml").write_text(camera)
+    config = tmp_path / "station.toml"
+    config.write_text(images + STATION)
+    taken = taken_by("import", folder / "whole.mcap", "-c", config, "-o", tmp_path / "out")
+    checked(taken, MOST_MB, {3}, f"import {said}")
+    assert said in taken.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["whole", "cut", "flipped"])
 @pytest.mark.usefixtures("compiled")
 def test_what_is_measured_takes_no_more_than_measuring_does(folder: Path, tmp_path: Path, name: str) -> None:
     arguments = ("-c", folder / "station.toml", "-o", tmp_path / "out")

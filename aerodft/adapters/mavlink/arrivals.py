@@ -3,11 +3,11 @@
 import numpy as np
 
 from aerodft.adapters.mavlink.layout import JUMP_US, MAX_STAMP_US, STAMP_SIZE, V1, V2, Bytes
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import njit, njit_late
 from aerodft.model.arrays import IntArray
 
 
-@njit
+@njit_late
 def big_endian_stamp(data: Bytes, at: int) -> int:
     """The 8-byte big-endian stamp in front of a tlog's frame; -1 where it cannot be one."""
     stamp = 0
@@ -18,7 +18,7 @@ def big_endian_stamp(data: Bytes, at: int) -> int:
     return stamp if stamp < MAX_STAMP_US else -1
 
 
-@njit
+@njit_late
 def settle(stamp_us: int, last_us: int, following_us: int) -> int:
     """The arrival of a record, not before the last one.
 
@@ -53,7 +53,7 @@ def settle_all(stamps_us: IntArray, last_us: int) -> None:
         stamps_us[k] = last_us
 
 
-@njit
+@njit_late
 def following_stamp(data: Bytes, at: int) -> int:
     """The stamp of the record that should start at ``at``; -1 where none does."""
     if at + STAMP_SIZE >= len(data) or data[at + STAMP_SIZE] not in (V1, V2):

@@ -17,6 +17,7 @@ from aerodft.adapters.mavlink.loops import select
 from aerodft.adapters.mavlink.one_address import OneAddress
 from aerodft.adapters.mavlink.rivals import Rivals
 from aerodft.adapters.mavlink.sequence import SequenceWatch
+from aerodft.geometry.jit import load_compiler
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
 
@@ -72,6 +73,7 @@ class MavlinkDecoder:
 
     def warm_up(self) -> None:
         """Load and compile now what would hold up the first frames: on the very first run that takes seconds."""
+        load_compiler()
         self.decode(_EMPTY)
 
     @property

@@ -20,6 +20,7 @@ from aerodft.adapters.mavlink.layout import (
     N_UNKNOWN,
     STATE_SIZE,
 )
+from aerodft.geometry.jit import expect
 from aerodft.model.arrays import IntArray
 
 
@@ -99,6 +100,7 @@ class StreamFramer:
         return frames
 
     def _scan(self, data: bytes, *, given_up: int = 0) -> list[bytes]:
+        expect(len(data))
         capacity = len(data) // MIN_FRAME + 1
         if capacity > len(self._offsets):
             self._offsets = np.empty(capacity, dtype=np.int64)

@@ -40,13 +40,13 @@ from aerodft.adapters.mavlink.layout import (
     Table,
     crc_tables,
 )
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import njit_late
 from aerodft.model.arrays import IntArray
 
 _CRC = crc_tables()
 
 
-@njit
+@njit_late
 def checksum(data: Bytes, start: int, stop: int, extra: int) -> int:
     """The checksum over ``data[start:stop]`` and the message's CRC_EXTRA.
 
@@ -70,7 +70,7 @@ def checksum(data: Bytes, start: int, stop: int, extra: int) -> int:
     return int((crc >> np.uint16(8)) ^ _CRC[0, np.uint8(extra) ^ np.uint8(crc & np.uint16(0xFF))])
 
 
-@njit
+@njit_late
 def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, int]:
     """What the header at ``at`` claims, before any checksum.
 
@@ -101,7 +101,7 @@ def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, in
     return (FRAME if at + size <= stop else INCOMPLETE), size, entry & 0xFF
 
 
-@njit
+@njit_late
 def probe(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int]:
     """Whether a frame stands at ``at``.
 
@@ -119,7 +119,7 @@ def probe(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int]:
     return verdict, size
 
 
-@njit
+@njit_late
 def note_damage(state: IntArray, at: int, verdict: int, size: int) -> None:
     """Count what stands at ``at`` instead of a frame.
 
@@ -139,7 +139,7 @@ def note_damage(state: IntArray, at: int, verdict: int, size: int) -> None:
         state[N_SKIPPED] += 1
 
 
-@njit
+@njit_late
 def shared_tail(data: Bytes, at: int, end: int) -> int:
     """How many bytes at the end of the frame ``data[at:end]`` may be the next one's: its last byte, or its signature.
 
@@ -152,7 +152,7 @@ def shared_tail(data: Bytes, at: int, end: int) -> int:
     return 0
 
 
-@njit
+@njit_late
 def scan_stream(
     data: Bytes, *, given_up: int, table: Table, offsets: IntArray, lengths: IntArray, state: IntArray
 ) -> tuple[int, int]:
@@ -197,7 +197,7 @@ def scan_stream(
     return found, at - int(state[SHARED])
 
 
-@njit
+@njit_late
 def overlapping(data: Bytes, end: int, table: Table) -> int:
     """Where the record starts whose frame begins shortly before or after ``end``, at most a stamp later; else -1.
 
@@ -210,7 +210,7 @@ def overlapping(data: Bytes, end: int, table: Table) -> int:
     return -1
 
 
-@njit
+@njit_late
 def _jumped(stamp_us: int, following_us: int, state: IntArray) -> int:
     """The arrival of a record whose stamp does not go on from the last one."""
     if 0 <= stamp_us < state[LAST_US] - BACK_US:
@@ -218,7 +218,7 @@ def _jumped(stamp_us: int, following_us: int, state: IntArray) -> int:
     return settle(stamp_us, int(state[LAST_US]), following_us)
 
 
-@njit
+@njit_late
 def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray, state: IntArray) -> tuple[int, int]:
     """Find records from ``start``, until ``rows`` is full or ``limit`` is passed.
 
@@ -267,7 +267,7 @@ def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray,
     return found, at
 
 
-@njit
+@njit_late
 def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *, checked: bool) -> None:
     """Check frames and take their headers apart.
 

@@ -1,6 +1,7 @@
-"""The loops over files' bytes: compiled where that is possible, else over whole arrays."""
+"""The loops over files' bytes: over whole arrays while they are few, then compiled where that is possible."""
 
-from typing import Final
+import numpy as np
+import numpy.typing as npt
 
 from aerodft.adapters.mavlink import (
     kernels,
@@ -10,9 +11,31 @@ from aerodft.adapters.mavlink import (
     vectorised_selection,
     vectorised_tlog,
 )
-from aerodft.geometry.jit import COMPILES
+from aerodft.adapters.mavlink.layout import Bytes, Table
+from aerodft.geometry.jit import expect, is_loaded
+from aerodft.model.arrays import IntArray
 
-scan_tlog: Final = kernels.scan_tlog if COMPILES else vectorised_tlog.scan_tlog
-read_headers: Final = kernels.read_headers if COMPILES else vectorised.read_headers
-gather: Final = payloads.gather if COMPILES else vectorised.gather
-select: Final = selection.select if COMPILES else vectorised_selection.select
+
+def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray, state: IntArray) -> tuple[int, int]:
+    """``kernels.scan_tlog``; may go less far at once."""
+    scan = kernels.scan_tlog if is_loaded() else vectorised_tlog.scan_tlog
+    return scan(data, start, limit, table, rows, state)
+
+
+def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *, checked: bool) -> None:
+    """``kernels.read_headers``."""
+    expect(frames.shape[1])
+    read = kernels.read_headers if is_loaded() else vectorised.read_headers
+    read(data, frames, table, heads, checked=checked)
+
+
+def gather(data: Bytes, places: IntArray, out: Bytes) -> None:
+    """``payloads.gather``."""
+    copy = payloads.gather if is_loaded() else vectorised.gather
+    copy(data, places, out)
+
+
+def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: IntArray, rows: IntArray) -> None:
+    """``selection.select``."""
+    choose = selection.select if is_loaded() else vectorised_selection.select
+    choose(data, heads, slots, state, rows)

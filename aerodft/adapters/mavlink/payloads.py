@@ -4,11 +4,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink.layout import Bytes
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import njit_late
 from aerodft.model.arrays import IntArray
 
 
-@njit
+@njit_late
 def gather(data: Bytes, places: IntArray, out: npt.NDArray[np.uint8]) -> None:
     """Copy payloads to rows of equal size, with zeros where MAVLink 2 cut them off.
 

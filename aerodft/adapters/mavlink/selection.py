@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import payload_dtype
 from aerodft.adapters.mavlink.layout import TABLE_IDS, Bytes
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import njit_late
 from aerodft.model.arrays import IntArray
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
@@ -115,7 +115,7 @@ def fresh_state(followed: Followed) -> IntArray:
     return state
 
 
-@njit
+@njit_late
 def is_peripheral(component: int) -> bool:
     """Whether a component is a camera, a gimbal or another companion: what it says of attitude is its own."""
     return (
@@ -130,13 +130,13 @@ def device_of(state: IntArray, slot: int) -> int:
     return int(state[LOCKS + slot]) >> _DEVICE_BITS
 
 
-@njit
+@njit_late
 def _byte(data: Bytes, payload_at: int, length: int, index: int) -> int:
     """One payload byte; what MAVLink 2 cut off is zero."""
     return int(data[payload_at + index]) if index < length else 0
 
 
-@njit
+@njit_late
 def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, length: int) -> bool:
     """Whether this frame could only come from an autopilot."""
     if message_id == HEARTBEAT:
@@ -145,7 +145,7 @@ def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, l
     return not is_peripheral(component) and message_id in (ATTITUDE, GLOBAL_POSITION_INT)
 
 
-@njit
+@njit_late
 def _asked_for(state: IntArray, message_id: int, component: int, device: int) -> bool:
     """Whether a message comes from the gimbal that is asked for, or from no gimbal at all."""
     asked = state[ASKED_GIMBAL]
@@ -159,7 +159,7 @@ def _asked_for(state: IntArray, message_id: int, component: int, device: int) ->
     return True
 
 
-@njit
+@njit_late
 def _admit(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
     """Whether a message of the followed system comes from the component that is listened to for it.
 
@@ -181,7 +181,7 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
     return bool(sender == state[LOCKS + slot])
 
 
-@njit
+@njit_late
 def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
     """The number of the gimbal or sensor that a message is of; -1 of a sensor that does not look down."""
     if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
@@ -192,7 +192,7 @@ def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
     return 0
 
 
-@njit
+@njit_late
 def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
     """Whether a better message of the same height is known (notes it where this is the one).
 
@@ -208,7 +208,7 @@ def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
     )
 
 
-@njit
+@njit_late
 def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: IntArray, rows: IntArray) -> None:
     """Find what is to be decoded.
 

@@ -13,12 +13,14 @@ from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
 from aerodft.adapters.mavlink.kernels import probe
 from aerodft.adapters.mavlink.layout import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE
 from aerodft.adapters.mavlink.loops import scan_tlog
+from aerodft.geometry.jit import expect
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
 BLOCK_FRAMES: Final = 1 << 15
 _BLOCK_BYTES: Final = 1 << 23
+_FRAME_BYTES: Final = 32  # of a usual one
 _PROBE_BYTES: Final = 1 << 24
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _STAMPED: Final = "a MAVLink .tlog"
@@ -58,6 +60,7 @@ class TlogSource:
         self._state = _fresh_state()
         rows = np.empty((3, BLOCK_FRAMES), dtype=np.int64)
         at, size = 0, len(self._data)
+        expect(size // _FRAME_BYTES)
         while at < size:
             found, at = scan_tlog(self._data, at, at + _BLOCK_BYTES, frame_table(), rows, self._state)
             if found:

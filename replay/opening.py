@@ -38,5 +38,7 @@ def open_recording(path: Path, topics: Topics | None = None) -> Recording | Fore
 
 
 def _is_own(path: Path) -> bool:
-    channels = channels_of(scan_segment(path)).values()
+    segment = scan_segment(path)
+    segment.named.update(chunk.offset for chunk in segment.chunks)  # whoever reads on says what is damaged
+    channels = channels_of(segment).values()
     return any(channel.schema.startswith(OWN_SCHEMAS) for channel in channels)

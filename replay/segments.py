@@ -51,7 +51,7 @@ def messages_of(
         InputError: A file cannot be read.
     """
     for segment in segments:
-        reader = ChunkReader(segment.channels.copy())
+        reader = ChunkReader(segment.channels.copy(), named=segment.named)
         for message in reader.messages(_places(segment, from_ns, to_ns, wanted)):
             in_time = (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
             if in_time and (wanted is None or wanted(message.channel)):
@@ -63,7 +63,7 @@ def tables_of(
 ) -> Iterator[ChunkTable]:
     """The same messages as columns, chunk after chunk; arguments as in ``messages_of``."""
     for segment in segments:
-        reader = ChunkReader(segment.channels.copy())
+        reader = ChunkReader(segment.channels.copy(), named=segment.named)
         for table in reader.tables(_places(segment, from_ns, to_ns, wanted)):
             rows = np.isin(table.channel, [number for number, each in table.channels.items() if wanted(each)])
             if from_ns is not None:
@@ -100,7 +100,7 @@ def channels_of(segment: SegmentScan) -> dict[int, ReadChannel]:
     """
     if segment.is_indexed:
         return segment.channels.by_id
-    reader = ChunkReader(segment.channels.copy())
+    reader = ChunkReader(segment.channels.copy(), named=segment.named)
     seen = set(segment.channels.by_id)
     for place in segment.chunks:
         if place.channels is None or not place.channels <= seen:

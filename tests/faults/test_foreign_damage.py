@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import AerodftError
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock
@@ -71,3 +72,16 @@ def test_damage_costs_messages_and_nothing_else(tmp_path: Path, way: str, caplog
     print(f"{MUTATIONS // 2} files: {read} read in part, {len(refusals)} refused")
     assert all(each.startswith(str(path)) and "\n" not in each for each in refusals)
     assert read > MUTATIONS // 20
+
+
+@pytest.mark.parametrize("is_cut", [False, True], ids=["indexed", "cut"])
+def test_a_damaged_chunk_is_named_once(tmp_path: Path, caplog: pytest.LogCaptureFixture, *, is_cut: bool) -> None:
+    path, frames = tmp_path / "a.mcap", frames_of(SAMPLE)[:600]
+    pictures = jpegs([frames[0][0] + k * 100_000_000 for k in range(5)], 64, 48)
+    data = bytearray(write_foreign(path, frames, pictures).read_bytes())
+    chunk = scan_segment(path).chunks[0]  # without an index it is where channels are looked for, too
+    data[chunk.offset + chunk.length // 2] ^= 4
+    path.write_bytes(data[: len(data) * 4 // 5] if is_cut else data)
+    messages = list(timeline([open_recording(path)], None, None, everything))
+    assert is_cut or len(messages) > 500
+    assert caplog.text.count("damaged chunk") == 1

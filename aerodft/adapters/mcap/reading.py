@@ -41,10 +41,12 @@ class ChunkReader:
     Attributes:
         channels: Known so far.
         damaged: Chunks that were left out.
+        named: Where those begin that were named already; may be shared with who reads the same file again.
     """
 
     channels: Channels = field(default_factory=Channels)
     damaged: int = 0
+    named: set[int] = field(default_factory=set)
 
     def messages(self, chunks: Iterable[ChunkPlace]) -> Iterator[ReadMessage]:
         """The messages of chunks of one file; a damaged chunk is left out, counted and logged.
@@ -84,6 +86,9 @@ class ChunkReader:
 
     def _leave_out(self, place: ChunkPlace, why: object) -> None:
         self.damaged += 1
+        if place.offset in self.named or not _log.isEnabledFor(logging.WARNING):
+            return
+        self.named.add(place.offset)
         _log.warning("%s: damaged chunk at byte %d left out: %s", place.path, place.offset, why)
 
     def _records(self, content: bytes) -> Iterator[ReadMessage]:

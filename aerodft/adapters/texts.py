@@ -9,6 +9,7 @@ from aerodft.geometry.jit import njit
 from aerodft.model.arrays import ImageArray, IntArray
 
 _COMMA = ord(",")
+_ONE = np.uint64(1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,15 +92,17 @@ def _fill(
     out: ImageArray,
     stop: IntArray,
 ) -> None:
+    """Positions are unsigned: the compiler looks at signed ones for being counted from the end, byte by byte."""
     first, then = sources
-    at_first, at_then, position = 0, 0, 0
+    at_first, at_then, position, begin = np.uint64(0), np.uint64(0), np.uint64(0), np.uint64(0)
     for row in range(len(stop)):
-        begin = 0
+        begin = np.uint64(0)
         for hole in range(len(ends)):
-            size = ends[hole] - begin
-            out[position : position + size] = pieces[begin : ends[hole]]
-            position += size
-            begin = ends[hole]
+            end = np.uint64(ends[hole])
+            while begin < end:
+                out[position] = pieces[begin]
+                begin += _ONE
+                position += _ONE
             if hole == len(ends) - 1:
                 break
             if hole < firsts:
@@ -110,10 +113,11 @@ def _fill(
 
 
 @njit
-def _put(source: ImageArray, at: int, out: ImageArray, position: int) -> tuple[int, int]:
+def _put(source: ImageArray, at: np.uint64, out: ImageArray, position: np.uint64) -> tuple[np.uint64, np.uint64]:
     """Copy up to the next comma; gives back what is behind."""
-    while at < len(source) and source[at] != _COMMA:
+    end = np.uint64(len(source))
+    while at < end and source[at] != _COMMA:
         out[position] = source[at]
-        at += 1
-        position += 1
-    return position, at + 1
+        at += _ONE
+        position += _ONE
+    return position, at + _ONE

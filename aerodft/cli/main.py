@@ -21,6 +21,7 @@ import typer
 from typer.exceptions import TyperException
 
 from aerodft import __version__
+from aerodft.cli.collector import without_collector
 from aerodft.cli.misuse import usage_error
 from aerodft.cli.streams import ReaderGone, flush_stdout, guard_streams
 from aerodft.errors import AerodftError, UsageError
@@ -70,7 +71,9 @@ def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
         python_name = f"{name}_" if keyword.iskeyword(name) else name.replace("-", "_")
-        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{python_name}"), python_name)
+        with without_collector():
+            function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{python_name}"), python_name)
+        gc.freeze()  # what is loaded stays: it need not be looked through again
         return function
     return lambda: None
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
+from aerodft.cli.collector import without_collector
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.recompute_many import Many, are_many, recompute_many
@@ -101,7 +102,8 @@ def _measure_foreign(
 def _recompute_one(
     folder: Path, output: Path, config: Path | None, calibration: Path | None, *, vision: bool, as_json: bool
 ) -> None:
-    ready = prepare(folder, config, calibration, vision=vision)
+    with without_collector():
+        ready = prepare(folder, config, calibration, vision=vision)
     old, tally = ready.recording, Tally()
     recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:

@@ -1,6 +1,5 @@
 """Where ports meet adapters: pipelines, recorders and feeds out of a station's configuration."""
 
-import gc
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -15,6 +14,7 @@ from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.cli.collector import without_collector
 from aerodft.cli.output import say
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
@@ -176,20 +176,8 @@ def run(
         on_tick: Called with the time that has been reached.
         span_ns: Ticks that are advanced by at once: nothing comes out before the last; 0 for one by one, live.
     """
-    with _without_collector() if span_ns else nullcontext():
+    with without_collector() if span_ns else nullcontext():
         _drive(feed, pipeline, sinks, on_tick, span_ns)
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """No search for cyclic garbage: a run makes none, and looking for it took a seventh of the time."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 def _drive(

@@ -269,7 +269,7 @@ class Pipeline:
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
             final = job.deadline_ns <= now_ns
-            if not final and self._awaits_image(job):
+            if not final and self._images.are_behind(job, self._settings.match_tolerance_ns):
                 waiting.append(job)
                 continue
             look = final or blocked_ns is None or job.stamp_ns < blocked_ns
@@ -292,10 +292,3 @@ class Pipeline:
     def _telemetry_pose(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
         fixed = self._settings.fixed_pose
         return replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final, by_utc=by_utc)
-
-    def _awaits_image(self, job: Job) -> bool:
-        """Whether an observation was faster than the image that it was made in."""
-        last_ns = self._images.last_ns
-        if isinstance(job.subject, Image) or last_ns is None or job.subject.image is not None:
-            return False
-        return last_ns < job.stamp_ns - self._settings.match_tolerance_ns

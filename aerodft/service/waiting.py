@@ -65,6 +65,12 @@ class ImageMemory:
         """Stamp of the last image; None before the first."""
         return self._known[-1].stamp_ns if self._known else None
 
+    def are_behind(self, job: Job, tolerance_ns: int) -> bool:
+        """Whether a job is an observation that was faster than the image that it was made in."""
+        if isinstance(job.subject, Image) or self.last_ns is None or job.subject.image is not None:
+            return False
+        return self.last_ns < job.stamp_ns - tolerance_ns
+
     def add(self, index: int, stamp_ns: int, clock: StampClock) -> None:
         """Remember an image that came with a stamp of that clock."""
         self._known.append(_Known(index, stamp_ns, clock))

@@ -8,8 +8,6 @@ is room again, and that is counted.
 import logging
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 
 import numpy as np
 
@@ -20,6 +18,7 @@ from aerodft.adapters.mcap.message_rows import MessageRows
 from aerodft.adapters.mcap.records import Record
 from aerodft.adapters.mcap.segment import Segment
 from aerodft.adapters.mcap.settings import SeriesSettings
+from aerodft.adapters.mcap.syncing import Syncing
 from aerodft.conventions import SECOND_NS
 
 FLUSH_S = 0.25  # chunks are closed at least every 0.5 s, also where whoever calls `tend` comes late
@@ -60,9 +59,8 @@ class Series:
         self._room_bytes = _CHUNK_BYTES
         self._until_ns = 0
         self._opened_for_ns: int | None = None
-        self._flushed_s = self._synced_s = time.monotonic()
-        self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"sync-{settings.stem}")
-        self._syncing: tuple[Future[None], int, int] | None = None
+        self._flushed_s = time.monotonic()
+        self._syncing = Syncing(settings.stem)
         self._segment: Segment | None = self._open()
 
     @property
@@ -135,8 +133,8 @@ class Series:
         if self._buffer.messages and now_s >= self._flushed_s + FLUSH_S:
             self._flush()
         segment = self._segment
-        if segment is not None and segment.unsynced and now_s >= self._synced_s + SYNC_S:
-            self._sync(segment)
+        if segment is not None and segment.unsynced and now_s >= self._syncing.began_s + SYNC_S:
+            self._syncing.begin(segment)
 
     def close(self) -> None:
         """Finish the last segment."""
@@ -144,7 +142,7 @@ class Series:
         for _ in range(_CLOSINGS):
             if self._segment is not None:
                 self._finish(self._segment)
-        self._syncer.shutdown()
+        self._syncing.close()
 
     def _identity(self, channel: Channel) -> int:
         """A channel's id; a new one is defined."""
@@ -202,26 +200,17 @@ class Series:
         room_bytes = _CHUNK_BYTES if self._segment is None else min(_CHUNK_BYTES, self._segment.room_bytes)
         self._room_bytes = room_bytes - self._buffer.content_bytes
 
-    def _sync(self, segment: Segment) -> None:
-        """Sync in a thread of its own, unless that is still at the last one."""
-        if self._syncing is None:
-            self._synced_s = time.monotonic()
-            self._syncing = (self._syncer.submit(segment.sync), *segment.place)
-
     def _check_sync(self, *, wait: bool) -> None:
         """See what became of the last sync."""
-        if self._syncing is None or self._segment is None:
+        if self._segment is None:
             return
-        future, chunks, size = self._syncing
-        if not (wait or future.done()):
-            return
-        self._syncing = None
         try:
-            future.result()
+            place = self._syncing.ended(wait=wait)
         except OSError as error:
             self._give_up(self._segment, error, (), unsynced=True)
         else:
-            self._segment.synced(chunks, size)
+            if place is not None:
+                self._segment.synced(*place)
 
     def _finish(self, segment: Segment) -> None:
         """End a segment as it should; another one is open afterwards only where something had to be written again."""
@@ -242,13 +231,8 @@ class Series:
     def _open(self) -> Segment:
         settings = self._settings
         path = settings.folder / f"{settings.stem}_{self._segments:03d}.mcap"
-        segment = Segment(
-            path,
-            self._registry,
-            settings.metadata,
-            spare_bytes=settings.spare_bytes,
-            segment_bytes=settings.segment_bytes,
-        )
+        sizes = {"spare_bytes": settings.spare_bytes, "segment_bytes": settings.segment_bytes}
+        segment = Segment(path, self._registry, settings.metadata, **sizes)
         try:
             buffer = ChunkBuffer(self._registry.definitions)
             for record in self._first_records(self._segments, self._opened_for_ns):
@@ -288,10 +272,7 @@ class Series:
 
     def _give_up(self, segment: Segment, error: OSError, chunks: tuple[BuiltChunk, ...], *, unsynced: bool) -> None:
         """Leave a segment behind, and write what it does not hold into a new one."""
-        if self._syncing is not None:
-            with suppress(OSError):  # one failure is enough
-                self._syncing[0].result()
-            self._syncing = None
+        self._syncing.give_up()
         chunks = self._leave(segment, unsynced=unsynced) + chunks
         self._retry_s = 0.0 if segment.has_content else time.monotonic() + RETRY_S
         again = self._reopened()

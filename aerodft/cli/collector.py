@@ -1,0 +1,20 @@
+"""Doing without the search for cyclic garbage where there is none."""
+
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def without_collector() -> Iterator[None]:
+    """No search for cyclic garbage: what is loaded, or a recorded flight that is run, makes next to none.
+
+    Looking for it took a tenth of the start, and a seventh of a run.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()

@@ -55,6 +55,10 @@ def commands(folder: Path) -> dict[str, tuple[float, list[object]]]:
     cut.write_bytes(data[: len(data) * 2 // 3])
     data[len(data) // 2] ^= 4
     flipped.write_bytes(data)
+    apart, wide = folder / "apart.toml", folder / "wide.toml"
+    apart.write_text(f"[images]\ntime_offset_s = 86400.0\n{FOREIGN_STATION}")
+    (folder / "wide-camera.toml").write_text(CAMERA.replace(f"width_px = {WIDTH_PX}", f"width_px = {WIDTH_PX + 2}"))
+    wide.write_text(FOREIGN_STATION.replace("camera.toml", "wide-camera.toml"))
     quiet: list[object] = ["--rate", "max", "--listen", "tcp/127.0.0.1:0"]
     reading: dict[str, list[object]] = {
         "replay": ["replay", ours, *quiet],
@@ -62,6 +66,9 @@ def commands(folder: Path) -> dict[str, tuple[float, list[object]]]:
         "replay, cut": ["replay", cut, *quiet],
         "replay, flipped": ["replay", flipped, *quiet],
         "doctor, other tool": ["doctor", foreign],
+        "doctor, .tlog": ["doctor", LOG],
+        "import, no overlap": ["import", foreign, "-c", apart, "-o", folder / "none"],
+        "import, wrong size": ["import", foreign, "-c", wide, "-o", folder / "none"],
         "recover": ["recover", ours],
         "compare": ["compare", ours, again],
         "compare, plot": ["compare", ours, again, "-o", folder / "plot.png"],

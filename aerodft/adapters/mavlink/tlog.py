@@ -20,7 +20,7 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 
 BLOCK_FRAMES: Final = 1 << 15
 _BLOCK_BYTES: Final = 1 << 23
-_FRAME_BYTES: Final = 32  # of a usual one
+_STEP_BYTES: Final = 4  # with all that is done with its frames afterwards
 _PROBE_BYTES: Final = 1 << 24
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _STAMPED: Final = "a MAVLink .tlog"
@@ -60,7 +60,7 @@ class TlogSource:
         self._state = _fresh_state()
         rows = np.empty((3, BLOCK_FRAMES), dtype=np.int64)
         at, size = 0, len(self._data)
-        expect(size // _FRAME_BYTES)
+        expect(size // _STEP_BYTES)
         while at < size:
             found, at = scan_tlog(self._data, at, at + _BLOCK_BYTES, frame_table(), rows, self._state)
             if found:

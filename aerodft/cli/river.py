@@ -1,6 +1,7 @@
 """``aerodft river``: a river's width along it, from one image with a known pose."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,8 +25,6 @@ from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.vision.river import NoRiver, RiverQuestion, find_river
 from aerodft.vision.water_network import WaterNetwork
-
-_LEAST_STD_PX = 0.2
 
 
 def river(
@@ -142,9 +141,19 @@ def _scene(
     if camera is None:
         raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
     setup, sample = Setup(camera=stds.on_camera(load_camera(camera))), given.sample(stds, given.origin)
+    if std is not None and given.covariance is None:
+        sample = replace(sample, reasons=(*sample.reasons, *_taken_as_exact(stds.pose)))
     if calibration is not None:
         setup, sample = corrected(setup, sample, calibration)
     return setup, sample, stds
+
+
+def _taken_as_exact(std: PoseStd) -> Iterator[str]:
+    """What ``--std`` leaves out, though widths depend on it."""
+    attitude = (std.tilt_rad, std.pan_rad, std.roll_rad)
+    left_out = [name for name, known in (("height", std.height_agl_m), ("attitude", any(attitude))) if not known]
+    if left_out:
+        yield f"--std leaves out {' and '.join(left_out)}: taken as exact"
 
 
 def _level(elevation_m: float, max_range_m: float | None, stds: Stds) -> WaterLevel:
@@ -165,7 +174,7 @@ def _question(seed: str | None, spacing_m: float, flow_deg: float | None, std: s
         seed_px=None if seed is None else _pixel(seed),
         spacing_m=spacing_m,
         flow_rad=None if flow_deg is None else math.radians(flow_deg),
-        least_std_px=parse_stds(std).px if std is not None and told_px else _LEAST_STD_PX,
+        least_std_px=parse_stds(std).px if std is not None and told_px else RiverQuestion().least_std_px,
     )
 
 
@@ -188,5 +197,7 @@ def _say(document: dict[str, Any]) -> None:
             f"{width['median']:.3f} m in the median of {len(used)} transects, {low:.3f} to {high:.3f} m (95 %);"
             f" {width['min']:.3f} to {width['max']:.3f} m along the river; confidence {document['confidence']:.2f}"
         )
+        for reason in document["reasons"]:
+            say(f"note: {reason}")
     for file in document["files"]:
         say(f"wrote {file}")

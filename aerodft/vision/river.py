@@ -58,7 +58,7 @@ class RiverQuestion:
     seed_px: tuple[float, float] | None = None
     spacing_m: float = 1.0
     flow_rad: float | None = None
-    least_std_px: float = 0.2
+    least_std_px: float = 0.15
     network: WaterNetwork | None = None
 
 
@@ -131,7 +131,7 @@ def find_river(
 def _unfit(image: ImageArray, plane: WaterPlane, ground: BoolArray, seed_px: FloatArray) -> NoRiver | None:
     """Why no water is looked for at all."""
     if not ground.any():
-        up = "the image shows no water plane near enough: it looks too far up"
+        up = "the image shows no water plane near enough: it looks too far up, or --max-range is too short"
         return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
     if (dark := no_light(image)) is not None:
         return dark

@@ -11,7 +11,7 @@ class RiverLook:
         every_s: Least time between two looks; 0 for every image.
         spacing_m: Of the transects; up to 32 of them, evenly chosen, become one observation.
         seed_px: A pixel in the water of every image; None for the lower middle.
-        max_range_m: Water farther than this is left out; None for 12 camera heights.
+        max_range_m: Water farther than this is left out; None for 6 camera heights.
     """
 
     every_s: float = 1.0

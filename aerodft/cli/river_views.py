@@ -86,7 +86,7 @@ def recorded_views(folder: Path, config: Path | None, calibration: Path | None, 
     source = _Noted(reoffset(RecordingSource(recording, pixels=True), was, station))
     samples = list(_samples(station, source))
     if not source.pixels:
-        hint = "record.image_hz says how many are kept"
+        hint = "record.image_hz says how many are kept; `aerodft import` takes them with --video or --images"
         raise NoAnswerError("no images in the recording", where=folder, hint=hint)
     kept = [(index, sample) for index, sample in samples if index in source.pixels]
     refused: dict[str, int] = {}

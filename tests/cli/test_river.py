@@ -88,3 +88,13 @@ def test_the_camera_above_the_horizon_sees_no_river(shot):
     assert json.loads(done.stdout)["status"] == "ABOVE_HORIZON"
     assert "Traceback" not in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_what_is_neither_image_nor_video_nor_recording_is_one_sentence(tmp_path):
+    missing = aerodft(tmp_path / "gone.jpg", "--json")
+    assert (missing.returncode, "no such file" in missing.stderr) == (3, True)
+    (tmp_path / "frames").mkdir()
+    cv2.imwrite(str(tmp_path / "frames/1.png"), np.zeros((8, 8, 3), np.uint8))
+    folder = aerodft(tmp_path / "frames", "--height", 40, "--tilt", 30)
+    assert (folder.returncode, "a folder without a recording" in folder.stderr) == (3, True)
+    assert "import" in folder.stderr

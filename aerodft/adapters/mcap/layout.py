@@ -116,7 +116,8 @@ class ChunkBuffer:
             offset: ``(n,)`` where each begins.
         """
         entries = np.stack([log_ns, offset + len(self._content)], axis=-1).astype("<u8")
-        for channel_id in np.unique(channel_ids).tolist():
+        _, first = np.unique(channel_ids, return_index=True)
+        for channel_id in channel_ids[np.sort(first)].tolist():  # as they appear: recovery builds them in that order
             self._indexes.setdefault(channel_id, bytearray()).extend(entries[channel_ids == channel_id].tobytes())
         self._content += records
         first_ns, last_ns = int(log_ns.min()), int(log_ns.max())

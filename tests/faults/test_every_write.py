@@ -34,9 +34,13 @@ BYTES = 4000  # of noise in each frame: a segment is full after a few
 
 
 class FaultyDisk:
-    """The calls of ``os``, real ones, but for the ``which``-th."""
+    """The calls of ``os``, real ones, but for the ``which``-th of one name.
 
-    def __init__(self, which: int, number: int) -> None:
+    Counted by name: two threads call, and of all calls together the ``which``-th is another one in each run.
+    """
+
+    def __init__(self, name: str, which: int, number: int) -> None:
+        self._name = name
         self._which = which
         self._number = number
         self._calls = itertools.count()
@@ -57,7 +61,7 @@ class FaultyDisk:
             if name == "write" and self.failed == "short":
                 self.failed = "write"
                 raise OSError(self._number, os.strerror(self._number))
-            if name == "write" and next(self._calls) == self._which:  # half of it, and then nothing more
+            if name == self._name == "write" and next(self._calls) == self._which:  # half of it, and then nothing more
                 self.failed = "short"
                 return real(arguments[0], arguments[1][: len(arguments[1]) // 2])
             return real(*arguments)
@@ -65,7 +69,7 @@ class FaultyDisk:
         return call
 
     def check(self, name: str) -> None:
-        if next(self._calls) == self._which:
+        if name == self._name and next(self._calls) == self._which:
             self.failed = name
             raise OSError(self._number, os.strerror(self._number))
 
@@ -131,8 +135,10 @@ def test_a_call_that_fails_once_costs_nothing(
     allocate = disk.allocate
     failed: dict[str, int] = {}
     refused = lost = 0
-    for which in itertools.count():
-        faults = FaultyDisk(which, number)
+    names = [*CALLS, "fallocate"]
+    while names:
+        name, which = names[0], failed.get(names[0], 0)
+        faults = FaultyDisk(name, which, number)
 
         def faulty_allocate(*arguments, faults=faults):
             faults.check("fallocate")
@@ -141,19 +147,21 @@ def test_a_call_that_fails_once_costs_nothing(
         monkeypatch.setattr(disk, "os", faults)
         monkeypatch.setattr(disk, "allocate", faulty_allocate)
         try:
-            totals = record(folder / f"{which}")
+            totals = record(folder / f"{name}_{which}")
         except InputError:
             refused += 1
         else:
             monkeypatch.setattr(disk, "os", os)
             monkeypatch.setattr(disk, "allocate", allocate)
-            check_files(folder / f"{which}", totals)
+            check_files(folder / f"{name}_{which}", totals)
             lost += totals.lost
-        if not faults.failed:
-            break
-        failed[faults.failed] = failed.get(faults.failed, 0) + 1
+        if faults.failed:
+            failed[name] = which + 1
+        else:  # there are no more of this name
+            names.pop(0)
     print(
-        f"\n{os.strerror(number)}: {failed}; refused at the start {refused}, lost {lost} messages in {which} recordings"
+        f"\n{os.strerror(number)}: {failed}; refused at the start {refused}, lost {lost} messages in"
+        f" {sum(failed.values())} recordings"
     )
     assert set(failed) >= {"open", "write", "fdatasync", "fsync", "fallocate", "ftruncate"}
     assert lost == 0

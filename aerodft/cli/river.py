@@ -90,13 +90,6 @@ def river(
         lon_deg=lon,
         covariance=covariance,
     )
-    if not what.exists():
-        raise InputError("no such file", where=what, expected="an image, a fixed camera's video, or a recording")
-    if what.is_dir() and not any(what.glob("*.mcap")):
-        hint = "`aerodft import LOG --images FOLDER` makes a recording of images and a flight's log"
-        raise InputError(
-            "a folder without a recording", where=what, expected="an image, a video, a recording", hint=hint
-        )
     network = None if water_model is None else WaterNetwork.read(water_model)
     question = replace(_question(seed, spacing, flow, std), network=network)
     if is_recording(what):

@@ -13,7 +13,7 @@ from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline, check_size
 from aerodft.dft.request import Setup
 from aerodft.dft.zoomed import zoomed
-from aerodft.errors import NoAnswerError
+from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.arrays import ImageArray, IntArray
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
@@ -70,7 +70,18 @@ class Views:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a recording, of a flight, rather than one image or a video."""
+    """Whether a path is a recording, of a flight, rather than one image or a video.
+
+    Raises:
+        InputError: It is none of them.
+    """
+    if not path.exists():
+        raise InputError("no such file", where=path, expected="an image, a fixed camera's video, or a recording")
+    if path.is_dir() and not any(path.glob("*.mcap")):
+        hint = "`aerodft import LOG --images FOLDER` makes a recording of images and a flight's log"
+        raise InputError(
+            "a folder without a recording", where=path, expected="an image, a video, a recording", hint=hint
+        )
     return path.is_dir() or path.suffix.lower() == ".mcap"
 
 
@@ -120,23 +131,24 @@ def filmed_views(video: Path, setup: Setup, sample: PoseSample, most: int) -> Vi
     stamps = [image.stamp_ns for image in _images(video, setup)]
     if not stamps:
         raise NoAnswerError("no image in the video", where=video)
-    rows = _rows(len(stamps), most)
-    after = {row: _soon_after(np.array(stamps), row) for row in rows}
+    after = {row: _soon_after(np.array(stamps), row) for row in _rows(len(stamps), most)}
+    wanted = set(after.values())
     held, copies = {}, {}
     for row, image in enumerate(_images(video, setup)):
-        if row in after:
-            held[row] = image, _held(image)
-        if row in after.values():
-            copies[row] = motion_copy(_held(image)())
+        if row in after or row in wanted:
+            pixels = _held(image)
+            if row in wanted:
+                copies[row] = motion_copy(pixels())
+            if row in after:
+                held[row] = image, pixels
     views = []
     for row, (image, pixels) in held.items():
         later = after[row]
-        look = (
-            None
-            if later is None
-            else LaterView(setup, replace(sample, stamp_ns=stamps[later]), partial(copies.__getitem__, later))
-        )
-        views.append(View(image.index, setup, replace(sample, stamp_ns=image.stamp_ns), pixels, look))
+        view = View(image.index, setup, replace(sample, stamp_ns=image.stamp_ns), pixels)
+        if later is not None:
+            then = replace(sample, stamp_ns=stamps[later])
+            view = replace(view, later=LaterView(setup, then, partial(copies.__getitem__, later)))
+        views.append(view)
     return Views(tuple(views), len(stamps), {})
 
 

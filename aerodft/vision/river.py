@@ -38,7 +38,9 @@ __all__ = [
     "stations_along",
 ]
 
-_STAYS: Final = "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
+_UNMOVED: Final = (
+    "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
+)
 _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
 _SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
 
@@ -108,14 +110,16 @@ def find_river(
     if (refusal := _unfit(image, plane, ground, seed)) is not None:
         return refusal
     segment = find_water if question.network is None else question.network.find_water
-    water = segment(features, (float(seed[0]), float(seed[1])), ground)
+    start = float(seed[0]), float(seed[1])
+    water = segment(features, start, ground)
     if (refusal := no_river(features, water, ground)) is not None:
         return refusal
     stayed = None if later is None else what_stays(image, plane, later, water.water, ground)
-    if stayed is not None:
-        if stayed.in_water > STAYS and question.seed_px is None:
-            return NoRiver(RiverStatus.NO_WATER, _STAYS)
-        water = without_still(water, features, ground, stayed.still)
+    if stayed is not None and stayed.in_water > STAYS:
+        if question.seed_px is None:
+            return NoRiver(RiverStatus.NO_WATER, _UNMOVED)
+    elif stayed is not None:  # of still water motion tells nothing
+        water = without_still(water, features, start, ground, stayed.still)
     channel = with_islands(water.water, ground)
     line = centreline(plane, features, channel)
     if line is None:

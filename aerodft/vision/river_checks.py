@@ -10,13 +10,12 @@ from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.vision.outline import outline_contrast
 from aerodft.vision.river_status import NoRiver, RiverStatus
 from aerodft.vision.water import WaterMask
-from aerodft.vision.water_features import LOGARITHM, Float32Image, WaterFeatures
+from aerodft.vision.water_features import BLUE_TO_GREEN, LIGHT, LOGARITHM, RED_TO_GREEN, Float32Image, WaterFeatures
 
 _NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise
 _EVERY: Final = 8  # of the pixels is looked at for that
 _LEAST_PIXELS: Final = 100
 _LEAST_LAND: Final = 0.01  # of what is looked at
-_RED_TO_GREEN, _BLUE_TO_GREEN, _LIGHT = 0, 1, 2  # planes of the features
 _COLOURS: Final = np.array([1.0, 1.0, 0.0, 0.0], dtype=np.float32)
 _GREEN: Final = (2.0, -14.0)  # where both are lower than these, something grows
 _MANY_COLOURS: Final = 0.03  # ratios of red to green vary by 1 to 2 % nearby in water, by 3 to 10 % on natural ground
@@ -65,13 +64,13 @@ def _shadow(planes: Float32Image, water: BoolArray, ground: BoolArray) -> NoRive
     if float(np.percentile(in_colour, 25)) >= _CLEAR_IN_COLOUR:
         return None
     beside = (cv2.dilate(water.astype(np.uint8), _BESIDE) > 0) & ground & ~water
-    if float(np.median(planes[water][:, _LIGHT])) >= float(np.median(planes[beside][:, _LIGHT])):
+    if float(np.median(planes[water][:, LIGHT])) >= float(np.median(planes[beside][:, LIGHT])):
         return None
     return NoRiver(RiverStatus.NO_WATER, "what was found has the colours of what lies beside it, but darker: a shadow?")
 
 
 def _dry_ground(features: WaterFeatures, water: BoolArray) -> NoRiver | None:
-    red, blue = (float(np.median(features.planes[water][:, plane])) for plane in (_RED_TO_GREEN, _BLUE_TO_GREEN))
+    red, blue = (float(np.median(features.planes[water][:, plane])) for plane in (RED_TO_GREEN, BLUE_TO_GREEN))
     if red < _GREEN[0] and blue < _GREEN[1]:
         return NoRiver(RiverStatus.NO_WATER, "where water is looked for something grows: is the seed on a bank?")
     variety = features.variety(water)
@@ -109,7 +108,7 @@ def _unevenness(features: WaterFeatures, water: BoolArray) -> float:
         return math.inf
     v, u = rows / features.shape[0], columns / features.shape[1]
     trend = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    light = features.planes[rows, columns, _LIGHT].astype(np.float64)
+    light = features.planes[rows, columns, LIGHT].astype(np.float64)
     rest = light - trend @ np.linalg.lstsq(trend, light)[0]
     return _ROBUST * float(np.median(np.abs(rest))) / LOGARITHM
 

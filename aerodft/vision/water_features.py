@@ -25,6 +25,8 @@ _EDGE_PX: Final = 5  # so far an edge spreads its variety over what lies beside 
 _QUIETEST_PERCENT: Final = 10.0  # of an image varies for its noise alone, which is more in the dark
 _QUIET: Final = 0.011  # of the ratio's logarithm
 _DARK: Final = 8.0  # grey levels: what is darker has no colour
+RED_TO_GREEN, BLUE_TO_GREEN, LIGHT, TEXTURE = 0, 1, 2, 3
+"""Which of the planes is what."""
 LOGARITHM: Final = 40.0
 """What the logarithms of colour ratios and lightness are multiplied by: a unit can just be seen."""
 _SCALE: Final = np.array([LOGARITHM, LOGARITHM, LOGARITHM, 12.0], dtype=np.float32)
@@ -77,34 +79,29 @@ def water_features(image: ImageArray) -> WaterFeatures:
     smooth = cv2.GaussianBlur(small, (0, 0), _SMOOTH_PX).astype(np.float32)
     blue, green, red = cv2.split(np.log(smooth + _DARK))
     lightness = (blue + green + red) / 3.0
-    texture = 0.5 * np.log(_variety(middle, size) + _LIGHT_SHARE**2 * _contrast(middle, size) + _QUIET**2)
+    grey = np.asarray(cv2.cvtColor(middle, cv2.COLOR_BGR2GRAY), dtype=np.float32)
+    light = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA) + _DARK, dtype=np.float32)
+    texture = 0.5 * np.log(_variety(middle, light) + _LIGHT_SHARE**2 * _contrast(grey, light) + _QUIET**2)
     planes = _SCALE * np.dstack([red - green, blue - green, lightness, texture])
     return WaterFeatures(scale, np.asarray(planes, dtype=np.float32), np.asarray(small, dtype=np.uint8))
 
 
-def _variety(image: ImageArray, size: tuple[int, int]) -> Float32Image:
-    """Variance of the logarithm of red to green near each pixel of a copy of ``size``, width and height."""
+def _variety(image: ImageArray, light: Float32Image) -> Float32Image:
+    """Variance of the logarithm of red to green near each pixel of a smaller copy, of which ``light`` is the grey."""
+    size = light.shape[1], light.shape[0]
     _, green, red = cv2.split(np.log(cv2.GaussianBlur(image, (0, 0), _RATIO_PX).astype(np.float32) + _DARK))
     ratio = red - green
     sigma = _NEIGHBOURHOOD_PX * image.shape[1] / size[0]
     mean = cv2.GaussianBlur(ratio, (0, 0), sigma)
     variance = np.maximum(cv2.GaussianBlur(ratio * ratio, (0, 0), sigma) - mean * mean, 0.0)
     nearby = cv2.resize(variance, size, interpolation=cv2.INTER_AREA)
-    light = np.square(_light(image, size))
-    noise = float(np.percentile(nearby * light, _QUIETEST_PERCENT)) / light
+    noise = float(np.percentile(nearby * np.square(light), _QUIETEST_PERCENT)) / np.square(light)
     nearby = np.maximum(nearby - noise, 0.0)
     return np.asarray(cv2.erode(nearby, np.ones((_EDGE_PX, _EDGE_PX), dtype=np.uint8)), dtype=np.float32)
 
 
-def _light(image: ImageArray, size: tuple[int, int]) -> Float32Image:
-    """Grey levels of a copy of ``size``, above what is too dark to be divided by."""
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA) + _DARK, dtype=np.float32)
-
-
-def _contrast(image: ImageArray, size: tuple[int, int]) -> Float32Image:
-    """Mean square of the lightness's fine detail near each pixel of a copy of ``size``, relative to the lightness."""
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+def _contrast(grey: Float32Image, light: Float32Image) -> Float32Image:
+    """Mean square of the lightness's fine detail near each pixel of the same copy, relative to the lightness."""
     detail = grey - cv2.GaussianBlur(grey, (0, 0), _DETAIL_PX)
-    strength = cv2.resize(detail * detail, size, interpolation=cv2.INTER_AREA) / np.square(_light(image, size))
+    strength = cv2.resize(detail * detail, light.shape[::-1], interpolation=cv2.INTER_AREA) / np.square(light)
     return np.asarray(cv2.GaussianBlur(strength, (0, 0), _NEIGHBOURHOOD_PX), dtype=np.float32)

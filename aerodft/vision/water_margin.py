@@ -14,7 +14,7 @@ import numpy as np
 
 from aerodft.model.arrays import BoolArray
 from aerodft.vision.outline import outline_contrast
-from aerodft.vision.water_features import Float32Image
+from aerodft.vision.water_features import LIGHT, RED_TO_GREEN, TEXTURE, Float32Image
 
 _BAND: Final = 0.35  # of half the water's width: so far from the outline it may be ground
 _SCALES: Final = np.array([4.0, 4.0, 2.0, 3.0], dtype=np.float32)  # to bytes, around the water's own middle
@@ -30,9 +30,8 @@ _ROUGHER: Final = 2.5  # of twelve times the texture's logarithm: about a quarte
 _NO_LIGHT: Final = np.array([1.0, 1.0, 0.0, 1.0], dtype=np.float32)
 _STRIP: Final = np.ones((11, 11), dtype=np.uint8)  # around a piece: the water next to it
 _DARKER: Final = -0.5  # forty times the logarithm of the lightness: about 1 %
-_GLITTER: Final = 12.0  # about 35 % brighter than the water beside it
+GLITTER: Final = 12.0  # about 35 % brighter than the water beside it
 _GREENER: Final = 2.0  # likewise of red to green
-_RED_TO_GREEN, _LIGHT, _TEXTURE = 0, 2, 3  # planes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,9 +96,9 @@ def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolAr
 
 def _is_rougher(apart: Float32Image) -> bool:
     """Whether a piece has more texture than the water next to it, ``apart (4,)`` of the planes; glitter has it too."""
-    return bool(apart[_TEXTURE] > _ROUGHER and apart[_LIGHT] < _GLITTER)
+    return bool(apart[TEXTURE] > _ROUGHER and apart[LIGHT] < GLITTER)
 
 
 def _may_be_ground(apart: Float32Image) -> bool:
     """Whether a piece is neither shade nor glitter: not darker than the water next to it, or greener; not glaring."""
-    return bool(apart[_LIGHT] < _GLITTER and (apart[_LIGHT] > _DARKER or apart[_RED_TO_GREEN] < -_GREENER))
+    return bool(apart[LIGHT] < GLITTER and (apart[LIGHT] > _DARKER or apart[RED_TO_GREEN] < -_GREENER))

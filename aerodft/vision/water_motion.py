@@ -1,4 +1,4 @@
-"""What of a river's image moves, what stays: a look at the same place half a second later, held still on the ground.
+"""What of a river's image moves, what stays: a look at the same place about a second later, held still on the ground.
 
 Water takes its waves, foam and mirrored sky along; mud, sand and roads stay as they are. Both images' detail is
 compared by its local correlation, after the later one was laid on the earlier by what both show of the land.
@@ -17,12 +17,13 @@ from aerodft.vision.corners import spread_corners
 from aerodft.vision.evened import evened
 from aerodft.vision.outline import outline_contrast
 from aerodft.vision.tracking import followed
-from aerodft.vision.water import WaterMask
-from aerodft.vision.water_features import Float32Image, WaterFeatures
+from aerodft.vision.water import WaterMask, around_seed
+from aerodft.vision.water_features import LIGHT, Float32Image, WaterFeatures
+from aerodft.vision.water_margin import GLITTER
 from aerodft.vision.water_plane import WaterPlane
 
 STAYS: Final = 0.95
-"""Median correlation of what stays: water half a second later has 0.8 at most."""
+"""Median correlation of what stays; of water it was 0.8 at most half a second later, and less after a second."""
 SOONEST_S: Final = 0.8
 """Before that slow water has hardly moved."""
 LATEST_S: Final = 2.0
@@ -32,20 +33,16 @@ _WIDTH_PX: Final = 960
 _DETAIL_PX: Final = 6.0
 _WINDOW_PX: Final = 2.5
 _FLAT: Final = 2.0  # grey levels: what has less detail than that may as well be noise
-_SAME: Final = 0.9  # correlation: water half a second later has 0.8 at most, ground 0.97 and more
+_SAME: Final = 0.9  # correlation; of ground it was 0.97 and more
 _LAND_SAME: Final = 0.9  # likewise of most of the land, or the images do not lie on each other
 _FEWEST: Final = 12  # points of the land
 _STRAY_PX: Final = 1.0
 _DRAWS, _SURE = 500, 0.999
 _AWAY: Final = np.ones((15, 15), dtype=np.uint8)  # of the copy: so far from the water land is surely land
-_BLUR: Final = np.ones(
-    (13, 13), dtype=np.uint8
-)  # of the copy: so far, in half, the correlation of land reaches over water
+_BLUR: Final = np.ones((13, 13), dtype=np.uint8)  # of the copy: half of it is how far land's correlation reaches
 _SLOWEST_M_S: Final = 0.3  # of water that is told from land
 _LEAST_PX: Final = 2.5  # that it has to move for that
 _TOUCH: Final = np.ones((5, 5), dtype=np.uint8)
-_LIGHT: Final = 2  # plane of the features
-_GLITTER: Final = 12.0  # about 35 % brighter than the water
 _LEAST: Final = 0.001  # of the small copy
 _LEAST_DETAIL: Final = 0.2  # of the water must have detail, or nothing is said of it
 
@@ -137,25 +134,23 @@ def _near(plane: WaterPlane, shape: tuple[int, ...], copy_width_px: int, after_s
         return np.asarray(sample_m * _LEAST_PX <= _SLOWEST_M_S * after_s)
 
 
-def without_still(found: WaterMask, features: WaterFeatures, ground: BoolArray, still: BoolArray) -> WaterMask:
-    """The water without what lies along its outline and stays as it is, ``still (height, width)``."""
+def without_still(
+    found: WaterMask, features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray, still: BoolArray
+) -> WaterMask:
+    """The water around a seed without what lies along its outline and stays as it is, ``still (height, width)``."""
     land = cv2.dilate((ground & ~found.water).astype(np.uint8), _TOUCH) > 0
     count, candidates, facts, _ = cv2.connectedComponentsWithStats(
         (found.water & still).astype(np.uint8), connectivity=8
     )
     ashore = np.bincount(candidates[land], minlength=count) > 0
-    light = features.planes[..., _LIGHT]
+    light = features.planes[..., LIGHT]
     brighter = np.bincount(candidates.ravel(), light.ravel(), count) / np.maximum(facts[:count, cv2.CC_STAT_AREA], 1)
-    glitter = brighter > float(np.median(light[found.water])) + _GLITTER  # stays where the sun is mirrored
+    glitter = brighter > float(np.median(light[found.water])) + GLITTER  # stays where the sun is mirrored
     taken = ashore & ~glitter & (facts[:count, cv2.CC_STAT_AREA] >= _LEAST * still.size)
     taken[0] = False
     if not taken.any():
         return found
-    opened = cv2.morphologyEx((found.water & ~taken[candidates]).astype(np.uint8), cv2.MORPH_OPEN, _TOUCH)
-    count, pieces, facts, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
-    if count < 2:  # noqa: PLR2004 - the first is what is no water
-        return found
-    water = np.asarray(pieces == 1 + int(np.argmax(facts[1:, cv2.CC_STAT_AREA])))
+    water = around_seed(found.water & ~taken[candidates], still.shape, seed_px, ground)
     outline, contrast = outline_contrast(features.planes, water, ground)
     return WaterMask(water, outline, contrast, found.doubtful, taken[candidates])
 

@@ -11,7 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.pose import PoseEncoder, sample_of_summary, stamp_word, summary_key
+from aerodft.adapters.codec.pose import PoseEncoder, stamp_word
+from aerodft.adapters.codec.pose_summary import sample_of_summary, summary_key
 from aerodft.adapters.codec.template import Same, Templates
 from aerodft.adapters.texts import Texts
 from aerodft.dft.answer_columns import AnswerBlock, AnswerRow

@@ -1,4 +1,4 @@
-"""``aerodft.pose/1``: a pose sample with its full covariance; and the shorter pose inside a measurement."""
+"""``aerodft.pose/1``: a pose sample with its full covariance."""
 
 import math
 from collections.abc import Hashable, Sequence
@@ -7,19 +7,17 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.angles import camera_angles_deg
+from aerodft.adapters.codec.pose_summary import height_source_of, std_of, summary_key, summary_of, summary_values
 from aerodft.adapters.codec.template import Templates
 from aerodft.adapters.texts import Texts
-from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.arrays import FloatArray, read_only
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.pose import GeoOrigin, GimbalSource, Pose, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
 
 SCHEMA = "aerodft.pose/1"
 
 _REMEMBERED: Final = 1024  # summaries
-_STDS: Final = ("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg")
 
 
 class PoseEncoder:
@@ -39,8 +37,8 @@ class PoseEncoder:
         )
 
     def summary(self, sample: PoseSample) -> wire.Json:
-        """As the function of that name; not to be changed."""
-        return _summary_of(sample, self._summary(sample).values)
+        """As a measurement shows the pose; not to be changed."""
+        return summary_of(sample, self._summary(sample).values)
 
     def summary_numbers(self, sample: PoseSample) -> Sequence[float | None]:
         """Those of a summary, in its order; not to be changed."""
@@ -53,7 +51,7 @@ class PoseEncoder:
             return known
         if len(self._summaries) >= _REMEMBERED:
             self._summaries.clear()
-        self._summaries[id(sample)] = known = _Summary(sample, _summary_values(sample))
+        self._summaries[id(sample)] = known = _Summary(sample, summary_values(sample))
         return known
 
     def _payload(self, sample: PoseSample) -> wire.Json:
@@ -91,19 +89,6 @@ def stamp_word(sample: PoseSample) -> bytes:
     return b'"%d"' % sample.stamp_ns
 
 
-def summary_key(sample: PoseSample) -> tuple[Hashable, ...]:
-    """What summaries have in common that differ in numbers only."""
-    return (
-        sample.pose is None,
-        sample.lat_rad is None,
-        sample.lon_rad is None,
-        sample.height_source,
-        sample.height_datum,
-        sample.height_age_s is None,
-        sample.telemetry_age_s is None,
-    )
-
-
 def _key(sample: PoseSample) -> Hashable | None:
     """What samples have in common that are written with one template."""
     if sample.pose is None or sample.zoom is not None:
@@ -116,7 +101,7 @@ def _key(sample: PoseSample) -> Hashable | None:
 
 def encode_pose(sample: PoseSample) -> bytes:
     """A pose sample as ``aerodft.pose/1``."""
-    return wire.dump(_payload(sample, summary(sample)))
+    return wire.dump(_payload(sample, summary_of(sample, summary_values(sample))))
 
 
 def _payload(sample: PoseSample, own: wire.Json) -> wire.Json:
@@ -154,81 +139,6 @@ def decode_pose(data: bytes) -> PoseSample:
     return wire.load(data, SCHEMA, _sample)
 
 
-def summary(sample: PoseSample) -> wire.Json:
-    """The pose as a measurement shows it: height, angles, position, age and their standard deviations."""
-    return _summary_of(sample, _summary_values(sample))
-
-
-def _summary_values(sample: PoseSample) -> list[float | None]:
-    """The numbers of a summary in its order, None where they are not known."""
-    pose, std = sample.pose, sample.std
-    tilt_deg = roll_deg = heading_deg = height_m = None
-    if pose is not None:
-        tilt_deg, roll_deg, heading_deg = camera_angles_deg(*pose.wxyz.tolist())
-        height_m = float(pose.position_enu_m[2]) - sample.datum_enu_m
-    return [
-        height_m,
-        sample.height_age_s,
-        tilt_deg,
-        roll_deg,
-        heading_deg,
-        wire.degrees(sample.lat_rad),
-        wire.degrees(sample.lon_rad),
-        sample.telemetry_age_s,
-        std.height_agl_m,
-        math.degrees(std.tilt_rad),
-        math.degrees(std.pan_rad),
-        math.degrees(std.roll_rad),
-        math.degrees(std.heading_rad),
-    ]
-
-
-def _summary_of(sample: PoseSample, values: Sequence[float | None]) -> wire.Json:
-    height_m, height_age_s, tilt_deg, roll_deg, heading_deg, lat_deg, lon_deg, age_s, *stds = values
-    return {
-        "height_agl_m": height_m,
-        "height_source": sample.height_source,
-        "height_datum": sample.height_datum,
-        "height_age_s": height_age_s,
-        "tilt_deg": tilt_deg,
-        "roll_deg": roll_deg,
-        "heading_deg": heading_deg,
-        "lat": lat_deg,
-        "lon": lon_deg,
-        "telemetry_age_s": age_s,
-        "std": dict(zip(_STDS, stds, strict=True)),
-    }
-
-
-def sample_of_summary(payload: wire.Json, stamp_ns: int, status: Status) -> PoseSample:
-    """The pose sample of a measurement: attitude and height, without covariance, straight above the origin.
-
-    Args:
-        payload: What ``summary`` made.
-        stamp_ns: The measurement's stamp.
-        status: The measurement's status; the sample's own where it has no pose.
-    """
-    angles_deg = (payload["tilt_deg"], payload["roll_deg"], payload["heading_deg"])
-    pose = None
-    if None not in angles_deg:
-        height_m = wire.number(payload["height_agl_m"])
-        pose = Pose(
-            position_enu_m=read_only((0.0, 0.0, height_m)), wxyz=camera_attitude(*np.radians(np.array(angles_deg)))
-        )
-    return PoseSample(
-        stamp_ns=stamp_ns,
-        status=Status.OK if pose else status,
-        pose=pose,
-        std=_std(payload["std"]),
-        lat_rad=wire.radians(payload["lat"]),
-        lon_rad=wire.radians(payload["lon"]),
-        height_source=_height_source(payload["height_source"]),
-        height_datum=payload["height_datum"],
-        height_age_s=payload.get("height_age_s"),
-        telemetry_age_s=payload["telemetry_age_s"],
-    )
-
-
 def _sample(payload: wire.Json) -> PoseSample:
     origin = payload["origin"]
     return PoseSample(
@@ -236,12 +146,12 @@ def _sample(payload: wire.Json) -> PoseSample:
         status=Status(payload["status"]),
         reasons=tuple(payload["reasons"]),
         pose=_pose(payload),
-        std=_std(payload["std"]),
+        std=std_of(payload["std"]),
         origin=None if origin is None else _origin(origin),
         lat_rad=wire.radians(payload["lat"]),
         lon_rad=wire.radians(payload["lon"]),
         alt_msl_m=payload["alt_msl_m"],
-        height_source=_height_source(payload["height_source"]),
+        height_source=height_source_of(payload["height_source"]),
         height_datum=payload["height_datum"],
         height_age_s=payload.get("height_age_s"),
         attitude_source=None if payload["attitude_source"] is None else GimbalSource(payload["attitude_source"]),
@@ -291,19 +201,3 @@ def _origin(payload: wire.Json) -> GeoOrigin:
     return GeoOrigin(
         lat_rad=math.radians(payload["lat"]), lon_rad=math.radians(payload["lon"]), alt_msl_m=payload["alt_msl_m"]
     )
-
-
-def _std(payload: wire.Json) -> PoseStd:
-    return PoseStd(
-        height_agl_m=wire.number(payload["height_agl_m"]),
-        horizontal_m=wire.number(payload.get("horizontal_m", 0.0)),
-        tilt_rad=math.radians(wire.number(payload["tilt_deg"])),
-        pan_rad=math.radians(wire.number(payload["pan_deg"])),
-        roll_rad=math.radians(wire.number(payload["roll_deg"])),
-        heading_rad=math.radians(wire.number(payload["heading_deg"])),
-        time_s=wire.number(payload.get("time_s", 0.0)),
-    )
-
-
-def _height_source(value: str | None) -> HeightSource | None:
-    return None if value is None else HeightSource(value)

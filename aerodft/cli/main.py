@@ -22,7 +22,7 @@ from typer.exceptions import TyperException
 
 from aerodft import __version__
 from aerodft.cli.collector import without_collector
-from aerodft.cli.misuse import usage_error
+from aerodft.cli.misuse import refuse_empty, usage_error
 from aerodft.cli.streams import ReaderGone, flush_stdout, guard_streams
 from aerodft.errors import AerodftError, UsageError
 
@@ -114,6 +114,7 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG00
 
 def _run(arguments: list[str]) -> NoReturn:
     """Run a command line and exit, with its misuse as one sentence."""
+    refuse_empty(arguments)
     try:
         code = build_app(arguments)(arguments, standalone_mode=False)
     except TyperException as error:

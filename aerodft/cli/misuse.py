@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Collection
+from itertools import pairwise
 from typing import Final
 
 from typer.exceptions import TyperException
@@ -10,6 +11,7 @@ from typer.exceptions import TyperException
 from aerodft.errors import UsageError
 
 _CHOICES: Final = re.compile(r"'(?P<got>[^']*)' is not one of (?P<expected>.*?)\.?$", re.DOTALL)
+_OUTPUT: Final = ("-o", "--output")
 _BOUND: Final = re.compile(r"should be (?P<expected>[^,]+)")
 
 
@@ -46,6 +48,17 @@ def usage_error(error: TyperException, arguments: list[str], commands: Collectio
         return _invalid(message, arguments, command, hint)
     first, *_ = message.splitlines()
     return UsageError(f"{first[:1].lower()}{first[1:].rstrip('.')}", where=command, hint=hint)
+
+
+def refuse_empty(arguments: list[str]) -> None:
+    """Refuse an output without a name, as ``-o "$UNSET"`` gives it: the parser takes it for the current folder.
+
+    Raises:
+        UsageError: There is one.
+    """
+    for before, argument in pairwise(["", *arguments]):
+        if (before in _OUTPUT and not argument) or argument in {f"{name}=" for name in _OUTPUT}:
+            raise UsageError("--output", got="nothing", expected="a file or a folder to write to")
 
 
 def _invalid(message: str, arguments: list[str], command: str, hint: str) -> UsageError:

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +13,7 @@ from rich.progress import Progress
 
 from aerodft.errors import InputError, UsageError
 
+_SAY_EVERY_S = 5.0
 _FILE_WIDTH = 132
 """Columns of a table that goes to a pipe or a file, where nothing says how wide it may be."""
 
@@ -67,3 +69,30 @@ def progress_bar(what: str, first_ns: int, last_ns: int) -> Iterator[Callable[[i
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(what, total=max(last_ns - first_ns, 1))
         yield lambda now_ns: bar.update(task, completed=now_ns - first_ns)
+
+
+@contextmanager
+def steps(what: str, count: int, clock: Callable[[], float] = time.monotonic) -> Iterator[Callable[[int], None]]:
+    """Progress of slow steps on stderr: a bar on a terminal, elsewhere a line every 5 s.
+
+    Args:
+        what: Is done.
+        count: How many steps there are.
+        clock: Seconds.
+
+    Yields:
+        What to call with how many steps are done.
+    """
+    if sys.stderr.isatty():
+        with progress_bar(what, 0, count) as advance:
+            yield advance
+        return
+    said_s = clock()
+
+    def line(done: int) -> None:
+        nonlocal said_s
+        if clock() - said_s >= _SAY_EVERY_S:
+            said_s = clock()
+            say(f"aerodft: {what}: {done} of {count}")
+
+    yield line

@@ -65,8 +65,12 @@ def river(
         Path | None, typer.Option("--config", "-c", help="Of a recording: another station's than its own.")
     ] = None,
     images: Annotated[
-        int, typer.Option(min=1, help="Of a recording or a video: how many images are looked at, evenly spread.")
-    ] = MOST_IMAGES,
+        int | None,
+        typer.Option(
+            min=1,
+            help=f"Of a recording or a video: how many images are looked at, evenly spread; else {MOST_IMAGES}.",
+        ),
+    ] = None,
     water_model: Annotated[
         Path | None, typer.Option(help="Your own network (ONNX) that says where water is: docs/river.md.")
     ] = None,
@@ -78,7 +82,7 @@ def river(
     \b
     Examples:
       aerodft river bend.jpg --camera cam.toml --height 40 --tilt 30 --std height=0.4,attitude=0.3 -o bend --json
-      aerodft river recordings/copter -o reach
+      aerodft river demo/recording --spacing 2 -o reach
     """
     given = GivenPose(
         height_m=height,
@@ -92,19 +96,22 @@ def river(
     )
     network = None if water_model is None else WaterNetwork.read(water_model)
     question = replace(_question(seed, spacing, flow, std), network=network)
+    most = MOST_IMAGES if images is None else images
     if is_recording(what):
         given.refuse_all("a recording")
         refuse_beside({"camera": camera}, "a recording")
         level = _level(elevation, max_range, parse_stds(std) if std else Stds())
-        document = flight_document(recorded_views(what, config, calibration, images), level, question, output)
+        document = flight_document(recorded_views(what, config, calibration, most), level, question, output)
     else:
         if config is not None:
             raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
         setup, sample, stds = _scene(given, camera, calibration, std)
         level = _level(elevation, max_range, stds)
         if what.suffix.lower() in VIDEO_SUFFIXES:
-            document = flight_document(filmed_views(what, setup, sample, images), level, question, output)
+            document = flight_document(filmed_views(what, setup, sample, most), level, question, output)
         else:
+            if images is not None:
+                raise UsageError("--images beside one image", expected="it with a recording or a video")
             document = _still(what, level.on(setup), sample, question, output)
     if json:
         print_json(document)

@@ -12,8 +12,11 @@ from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.pose import PoseSample
 from aerodft.vision.bank_view import ONE_SIDED, hidden_per_metre
 from aerodft.vision.river import WHY, NoRiver, River, RiverStatus
+from aerodft.vision.river_banks import Islands
+from aerodft.vision.water import WaterMask
 
 SCHEMA: Final = "aerodft.river/1"
+SIDES: Final = ("left", "right")
 _DOUBT: Final = 0.1  # of the outline, from which that is said
 _TELLS: Final = 2.0  # standard deviations between an outline's two sides, from which they are told apart
 
@@ -35,24 +38,38 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
     if not used.any():
         first = found.status[int(found.rows[0])]
         status, reasons = first, [*reasons, WHY[first]]
-    clear = float(np.mean(found.water.contrast > _TELLS))
-    document = river_frame(status, reasons, clear * (1.0 - found.water.doubtful))
-    if found.water.doubtful > _DOUBT:
-        reasons.append(
-            f"along {100 * found.water.doubtful:.0f} % of the outline there is a second clear edge inside: bare ground"
-            " may have been taken for water, or water of two colours is there; look at the plate"
-        )
-    document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(_SIDES)}
+    document = river_frame(status, reasons, outline_confidence(found.water))
+    reasons += doubts(found.water.doubtful)
+    document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(SIDES)}
     document["transects"] = list(_transects(found, sample))
-    behind = sum(each["bound"] is not None for each in document["transects"])
-    if behind:
-        reasons.append(
-            f"{behind} transects look over their near bank: each metre of growth on it hides {ONE_SIDED:g} m of water"
-            " or more (hidden_m_per_m), their widths are bounds from below"
-        )
+    reasons += bounds(document["transects"])
     if used.any():
         document["width_m"] = width_summary(found.widths, used)
     return document
+
+
+def outline_confidence(water: WaterMask) -> float:
+    """Share of the water's outline along which its two sides differ, less the share that may be bare ground."""
+    return float(np.mean(water.contrast > _TELLS)) * (1.0 - water.doubtful)
+
+
+def doubts(doubtful: float) -> list[str]:
+    """What to say of an outline along which so much may be bare ground."""
+    if doubtful <= _DOUBT:
+        return []
+    where = (
+        f"along {100 * doubtful:.0f} % of the outline there is a second clear edge inside: bare ground may have been"
+    )
+    return [f"{where} taken for water, or water of two colours is there; look at the plate"]
+
+
+def bounds(transects: list[dict[str, Any]]) -> list[str]:
+    """What to say of transects whose near bank may hide water."""
+    behind = sum(each["bound"] is not None for each in transects)
+    if not behind:
+        return []
+    hides = f"each metre of growth on it hides {ONE_SIDED:g} m of water or more (hidden_m_per_m)"
+    return [f"{behind} transects look over their near bank: {hides}, their widths are bounds from below"]
 
 
 def width_summary(widths: RiverWidths, used: BoolArray) -> dict[str, Any]:
@@ -69,16 +86,13 @@ def width_summary(widths: RiverWidths, used: BoolArray) -> dict[str, Any]:
     }
 
 
-_SIDES: Final = ("left", "right")
-
-
 def river_frame(status: RiverStatus, reasons: list[str], confidence: float) -> dict[str, Any]:
     """A document without an answer yet."""
     return {
         "schema": SCHEMA,
         "status": str(status),
         "reasons": reasons,
-        "banks": {side: [] for side in _SIDES},
+        "banks": {side: [] for side in SIDES},
         "transects": [],
         "width_m": None,
         "confidence": confidence,
@@ -95,50 +109,62 @@ def _rounded(pixels: FloatArray) -> list[list[float]]:
     return rows
 
 
+def blank_transect(station_m: float, status: RiverStatus, reason: str | None) -> dict[str, Any]:
+    """A transect without a width: every key that one has, of one image as of many."""
+    return {
+        "station_m": station_m,
+        **dict.fromkeys((*SIDES, "width_m", "std", "ci95", "wetted_m", "wetted_std", "channels", "bound")),
+        **dict.fromkeys(("hidden_m_per_m", "points_enu_m", "geo")),
+        "status": str(status),
+        "reason": reason,
+        "bank_std_px": [None, None],
+        "images": 0,
+        "scatter_m": None,
+    }
+
+
+def measured_transect(
+    widths: RiverWidths, row: int, islands: tuple[Islands, int], hidden: FloatArray, sample: PoseSample
+) -> dict[str, Any]:
+    """What a transect with a width has.
+
+    Args:
+        widths: Widths, and which of them it is.
+        row: Likewise.
+        islands: What is dry, and which of them it is.
+        hidden: ``(2,)`` metres of water that a metre of growth hides on the left and on the right bank.
+        sample: Whose place the points are from.
+    """
+    (dry, at), width, std = islands, float(widths.width_m[row]), float(widths.std_m[row])
+    return {
+        "width_m": width,
+        "std": std,
+        "ci95": widths.ci95_m[row].tolist(),
+        "wetted_m": width - float(dry.dry_m[at]),
+        "wetted_std": math.hypot(std, float(dry.std_m[at])),
+        "channels": int(dry.count[at]) + 1,
+        "bound": "at_least" if hidden.max() >= ONE_SIDED else None,
+        "hidden_m_per_m": hidden.tolist(),
+        "points_enu_m": widths.points_enu_m[row].tolist(),
+        "geo": geo_of(sample, widths.points_enu_m[row]),
+    }
+
+
 def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
     measured = {int(row): index for index, row in enumerate(found.rows)}
-    ci95, std = found.widths.ci95_m, found.widths.std_m
     assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
     hidden = hidden_per_metre(sample.pose, found.widths.points_enu_m)
     for row, status in enumerate(found.status):
         index = measured.get(row)
-        keys = (
-            "width_m",
-            "std",
-            "ci95",
-            "wetted_m",
-            "wetted_std",
-            "channels",
-            "bound",
-            "hidden_m_per_m",
-            "points_enu_m",
-            "geo",
-        )
-        answer: dict[str, Any] = dict.fromkeys(keys)
+        each = blank_transect(float(found.transects.stations_m[row]), status, WHY.get(status))
         if index is not None and status is RiverStatus.OK:
-            points = found.widths.points_enu_m[index]
-            answer = {
-                "width_m": float(found.widths.width_m[index]),
-                "std": float(std[index]),
-                "ci95": ci95[index].tolist(),
-                "wetted_m": float(found.widths.width_m[index] - found.islands.dry_m[row]),
-                "wetted_std": math.hypot(float(std[index]), float(found.islands.std_m[row])),
-                "channels": int(found.islands.count[row]) + 1,
-                "bound": "at_least" if hidden[index].max() >= ONE_SIDED else None,
-                "hidden_m_per_m": hidden[index].tolist(),
-                "points_enu_m": points.tolist(),
-                "geo": geo_of(sample, points),
-            }
-        ends = zip(_SIDES, found.edges.pixels_px[row], found.edges.std_px[row], strict=True)
-        sides = {side: (pixel, px) for side, pixel, px in ends if math.isfinite(pixel[0])}
-        yield {
-            "station_m": float(found.transects.stations_m[row]),
-            **{side: _rounded(sides[side][0]) if side in sides else None for side in _SIDES},
-            **answer,
-            "status": str(status),
-            "reason": WHY.get(status),
-            "bank_std_px": [float(sides[side][1]) if side in sides else None for side in _SIDES],
-        }
+            each |= measured_transect(found.widths, index, (found.islands, row), hidden[index], sample)
+            each["images"] = 1
+        for column, side in enumerate(SIDES):
+            pixel = found.edges.pixels_px[row, column]
+            if math.isfinite(pixel[0]):
+                each[side], each["bank_std_px"][column] = _rounded(pixel), float(found.edges.std_px[row, column])
+        yield each
 
 
 def geo_of(sample: PoseSample, points_enu_m: FloatArray) -> list[dict[str, float]] | None:

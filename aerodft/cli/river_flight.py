@@ -4,16 +4,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
-from aerodft.cli.output import progress_bar
-from aerodft.cli.river_document import geo_of, river_frame, width_summary
+from aerodft.cli.output import steps
+from aerodft.cli.river_flight_document import reach_document, refused_reach
 from aerodft.cli.river_flight_files import write_flight
 from aerodft.cli.river_views import View, Views
 from aerodft.dft.request import Setup
 from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.river import NoRiver, RiverQuestion, RiverStatus
-from aerodft.vision.river_reach import Reach, ReachView, measure_reach
+from aerodft.vision.river import NoRiver, RiverQuestion
+from aerodft.vision.river_reach import ReachView, measure_reach
 from aerodft.vision.water_motion import LaterLook
 from aerodft.vision.water_plane import WaterPlane
 
@@ -49,11 +47,13 @@ def flight_document(views: Views, level: WaterLevel, question: RiverQuestion, ou
         InputError: An image cannot be read, or the folder cannot be written.
     """
     asked = [_asked(each, level) for each in views.views]
-    with progress_bar("looking at the river", 0, 2 * len(asked)) as advance:
+    with steps("looking at the river twice in each image", 2 * len(asked)) as advance:
         found = measure_reach(asked, question, advance)
-    document = _document(found, views)
-    if isinstance(found, Reach) and output is not None:
-        write_flight(output, document, found, views.views[0].sample)
+    if isinstance(found, NoRiver):
+        return refused_reach(found, views)
+    document = reach_document(found, views)
+    if output is not None:
+        write_flight(output, document, found, views)
     return document
 
 
@@ -69,61 +69,3 @@ def _asked(view: View, level: WaterLevel) -> ReachView:
 def _pose(sample: PoseSample) -> Pose:
     assert sample.pose is not None  # noqa: S101 - views have one, for the type checker
     return sample.pose
-
-
-def _document(found: Reach | NoRiver, views: Views) -> dict[str, Any]:
-    facts = {"looked_at": len(views.views), "with_pixels": views.images, "without_pose": views.refused}
-    if isinstance(found, NoRiver):
-        return river_frame(found.status, [found.reason], 0.0) | {"images": facts}
-    widths, origin = found.found.widths, views.views[0].sample
-    used = found.found.images > 0
-    told = sum(status is RiverStatus.OK for status in found.status)
-    document = river_frame(RiverStatus.OK, _reasons(found), told / len(views.views))
-    document["transects"] = [_transect(found, row, origin) for row in range(len(used))]
-    document["width_m"] = width_summary(widths, used)
-    document["images"] = facts | {"scatter_ratio": found.found.scatter_ratio, "each": list(_images(found, views))}
-    return document
-
-
-def _reasons(found: Reach) -> list[str]:
-    many = found.found.scatter_ratio
-    return [f"images scatter {many:.1f} times as much as they state: the stds contain it"] if many > 1.5 else []  # noqa: PLR2004 - less is nothing to tell
-
-
-def _transect(found: Reach, row: int, origin: PoseSample) -> dict[str, Any]:
-    widths, images = found.found.widths, int(found.found.images[row])
-    answer: dict[str, Any] = dict.fromkeys(("width_m", "std", "ci95", "scatter_m", "points_enu_m", "geo"))
-    status = RiverStatus.OUT_OF_IMAGE
-    if images:
-        points, scatter = widths.points_enu_m[row], found.found.scatter_m[row]
-        status = RiverStatus.OK
-        answer = {
-            "width_m": float(widths.width_m[row]),
-            "std": float(widths.std_m[row]),
-            "ci95": widths.ci95_m[row].tolist(),
-            "scatter_m": float(scatter) if np.isfinite(scatter) else None,
-            "points_enu_m": points.tolist(),
-            "geo": geo_of(origin, points),
-        }
-    reason = None if images else "no image shows both banks here"
-    return {
-        "station_m": float(found.stations_m[row]),
-        **answer,
-        "images": images,
-        "status": str(status),
-        "reason": reason,
-    }
-
-
-def _images(found: Reach, views: Views) -> list[dict[str, Any]]:
-    rows = zip(views.views, found.status, found.reasons, found.found.drift.tolist(), strict=True)
-    return [
-        {
-            "image": view.index,
-            "stamp_ns": str(view.sample.stamp_ns),
-            "status": str(status),
-            "reason": reason or None,
-            "drift": drift if np.isfinite(drift) else None,
-        }
-        for view, status, reason, drift in rows
-    ]

@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline, check_size
@@ -24,6 +26,10 @@ from aerodft.service.ports import Source
 from aerodft.vision.water_motion import LATEST_S, SOONEST_S, motion_copy
 from replay.recording import Recording
 from replay.source import RecordingSource
+
+_WANTED: Final = "an image, a fixed camera's video, or a recording"
+_LOGS: Final = {"a MAVLink .tlog": ".tlog", "an ArduPilot .bin log": ".bin"}
+_NO_IMAGES: Final = frozenset({"text", "a ZIP archive", "a gzip archive", "a PDF document"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,11 +68,13 @@ class Views:
         views: Those to look at.
         images: How many images with pixels there are.
         refused: How many of them have no pose, by status.
+        is_utc: Whether their stamps are; else they count from the first image.
     """
 
     views: tuple[View, ...]
     images: int
     refused: dict[str, int]
+    is_utc: bool
 
 
 def is_recording(path: Path) -> bool:
@@ -76,12 +84,18 @@ def is_recording(path: Path) -> bool:
         InputError: It is none of them.
     """
     if not path.exists():
-        raise InputError("no such file", where=path, expected="an image, a fixed camera's video, or a recording")
+        raise InputError("no such file", where=path, expected=_WANTED)
     if path.is_dir() and not any(path.glob("*.mcap")):
         hint = "`aerodft import LOG --images FOLDER` makes a recording of images and a flight's log"
         raise InputError(
             "a folder without a recording", where=path, expected="an image, a video, a recording", hint=hint
         )
+    kind = looks_like(path)
+    if kind in _LOGS or path.suffix.lower() in _LOGS.values():
+        hint = "`aerodft import LOG --images FOLDER` (or --video FILE) makes a recording of a log and its images"
+        raise InputError("a flight's log has no images", where=path, got=kind, expected=_WANTED, hint=hint)
+    if kind in _NO_IMAGES:
+        raise InputError("no image", where=path, got=kind, expected=_WANTED)
     return path.is_dir() or path.suffix.lower() == ".mcap"
 
 
@@ -118,7 +132,7 @@ def recorded_views(folder: Path, config: Path | None, calibration: Path | None, 
         if after is not None:
             later = LaterView(*zoomed(setup, posed[after][1]), _copied(source.pixels[posed[after][0]]))
         views.append(View(index, *zoomed(setup, sample), source.pixels[index], later))
-    return Views(tuple(views), len(kept), refused)
+    return Views(tuple(views), len(kept), refused, is_utc=True)
 
 
 def filmed_views(video: Path, setup: Setup, sample: PoseSample, most: int) -> Views:
@@ -149,7 +163,7 @@ def filmed_views(video: Path, setup: Setup, sample: PoseSample, most: int) -> Vi
             then = replace(sample, stamp_ns=stamps[later])
             view = replace(view, later=LaterView(setup, then, partial(copies.__getitem__, later)))
         views.append(view)
-    return Views(tuple(views), len(stamps), {})
+    return Views(tuple(views), len(stamps), {}, is_utc=False)
 
 
 def _soon_after(stamps_ns: IntArray, row: int) -> int | None:

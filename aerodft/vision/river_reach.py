@@ -12,6 +12,7 @@ from aerodft.dft.river_widths import RiverWidths
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.pose import Pose
 from aerodft.vision.reach import WaterView, reach_line, seed_on
+from aerodft.vision.reach_islands import common_islands, usable_of
 from aerodft.vision.river import (
     NoRiver,
     River,
@@ -23,6 +24,7 @@ from aerodft.vision.river import (
     river_across,
     stations_along,
 )
+from aerodft.vision.river_banks import Islands
 from aerodft.vision.water_motion import LaterLook
 from aerodft.vision.water_plane import WaterPlane
 from aerodft.vision.waterway import Centreline, looked_up
@@ -55,15 +57,15 @@ class Reach:
         line: Its centreline, in the direction in which left and right are meant.
         stations_m: ``(n,)`` of its transects, along the line.
         found: Their widths.
-        status: Of each view: ``ok`` where it tells the width of any transect.
-        reasons: Why a view tells none; empty where it does.
+        islands: What is dry between their banks.
+        looks: What each view tells of the transects, or why it tells nothing.
     """
 
     line: Centreline
     stations_m: FloatArray
     found: ReachWidths
-    status: tuple[RiverStatus, ...]
-    reasons: tuple[str, ...]
+    islands: Islands
+    looks: tuple[River | NoRiver, ...]
 
 
 def measure_reach(
@@ -87,19 +89,15 @@ def measure_reach(
     if line is None:
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
     line = oriented(_plane(views[0]), line, question.flow_rad)
-    looks = [_looked_across(view, look, line, question, rough) for view, look in zip(views, looks, strict=True)]
-    advance(2 * len(views))
+    for row, view in enumerate(views):
+        looks[row] = _looked_across(view, looks[row], line, question, rough)
+        advance(len(views) + row + 1)
     stations = stations_along(line, question.spacing_m)
     found = fuse([_usable(look) for look in looks], len(stations))
     if not np.any(found.images):
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
-    return Reach(
-        line=line,
-        stations_m=stations,
-        found=found,
-        status=tuple(RiverStatus.OK if isinstance(look, River) else look.status for look in looks),
-        reasons=tuple("" if isinstance(look, River) else look.reason for look in looks),
-    )
+    islands = common_islands([look for look in looks if isinstance(look, River)], len(stations))
+    return Reach(line=line, stations_m=stations, found=found, islands=islands, looks=tuple(looks))
 
 
 def _plane(view: ReachView) -> WaterPlane:
@@ -125,7 +123,7 @@ def _looked_across(
     if seed is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "the image does not show the reach")
     if isinstance(look, NoRiver) or not looked_up(look.water.water, look.features.to_small(np.array([seed])))[0]:
-        look = find_river(image, view.setup, view.pose, replace(rough, seed_px=seed), view.later)
+        look = _slim(find_river(image, view.setup, view.pose, replace(rough, seed_px=seed), view.later))
     if isinstance(look, NoRiver):
         return look
     return river_across(image, view.setup, view.pose, question, look, line)
@@ -135,7 +133,7 @@ def _usable(look: River | NoRiver) -> SeenWidths:
     if isinstance(look, NoRiver):
         nothing = RiverWidths(np.empty(0), np.empty((0, 0)), np.empty(0), np.empty(0), np.empty((0, 2, 3)))
         return SeenWidths(np.empty(0, dtype=np.int64), nothing)
-    usable = np.array([look.status[row] is RiverStatus.OK for row in look.rows], dtype=bool)
+    usable = usable_of(look)
     return SeenWidths(look.rows[usable], look.widths.taken(usable))
 
 

@@ -27,11 +27,18 @@ def test_a_link_leads_to_the_file(aerodft, flight_recording, tmp_path):
     assert len((tmp_path / "real.csv").read_text().splitlines()) == 16
 
 
-@pytest.mark.parametrize("output", ["", "/"])
-def test_a_folder_is_no_file(aerodft, flight_recording, output):
-    done = aerodft("export", flight_recording, "-o", output)
+def test_a_folder_is_no_file(aerodft, flight_recording):
+    done = aerodft("export", flight_recording, "-o", "/")
     assert (done.code, done.out) == (3, b"")
-    assert done.last == f"aerodft: {output or '.'}: the file cannot be written: got Is a directory"
+    assert done.last == "aerodft: /: the file cannot be written: got Is a directory"
+
+
+@pytest.mark.parametrize("output", [("-o", ""), ("--output", ""), ("--output=",)])
+@pytest.mark.parametrize("command", ["export", "import", "recompute", "river"])
+def test_an_output_without_a_name_is_not_the_current_folder(aerodft, flight_recording, command, output):
+    done = aerodft(command, flight_recording, *output)
+    assert (done.code, done.out) == (2, b"")
+    assert done.err == "aerodft: --output: got nothing, expected a file or a folder to write to\n"
 
 
 @pytest.mark.parametrize("window", [("--from", "1000"), ("--to", "-5")])

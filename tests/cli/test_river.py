@@ -11,6 +11,7 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
+from aerodft.cli.river_table import COLUMNS
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 
@@ -59,6 +60,28 @@ def test_widths_are_those_of_the_river(shot, tmp_path):
     assert names == {"centreline", "bank-left", "bank-right", "transect", "water"}
     assert json.loads((tmp_path / "out/result.json").read_text())["width_m"] == document["width_m"]
     assert cv2.imread(str(tmp_path / "out/plate.png")) is not None
+    assert set(rows[0]) == set(COLUMNS)
+    row, each = next((row, each) for row, each in zip(rows, document["transects"], strict=True) if row["width_m"])
+    assert [float(row[name]) for name in ("std_m", "ci95_low_m", "ci95_high_m", "wetted_m", "left_u", "right_lat")] == [
+        each["std"], *each["ci95"], each["wetted_m"], each["left"][0], each["geo"][1]["lat"],
+    ]  # fmt: skip
+    assert (row["images"], row["scatter_m"]) == ("1", "")
+
+
+def test_without_a_place_there_is_no_geojson(shot, tmp_path):
+    """GeoJSON is WGS84: metres under its name would lie in the Gulf of Guinea."""
+    _, image, options = shot
+    done = aerodft(image, *options, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert not (tmp_path / "out/river.geojson").exists()
+    assert str(tmp_path / "out/river_local.json") in document["files"]
+    assert "river_local.json, in metres" in done.stderr
+    local = json.loads((tmp_path / "out/river_local.json").read_text())
+    assert (local["schema"], local["unit"], "type" in local) == ("aerodft.river_local/1", "m", False)
+    drawn = [each["geometry"]["coordinates"] for each in local["features"] if each["properties"]["name"] == "transect"]
+    measured = [each["points_enu_m"] for each in document["transects"] if each["points_enu_m"]]
+    np.testing.assert_allclose(drawn, np.array(measured)[..., :2])
 
 
 def test_height_is_shared_by_all_widths(shot):
@@ -98,3 +121,20 @@ def test_what_is_neither_image_nor_video_nor_recording_is_one_sentence(tmp_path)
     folder = aerodft(tmp_path / "frames", "--height", 40, "--tilt", 30)
     assert (folder.returncode, "a folder without a recording" in folder.stderr) == (3, True)
     assert "import" in folder.stderr
+    (tmp_path / "flight.tlog").write_bytes(bytes(8) + b"\xfd\x09" + bytes(40))
+    (tmp_path / "log.jpg").write_bytes(b"\xa3\x95\x80\x80" + bytes(40))
+    for name, kind in (("flight.tlog", "a MAVLink .tlog"), ("log.jpg", "an ArduPilot .bin log")):
+        log = aerodft(tmp_path / name, "--camera", "cam.toml", "--height", 40, "--tilt", 30)
+        assert log.returncode == 3
+        assert f"{name}: a flight's log has no images: got {kind}" in log.stderr
+        assert "aerodft import LOG --images FOLDER" in log.stderr
+    (tmp_path / "notes.txt").write_text("banks")
+    text = aerodft(tmp_path / "notes.txt", "--camera", "cam.toml", "--height", 40, "--tilt", 30)
+    assert (text.returncode, "no image: got text" in text.stderr) == (3, True)
+
+
+def test_how_many_images_is_not_asked_of_one(shot):
+    _, image, options = shot
+    done = aerodft(image, *options, "--images", 5)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "--images beside one image" in done.stderr

@@ -13,6 +13,7 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
+from aerodft.cli.river_table import COLUMNS
 from aerodft.geometry.geodesy import east_north
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Biases
@@ -93,11 +94,26 @@ def test_left_is_left_looking_downstream_and_files_say_what_the_document_says(me
     assert {each["properties"]["name"] for each in features} == {
         "centreline", "bank-left", "bank-right", "transect", "water",
     }  # fmt: skip
-    assert (folder / "plate.png").stat().st_size > 20_000
+    assert set(rows[0]) == set(COLUMNS)  # those of one image
     looked = document["images"]
     assert looked["looked_at"] == len(looked["each"]) == 8
     assert looked["without_pose"]
     assert sum(each["drift"] is not None for each in looked["each"]) >= 4
+    told = [each for each in looked["each"] if each["status"] == "ok"]
+    assert (looked["used"], looked["used_share"]) == (len(told), len(told) / 8)
+    assert document["confidence"] == pytest.approx(np.median([each["confidence"] for each in told]))
+    assert looked["each"][0]["since_s"] == 0.0
+    assert all(each["wetted_m"] == each["width_m"] and each["channels"] == 1 for each in used), "it has no island"
+    assert all(each["bound"] is None and max(each["hidden_m_per_m"]) < 0.5 for each in used)
+
+
+def test_the_plate_shows_an_image_of_the_flight(measured):
+    """Its water, its grass: of what is drawn without an image nothing is green but by chance."""
+    _, folder = measured
+    plate = cv2.imread(str(folder / "plate.png")).astype(int)
+    blue, green, red = np.moveaxis(plate[: plate.shape[0] * 2 // 5], -1, 0)
+    assert np.mean((green > red + 15) & (green > blue + 15)) > 0.1
+    assert np.mean((blue > red + 15) & (blue > 40) & (green < 140)) > 0.05
 
 
 def test_a_fixed_cameras_video_gives_what_its_image_gives(aerodft, tmp_path):
@@ -121,6 +137,11 @@ def test_a_fixed_cameras_video_gives_what_its_image_gives(aerodft, tmp_path):
     assert many["median"] == pytest.approx(one["median"], rel=0.01)
     assert many["std"] == pytest.approx(one["std"], rel=0.2)  # the pose is the same in every image
     assert film.json["images"]["looked_at"] == 6
+    assert film.json["confidence"] == pytest.approx(still.json["confidence"], abs=0.1)  # the same share of the outline
+    each = film.json["images"]["each"]
+    assert [one["since_s"] for one in each] == pytest.approx(np.arange(6) / 5)
+    assert all(one["stamp_ns"] is None for one in each), "nobody said when it was filmed"
+    assert set(film.json["transects"][0]) == set(still.json["transects"][0])
 
 
 @pytest.mark.parametrize(

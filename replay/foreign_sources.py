@@ -2,11 +2,12 @@
 
 import heapq
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
 from PIL import Image as PillowImage
 
 from aerodft.adapters.foreign.frames import FrameReader
@@ -14,11 +15,12 @@ from aerodft.adapters.foreign.pictures import Picture, read_picture
 from aerodft.adapters.images.packet_decoders import decoder_of
 from aerodft.adapters.images.pixels import FramePixels, StillPixels
 from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.errors import InputError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image, StampClock
 from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.feed import block_of, first_arrival_ns
+from aerodft.service.feed import first_arrival_ns
 from replay.foreign import ForeignRecording
 
 if TYPE_CHECKING:
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
 
     from aerodft.adapters.images.packets import PacketDecoder
 
-_BLOCK_FRAMES: Final = 4096
+_BATCH: Final = 4096
+_BATCH_BYTES: Final = 1 << 18
 _STILLS: Final = ("jpeg", "jpg", "png", "webp", "tiff")
 _log = logging.getLogger(__name__)
 
@@ -76,19 +79,22 @@ class _Topic:
     def blocks(self) -> Iterator[RawBlock]:
         self._reader, self._backwards = FrameReader(self._recording.channels[self._topic]), 0
         last_ns = 0
-        arrivals_ns: list[int] = []
-        frames: list[bytes] = []
-        for message in self._recording.messages(self._topic):
-            self._backwards += message.log_ns < last_ns
-            last_ns = max(last_ns, message.log_ns)
-            found = self._reader.frames(message.data)
-            arrivals_ns += [last_ns] * len(found)
-            frames += found
-            if len(frames) >= _BLOCK_FRAMES:
-                yield block_of(WireProtocol.MAVLINK, self._topic, arrivals_ns, frames)
-                arrivals_ns, frames = [], []
-        if frames:
-            yield block_of(WireProtocol.MAVLINK, self._topic, arrivals_ns, frames)
+        for messages in _batches(self._recording.messages(self._topic)):
+            stamps_ns = np.array([message.log_ns for message in messages], dtype=np.int64)
+            arrivals_ns = np.maximum(np.maximum.accumulate(stamps_ns), last_ns)
+            self._backwards += int(np.count_nonzero(stamps_ns < np.concatenate([[last_ns], arrivals_ns[:-1]])))
+            last_ns = int(arrivals_ns[-1])
+            cut, message = self._reader.cut([message.data for message in messages])
+            if len(message):
+                yield RawBlock(
+                    protocol=WireProtocol.MAVLINK,
+                    sender=self._topic,
+                    arrival_ns=arrivals_ns[message],
+                    offset=cut.offset,
+                    length=cut.length,
+                    data=cut.data,
+                    checked=True,
+                )
 
     def warnings(self) -> Iterator[str]:
         where, counts = f"{self._recording.path}, {self._topic}", self.counts
@@ -103,6 +109,20 @@ class _Topic:
                 f"{where}: the recording machine's clock stepped back ({self._backwards} messages stamped"
                 " earlier than one before them); their arrival was held"
             )
+
+
+def _batches(messages: Iterable[ReadMessage]) -> Iterator[list[ReadMessage]]:
+    """Messages, some thousands together: of no more bytes than are quickly gone through."""
+    batch: list[ReadMessage] = []
+    size = 0
+    for message in messages:
+        batch.append(message)
+        size += len(message.data)
+        if len(batch) >= _BATCH or size >= _BATCH_BYTES:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
 
 
 @dataclass(slots=True)

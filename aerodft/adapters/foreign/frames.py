@@ -3,17 +3,19 @@
 import base64
 import binascii
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
+import numpy as np
 import orjson
 
 from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import JSON, ROS1, type_of
 from aerodft.adapters.foreign.mavlink_json import JsonPacker
-from aerodft.adapters.mavlink.framing import FrameCounts, StreamFramer
+from aerodft.adapters.mavlink.framing import Cut, FrameCounts, StreamFramer
 from aerodft.adapters.mavlink.layout import SIGNATURE, SIGNED, V1, V2
 from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.model.arrays import IntArray
 
 _V1_HEAD: Final = struct.Struct("<BBBBBB")
 _V2_HEAD: Final = struct.Struct("<BBBBBBB")
@@ -52,6 +54,13 @@ class FrameReader:
         """The frames that are complete with this message."""
         unwrapped = self.unwrapped(data)
         return self._framer.push(unwrapped) if unwrapped else []
+
+    def cut(self, messages: Sequence[bytes]) -> tuple[Cut, IntArray]:
+        """The frames that are complete with these messages; and of each the message with which it is, ``(n,)``."""
+        unwrapped = [self.unwrapped(data) for data in messages]
+        ends = np.cumsum(np.fromiter(map(len, unwrapped), dtype=np.int64, count=len(unwrapped)))
+        cut = self._framer.cut(b"".join(unwrapped))
+        return cut, np.searchsorted(ends, cut.offset + cut.length - cut.known)
 
     def unwrapped(self, data: bytes) -> bytes:
         """What a message holds of a link's bytes; nothing where it cannot be read."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.kernels import scan_stream
 from aerodft.adapters.mavlink.layout import (
     AT_SYNC,
     MIN_FRAME,
@@ -20,7 +19,7 @@ from aerodft.adapters.mavlink.layout import (
     N_UNKNOWN,
     STATE_SIZE,
 )
-from aerodft.geometry.jit import expect
+from aerodft.adapters.mavlink.loops import scan_stream
 from aerodft.model.arrays import IntArray
 
 
@@ -64,6 +63,28 @@ def counts_of(state: IntArray) -> FrameCounts:
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """The frames that are in some bytes.
+
+    Attributes:
+        data: The bytes.
+        offset: ``(n,)`` where each begins.
+        length: ``(n,)`` bytes of each.
+        known: So many of the bytes are older than the others: what was left of those before.
+    """
+
+    data: bytes
+    offset: IntArray
+    length: IntArray
+    known: int
+
+    def each(self) -> list[bytes]:
+        """The frames."""
+        places = zip(self.offset.tolist(), self.length.tolist(), strict=True)
+        return [self.data[start : start + size] for start, size in places]
+
+
 class StreamFramer:
     """Cuts one sender's bytes into frames, however they were cut into reads."""
 
@@ -81,11 +102,15 @@ class StreamFramer:
 
     def push(self, data: bytes) -> list[bytes]:
         """Whole frames that are complete with these bytes."""
-        return self._scan(self._rest + data)
+        return self.cut(data).each()
+
+    def cut(self, data: bytes) -> "Cut":
+        """The same, as places in the bytes."""
+        return self._scan(self._rest + data, known=len(self._rest))
 
     def flush(self) -> list[bytes]:
         """What is left when nothing follows."""
-        return self._scan(self._rest, given_up=len(self._rest))
+        return self._scan(self._rest, known=len(self._rest), given_up=len(self._rest)).each()
 
     def overdue(self) -> list[bytes]:
         """Frames behind one that was begun before the last call and is not whole yet: that one is cut.
@@ -93,14 +118,13 @@ class StreamFramer:
         Without any it is waited for: the link may just have stopped.
         """
         state, rest, given_up = self._state.copy(), self._rest, self._seen_before
-        frames = self._scan(rest, given_up=given_up) if given_up else []
+        frames = self._scan(rest, known=len(rest), given_up=given_up).each() if given_up else []
         if not frames:
             self._state, self._rest = state, rest
         self._seen_before = len(self._rest)
         return frames
 
-    def _scan(self, data: bytes, *, given_up: int = 0) -> list[bytes]:
-        expect(len(data))
+    def _scan(self, data: bytes, *, known: int, given_up: int = 0) -> "Cut":
         capacity = len(data) // MIN_FRAME + 1
         if capacity > len(self._offsets):
             self._offsets = np.empty(capacity, dtype=np.int64)
@@ -116,5 +140,4 @@ class StreamFramer:
         self._rest = data[done:]
         self._seen_before = max(self._seen_before - done, 0)
         self._state[AT_SYNC:] -= done
-        starts, sizes = self._offsets[:found].tolist(), self._lengths[:found].tolist()
-        return [data[start : start + size] for start, size in zip(starts, sizes, strict=True)]
+        return Cut(data, self._offsets[:found].copy(), self._lengths[:found].copy(), known)

@@ -1,5 +1,7 @@
 """The loops over files' bytes: over whole arrays while they are few, then compiled where that is possible."""
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,17 +11,29 @@ from aerodft.adapters.mavlink import (
     selection,
     vectorised,
     vectorised_selection,
+    vectorised_stream,
     vectorised_tlog,
 )
-from aerodft.adapters.mavlink.layout import Bytes, Table
+from aerodft.adapters.mavlink.layout import MAX_FRAME, Bytes, Table
 from aerodft.geometry.jit import expect, is_loaded
 from aerodft.model.arrays import IntArray
+
+_BYTES_A_STEP: Final = 16  # over whole arrays
 
 
 def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray, state: IntArray) -> tuple[int, int]:
     """``kernels.scan_tlog``; may go less far at once."""
     scan = kernels.scan_tlog if is_loaded() else vectorised_tlog.scan_tlog
     return scan(data, start, limit, table, rows, state)
+
+
+def scan_stream(
+    data: Bytes, *, given_up: int, table: Table, offsets: IntArray, lengths: IntArray, state: IntArray
+) -> tuple[int, int]:
+    """``kernels.scan_stream``."""
+    expect(min(len(data), MAX_FRAME) + len(data) // _BYTES_A_STEP)
+    scan = kernels.scan_stream if is_loaded() else vectorised_stream.scan_stream
+    return scan(data, given_up=given_up, table=table, offsets=offsets, lengths=lengths, state=state)
 
 
 def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *, checked: bool) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -112,8 +113,9 @@ class Renderer:
         return np.asarray(cv2.add(image, cut, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
+@lru_cache(maxsize=2)
 def _ray_table(camera: Camera) -> Rays:
-    """``(h, w, 3)`` float32; zero where the lens model has no inverse."""
+    """``(h, w, 3)`` float32; zero where the lens model has no inverse. Kept: a second of work for 1080p."""
     u, v = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     rays = rays_from_pixels(camera, np.stack([u, v], axis=-1))
     return np.nan_to_num(rays).astype(np.float32)

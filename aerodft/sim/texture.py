@@ -59,6 +59,7 @@ def pyramid(seed: int, octaves: int, roughness: float) -> Pyramid:
     )
 
 
+@lru_cache(maxsize=3)
 def sensor_noise(seed: int, height_px: int, width_px: int, std: float) -> npt.NDArray[np.int16]:
     """Gaussian noise in grey levels, ``(height_px, width_px, 3)``."""
     generator = np.random.default_rng(seed)

@@ -1,7 +1,6 @@
 """Poses from the angles and standard deviations that people say."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 
@@ -10,25 +9,28 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import Pose, PoseStd
 
 
-def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | Sequence[PoseStd]) -> FloatArray:
+def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd) -> FloatArray:
     """6 x 6 covariance (ENU position, small rotation in camera axes) of independent stds, ``(..., 6, 6)``.
 
     Tilt, pan and roll are rotations about the camera's x, y and z; the heading's is about the vertical.
 
     Args:
         enu_wxyz_cam: ``(..., 4)``.
-        std: One for all of them, or of ``(n, 4)`` one each.
+        std: One for all of them.
     """
-    stds = [std] if isinstance(std, PoseStd) else std
-    rows = np.array([[each.height_agl_m**2, each.horizontal_m**2, each.heading_rad**2] for each in stds])
-    about = np.array([[each.tilt_rad**2, each.pan_rad**2, each.roll_rad**2] for each in stds])
-    if isinstance(std, PoseStd):
-        rows, about = rows[0], about[0]
+    return pose_covariances(enu_wxyz_cam, np.array(astuple(std)))
+
+
+def pose_covariances(enu_wxyz_cam: FloatArray, std: FloatArray) -> FloatArray:
+    """The same of attitudes ``(..., 4)`` with standard deviations ``(..., 7)``, as in ``PoseStd``, broadcast."""
+    # As Python squares: numpy does otherwise in the last bit of one in a thousand, and recordings must come out alike.
+    variances = np.array([each**2 for each in std.ravel().tolist()]).reshape(std.shape)
+    height, horizontal, tilt, pan, roll, heading, _ = np.moveaxis(variances, -1, 0)
     up_cam = matrix(enu_wxyz_cam)[..., 2, :]
     cov = np.zeros((*up_cam.shape[:-1], 6, 6))
-    cov[..., range(3), range(3)] = rows[..., [1, 1, 0]]
-    cov[..., range(3, 6), range(3, 6)] = about
-    cov[..., 3:, 3:] += rows[..., 2, None, None] * up_cam[..., :, None] * up_cam[..., None, :]
+    for axis, variance in enumerate((horizontal, horizontal, height, tilt, pan, roll)):
+        cov[..., axis, axis] = variance
+    cov[..., 3:, 3:] += heading[..., None, None] * up_cam[..., :, None] * up_cam[..., None, :]
     return cov
 
 

@@ -1,13 +1,12 @@
 """Where the camera is and where it looks, with one joint covariance."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Final
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray, FloatLike, read_only
+from aerodft.model.arrays import FloatArray, FloatLike, IntArray, read_only
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom
 
@@ -49,24 +48,23 @@ class Pose:
         ):
             object.__setattr__(self, name, read_only(getattr(self, name), trailing=trailing))
 
-    def rows(self) -> "list[Pose]":
-        """The single poses of ``(n,)``, which share its arrays; all together take as long as copies of a few."""
-        count = len(self.position_enu_m)
-        lens = self.lens_cov if self.lens_cov.ndim > 2 else [self.lens_cov] * count  # noqa: PLR2004 - one for all
-        columns: tuple[Iterable[object], ...] = (self.position_enu_m, self.wxyz, self.cov, lens)
-        columns = (*columns, self.velocity_enu_mps, self.rate_cam_radps, np.broadcast_to(self.time_std_s, count))
-        return [_of_read_only(row) for row in zip(*columns, strict=True)]
+    def row(self, row: int) -> "Pose":
+        """One of ``(n,)`` poses."""
+        alone = {"position_enu_m": 1, "wxyz": 1, "cov": 2, "lens_cov": 2, "velocity_enu_mps": 1, "rate_cam_radps": 1}
+        columns = {name: getattr(self, name) for name in alone}
+        rows = {name: each[row] if each.ndim > alone[name] else each for name, each in columns.items()}
+        return Pose(**rows, time_std_s=float(np.broadcast_to(self.time_std_s, len(self.wxyz))[row]))
 
-
-_SET: Final = tuple(getattr(Pose, name).__set__ for name in Pose.__slots__)
-
-
-def _of_read_only(values: tuple[object, ...]) -> Pose:
-    """A pose of arrays that nobody can write to and that have the right shapes, in the order of its fields."""
-    pose = object.__new__(Pose)
-    for put, value in zip(_SET, values, strict=True):
-        put(pose, value)
-    return pose
+    def rows(self, rows: IntArray) -> "Pose":
+        """Some of ``(n,)`` poses with a covariance each, without a lens."""
+        return Pose(
+            position_enu_m=self.position_enu_m[rows],
+            wxyz=self.wxyz[rows],
+            cov=self.cov[rows],
+            velocity_enu_mps=self.velocity_enu_mps[rows],
+            rate_cam_radps=self.rate_cam_radps[rows],
+            time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows],
+        )
 
 
 def stacked(poses: Sequence[Pose]) -> Pose:

@@ -76,8 +76,8 @@ class Track:
     arrival_ns: IntArray
     boot_ns: IntArray
 
-    def rows(self, good: BoolArray | IntArray, *, boot_ns: IntArray) -> Self:
-        """The rows where ``good (n,)``, or these rows, with these times since boot."""
+    def rows(self, good: BoolArray | IntArray | slice, *, boot_ns: IntArray) -> Self:
+        """The rows where ``good (n,)``, or these rows, or this part of them, with these times since boot."""
         columns = {each.name: getattr(self, each.name) for each in fields(self)}
         arrays = {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
         return replace(self, **{name: value[good] for name, value in {**arrays, "boot_ns": boot_ns}.items()})

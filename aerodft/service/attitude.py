@@ -7,7 +7,7 @@ import numpy as np
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
-from aerodft.service.attitude_readings import CameraAttitude, Readings, Resolver
+from aerodft.service.attitude_readings import CameraAttitude, CameraAttitudes, Readings, Resolver, Told
 from aerodft.service.carried import Ends
 from aerodft.service.gimbal import Gimbal
 from aerodft.service.gimbal_frame import FrameEvidence
@@ -15,7 +15,7 @@ from aerodft.service.reports import Asked, Refused, readings_of, refused
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import Missing, Stream
 
-__all__ = ["AttitudeSources", "CameraAttitude", "Refused"]
+__all__ = ["AttitudeSources", "CameraAttitude", "CameraAttitudes", "Refused", "Told"]
 
 
 class AttitudeSources:
@@ -90,19 +90,19 @@ class AttitudeSources:
                 missing = self._gimballed(source, stamp_ns, watermark_ns)
             if missing is None:
                 asked = Asked(np.array([stamp_ns]), np.array([self._tick]), np.array([True]))
-                ((_, (found,)),) = self._resolved(source, asked)
-                return found
+                ((_, found),) = self._resolved(source, asked)
+                return found.row(0)
             if isinstance(missing, Refused) or missing is Missing.PENDING:
                 return missing
             worst = Missing.STALE if Missing.STALE in (worst, missing) else worst
         return worst
 
-    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[CameraAttitude | None]:
+    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> CameraAttitudes:
         """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
 
-        None where it is not that simple: unknown, refused, or more may come.
+        Not known where it is not that simple: unknown, refused, or more may come.
         """
-        found: list[CameraAttitude | None] = [None] * len(stamps_ns)
+        found = CameraAttitudes.none(len(stamps_ns))
         left = np.arange(len(stamps_ns))
         for source in self._settings.order:
             stream = self._vehicle if source is GimbalSource.FIXED_MOUNT else self._gimbals[source].stream
@@ -110,8 +110,7 @@ class AttitudeSources:
                 continue
             is_over = (self._vehicle.newest_at(ticks) >= stamps_ns) | (not self._vehicle.has_begun)
             for rows, attitudes in self._resolved(source, Asked(stamps_ns[left], ticks[left], is_over[left])):
-                for row, attitude in zip(left[rows].tolist(), attitudes, strict=True):
-                    found[row] = attitude
+                found = found.put(left[rows], attitudes)
             is_known = stream.find_all(stamps_ns[left], ticks[left]).is_known
             left = left[~is_known & (stream.newest_at(ticks[left]) >= stamps_ns[left])]  # the next source is asked
         return found
@@ -144,7 +143,7 @@ class AttitudeSources:
     def _frame(self, evidence: FrameEvidence) -> ReportFrame:
         return self._settings.frame or evidence.frame or ReportFrame.EARTH
 
-    def _resolved(self, source: GimbalSource, asked: Asked) -> Iterator[tuple[IntArray, list[CameraAttitude]]]:
+    def _resolved(self, source: GimbalSource, asked: Asked) -> Iterator[tuple[IntArray, CameraAttitudes]]:
         """Attitudes at the stamps for which a source tells one, with their rows among them."""
         if source is not GimbalSource.FIXED_MOUNT:
             gimbal, stated = self._gimbals[source], self._settings.frame

@@ -1,8 +1,8 @@
 """What tells a camera's attitude at a stamp, and the attitudes that many such readings come to at once."""
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from aerodft.geometry.rotation import (
     to_rotation_vector,
     turned,
 )
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.carried import Ends, Turning, carrier, heading_of
@@ -50,6 +50,82 @@ class CameraAttitude:
     report_std_rad: tuple[float, float, float]
     is_demand: bool = False
     reasons: tuple[str, ...] = ()
+
+
+class Told(NamedTuple):
+    """What an attitude says besides its numbers; see ``CameraAttitude``."""
+
+    source: GimbalSource
+    is_demand: bool
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraAttitudes:
+    """Where cameras look at ``n`` stamps, as columns.
+
+    Attributes:
+        wxyz: ``(n, 4)``, see ``CameraAttitude`` for all of these.
+        rate_cam_radps: ``(n, 3)``.
+        age_s: ``(n,)``.
+        report_std_rad: ``(n, 3)``.
+        which: ``(n,)`` what is told with each; -1 where there is no attitude.
+        told: All that is.
+    """
+
+    wxyz: FloatArray
+    rate_cam_radps: FloatArray
+    age_s: FloatArray
+    report_std_rad: FloatArray
+    which: IntArray
+    told: tuple[Told, ...]
+
+    @staticmethod
+    def none(count: int) -> "CameraAttitudes":
+        """Of ``count`` stamps without an attitude."""
+        wxyz, rate, std = np.empty((count, 4)), np.empty((count, 3)), np.empty((count, 3))
+        return CameraAttitudes(wxyz, rate, np.empty(count), std, np.full(count, -1), ())
+
+    @staticmethod
+    def of(attitude: CameraAttitude) -> "CameraAttitudes":
+        """The one."""
+        age_s, std = np.array([attitude.age_s]), np.array([attitude.report_std_rad])
+        told = Told(attitude.source, attitude.is_demand, attitude.reasons)
+        which = np.zeros(1, dtype=np.int64)
+        return CameraAttitudes(attitude.wxyz[None], attitude.rate_cam_radps[None], age_s, std, which, (told,))
+
+    def __len__(self) -> int:
+        return len(self.which)
+
+    @property
+    def is_known(self) -> BoolArray:
+        """``(n,)`` where there is one."""
+        return self.which >= 0
+
+    def put(self, rows: IntArray, others: "CameraAttitudes") -> "CameraAttitudes":
+        """With ``others`` written into some rows ``(m,)`` of these arrays."""
+        for name in ("wxyz", "rate_cam_radps", "age_s", "report_std_rad"):
+            getattr(self, name)[rows] = getattr(others, name)
+        self.which[rows] = others.which + len(self.told)
+        return replace(self, told=(*self.told, *others.told))
+
+    def rows(self, rows: IntArray) -> "CameraAttitudes":
+        """Some of them."""
+        numbers = self.wxyz[rows], self.rate_cam_radps[rows], self.age_s[rows], self.report_std_rad[rows]
+        return CameraAttitudes(*numbers, self.which[rows], self.told)
+
+    def row(self, row: int) -> CameraAttitude:
+        """One that is known."""
+        told = self.told[self.which[row]]
+        return CameraAttitude(
+            self.wxyz[row],
+            self.rate_cam_radps[row],
+            told.source,
+            float(self.age_s[row]),
+            tuple(self.report_std_rad[row].tolist()),
+            told.is_demand,
+            told.reasons,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,22 +164,22 @@ class Resolver:
         self._settings = settings
         self._camera = _mounted(settings.camera_on_gimbal)
 
-    def resolved(self, readings: Readings) -> list[CameraAttitude]:
+    def resolved(self, readings: Readings) -> CameraAttitudes:
         """The attitudes that readings come to."""
         if readings.report is None:
             return self._carried(readings)
         return self._stabilised(readings, readings.report)
 
-    def _carried(self, readings: Readings) -> list[CameraAttitude]:
+    def _carried(self, readings: Readings) -> CameraAttitudes:
         """Cameras that are bolted to the vehicle."""
         assert readings.vehicle is not None  # noqa: S101 - the callers' own condition, for the type checker
         bolted = readings.vehicle.between().carrying(_mounted(self._settings.fixed_mount))
-        return [
-            CameraAttitude(wxyz, rate, readings.source, age_s, (0.0, 0.0, 0.0))
-            for wxyz, rate, age_s in zip(*_camera_axes(bolted), readings.age_s.tolist(), strict=True)
-        ]
+        wxyz, rate = _camera_axes(bolted)
+        which = np.zeros(len(wxyz), dtype=np.int64)
+        told = (Told(readings.source, is_demand=False, reasons=()),)
+        return CameraAttitudes(wxyz, rate, readings.age_s, np.zeros((len(wxyz), 3)), which, told)
 
-    def _stabilised(self, readings: Readings, report: Ends) -> list[CameraAttitude]:
+    def _stabilised(self, readings: Readings, report: Ends) -> CameraAttitudes:
         """Cameras on gimbals."""
         looking, vehicle = report.between(), readings.vehicle
         if vehicle is not None and not (readings.yaw_in_earth and readings.frame is ReportFrame.EARTH):
@@ -113,18 +189,8 @@ class Resolver:
         std = np.hypot(slew, doubt)
         cam_from_gimbal = _CAM_FROM_STRAIGHT @ matrix(inverse(self._camera.wxyz[0]))
         stds = np.sqrt(turned(cam_from_gimbal**2, std**2))
-        rows = zip(
-            *_camera_axes(looking.carrying(self._camera)),
-            readings.age_s.tolist(),
-            map(tuple, stds.tolist()),
-            self._reasons(readings, doubt, slew),
-            strict=True,
-        )
-        source, is_demand = readings.source, readings.demands is not None
-        return [
-            CameraAttitude(wxyz, rate, source, age_s, std_rad, is_demand, reasons)
-            for wxyz, rate, age_s, std_rad, reasons in rows
-        ]
+        wxyz, rate = _camera_axes(looking.carrying(self._camera))
+        return CameraAttitudes(wxyz, rate, readings.age_s, stds, *self._told(readings, doubt, slew))
 
     def _report_std(self, readings: Readings, report: Ends) -> FloatArray:
         """How far cameras may be from their reports ``(n, 3)``, in gimbal axes, because these jump or lead."""
@@ -149,8 +215,12 @@ class Resolver:
         tilt_ned = to_rotation_vector(multiply(attitude, inverse(heading_of(attitude))))
         return np.abs(share * turned(matrix(inverse(looking.wxyz)), tilt_ned))
 
-    def _reasons(self, readings: Readings, doubt: FloatArray, slew: FloatArray) -> list[tuple[str, ...]]:
-        """What was corrected, or is not known, by standard deviations ``(n, 3)``; a turn counts from its own std on."""
+    def _told(self, readings: Readings, doubt: FloatArray, slew: FloatArray) -> tuple[IntArray, tuple[Told, ...]]:
+        """What was corrected, or is not known, by standard deviations ``(n, 3)``; a turn counts from its own std on.
+
+        Returns:
+            Which of the words ``(n,)``, and these.
+        """
         source, stated_rad = readings.source, self._settings.std.tilt_rad
         if readings.is_body_found:
             added = f"{source} is body-frame (against the vehicle, not the horizon): the vehicle's attitude was added"
@@ -160,12 +230,16 @@ class Resolver:
         turning = f"the gimbal may still be turning to what {source} says: the std covers its way there"
         is_doubtful = np.max(doubt, axis=1) > stated_rad
         is_turning = np.max(slew, axis=1) > max(stated_rad, DEMAND_TILT_STD_RAD)
-        said = {
-            (doubts, turns): (*((added or unknown,) if added or doubts else ()), *((turning,) if turns else ()))
+        told = tuple(
+            Told(
+                source,
+                readings.demands is not None,
+                (*((added or unknown,) if added or doubts else ()), *((turning,) if turns else ())),
+            )
             for doubts in (False, True)
             for turns in (False, True)
-        }
-        return [said[each] for each in zip(is_doubtful.tolist(), is_turning.tolist(), strict=True)]
+        )
+        return 2 * is_doubtful + is_turning, told
 
 
 def _mounted(mount: FixedMount | None) -> Turning:

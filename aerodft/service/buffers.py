@@ -1,9 +1,13 @@
 """Recent telemetry, ordered by UTC stamp, in arrays that grow at one end and are trimmed at the other."""
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
 from aerodft.model.arrays import IntArray
+
+_NO_TICKS: Final = (np.empty(0, dtype=np.int64),) * 2
 
 
 class TrackBuffer:
@@ -21,7 +25,7 @@ class TrackBuffer:
         self._columns: dict[str, npt.NDArray[np.generic]] = {}
         self._start = self._stop = 0
         self._first = self._end = 0  # what is there at the tick that it is
-        self._ticks: list[tuple[int, int]] = []
+        self._ticks = _NO_TICKS  # what is there at each of those that came last
 
     def __len__(self) -> int:
         return self._end - self._first
@@ -66,9 +70,11 @@ class TrackBuffer:
 
         Rows are those of ``all_stamps_ns``, whatever tick it is.
         """
-        bounds = np.array(self._ticks or [(self._first, self._end)], dtype=np.int64) - self._start
-        rows = ticks if self._ticks else np.zeros_like(ticks)
-        return bounds[rows, 0], bounds[rows, 1]
+        if not len(self._ticks[0]):
+            there = np.ones_like(ticks)
+            return (self._first - self._start) * there, (self._end - self._start) * there
+        first, end = self._ticks
+        return first[ticks] - self._start, end[ticks] - self._start
 
     @property
     def all_stamps_ns(self) -> IntArray:
@@ -81,22 +87,21 @@ class TrackBuffer:
 
     def newest_by_tick(self) -> IntArray:
         """``(ticks,)`` the newest stamp at each of the ticks of the rows that came last; empty where there are none."""
-        ends = [end for _, end in self._ticks]
-        return self._stamps[np.maximum(np.array(ends, dtype=np.int64) - 1, 0)] if ends else self._stamps[:0]
+        return self._stamps[np.maximum(self._ticks[1] - 1, 0)]
 
     def settle(self) -> None:
         """All ticks so far are over."""
-        self._ticks = []
+        self._ticks = _NO_TICKS
 
     def see(self, tick: int) -> None:
         """Look at what was there at one of the ticks of the rows that came last."""
-        if self._ticks:
-            self._first, self._end = self._ticks[tick]
+        if len(self._ticks[0]):
+            self._first, self._end = (int(rows[tick]) for rows in self._ticks)
 
     def clear(self) -> None:
         """Forget everything, as after a jump of the clock."""
         self._start = self._stop = self._first = self._end = 0
-        self._ticks = []
+        self._ticks = _NO_TICKS
 
     def shift(self, by_ns: int) -> None:
         """Move all stamps, as after a jump of what the time is."""
@@ -108,7 +113,7 @@ class TrackBuffer:
         newest = stamps[np.maximum(ends - self._start - 1, 0)]
         firsts = self._start + np.searchsorted(stamps, newest - self._window_ns)
         self._start = int(firsts[0])
-        self._ticks = list(zip(firsts.tolist(), ends.tolist(), strict=True))
+        self._ticks = firsts, ends
         self.see(-1)
 
     def _reserve(self, count: int, columns: dict[str, npt.NDArray[np.generic]]) -> None:

@@ -43,16 +43,17 @@ class Ticks:
             last[came] = np.maximum(last[came], track.arrival_ns[edges[came] - 1])
         return last
 
-    def alone(self, tick: int) -> tuple[Track, ...]:
-        """The rows that came in one tick."""
-        parts = []
+    def between(self, first: int, stop: int) -> "Ticks":
+        """What came in the ticks from ``first`` and before ``stop``."""
+        tracks, ends = [], []
         for track, edges in zip(self.tracks, self.edges, strict=True):
-            start, stop = int(edges[tick - 1]) if tick else 0, int(edges[tick])
-            if stop > start:
-                rows = np.zeros(len(track.boot_ns), dtype=np.bool_)
-                rows[start:stop] = True
-                parts.append(track.rows(rows, boot_ns=track.boot_ns))
-        return tuple(parts)
+            start = int(edges[first - 1]) if first else 0
+            end = int(edges[stop - 1]) if stop else 0
+            if end > start:
+                rows = slice(start, end)
+                tracks.append(track.rows(rows, boot_ns=track.boot_ns))
+                ends.append(edges[first:stop] - start)
+        return Ticks(tuple(tracks), tuple(ends), stop - first)
 
 
 @dataclass(frozen=True, slots=True)

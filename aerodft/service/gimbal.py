@@ -36,7 +36,7 @@ class Gimbal:
         self._last_wxyz: FloatArray | None = None
         self._unweighed = self._detector.evidence
         self._verdicts: list[tuple[int, FrameEvidence]] = []  # and from which whole second on they hold
-        self._ticks: list[tuple[int, int]] = []  # reports and repeats at each of the ticks that came last
+        self._ticks: IntArray = np.empty((0, 2), dtype=np.int64)  # reports and repeats at each of those that came last
 
     def append(self, track: GimbalTrack, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
         """Take reports in; they count from when the camera follows them. ``edges`` as in ``TrackBuffer.append``."""
@@ -49,18 +49,18 @@ class Gimbal:
         same = np.diff(track.wxyz, axis=0, prepend=before) == 0
         repeats = np.concatenate([[0], np.cumsum(np.all(same, axis=-1))])
         ends = np.array([len(stamps_ns)]) if edges is None else edges
-        self._ticks = list(zip((self.reports + ends).tolist(), (self._repeats + repeats[ends]).tolist(), strict=True))
+        self._ticks = np.stack([self.reports + ends, self._repeats + repeats[ends]], axis=-1)
         self.see(-1)
         self._last_wxyz = track.wxyz[-1:]
 
     def see(self, tick: int) -> None:
         """Count the reports that had come by one of the ticks of those that came last."""
-        if self._ticks:
-            self.reports, self._repeats = self._ticks[tick]
+        if len(self._ticks):
+            self.reports, self._repeats = self._ticks[tick].tolist()
 
     def settle(self, vehicle: Stream) -> None:
         """All ticks so far are over: weigh what waits for it too long."""
-        self._ticks = []
+        self._ticks = self._ticks[:0]
         self._forget_verdicts()
         if (self.stream.last_ns or 0) - (self._weighed_ns or 0) > _LONGEST_WAIT_NS:
             self._weigh(vehicle)
@@ -105,19 +105,20 @@ class Gimbal:
         Args:
             frame: The evidence's verdict.
         """
-        return self._is_demand(frame, self.reports, self._repeats)
+        return bool(self._are_demands(frame, np.array([[self.reports, self._repeats]]))[0])
 
     def is_demand_at(self, frame: ReportFrame | None, ticks: IntArray) -> BoolArray:
         """The same at ticks ``(n,)`` of those that came last."""
-        counts = [self._ticks[tick] for tick in ticks.tolist()] if self._ticks else [(self.reports, self._repeats)]
-        demands = [self._is_demand(frame, *each) for each in counts]
-        return np.broadcast_to(demands, len(ticks))
+        counts = self._ticks[ticks] if len(self._ticks) else np.array([[self.reports, self._repeats]])
+        return np.broadcast_to(self._are_demands(frame, counts), len(ticks))
 
-    def _is_demand(self, frame: ReportFrame | None, reports: int, repeats: int) -> bool:
+    def _are_demands(self, frame: ReportFrame | None, counts: IntArray) -> BoolArray:
+        """As ``is_demand``, by so many reports and repeats ``(n, 2)``."""
         if self._settings.is_demand is not None:
-            return self._settings.is_demand
-        varied = reports >= _ENOUGH_REPORTS and repeats < _MOST_REPEATS * reports
-        return (self._settings.frame or frame) is not ReportFrame.EARTH or not varied
+            return np.full(len(counts), self._settings.is_demand)
+        reports, repeats = counts.T
+        varied = (reports >= _ENOUGH_REPORTS) & (repeats < _MOST_REPEATS * reports)
+        return np.asarray(~varied | ((self._settings.frame or frame) is not ReportFrame.EARTH))
 
     def demands(self, before: IntArray, stamps_ns: IntArray, ticks: IntArray) -> Demands:
         """What was demanded before stamps ``(n,)`` at ticks ``(n,)`` of those that came last.

@@ -29,7 +29,7 @@ from aerodft.model.telemetry import (
     VehicleTrack,
 )
 from aerodft.service.health_settings import HealthSettings
-from aerodft.service.health_verdict import Facts, Verdict, verdict_on
+from aerodft.service.health_verdict import Facts, Verdicts, verdict_on
 from aerodft.service.lately import HeardLately
 from aerodft.service.streams import Stream
 
@@ -149,22 +149,21 @@ class HealthSources:
             ages_s={name: age for name, each in self._kinds.items() if (age := _age_s(each, stamp_ns)) is not None},
         )
 
-    def verdicts(self, stamps_ns: IntArray, ticks: IntArray) -> list[Verdict]:
+    def verdicts(self, stamps_ns: IntArray, ticks: IntArray) -> Verdicts:
         """What follows for poses at stamps ``(n,)``, each at a tick ``(n,)`` of those that came last.
 
         Facts change a few times a second at most: the rules are gone through once for each of them.
         """
         columns = (*self._rows_and_flags(stamps_ns, ticks), self._lost_shares(stamps_ns, ticks))
         failures, rivals = self._failures.at_all(stamps_ns, ticks), self._rivals.at_all(stamps_ns, ticks)
-        made: dict[tuple[_Row, tuple[str, ...], tuple[str, ...]], Verdict] = {}
-        found = []
-        for *values, failed, others in zip(*(column.tolist() for column in columns), failures, rivals, strict=True):
-            key = (_Row(*values), failed, others)
-            verdict = made.get(key)
-            if verdict is None:
-                verdict = made[key] = verdict_on(self._facts(*key), self._settings)
-            found.append(verdict)
-        return found
+        is_other = np.ones(len(stamps_ns), dtype=np.bool_)  # than that of the stamp before
+        if not any(failures) and not any(rivals):
+            is_other[1:] = np.any([column[1:] != column[:-1] for column in columns], axis=0)
+        rows = np.flatnonzero(is_other).tolist()
+        facts = zip(*(column[rows].tolist() for column in columns), strict=True)
+        keys = [(_Row(*values), failures[row], rivals[row]) for values, row in zip(facts, rows, strict=True)]
+        made = {key: verdict_on(self._facts(*key), self._settings) for key in keys}
+        return Verdicts(tuple(made[key] for key in keys), np.cumsum(is_other) - 1)
 
     def _rows_and_flags(self, stamps_ns: IntArray, ticks: IntArray) -> tuple[IntArray | BoolArray, ...]:
         """Whether the autopilot is silent; the newest rows of the estimator and of GPS, and whether these are late."""

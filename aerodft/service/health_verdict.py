@@ -1,10 +1,14 @@
 """What follows for a pose from what a vehicle says of itself; ``docs/health.md`` states the rules."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.poses import pose_covariance
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import FIX_3D
 from aerodft.model.pose import GimbalSource, PoseSample
 from aerodft.model.status import Status
@@ -66,6 +70,11 @@ class Verdict:
     horizontal_std_m: float
     has_place: bool
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether there is nothing to say of a pose that is ok, but for the least std of its place."""
+        return self.has_place and not (self.faults or self.remarks or self.failures or self.rivals)
+
     def judged(self, sample: PoseSample) -> PoseSample:
         """A pose with what follows: another status, a wider std, no place, remarks."""
         status, faults = self.status, self.faults
@@ -82,6 +91,30 @@ class Verdict:
         if not self.has_place:
             sample = replace(sample, origin=None, lat_rad=None, lon_rad=None, alt_msl_m=None)
         return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdicts:
+    """Of ``n`` poses.
+
+    Attributes:
+        each: All that there are.
+        which: ``(n,)`` which of these.
+    """
+
+    each: tuple[Verdict, ...]
+    which: IntArray
+
+    def of(self, row: int) -> Verdict:
+        """That of one pose."""
+        return self.each[int(self.which[row])]
+
+    def leave(self, rows: Sequence[int], horizontal_std_m: FloatArray) -> BoolArray:
+        """Whether some of the poses ``(m,)``, which are ok, stay as they are with such stds ``(m,)`` of their place."""
+        is_silent = np.array([each.is_silent for each in self.each], dtype=np.bool_)
+        least_m = np.array([each.horizontal_std_m for each in self.each])
+        which = self.which[rows]
+        return np.asarray(is_silent[which] & (least_m[which] <= horizontal_std_m))
 
 
 def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:

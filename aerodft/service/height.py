@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.geometry.interpolation import Bracket
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import GpsTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import HeightSource
@@ -45,6 +45,38 @@ class Height:
     age_s: float
     foot_m: tuple[float, float] = (0.0, 0.0)
     reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heights:
+    """Heights of one source at ``n`` stamps, as columns; see ``Height``. NaN where there is none."""
+
+    height_agl_m: FloatArray
+    std_m: FloatArray
+    age_s: FloatArray
+    source: HeightSource
+    datum: str
+    reasons: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(height: Height) -> "Heights":
+        """The one."""
+        height_m, std_m, age_s = np.array([[height.height_agl_m], [height.std_m], [height.age_s]])
+        return Heights(height_m, std_m, age_s, height.source, height.datum, height.reasons)
+
+    @property
+    def is_known(self) -> BoolArray:
+        """``(n,)`` where there is one."""
+        return ~(np.isnan(self.height_agl_m) | np.isnan(self.std_m))
+
+    def rows(self, rows: IntArray) -> "Heights":
+        """Some of them."""
+        return replace(self, height_agl_m=self.height_agl_m[rows], std_m=self.std_m[rows], age_s=self.age_s[rows])
+
+    def row(self, row: int) -> Height:
+        """One that is known."""
+        height_m, std_m, age_s = (float(column[row]) for column in (self.height_agl_m, self.std_m, self.age_s))
+        return Height(height_m, std_m, self.source, self.datum, age_s, reasons=self.reasons)
 
 
 class HeightSources:
@@ -116,22 +148,19 @@ class HeightSources:
             worst = Missing.STALE if Missing.STALE in (worst, found) else worst
         return worst
 
-    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[Height | None]:
+    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> Heights:
         """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
 
-        None where it is not that simple: another source than home has ever spoken, or home itself has nothing plain.
+        None is known where it is not that simple: another source than home has ever spoken, or home itself has nothing
+        plain.
         """
-        nothing: list[Height | None] = [None] * len(stamps_ns)
+        home: Final = HeightSource.HOME
         first = next((source for source in self._settings.order if self._has_spoken(source)), None)
-        if first is not HeightSource.HOME or sum(not each.stream.is_empty for each in self._samples.values()) > 1:
-            return nothing
-        height_m, std_m, age_s = self._samples[first].level_at_all(stamps_ns, ticks)
-        std_m = np.maximum(std_m, self._receiver.stds_m(stamps_ns, ticks))
-        rows = zip(height_m.tolist(), std_m.tolist(), age_s.tolist(), strict=True)
-        return [
-            None if math.isnan(height) or math.isnan(std) else Height(height, std, first, DATUM[first], age)
-            for height, std, age in rows
-        ]
+        if first is not home or sum(not each.stream.is_empty for each in self._samples.values()) > 1:
+            nothing = np.full(len(stamps_ns), np.nan)
+            return Heights(nothing, nothing, nothing, home, DATUM[home])
+        height_m, std_m, age_s = self._samples[home].level_at_all(stamps_ns, ticks)
+        return Heights(height_m, np.maximum(std_m, self._receiver.stds_m(stamps_ns, ticks)), age_s, home, DATUM[home])
 
     def _has_spoken(self, source: HeightSource) -> bool:
         if source is HeightSource.MANUAL:

@@ -1,16 +1,18 @@
 """Raw telemetry into poses: several ticks at once where that makes no difference to one after the other."""
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Final
 
 import numpy as np
 
 from aerodft.model.batch import Batch
-from aerodft.model.telemetry import Track
 from aerodft.service.clock_ticks import Ticks
 from aerodft.service.feed import joined_blocks
 from aerodft.service.ports import TelemetryDecoder
 from aerodft.service.poses import PoseSource
+
+FEWEST_TOGETHER: Final = 10
+"""Ticks that are worth it; so many are taken in one by one before it is tried again."""
 
 
 class Intake:
@@ -24,36 +26,52 @@ class Intake:
     def __init__(self, decoder: TelemetryDecoder, poses: PoseSource) -> None:
         self._decoder = decoder
         self._poses = poses
-        self._decoded = deque[tuple[Track, ...]]()  # of ticks to come
+        self._ahead = Ticks((), (), 0)  # decoded
+        self._next = 0  # the first of these that is yet to be taken in
 
     @property
     def rejected(self) -> dict[str, int]:
         """Telemetry that held no value so far, by ``MESSAGE: reason``."""
         return dict(self._decoder.rejected)
 
-    def take_together(self, batches: Sequence[Batch], stamps: Callable[[], Iterable[tuple[int, int]]]) -> bool:
-        """Take in all batches, each then to be seen as if it had just come.
+    def take_together(
+        self, batches: Sequence[Batch], stamps: Callable[[Sequence[Batch]], Iterable[tuple[int, int]]]
+    ) -> int:
+        """Take in the first batches, as many as can be, each then to be seen as if it had just come.
 
         Args:
             batches: Of consecutive ticks.
-            stamps: What ``PoseSource.prepare`` takes, asked for when the clocks are known.
+            stamps: What ``PoseSource.prepare`` takes for such batches, asked for when the clocks are known.
 
         Returns:
-            False where they must be taken in one by one.
+            How many were taken in; 0 where some must be taken in one by one.
         """
-        blocks = [block for batch in batches for block in batch.raw]
-        senders = {(block.protocol, block.sender) for block in blocks}
-        if len(batches) == 1 or len(senders) != 1 or not self._poses.is_settled:
-            return False
-        tracks = self._decoder.decode(joined_blocks(blocks))
-        ticks_ns = np.array([batch.now_ns for batch in batches])
-        if self._poses.append_ticks(tracks, ticks_ns):
-            self._poses.prepare(stamps())
-            return True
-        self._decoded.extend(Ticks.of(tracks, ticks_ns).alone(tick) for tick in range(len(batches)))
-        return False
+        count = len(batches)
+        fewest = max(2, min(count, FEWEST_TOGETHER))
+        while count >= fewest and self._poses.is_settled and self._decode(batches):
+            ticks = self._ahead.between(self._next, self._next + count)
+            if self._poses.append_ticks(ticks.tracks, np.array([batch.now_ns for batch in batches[:count]])):
+                self._next += count
+                self._poses.prepare(stamps(batches[:count]))
+                return count
+            count //= 2
+        return 0
 
     def take(self, batch: Batch) -> Iterator[int]:
         """Take in one batch; by how much UTC of this machine's stamps changes, for each of its blocks (ns)."""
-        blocks = [self._decoded.popleft()] if self._decoded else map(self._decoder.decode, batch.raw)
-        yield from map(self._poses.append, blocks)
+        if self._next < self._ahead.count:
+            self._next += 1
+            yield self._poses.append(self._ahead.between(self._next - 1, self._next).tracks)
+        else:
+            yield from map(self._poses.append, map(self._decoder.decode, batch.raw))
+
+    def _decode(self, batches: Sequence[Batch]) -> bool:
+        """Have the tracks of all batches; False where several senders speak in them, or none."""
+        if self._next < self._ahead.count:
+            return True
+        blocks = [block for batch in batches for block in batch.raw]
+        if len({(block.protocol, block.sender) for block in blocks}) != 1:
+            return False
+        tracks = self._decoder.decode(joined_blocks(blocks))
+        self._ahead, self._next = Ticks.of(tracks, np.array([batch.now_ns for batch in batches])), 0
+        return True

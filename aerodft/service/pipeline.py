@@ -24,15 +24,13 @@ from aerodft.model.status import Status
 from aerodft.service.answering import Answering, Helpers
 from aerodft.service.asked import Asked, measured
 from aerodft.service.feed import tick_after
-from aerodft.service.intake import Intake
+from aerodft.service.intake import FEWEST_TOGETHER, Intake
 from aerodft.service.objects import OBJECTS
 from aerodft.service.outlined import can_answer
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.waiting import ImageMemory, Job, Ready
-
-_UNSETTLED = 10  # ticks after which clocks may have settled
 
 
 @dataclass(slots=True)
@@ -124,16 +122,16 @@ class Pipeline:
         """
         with self._lock:
             work: list[list[Output | Asked]] = []
-            while len(work) < len(batches):  # at once what clocks are settled for
-                stop = len(batches) if self._poses.is_settled else len(work) + _UNSETTLED
-                work += self._work(batches[len(work) : stop])
+            while len(work) < len(batches):
+                work += self._work(batches[len(work) :])
             return measured(self._setup, self._answering.fixed, work)
 
     def _work(self, batches: Sequence[Batch]) -> list[list[Output | Asked]]:
-        """What is done in each of some ticks, yet to be measured."""
+        """What is done in the first of some ticks, yet to be measured: in as many as can be taken in together."""
         before = self._wait_until(batches[0].now_ns)
-        together = self._intake.take_together(batches, lambda: self._stamps(batches))
-        work = [self._tick(batch, tick if together else None) for tick, batch in enumerate(batches)]
+        together = self._intake.take_together(batches, self._stamps)
+        now = batches[: together or FEWEST_TOGETHER]
+        work = [self._tick(batch, tick if together else None) for tick, batch in enumerate(now)]
         return [before + work[0], *work[1:]]
 
     def _stamps(self, batches: Sequence[Batch]) -> Iterator[tuple[int, int]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.geodesy import east_north
-from aerodft.model.arrays import IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GeoOrigin
 from aerodft.model.telemetry import PositionTrack
 from aerodft.service.settings import HeightSettings
@@ -25,6 +25,40 @@ class Place:
     east_north_m: tuple[float, float]
     velocity_enu_mps: tuple[float, float, float]
     lat_lon_alt: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaceColumns:
+    """Places at ``n`` stamps; see ``Place``.
+
+    Attributes:
+        east_north_m: ``(n, 2)``.
+        velocity_enu_mps: ``(n, 3)``.
+        lat_lon_alt: ``(n, 3)``.
+        is_known: ``(n,)`` where there is one.
+    """
+
+    east_north_m: FloatArray
+    velocity_enu_mps: FloatArray
+    lat_lon_alt: FloatArray
+    is_known: BoolArray
+
+    @staticmethod
+    def of(place: Place) -> "PlaceColumns":
+        """The one."""
+        places, velocity = np.array([place.east_north_m]), np.array([place.velocity_enu_mps])
+        return PlaceColumns(places, velocity, np.array([place.lat_lon_alt]), np.ones(1, dtype=np.bool_))
+
+    def rows(self, rows: IntArray) -> "PlaceColumns":
+        """Some of them."""
+        numbers = self.east_north_m[rows], self.velocity_enu_mps[rows], self.lat_lon_alt[rows]
+        return PlaceColumns(*numbers, self.is_known[rows])
+
+    def row(self, row: int) -> Place:
+        """One that is known."""
+        numbers = self.east_north_m[row], self.velocity_enu_mps[row], self.lat_lon_alt[row]
+        place, velocity, lat_lon_alt = (tuple(each.tolist()) for each in numbers)
+        return Place(place, velocity, lat_lon_alt)
 
 
 class Places:
@@ -78,29 +112,26 @@ class Places:
             ),
         )
 
-    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[Place | None]:
+    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> PlaceColumns:
         """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
 
-        None where it is not that simple: unknown, a jump, or the 180th meridian.
+        Not known where it is not that simple: unknown, a jump, or the 180th meridian.
         """
-        found = self.stream.find_all(stamps_ns, ticks)
+        count = len(stamps_ns)
+        velocity = np.zeros((count, 3))
         if self.origin is None or self.stream.is_empty:
-            return [None] * len(stamps_ns)
+            return PlaceColumns(np.zeros((count, 2)), velocity, velocity, np.zeros(count, dtype=np.bool_))
+        found = self.stream.find_all(stamps_ns, ticks)
         lat, lon, alt = (self.stream.all_of(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
         before, after = (east_north(self.origin, lat[rows], lon[rows]) for rows in (found.before, found.after))
         apart, eastward_rad = after - before, lon[found.after] - lon[found.before]
         with np.errstate(divide="ignore"):
             per_s = SECOND_NS / found.gap_ns
-        velocity = np.zeros((len(stamps_ns), 3))
         moves = found.gap_ns > 0
         velocity[moves, :2] = apart[moves] * per_s[moves, None]
         velocity[moves, 2] = (alt[found.after] - alt[found.before])[moves] * per_s[moves]
         lon_rad = lon[found.before] + found.weight * eastward_rad
         is_plain = found.is_known & (np.abs(eastward_rad) < math.pi) & (np.abs(lon_rad) < math.pi)
         is_plain &= np.hypot(*apart.T) < _JUMP_M  # at any speed
-        places = before + found.weight[:, None] * apart
         lat_lon_alt = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])
-        rows = zip(
-            is_plain.tolist(), *(map(tuple, each.tolist()) for each in (places, velocity, lat_lon_alt)), strict=True
-        )
-        return [Place(*rest) if plain else None for plain, *rest in rows]
+        return PlaceColumns(before + found.weight[:, None] * apart, velocity, lat_lon_alt, is_plain)

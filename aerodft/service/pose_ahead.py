@@ -6,12 +6,13 @@ import numpy as np
 
 from aerodft.model.arrays import IntArray
 from aerodft.model.pose import PoseSample
-from aerodft.service.attitude import AttitudeSources, CameraAttitude
+from aerodft.model.pose_columns import HORIZONTAL, PoseColumns, PoseRow
+from aerodft.service.attitude import AttitudeSources, CameraAttitude, CameraAttitudes
 from aerodft.service.health import HealthSources
-from aerodft.service.health_verdict import Verdict
+from aerodft.service.health_verdict import Verdict, Verdicts
 from aerodft.service.height import HeightSources
 from aerodft.service.places import Places
-from aerodft.service.pose_making import Parts, PoseMaker
+from aerodft.service.pose_making import PartColumns, Parts, PoseMaker
 from aerodft.service.streams import Missing
 from aerodft.service.timing import ClockMap
 
@@ -19,19 +20,11 @@ Asked = tuple[int, int]
 """The tick on which something is asked for, and the stamp (UTC) that is asked about."""
 
 
-Verdicts = dict[Asked, Verdict]
-Samples = dict[Asked, tuple[Parts, PoseSample]]
-Ready = dict[Asked, PoseSample]
-
-
 class PosesAhead:
     """What can be told before it is asked for.
 
     Attributes:
-        attitudes: Those that were prepared.
-        samples: With their parts; neither clock nor health have had their say yet.
-        verdicts: What the vehicle's health means for each.
-        ready: Samples of which nothing more is to be said.
+        ready: Poses of which nothing more is to be said.
 
     Args:
         attitude: Attitudes at many stamps.
@@ -53,34 +46,60 @@ class PosesAhead:
 
     def clear(self) -> None:
         """The ticks are over."""
-        self.attitudes: dict[Asked, CameraAttitude] = {}
-        self.samples: Samples = {}
-        self.verdicts: Verdicts = {}
-        self.ready: Ready = {}
+        self.ready: dict[Asked, PoseSample | PoseRow] = {}
+        self._asked: dict[Asked, int] = {}  # and its row in these
+        self._attitudes = CameraAttitudes.none(0)
+        self._verdicts = Verdicts((), np.empty(0, dtype=np.int64))
+        self._whole: dict[Asked, int] = {}  # what has all its parts, and its row in these
+        self._parts: PartColumns | None = None
+        self._columns: PoseColumns | None = None
 
     def prepare(self, stamps_ns: IntArray, ticks: IntArray) -> None:
         """Make what can be made for stamps ``(n,)``, each as it will be seen at its tick ``(n,)``."""
         asked = list(zip(ticks.tolist(), stamps_ns.tolist(), strict=True))
-        attitudes = self._attitude.at_all(stamps_ns, ticks)
+        self._asked = dict(zip(asked, range(len(asked)), strict=True))
+        self._verdicts = self._health.verdicts(stamps_ns, ticks)
+        self._attitudes = self._attitude.at_all(stamps_ns, ticks)
         heights, places = self._height.at_all(stamps_ns, ticks), self._places.at_all(stamps_ns, ticks)
-        found: dict[Asked, Parts] = {}
-        for key, height, attitude, place in zip(asked, heights, attitudes, places, strict=True):
-            if attitude is None:
-                continue
-            if height is None or place is None:
-                self.attitudes[key] = attitude
-            else:
-                found[key] = Parts(key[1], height, attitude, place)
-        made = self._maker.samples(list(found.values()), self._places.origin)
-        self.samples = {key: (parts, sample) for (key, parts), sample in zip(found.items(), made, strict=True)}
-        self.verdicts = dict(zip(asked, self._health.verdicts(stamps_ns, ticks), strict=True))
+        rows = np.flatnonzero(self._attitudes.is_known & heights.is_known & places.is_known)
+        if len(rows):
+            self._whole = {asked[row]: number for number, row in enumerate(rows.tolist())}
+            self._parts = PartColumns(stamps_ns, heights, self._attitudes, places).rows(rows)
+            self._columns = self._maker.columns(self._parts, self._places.origin)
 
     def complete(self, clock: ClockMap) -> None:
         """Make samples ready, where clocks say the same of all of them, and whose UTC it is makes no difference."""
-        for key, (parts, sample) in self.samples.items():
-            place = parts.place or Missing.NEVER
-            whole = self._maker.completed(sample, parts.height, place, clock, by_utc=False)
-            self.ready[key] = self.verdicts[key].judged(whole)
+        if self._parts is None or self._columns is None:
+            return
+        is_left = self._maker.leaves(self._parts.heights, clock)
+        rows = [self._asked[key] for key in self._whole]
+        is_left &= self._verdicts.leave(rows, self._columns.std[:, HORIZONTAL])
+        for (key, row), left in zip(self._whole.items(), is_left.tolist(), strict=True):
+            self.ready[key] = PoseRow(self._columns, row) if left else self._completed(key, row, clock)
+
+    def _completed(self, key: Asked, row: int, clock: ClockMap) -> PoseSample:
+        assert self._parts is not None  # noqa: S101 - the callers' own condition, for the type checker
+        assert self._columns is not None  # noqa: S101 - likewise
+        parts, sample = self._parts.row(row), self._columns.sample(row)
+        whole = self._maker.completed(sample, parts.height, parts.place or Missing.NEVER, clock, by_utc=False)
+        return self._verdicts.of(self._asked[key]).judged(whole)
+
+    def attitude(self, key: Asked) -> CameraAttitude | None:
+        """An attitude, where it was prepared."""
+        row = self._asked.get(key)
+        return None if row is None or not self._attitudes.is_known[row] else self._attitudes.row(row)
+
+    def verdict(self, key: Asked) -> Verdict | None:
+        """What the vehicle's health means for a pose, likewise."""
+        row = self._asked.get(key)
+        return None if row is None else self._verdicts.of(row)
+
+    def sample(self, key: Asked) -> tuple[Parts, PoseSample] | None:
+        """A sample with its parts, likewise; neither clock nor health have had their say yet."""
+        row = self._whole.get(key)
+        if row is None or self._parts is None or self._columns is None:
+            return None
+        return self._parts.row(row), self._columns.sample(row)
 
 
 def by_tick(asked: IntArray, newest_ns: Sequence[IntArray]) -> IntArray:

@@ -1,20 +1,21 @@
 """Pose samples out of attitudes, heights and places, many at once, in ENU; and of what is missing among them."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from aerodft.geometry.ground import Ground, Plane
-from aerodft.geometry.poses import pose_covariance
-from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.geometry.poses import pose_covariances
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
+from aerodft.model.pose_columns import PoseColumns
 from aerodft.model.status import Status
-from aerodft.service.attitude import CameraAttitude, Refused
+from aerodft.service.attitude import CameraAttitude, CameraAttitudes, Refused, Told
 from aerodft.service.footing import footing
-from aerodft.service.height import Height
-from aerodft.service.places import Place
+from aerodft.service.height import Height, Heights
+from aerodft.service.places import Place, PlaceColumns
 from aerodft.service.pose_words import (
     HOME_MOVED,
     REBOOTED,
@@ -39,7 +40,30 @@ class Parts(NamedTuple):
     place: Place | None
 
 
-_STILL: Final = (0.0, 0.0, 0.0)
+class PartColumns(NamedTuple):
+    """What ``n`` poses are made of, all of it known, or no place at all."""
+
+    stamps_ns: IntArray
+    heights: Heights
+    attitudes: CameraAttitudes
+    places: PlaceColumns | None
+
+    @staticmethod
+    def of(parts: Parts) -> "PartColumns":
+        """Those of one pose."""
+        stamp_ns, height, attitude, place = parts
+        places = None if place is None else PlaceColumns.of(place)
+        return PartColumns(np.array([stamp_ns]), Heights.of(height), CameraAttitudes.of(attitude), places)
+
+    def rows(self, rows: IntArray) -> "PartColumns":
+        """Those of some of the poses."""
+        places = None if self.places is None else self.places.rows(rows)
+        return PartColumns(self.stamps_ns[rows], self.heights.rows(rows), self.attitudes.rows(rows), places)
+
+    def row(self, row: int) -> Parts:
+        """Those of one of the poses."""
+        place = None if self.places is None else self.places.row(row)
+        return Parts(int(self.stamps_ns[row]), self.heights.row(row), self.attitudes.row(row), place)
 
 
 class PoseMaker:
@@ -56,38 +80,55 @@ class PoseMaker:
         self._time_std_s = time_std_s
         self._ground = ground
 
-    def samples(self, parts: Sequence[Parts], origin: GeoOrigin | None) -> list[PoseSample]:
-        """A sample of each; what its clock has to say is not in its reasons yet."""
-        if not parts:
-            return []
-        alike = [(each.height.std_m, each.attitude.report_std_rad, each.attitude.is_demand) for each in parts]
-        std_of = {key: self._std(*key) for key in set(alike)}
-        stds = [std_of[key] for key in alike]
-        covs = pose_covariance(np.array([each.attitude.wxyz for each in parts]), stds)
-        poses = Pose(
-            position_enu_m=np.array([_position(each) for each in parts]),
-            wxyz=np.array([each.attitude.wxyz for each in parts]),
-            cov=covs,
-            velocity_enu_mps=np.array(
-                [_STILL if each.place is None else each.place.velocity_enu_mps for each in parts]
-            ),
-            rate_cam_radps=np.array([each.attitude.rate_cam_radps for each in parts]),
+    def sample(self, parts: Parts, origin: GeoOrigin | None) -> PoseSample:
+        """The sample of its parts; what its clock has to say is not in its reasons yet."""
+        return self.columns(PartColumns.of(parts), origin).sample(0)
+
+    def columns(self, parts: PartColumns, origin: GeoOrigin | None) -> PoseColumns:
+        """The same of many parts."""
+        stamps_ns, heights, attitudes, places = parts
+        std, still = self._stds(heights.std_m, attitudes), np.zeros((len(stamps_ns), 3))
+        position = still.copy()
+        position[:, 2] = heights.height_agl_m
+        if places is not None:
+            position[:, :2] = places.east_north_m
+        pose = Pose(
+            position_enu_m=position,
+            wxyz=attitudes.wxyz,
+            cov=pose_covariances(attitudes.wxyz, std),
+            velocity_enu_mps=still if places is None else places.velocity_enu_mps,
+            rate_cam_radps=attitudes.rate_cam_radps,
             time_std_s=self._time_std_s,
         )
-        return [_sample(each, std, pose, origin) for each, std, pose in zip(parts, stds, poses.rows(), strict=True)]
-
-    def _std(self, height_m: float, report: tuple[float, float, float], is_demand: bool) -> PoseStd:  # noqa: FBT001
-        stated = self._settings.attitude.std
-        tilt_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD) if is_demand else stated.tilt_rad
-        return PoseStd(
-            height_agl_m=height_m,
-            horizontal_m=stated.horizontal_m,
-            tilt_rad=math.hypot(tilt_rad, report[0]),
-            pan_rad=math.hypot(stated.pan_rad, report[1]),
-            roll_rad=math.hypot(stated.roll_rad, report[2]),
-            heading_rad=stated.heading_rad,
-            time_s=self._time_std_s,
+        return PoseColumns(
+            stamp_ns=stamps_ns,
+            pose=pose,
+            std=std,
+            lat_lon_alt=None if places is None else places.lat_lon_alt,
+            height_age_s=heights.age_s,
+            telemetry_age_s=np.maximum(heights.age_s, attitudes.age_s),
+            which=attitudes.which,
+            alike=tuple(_without_numbers(told, heights, None if places is None else origin) for told in attitudes.told),
         )
+
+    def _stds(self, height_m: FloatArray, attitudes: CameraAttitudes) -> FloatArray:
+        """Standard deviations ``(n, 7)`` as in ``PoseStd``."""
+        stated = self._settings.attitude.std
+        demanded_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD)
+        tilt_rad = np.array([demanded_rad if told.is_demand else stated.tilt_rad for told in attitudes.told])
+        std = np.empty((len(height_m), 7))
+        std[:, 0], std[:, 1] = height_m, stated.horizontal_m
+        std[:, 2], std[:, 3], std[:, 4] = tilt_rad[attitudes.which], stated.pan_rad, stated.roll_rad
+        for axis in range(3):  # Python's own: numpy's differs in the last bit of one in a hundred
+            stated_rad, report_rad = std[:, 2 + axis].tolist(), attitudes.report_std_rad[:, axis].tolist()
+            std[:, 2 + axis] = list(map(math.hypot, stated_rad, report_rad))
+        std[:, 5], std[:, 6] = stated.heading_rad, self._time_std_s
+        return std
+
+    def leaves(self, heights: Heights, clock: ClockMap) -> BoolArray:
+        """Where ``completed`` leaves samples ``(n,)`` that have a place as they are."""
+        is_said = not clock.has_nothing_to_say or self._ground is not None
+        return (heights.height_agl_m >= self._settings.height.min_m) & (not is_said)
 
     def completed(
         self, sample: PoseSample, height: Height, place: Place | Missing, clock: ClockMap, *, by_utc: bool
@@ -131,29 +172,15 @@ class PoseMaker:
         return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)
 
 
-def _position(parts: Parts) -> tuple[float, float, float]:
-    east, north = (0.0, 0.0) if parts.place is None else parts.place.east_north_m
-    return east, north, parts.height.height_agl_m
-
-
-def _sample(parts: Parts, std: PoseStd, pose: Pose, origin: GeoOrigin | None) -> PoseSample:
-    stamp_ns, height, attitude, place = parts
-    lat, lon, alt = (None, None, None) if place is None else place.lat_lon_alt
+def _without_numbers(told: Told, heights: Heights, origin: GeoOrigin | None) -> PoseSample:
     return PoseSample(
-        stamp_ns=stamp_ns,
+        stamp_ns=0,
         status=Status.OK,
-        reasons=(*attitude.reasons, *height.reasons),
-        pose=pose,
-        std=std,
-        origin=None if place is None else origin,
-        lat_rad=lat,
-        lon_rad=lon,
-        alt_msl_m=alt,
-        height_source=height.source,
-        height_datum=height.datum,
-        attitude_source=attitude.source,
-        height_age_s=height.age_s,
-        telemetry_age_s=max(height.age_s, attitude.age_s),
+        reasons=(*told.reasons, *heights.reasons),
+        origin=origin,
+        height_source=heights.source,
+        height_datum=heights.datum,
+        attitude_source=told.source,
     )
 
 

@@ -11,6 +11,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.health import Health, LinkTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
+from aerodft.model.pose_columns import PoseRow, sample_of
 from aerodft.model.status import Status
 from aerodft.model.telemetry import CameraTrack, PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
@@ -194,15 +195,20 @@ class PoseSource:
         Returns:
             None as long as telemetry that matters may still come.
         """
+        posed = self.posed_at(stamp_ns, final=final, by_utc=by_utc)
+        return None if posed is None else sample_of(posed)
+
+    def posed_at(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | PoseRow | None:
+        """The same as it was made, with others or alone."""
         ready = None if final else self._ahead.ready.get((self._tick, stamp_ns))
         if ready is not None:
             return ready
         sample = self._by_telemetry(stamp_ns, final=final, by_utc=by_utc)
         if sample is None:
             return None
-        verdict = self._ahead.verdicts.get((self._tick, stamp_ns))
+        verdict = self._ahead.verdict((self._tick, stamp_ns))
         if verdict is None:
-            (verdict,) = self._health.verdicts(np.array([stamp_ns]), np.array([self._tick]))
+            verdict = self._health.verdicts(np.array([stamp_ns]), np.array([self._tick])).of(0)
         judged = verdict.judged(sample)
         if self._zoom is None or not self._zoom.has_begun:
             return judged
@@ -232,7 +238,7 @@ class PoseSource:
 
     def _parts(self, stamp_ns: int, *, final: bool) -> _Found | None:
         """The parts of a pose, and the sample where both height and attitude are there; None: more may come."""
-        prepared = None if final else self._ahead.samples.get((self._tick, stamp_ns))
+        prepared = None if final else self._ahead.sample((self._tick, stamp_ns))
         if prepared is not None:
             parts, sample = prepared
             return sample, parts.height, parts.attitude, parts.place or Missing.NEVER
@@ -246,7 +252,7 @@ class PoseSource:
         if isinstance(height, Missing) or isinstance(attitude, Missing | Refused):
             return None, height, attitude, place
         own = Parts(stamp_ns, height, attitude, None if isinstance(place, Missing) else place)
-        return self._maker.samples([own], self._places.origin)[0], height, attitude, place
+        return self._maker.sample(own, self._places.origin), height, attitude, place
 
     def height_switch(self, before: HeightSource, after: HeightSource, stamp_ns: int) -> HeightSwitch:
         """That heights are of another source from a stamp on, and by how much the two differ."""
@@ -259,7 +265,7 @@ class PoseSource:
         return self._height.differences(self._watermark_ns(), partial(self._vehicle_at, END_OF_TIME))
 
     def _attitude_at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
-        prepared = None if watermark_ns == END_OF_TIME else self._ahead.attitudes.get((self._tick, stamp_ns))
+        prepared = None if watermark_ns == END_OF_TIME else self._ahead.attitude((self._tick, stamp_ns))
         return prepared or self._attitude.at(stamp_ns, watermark_ns)
 
     def _vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:

@@ -219,6 +219,12 @@ class ClockMap:
         return tuple(sentences)
 
     @property
+    def has_nothing_to_say(self) -> bool:
+        """Whether UTC is known, and a pose needs no remark about the clocks."""
+        is_plain = self.is_utc_known and not self._stated.repeated_ns
+        return is_plain and not self._boot.has_rival and not self.has_restarted
+
+    @property
     def has_restarted(self) -> bool:
         """Whether the vehicle has rebooted."""
         return self._boot.restarts > 0

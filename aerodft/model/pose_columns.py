@@ -1,0 +1,81 @@
+"""Poses at many stamps as columns; single samples are made when somebody asks for them."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import Pose, PoseSample, PoseStd
+
+_STDS: Final = tuple(each.name for each in fields(PoseStd))
+HORIZONTAL: Final = _STDS.index("horizontal_m")
+"""Of the columns of ``PoseColumns.std``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseColumns:
+    """Poses at ``n`` stamps: all of them are ok, none is zoomed; numbers as in ``PoseSample``.
+
+    Attributes:
+        stamp_ns: ``(n,)``.
+        pose: The ``(n,)`` poses.
+        std: ``(n, 7)`` in the order of the fields of ``PoseStd``.
+        lat_lon_alt: ``(n, 3)`` latitude, longitude (rad), altitude (m MSL); None where the place is not known.
+        height_age_s: ``(n,)``.
+        telemetry_age_s: ``(n,)``.
+        which: ``(n,)`` which of ``alike`` each is.
+        alike: Samples without these numbers.
+    """
+
+    stamp_ns: IntArray
+    pose: Pose
+    std: FloatArray
+    lat_lon_alt: FloatArray | None
+    height_age_s: FloatArray
+    telemetry_age_s: FloatArray
+    which: IntArray
+    alike: tuple[PoseSample, ...]
+
+    def sample(self, row: int) -> PoseSample:
+        """One of them."""
+        lat, lon, alt = (None, None, None) if self.lat_lon_alt is None else self.lat_lon_alt[row].tolist()
+        return replace(
+            self.alike[int(self.which[row])],
+            stamp_ns=int(self.stamp_ns[row]),
+            pose=self.pose.row(row),
+            std=PoseStd(**dict(zip(_STDS, self.std[row].tolist(), strict=True))),
+            lat_rad=lat,
+            lon_rad=lon,
+            alt_msl_m=alt,
+            height_age_s=float(self.height_age_s[row]),
+            telemetry_age_s=float(self.telemetry_age_s[row]),
+        )
+
+
+class PoseRow:
+    """One of such poses.
+
+    Attributes:
+        columns: All of them.
+        row: Which.
+    """
+
+    __slots__ = ("columns", "row")
+
+    def __init__(self, columns: PoseColumns, row: int) -> None:
+        self.columns = columns
+        self.row = row
+
+    @property
+    def alike(self) -> PoseSample:
+        """The sample without its numbers."""
+        return self.columns.alike[int(self.columns.which[self.row])]
+
+    @property
+    def sample(self) -> PoseSample:
+        """The sample, made anew."""
+        return self.columns.sample(self.row)
+
+
+def sample_of(posed: PoseSample | PoseRow) -> PoseSample:
+    """A sample, made where it is a row."""
+    return posed.sample if isinstance(posed, PoseRow) else posed

@@ -1,10 +1,12 @@
-"""Stated standard deviations hold: errors of 5,000 random calibrations, and of some of which a fifth is wrong.
+"""Stated standard deviations hold: errors of 3,700 random calibrations, and of some of which a fifth is wrong.
 
+With ``AERODFT_FAULTS=full`` there are 5,000: as many again of the kinds of scene whose unknowns others have as well.
 The scenes are those of ``calibration_sets``: what people calibrate, from landmarks, ranges, sizes, lines, the horizon,
 guesses with stds, and mixtures of these. Truth is OpenCV's projection and closed forms.
 """
 
 import math
+import os
 from collections import defaultdict
 from dataclasses import replace
 
@@ -14,19 +16,27 @@ import pytest
 from .calibration_sets import DEG, POSE, TASKS, Task, drawn, landmarks, ranges, solved, together, with_outliers
 
 SCENES = {
-    "a pose from landmarks": 800,
+    "a pose from landmarks": 400,
     "a lens from landmarks": 700,
     "an unknown camera": 700,
-    "a pose from some of everything": 400,
-    "water of unknown level": 1200,
-    "a laser rangefinder": 400,
-    "things of known size": 200,
-    "lines and horizon": 200,
-    "a building": 200,
-    "points from the foot": 200,
+    "a pose from some of everything": 200,
+    "water of unknown level": 1000,
+    "a laser rangefinder": 300,
+    "things of known size": 100,
+    "lines and horizon": 100,
+    "a building": 100,
+    "points from the foot": 100,
 }
-NARROWEST, WIDEST = 0.95, 1.05
-"""Of the standard deviation of errors in stated standard deviations; 1,000 scenes tell it to 0.022."""
+ALL = {name: 2 * count for name, count in SCENES.items()} | {
+    "a lens from landmarks": 700, "an unknown camera": 700, "water of unknown level": 1200, "a laser rangefinder": 400,
+}  # fmt: skip
+IS_FULL = os.environ.get("AERODFT_FAULTS") == "full"
+NARROWEST, WIDEST, FEWEST = 0.95, 1.05, 700
+"""Of the standard deviation of errors in stated standard deviations, of each unknown over at least so many scenes. They
+tell it to 0.027: stds that are 10 % too small are seen 96 times in 100. In 5,000 the rarest unknowns have as few."""
+SURE = 4.0
+"""Standard deviations that one kind of scene alone may be off by: in 100 scenes stds that are 1.5 times too small are
+seen 98 times in 100."""
 
 WITH_OUTLIERS = {
     "a pose from landmarks": (Task(POSE, landmarks(10, 20), tilt_deg=(3.0, 72.0)), 120),
@@ -49,20 +59,26 @@ def scores(task, world, known):
 
 @pytest.mark.timeout(900)
 def test_errors_are_as_large_as_stated():
-    rng, found = np.random.default_rng(20), defaultdict(list)
-    assert sum(SCENES.values()) == 5000
+    found, kinds = defaultdict(list), {}
     left_out = observations = 0
-    for name, count in SCENES.items():
+    for name, count in (ALL if IS_FULL else SCENES).items():
+        rng, kinds[name] = np.random.default_rng([20, len(kinds)]), []
         for _ in range(count):
             z, solution = scores(TASKS[name], *drawn(TASKS[name], rng))
             left_out += np.count_nonzero(~solution.kept)
             observations += len(solution.kept)
+            kinds[name].append(list(z.values()))
             for unknown, score in z.items():
                 found[unknown].append(score)
     print(f"\n{left_out} of {observations} observations left out\nunknown    scenes  std of z  mean of z  largest")
     for unknown, z in found.items():
         print(f"{unknown:10s} {len(z):6d} {np.std(z):9.3f} {np.mean(z):10.3f} {np.max(np.abs(z)):8.2f}")
+    for name, z in kinds.items():
+        print(f"{name:32s} {len(z):6d} scenes, std of z {np.sqrt(np.mean(np.square(z))):.3f}")
+    for name, z in kinds.items():
+        assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=SURE / math.sqrt(2 * len(z))), name
     for unknown, z in found.items():
+        assert len(z) >= FEWEST
         assert NARROWEST <= np.std(z) <= WIDEST, unknown
         assert abs(np.mean(z)) <= 4 / math.sqrt(len(z)), unknown
 

@@ -140,13 +140,19 @@ def _water_lights(
 
 
 @njit
-def _land_colour(k: int, east: float, north: float, dry: float, footprint: float, tiles: Tiles, growth: float) -> float:
-    """Of one channel; ``dry`` is the distance from the water in widths of its bare margin."""
+def _growth(east: float, north: float, footprint: float, tiles: Tiles) -> tuple[float, float]:
+    """What grows on land: clumps and blades, in standard deviations."""
     starts = tiles[3]
     level = np.log2(footprint * _GROWTH_PER_M)
     clump = sample(tiles[1], starts, east * _GROWTH_PER_M, north * _GROWTH_PER_M, level) * _ONE
     level = np.log2(footprint * _FINE_PER_M)
     blade = sample(tiles[0], starts, east * _FINE_PER_M, north * _FINE_PER_M, level) * _ONE
+    return clump, blade
+
+
+@njit
+def _land_colour(k: int, clump: float, blade: float, dry: float, growth: float) -> float:
+    """Of one channel; ``dry`` is the distance from the water in widths of its bare margin."""
     green = min(max(0.6 + 0.4 * clump, 0.0), 1.0)
     colour = _DRY[k] + green * (_GREEN[k] - _DRY[k])
     colour *= max(1.0 + growth * (0.16 * clump + 0.14 * blade), 0.1)
@@ -201,12 +207,16 @@ def shade_waterside(
             gap, _ = gap_to_bank(along, across, banks, river[4], river[5])
             index = int(min(max((along - river[4]) / river[5], 0.0), banks.shape[0] - 1.001))
             light = _shade(along, across - banks[index, 0], tiles, sides, footprint)
-            drifted = along - look[2] * camera[14]
-            lights = _water_lights(drifted, across, down, toward_sun, footprint, tiles, sides)
+            lights, growth = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0)
+            if wet > 0.0:
+                drifted = along - look[2] * camera[14]
+                lights = _water_lights(drifted, across, down, toward_sun, footprint, tiles, sides)
+            if wet < 1.0:
+                growth = _growth(east, north, footprint, tiles)
             clear = 1.0 / (1.0 + reach * reach * HAZE_PER_M2)
             dry = 9.0 if sides[9] <= 0.0 else max(-gap, 0.0) / sides[9]
             for k in range(3):
-                colour = light * _land_colour(k, east, north, dry, footprint, tiles, sides[10]) if wet < 1.0 else 0.0
+                colour = light * _land_colour(k, growth[0], growth[1], dry, sides[10]) if wet < 1.0 else 0.0
                 if wet > 0.0:
                     colour += wet * (light * _water_colour(k, lights, sides) - colour)
                 colour = SKY[k] + clear * (colour - SKY[k])

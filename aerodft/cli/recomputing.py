@@ -2,18 +2,23 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.looking import Eyes, build_eyes
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
+from aerodft.geometry.jit import expect
 from aerodft.service.feed import MergedFeed
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Feed, Source
 from replay.recording import Recording
 from replay.seen_again import SeenAgain
 from replay.source import RecordingSource
+
+_STEPS_A_SECOND: Final = 300  # without the compiler, for each probe at 30 Hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +61,8 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
     """
     recording = Recording(folder)
     was, station = stations_of(recording, config, calibration)
+    seconds, probes = (recording.end_ns - recording.start_ns) / SECOND_NS, len(station.pipeline.probes)
+    expect(round(_STEPS_A_SECOND * seconds) * probes)  # a long one begins with the compiler loaded
     pipeline = build_pipeline(station)
     source = reoffset(RecordingSource(recording, pixels=vision), was, station)
     again, eyes = None, Eyes()

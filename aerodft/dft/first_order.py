@@ -18,9 +18,9 @@ from aerodft.dft.limits import (
     NEAR_FOOT,
     NO_RAY_CODES,
 )
+from aerodft.dft.loops import joint_variances
 from aerodft.dft.points import ImagePoints, lat_lon_alt, to_ground_frame
 from aerodft.dft.polygons import crosses_itself
-from aerodft.dft.propagation import joint_variances
 from aerodft.dft.quantities import SCALARS, Gradient, Sight, beside, foot_distance, gradient
 from aerodft.dft.record import UNITS
 from aerodft.dft.request import Request, Setup

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import equations
-from aerodft.dft.propagation import depend
+from aerodft.dft.loops import depend
 from aerodft.geometry.ground import Ground, jacobians
 from aerodft.geometry.intrinsics import intrinsics_covariance, rays_by_intrinsics
 from aerodft.geometry.lens import Rays, rays_with_jacobian

@@ -1,20 +1,20 @@
 """The hot loops from derivatives to covariances, over all points of many images.
 
-All of them stand in this module, as in ``geometry.dense``. Sums run in a fixed order and nothing is fused, so that an
-image's numbers are the same to the last bit whichever other images are in the batch.
+All of them stand in this module, as in ``geometry.dense``; ``dft.loops`` says when they run. Sums run in a fixed order
+and nothing is fused, so that an image's numbers are the same to the last bit whichever other images are in the batch.
 
 ``n`` images, ``k`` points in each, ``m`` intrinsics, ``s = 7 + m`` shared errors as in ``projection``.
 """
 
 import numpy as np
 
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import njit_late
 from aerodft.model.arrays import FloatArray
 
 _POSITION, _ROTATION, _ELEVATION, _INTRINSICS = 0, 3, 6, 7
 
 
-@njit
+@njit_late
 def depend(
     met: tuple[FloatArray, FloatArray, FloatArray],
     rotation: FloatArray,
@@ -58,7 +58,7 @@ def depend(
                     own[n, k, i, j] = b0 * by_px[k, 0, j] + b1 * by_px[k, 1, j] + b2 * by_px[k, 2, j]
 
 
-@njit
+@njit_late
 def spread(
     jacobians: tuple[FloatArray, FloatArray],
     shared_cov: FloatArray,
@@ -96,7 +96,7 @@ def spread(
                     cov[n, k, i, 2] += pixel_var[k] * own[n, k, i, b] * p2
 
 
-@njit
+@njit_late
 def _add_shared(shared: FloatArray, shared_cov: FloatArray, elevation_var: float, cov: FloatArray) -> None:
     """Add what the shared errors make of a point's covariance."""
     for a in range(shared.shape[1]):
@@ -114,7 +114,7 @@ def _add_shared(shared: FloatArray, shared_cov: FloatArray, elevation_var: float
             cov[i, 2] += shared[i, a] * s2
 
 
-@njit
+@njit_late
 def _along(shared: FloatArray, unit: FloatArray, a: int) -> float:
     """Derivative of a slant range by one shared error; the camera's own place counts the other way."""
     by: float = unit[0] * shared[0, a] + unit[1] * shared[1, a] + unit[2] * shared[2, a]
@@ -123,7 +123,7 @@ def _along(shared: FloatArray, unit: FloatArray, a: int) -> float:
     return by
 
 
-@njit
+@njit_late
 def _range_variance(shared: FloatArray, shared_cov: FloatArray, elevation_var: float, unit: FloatArray) -> float:
     total, by = 0.0, np.empty(shared.shape[1])
     for a in range(len(by)):
@@ -139,7 +139,7 @@ def _range_variance(shared: FloatArray, shared_cov: FloatArray, elevation_var: f
     return total
 
 
-@njit
+@njit_late
 def joint_variances(
     gradient: tuple[FloatArray, FloatArray, FloatArray],
     jacobians: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
@@ -181,7 +181,7 @@ def joint_variances(
             out[n, g] = variance
 
 
-@njit
+@njit_late
 def _add_along(by: FloatArray, shared: FloatArray, own: FloatArray, total: FloatArray) -> tuple[float, float]:
     """Add the shared errors' part of what depends on a point or ray; gives back the part of its own pixel."""
     pixel_u, pixel_v = 0.0, 0.0

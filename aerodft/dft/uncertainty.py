@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aerodft.dft.loops import spread
 from aerodft.dft.projection import ELEVATION, INTRINSICS, GroundPoints, shared_count
-from aerodft.dft.propagation import spread
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera

@@ -8,9 +8,11 @@ import sys
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from importlib.util import find_spec
+from time import process_time
 from typing import Any, Final, TypeVar, cast
 
-_PATIENCE: Final = 1 << 20  # steps; interpreted they take about as long as loading the compiler
+_PATIENCE: Final = 1 << 20  # steps; to lose as many takes about as long as loading the compiler
+_PATIENCE_A_SECOND: Final = 160_000  # steps for each second so far: of work that takes long a twelfth may be lost
 
 COMPILES: Final[bool] = find_spec("numba") is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 
@@ -32,13 +34,13 @@ def load_compiler() -> None:
 
 
 def expect(steps: int) -> None:
-    """Announce steps that ``njit_late`` functions will take; once they are many together, the compiler is loaded.
+    """Announce steps that are lost without the compiler; once they are many together, it is loaded.
 
-    A step is a byte or a comparison of a loop, or a frame that numpy looks at with others: about half a microsecond.
+    A step is half a microsecond: a byte or a comparison of a loop as it is written, some dozen bytes over whole arrays.
     """
     global _done  # noqa: PLW0603 - of the process, as the compiler is
     _done += steps
-    if _done > _PATIENCE and not is_loaded():
+    if _done > _PATIENCE and not is_loaded() and _done > _PATIENCE_A_SECOND * process_time():
         load_compiler()
 
 

@@ -137,9 +137,11 @@ def _learn(
         delay = arrival[k] - own[k]
         if state[_HAS_LINE] and delay < _offset_at(state, drift, own[k]) - JUMP_NS:
             state[_START] = state[_STOP]  # one of the two clocks was set, or all before this one were held up
-        _note(table, state, arrival[k] // SECOND_NS, own[k], delay)
+        is_new = _note(table, state, arrival[k] // SECOND_NS, own[k], delay)
+        start = state[_START]
         _start_anew_where_set(table, state, drift)
-        _fit(table, state, drift)
+        if is_new or state[_START] != start:
+            _fit(table, state, drift)
         late = delay - _offset_at(state, drift, own[k])
         if not state[_IS_LATE]:
             state[_LATE_FROM], state[_LEAST], state[_MOST] = own[k], late, late
@@ -163,10 +165,12 @@ def _offset_at(state: IntArray, drift: FloatArray, own_ns: int) -> int:
 
 
 @njit_late
-def _note(table: IntArray, state: IntArray, second: int, own_ns: int, delay_ns: int) -> None:
-    last = state[_STOP] - 1
+def _note(table: IntArray, state: IntArray, second: int, own_ns: int, delay_ns: int) -> bool:
+    """Take in a message; whether it is the fastest of its second so far."""
+    last, is_fastest = state[_STOP] - 1, True
     if last >= state[_START] and table[0, last] >= second:
-        if delay_ns < table[2, last]:
+        is_fastest = delay_ns < table[2, last]
+        if is_fastest:
             table[1, last], table[2, last] = own_ns, delay_ns
         second = table[0, last]
     else:
@@ -179,6 +183,7 @@ def _note(table: IntArray, state: IntArray, second: int, own_ns: int, delay_ns: 
         state[_STOP] = stop + 1
     while table[0, state[_START]] < second - _WINDOW_S:
         state[_START] += 1
+    return is_fastest
 
 
 @njit_late
@@ -202,16 +207,12 @@ def _fit(table: IntArray, state: IntArray, drift: FloatArray) -> None:
     """The line below what is in the table, which is something."""
     start, stop = state[_START], state[_STOP]
     last = stop - 1
-    x, y = np.empty(stop - start), np.empty(stop - start)
-    ascends, least_ns = True, table[2, start]
-    for k in range(start, stop):
-        x[k - start], y[k - start] = table[1, k] - table[1, last], table[2, k] - table[2, last]
-        least_ns = min(least_ns, table[2, k])
-        if k > start and table[1, k] <= table[1, k - 1]:
-            ascends = False
-    state[_HAS_LINE], state[_AT], state[_OFFSET], drift[0] = 1, table[1, last], least_ns, 0.0
+    own_ns, delay_ns = table[1, start:stop], table[2, start:stop]
+    state[_HAS_LINE], state[_AT], state[_OFFSET], drift[0] = 1, table[1, last], delay_ns.min(), 0.0
+    ascends = np.all(own_ns[1:] > own_ns[:-1])
     if not ascends or table[0, last] - table[0, start] < _MIN_DELAY_SPAN_S:
         return
+    x, y = (own_ns - table[1, last]).astype(np.float64), (delay_ns - table[2, last]).astype(np.float64)
     offset, slope = line_below(x, y)
     if abs(slope) <= _MAX_DELAY_DRIFT:
         state[_OFFSET], drift[0] = table[2, last] + np.int64(np.rint(offset)), slope

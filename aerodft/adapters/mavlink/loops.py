@@ -1,7 +1,5 @@
 """The loops over files' bytes: over whole arrays while they are few, then compiled where that is possible."""
 
-from typing import Final
-
 import numpy as np
 import numpy.typing as npt
 
@@ -18,7 +16,7 @@ from aerodft.adapters.mavlink.layout import MAX_FRAME, Bytes, Table
 from aerodft.geometry.jit import expect, is_loaded
 from aerodft.model.arrays import IntArray
 
-_BYTES_A_STEP: Final = 16  # over whole arrays
+_BYTES_A_STEP, _FRAMES_A_STEP = 64, 8  # over whole arrays
 
 
 def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray, state: IntArray) -> tuple[int, int]:
@@ -38,7 +36,7 @@ def scan_stream(
 
 def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *, checked: bool) -> None:
     """``kernels.read_headers``."""
-    expect(frames.shape[1])
+    expect(frames.shape[1] // _FRAMES_A_STEP)
     read = kernels.read_headers if is_loaded() else vectorised.read_headers
     read(data, frames, table, heads, checked=checked)
 

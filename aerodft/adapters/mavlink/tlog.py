@@ -20,7 +20,7 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 
 BLOCK_FRAMES: Final = 1 << 15
 _BLOCK_BYTES: Final = 1 << 23
-_STEP_BYTES: Final = 4  # with all that is done with its frames afterwards
+_STEP_BYTES: Final = 64  # over whole arrays, with all that is done with the frames afterwards
 _PROBE_BYTES: Final = 1 << 24
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _STAMPED: Final = "a MAVLink .tlog"

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD, RECORD_HEAD
 from aerodft.adapters.mcap.places import ReadChannel
-from aerodft.geometry.jit import is_loaded, njit
+from aerodft.geometry.jit import expect, is_loaded, njit
 from aerodft.model.arrays import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
@@ -17,8 +17,8 @@ Times = npt.NDArray[np.uint64]
 _HEAD: Final = RECORD_HEAD.size
 _MESSAGE: Final = int(Opcode.MESSAGE)
 _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
-_TIME_AT: Final = 6  # in a message's head
-_FEW, _FEW_UNCOMPILED = 64, 2048
+_HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
+_FEW: Final = 64  # records that are told apart as fast without the compiler
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,8 +67,9 @@ class RecordTable:
 
 def record_table(content: bytes) -> RecordTable:
     """The records of a chunk's content."""
-    few = _few_records(content, _most())
+    few = _few_records(content, _FEW if is_loaded() else len(content))
     if few is not None:
+        expect(2 * len(few.opcode))
         return few
     data = np.frombuffer(content, dtype=np.uint8)
     nothing = np.empty((0, 3), dtype=np.int64)
@@ -82,19 +83,11 @@ def message_table(content: bytes, channels: dict[int, ReadChannel], records: Rec
     """The messages among records, of channels that are known."""
     rows = np.flatnonzero(records.opcode == _MESSAGE)
     start = records.start[rows]
-    ids, times = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.uint64)
-    if len(start) <= _most():
-        for row, at in enumerate(start.tolist()):
-            ids[row], _, times[row], _ = MESSAGE_HEAD.unpack_from(content, at)
-    else:
-        _heads(np.frombuffer(content, dtype=np.uint8), start, ids, times)
+    size = max(len(content) - _MESSAGE_HEAD + 1, 0) if len(start) else 0
+    heads = np.ndarray((size,), dtype=f"V{_MESSAGE_HEAD}", buffer=content, strides=(1,))[start].view(_HEADS)
+    ids, times = heads["channel"].astype(np.int64), heads["log_ns"].astype(np.uint64)
     table = ChunkTable(content, channels, ids, times, start + _MESSAGE_HEAD, records.stop[rows])
     return table.rows(np.isin(ids, list(channels)))
-
-
-def _most() -> int:
-    """Records that are told apart without the compiler: as fast where they are few, and else not worth loading it."""
-    return _FEW if is_loaded() else _FEW_UNCOMPILED
 
 
 def _few_records(content: bytes, most: int) -> RecordTable | None:
@@ -131,15 +124,3 @@ def _walk(content: ImageArray, table: IntArray) -> tuple[int, bool]:
             table[count, 0], table[count, 1], table[count, 2] = opcode, start, position
         count += 1
     return count, position == end
-
-
-@njit
-def _heads(content: ImageArray, start: IntArray, ids: IntArray, times: Times) -> None:
-    """Channel ids and log times of messages that begin there."""
-    for row in range(len(start)):
-        at = start[row]
-        ids[row] = 256 * np.int64(content[at + 1]) + np.int64(content[at])
-        log_ns = np.uint64(0)
-        for k in range(_TIME_AT + 7, _TIME_AT - 1, -1):
-            log_ns = (log_ns << np.uint64(8)) | np.uint64(content[at + k])
-        times[row] = log_ns

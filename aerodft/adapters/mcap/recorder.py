@@ -34,12 +34,13 @@ from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.packet import VideoPacket
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import PoseRow
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.ports import Output
 
 _OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
 _FRAME_OVERHEAD_BYTES = 64
-_KEPT = (PoseSample, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
+_KEPT = (PoseSample, PoseRow, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
 _AT_ONCE = 100  # ticks' inputs and outputs: many numbers are written quicker than few
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
 _SPARE_DATA_BYTES, _SPARE_IMAGE_BYTES = 16 << 20, 4 << 20
@@ -70,7 +71,8 @@ class McapRecorder:
         self._camera = protobuf_channel(Keys(settings.station).camera, CameraCalibration)
         self._shed_messages = 0
         self._is_open = False
-        warm_up()
+        if not settings.lossless:
+            warm_up()
         _prepare(folder)
         try:
             for name, text in (texts or {}).items():

@@ -194,7 +194,7 @@ from aerodft.geometry import jit
 if "--at-once" in sys.argv:
     jit.load_compiler()
 if "--soon" in sys.argv:
-    jit._PATIENCE = 3000
+    jit._PATIENCE, jit._PATIENCE_A_SECOND = 300, 0
 source, decoder, digests = open_log(Path(sys.argv[1])), CompositeDecoder(), {}
 for block in source.events():
     for track in decoder.decode(block):

@@ -24,6 +24,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import PoseRow
 from aerodft.model.status import Status
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
@@ -103,7 +104,7 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
     recorder.close()
 
 
-RECORDED_SPAN_NS: Final = 8 * SECOND_NS
+RECORDED_SPAN_NS: Final = 16 * SECOND_NS
 """Recorded input is advanced by so much at once."""
 
 
@@ -150,7 +151,7 @@ class Tally:
                 self.estimate = item
             elif isinstance(item, SteadinessEstimate):
                 self.steadiness = item
-            elif isinstance(item, PoseSample):
+            elif isinstance(item, PoseSample | PoseRow):
                 self.poses[str(item.status)] += 1
                 if item.reasons and item.status is not Status.OK:
                     self.reasons.setdefault(str(item.status), "; ".join(item.reasons))

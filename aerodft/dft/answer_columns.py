@@ -9,7 +9,7 @@ import numpy as np
 
 from aerodft.dft.answers import Answer
 from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import Posed
 from aerodft.model.status import Status
 
 NUMBERS: Final = ("value", "std", "ci95", "ellipse95", "ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
@@ -48,15 +48,15 @@ class AnswerBlock:
 
     Attributes:
         columns: One for each request.
-        samples: The images' poses.
+        poses: The images'.
     """
 
     columns: tuple[AnswerColumn, ...]
-    samples: Sequence[PoseSample]
+    poses: Sequence[Posed]
 
     def rows(self) -> "list[AnswerRow]":
         """The answers of each image."""
-        return [AnswerRow(self, row) for row in range(len(self.samples))]
+        return [AnswerRow(self, row) for row in range(len(self.poses))]
 
     @cached_property
     def is_plain(self) -> BoolArray:
@@ -117,8 +117,8 @@ class AnswerRow(Sequence[Answer]):
     def __getitem__(self, index: int | slice) -> Answer | list[Answer]:
         if isinstance(index, slice):
             return list(self)[index]
-        return self.block.columns[index].answer(self.row, self.block.samples[self.row].reasons)
+        return self.block.columns[index].answer(self.row, self.block.poses[self.row].reasons)
 
     def __iter__(self) -> Iterator[Answer]:
-        reasons = self.block.samples[self.row].reasons
+        reasons = self.block.poses[self.row].reasons
         return (column.answer(self.row, reasons) for column in self.block.columns)

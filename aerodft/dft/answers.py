@@ -8,6 +8,7 @@ from typing import NamedTuple
 from aerodft.dft.request import Request, Setup
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import Posed, sample_of
 from aerodft.model.probe import PixelSource, Probe
 from aerodft.model.status import Status
 
@@ -41,7 +42,7 @@ class ImageAnswers:
     Attributes:
         requests: The requests.
         answers: Theirs, in the same order.
-        sample: The image's pose.
+        posed: The image's pose.
         stamp_ns: Its stamp.
         image: Its index, where it has one.
         model: Projection model.
@@ -52,7 +53,7 @@ class ImageAnswers:
 
     requests: tuple[Request, ...]
     answers: Sequence[Answer]
-    sample: PoseSample
+    posed: Posed
     stamp_ns: int
     image: int | None
     model: ProjectionModel
@@ -62,20 +63,25 @@ class ImageAnswers:
 
     @staticmethod
     def of(
-        setup: Setup, sample: PoseSample, image: int | None, requests: tuple[Request, ...], answers: Sequence[Answer]
+        setup: Setup, posed: Posed, image: int | None, requests: tuple[Request, ...], answers: Sequence[Answer]
     ) -> "ImageAnswers":
         """The answers in one image, with what they share."""
         return ImageAnswers(
             requests=requests,
             answers=answers,
-            sample=sample,
-            stamp_ns=sample.stamp_ns,
+            posed=posed,
+            stamp_ns=posed.stamp_ns,
             image=image,
             model=setup.model,
             camera=setup.camera.name,
-            calibration=sample.calibration,
+            calibration=posed.calibration,
             config=setup.config_id,
         )
+
+    @property
+    def sample(self) -> PoseSample:
+        """The image's pose alone."""
+        return sample_of(self.posed)
 
     @property
     def statuses(self) -> tuple[Status, ...]:
@@ -87,10 +93,11 @@ class ImageAnswers:
         return len(self.answers)
 
     def __iter__(self) -> Iterator[Measurement]:
+        sample = self.sample
         for request, answer in zip(self.requests, self.answers, strict=True):
-            yield self._measurement(request, answer)
+            yield self._measurement(request, answer, sample)
 
-    def _measurement(self, request: Request, answer: Answer) -> Measurement:
+    def _measurement(self, request: Request, answer: Answer, sample: PoseSample) -> Measurement:
         return Measurement(
             name=request.probe.name,
             kind=request.probe.kind,
@@ -101,7 +108,7 @@ class ImageAnswers:
             std_px=request.std_px,
             camera=self.camera,
             model=self.model,
-            pose=self.sample,
+            pose=sample,
             value=answer.value,
             std=answer.std,
             ci95=answer.ci95,
@@ -151,7 +158,7 @@ def answers_of(measurement: Measurement) -> ImageAnswers:
     return ImageAnswers(
         requests=(Request(probe=probe, pixels=measurement.pixels, std_px=measurement.std_px),),
         answers=(answer,),
-        sample=measurement.pose,
+        posed=measurement.pose,
         stamp_ns=measurement.stamp_ns,
         image=measurement.image,
         model=measurement.model,

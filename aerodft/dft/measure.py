@@ -19,7 +19,8 @@ from aerodft.dft.uncertainty import point_spread, shared_covariance
 from aerodft.dft.zoomed import zoomed
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import PoseSample, stacked
+from aerodft.model.pose import GeoOrigin, Pose, PoseSample, stacked
+from aerodft.model.pose_columns import Posed, PoseRow, by_columns, sample_of
 from aerodft.model.status import Status
 
 __all__ = ["Request", "Setup", "explain", "measure", "measure_images"]
@@ -40,87 +41,106 @@ def measure(
 
 
 def measure_images(
-    setup: Setup, samples: Sequence[PoseSample], requests: tuple[Request, ...], images: Sequence[int | None]
+    setup: Setup, poses: Sequence[Posed], requests: tuple[Request, ...], images: Sequence[int | None]
 ) -> list[ImageAnswers]:
     """Measure the same requests in several images; an image's answers do not depend on the others.
 
     Args:
         setup: What all share.
-        samples: The images' poses.
+        poses: The images'.
         requests: What is measured in each.
         images: Their indices, where they have one.
     """
-    found: list[Sequence[Answer]] = [() for _ in samples]
-    for rows, seen_with in _alike(setup, samples):
-        answers = _answered(seen_with, [samples[row] for row in rows], requests)
+    found: list[Sequence[Answer]] = [() for _ in poses]
+    for rows, seen_with in _alike(setup, poses):
+        answers = _answered(seen_with, [poses[row] for row in rows], requests)
         for row, own in zip(rows, answers, strict=True):
             found[row] = own
     return [
-        ImageAnswers.of(setup, sample, image, requests, answers or _missed(sample, requests))
-        for answers, sample, image in zip(found, samples, images, strict=True)
+        ImageAnswers.of(setup, posed, image, requests, answers or _missed(posed, requests))
+        for answers, posed, image in zip(found, poses, images, strict=True)
     ]
 
 
-def _missed(sample: PoseSample, requests: tuple[Request, ...]) -> list[Answer]:
-    return [Answer(sample.status, sample.reasons)] * len(requests)
+def _missed(posed: Posed, requests: tuple[Request, ...]) -> list[Answer]:
+    return [Answer(posed.status, posed.reasons)] * len(requests)
 
 
-def _alike(setup: Setup, samples: Sequence[PoseSample]) -> Iterator[tuple[list[int], Setup]]:
+def _alike(setup: Setup, poses: Sequence[Posed]) -> Iterator[tuple[list[int], Setup]]:
     """Images with a pose that can be measured at once: seen with one camera, on level ground, from one origin."""
     one_by_one = setup.model is not ProjectionModel.PINHOLE or setup.ground is not None
     waiting: list[int] = []
-    for row, sample in enumerate(samples):
-        if sample.pose is None or sample.status is not Status.OK:
+    for row, posed in enumerate(poses):
+        if posed.status is not Status.OK or (isinstance(posed, PoseSample) and posed.pose is None):
             continue
-        first = samples[waiting[0]] if waiting else sample
-        apart = one_by_one or sample.zoom is not None or first.zoom is not None or sample.origin is not first.origin
+        apart = one_by_one or (waiting and not _may_be_together(poses[waiting[0]], posed))
         if waiting and (apart or len(waiting) == _AT_ONCE):
-            yield waiting, zoomed(setup, first)[0]
+            yield waiting, _seen_with(setup, poses[waiting[0]])
             waiting = []
         waiting.append(row)
     if waiting:
-        yield waiting, zoomed(setup, samples[waiting[0]])[0]
+        yield waiting, _seen_with(setup, poses[waiting[0]])
 
 
-def _answered(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> Sequence[Sequence[Answer]]:
+def _may_be_together(first: Posed, posed: Posed) -> bool:
+    if isinstance(first, PoseRow) or isinstance(posed, PoseRow):
+        return isinstance(first, PoseRow) and isinstance(posed, PoseRow) and first.columns is posed.columns
+    return first.zoom is None and posed.zoom is None and first.origin is posed.origin
+
+
+def _seen_with(setup: Setup, posed: Posed) -> Setup:
+    return setup if isinstance(posed, PoseRow) else zoomed(setup, posed)[0]
+
+
+def _answered(setup: Setup, poses: list[Posed], requests: tuple[Request, ...]) -> Sequence[Sequence[Answer]]:
     """The answers of images that are alike."""
     if not requests:
-        return [()] * len(samples)
-    samples = [zoomed(setup, sample)[1] for sample in samples]
+        return [()] * len(poses)
+    poses = [posed if isinstance(posed, PoseRow) else zoomed(setup, posed)[1] for posed in poses]
     on_ground = tuple(request for request in requests if request.on_top_of is None)
-    points = _points(setup, samples, on_ground)
-    plain = iter(first_order_answers(setup, len(samples), on_ground, points))
-    none = AnswerColumn("m", np.zeros(len(samples), dtype=np.bool_), {}, {})
+    points = _points(setup, poses, on_ground)
+    plain = iter(first_order_answers(setup, len(poses), on_ground, points))
+    none = AnswerColumn("m", np.zeros(len(poses), dtype=np.bool_), {}, {})
     columns = [none if request.on_top_of is not None else next(plain) for request in requests]
     counts = [0 if request.on_top_of is not None else len(request.pixels) for request in requests]
     others: list[dict[int, Answer]] = [{} for _ in requests]
     is_plain = np.array([column.is_plain for column in columns])
-    for row, member in np.argwhere(~is_plain.T).tolist():  # image after image: what its probes draw is shared
+    not_plain = np.argwhere(~is_plain.T).tolist()  # image after image: what its probes draw is shared
+    samples = {row: sample_of(poses[row]) for row, _ in not_plain}
+    for row, member in not_plain:
         record, first = Record(setup, samples[row], requests[member]), sum(counts[:member])
         if counts[member]:
             others[member][row] = measure_one(record, points.probe(row, first, first + counts[member]))
         else:
             others[member][row] = _on_top(record)
     columns = [replace(column, others=own) for column, own in zip(columns, others, strict=True)]
-    return AnswerBlock(tuple(columns), samples).rows()
+    return AnswerBlock(tuple(columns), poses).rows()
 
 
-def _points(setup: Setup, samples: list[PoseSample], requests: tuple[Request, ...]) -> ImagePoints:
+def _points(setup: Setup, poses: Sequence[Posed], requests: tuple[Request, ...]) -> ImagePoints:
     """The points of all requests in all images; uneven ground and the dft model take one image only."""
-    pose = stacked([sample.pose for sample in samples if sample.pose is not None])
+    pose, origin = _together(poses)
     counts = [len(request.pixels) for request in requests]
     pixels = np.array([pixel for request in requests for pixel in request.pixels], dtype=np.float64).reshape(-1, 2)
     elevation = np.repeat([request.probe.elevation_m for request in requests], counts)
     if setup.model is ProjectionModel.PINHOLE and setup.ground is None:
         ground = project(setup.camera, pose, pixels, elevation, setup.model)
     else:
-        (alone,) = samples
-        assert alone.pose is not None  # noqa: S101 - the callers' own condition, for the type checker
-        ground = project(setup.camera, alone.pose, pixels, elevation, setup.model, setup.ground)[None]
+        ground = project(setup.camera, pose.row(0), pixels, elevation, setup.model, setup.ground)[None]
     elevation_std = np.repeat([request.probe.elevation_std_m for request in requests], counts)
     std_px = np.repeat([request.std_px for request in requests], counts)
-    shared_cov = shared_covariance(setup.camera, pose, np.zeros(len(samples)))
-    return image_points(ground, samples[0].origin, pose, shared_cov, elevation_std, std_px)
+    shared_cov = shared_covariance(setup.camera, pose, np.zeros(len(poses)))
+    return image_points(ground, origin, pose, shared_cov, elevation_std, std_px)
+
+
+def _together(poses: Sequence[Posed]) -> tuple[Pose, GeoOrigin | None]:
+    """The ``(n,)`` poses, all of which are rows of the same columns or none is, and their origin."""
+    rows = [posed for posed in poses if isinstance(posed, PoseRow)]
+    if rows:
+        ((columns, which),) = by_columns(rows)
+        return columns.pose.rows(which), rows[0].alike.origin
+    samples = [posed for posed in poses if isinstance(posed, PoseSample)]
+    return stacked([sample.pose for sample in samples if sample.pose is not None]), samples[0].origin
 
 
 def _probe_points(record: Record) -> ProbePoints:

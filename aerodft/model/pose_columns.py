@@ -1,14 +1,21 @@
 """Poses at many stamps as columns; single samples are made when somebody asks for them."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from itertools import groupby
+from typing import Final, TypeAlias
+
+import numpy as np
 
 from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import Pose, PoseSample, PoseStd
+from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.status import Status
 
 _STDS: Final = tuple(each.name for each in fields(PoseStd))
 HORIZONTAL: Final = _STDS.index("horizontal_m")
 """Of the columns of ``PoseColumns.std``."""
+TIME: Final = _STDS.index("time_s")
+"""Likewise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,7 +59,7 @@ class PoseColumns:
 
 
 class PoseRow:
-    """One of such poses.
+    """One of such poses; what all have in common can be asked for without making the sample.
 
     Attributes:
         columns: All of them.
@@ -66,16 +73,52 @@ class PoseRow:
         self.row = row
 
     @property
+    def sample(self) -> PoseSample:
+        """The sample, made anew."""
+        return self.columns.sample(self.row)
+
+    @property
+    def stamp_ns(self) -> int:
+        """As in ``PoseSample``."""
+        return int(self.columns.stamp_ns[self.row])
+
+    @property
     def alike(self) -> PoseSample:
         """The sample without its numbers."""
         return self.columns.alike[int(self.columns.which[self.row])]
 
     @property
-    def sample(self) -> PoseSample:
-        """The sample, made anew."""
-        return self.columns.sample(self.row)
+    def status(self) -> Status:
+        """As in ``PoseSample``."""
+        return self.alike.status
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """As in ``PoseSample``."""
+        return self.alike.reasons
+
+    @property
+    def height_source(self) -> HeightSource | None:
+        """As in ``PoseSample``."""
+        return self.alike.height_source
+
+    @property
+    def calibration(self) -> str | None:
+        """As in ``PoseSample``."""
+        return self.alike.calibration
 
 
-def sample_of(posed: PoseSample | PoseRow) -> PoseSample:
+Posed: TypeAlias = PoseSample | PoseRow
+"""A pose that was made alone, or together with others."""
+
+
+def sample_of(posed: Posed) -> PoseSample:
     """A sample, made where it is a row."""
     return posed.sample if isinstance(posed, PoseRow) else posed
+
+
+def by_columns(rows: Iterable[PoseRow]) -> Iterator[tuple[PoseColumns, IntArray]]:
+    """Rows that stand together in their columns, and which of these they are ``(n,)``."""
+    for _, group in groupby(rows, key=lambda each: id(each.columns)):
+        own = list(group)
+        yield own[0].columns, np.array([each.row for each in own])

@@ -9,7 +9,8 @@ from aerodft.dft.zoomed import zoomed
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.pose import HeightSource
+from aerodft.model.pose_columns import Posed, sample_of
 from aerodft.model.probe import PixelSource
 from aerodft.service.asked import Asked
 from aerodft.service.outlined import request_of, unseen
@@ -60,7 +61,7 @@ class Answering:
         self.observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
         fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
         self.fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
-        self.last_pose: PoseSample | None = None
+        self.last_pose: Posed | None = None
         self._setup = setup
         self._calibrator, self._observer, self._tracker = helpers.calibrator, helpers.observer, helpers.tracker
         self._images = images
@@ -80,7 +81,7 @@ class Answering:
                 earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
                 landmarks = landmarks[len(earlier) :]
                 outputs += self._learn(earlier)
-            outputs += self._answer(each.job.subject, self.refined(each.sample))
+            outputs += self._answer(each.job.subject, self.refined(each.posed))
         if self._observer is not None:
             outputs += self._learn(landmarks)
         if self._tracker is not None:
@@ -93,7 +94,7 @@ class Answering:
         seen = sorted(seen, key=lambda each: each.job.stamp_ns)
         for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
             image = tuple(group)
-            sample = self.refined(image[0].sample)
+            sample = sample_of(self.refined(image[0].posed))
             found = tuple(self._linked(each.job.subject) for each in image if isinstance(each.job.subject, Observation))
             outputs += [*found, *tracker.follow(self._setup, sample, found, found[0].image)]
         return outputs
@@ -106,19 +107,20 @@ class Answering:
         for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
             image = tuple(group)
             observations = tuple(each.job.subject for each in image if isinstance(each.job.subject, Observation))
-            estimates.append(self._observer.observe(image[0].sample, observations))
+            estimates.append(self._observer.observe(sample_of(image[0].posed), observations))
         return estimates
 
-    def refined(self, sample: PoseSample) -> PoseSample:
+    def refined(self, posed: Posed) -> Posed:
         """A pose with what the calibrator knows by now."""
-        return self._calibrator.refine(sample) if self._calibrator else sample
+        return self._calibrator.refine(sample_of(posed)) if self._calibrator else posed
 
-    def _answer(self, subject: Image | Observation, sample: PoseSample) -> list[Output | Asked]:
+    def _answer(self, subject: Image | Observation, posed: Posed) -> list[Output | Asked]:
         if isinstance(subject, Image):
-            switch, self.last_pose = self._height_switch(sample), sample
+            switch, self.last_pose = self._height_switch(posed), posed
             index = None if subject.width_px is None else subject.index
-            asked = [Asked(sample, self.fixed, index)] if self.fixed else []
-            return [subject, *switch, sample, *asked]
+            asked = [Asked(posed, self.fixed, index)] if self.fixed else []
+            return [subject, *switch, posed, *asked]
+        sample = sample_of(posed)
         observation = self._linked(subject)
         probe = self.observed[observation.name]
         if observation.is_empty:
@@ -126,13 +128,13 @@ class Answering:
         request = request_of(probe, observation, zoomed(self._setup, sample)[0].camera, sample.pose)
         return [observation, Asked(sample, linked([request], self.fixed), observation.image)]
 
-    def _height_switch(self, sample: PoseSample) -> list[Output]:
+    def _height_switch(self, posed: Posed) -> list[Output]:
         """Whether an image's height is of another source than the last one's."""
-        before, after = self._height_source, sample.height_source
+        before, after = self._height_source, posed.height_source
         self._height_source = after or before
         if before is None or after is None or before is after:
             return []
-        return [self._switched(before, after, sample.stamp_ns)]
+        return [self._switched(before, after, posed.stamp_ns)]
 
     def _linked(self, observation: Observation) -> Observation:
         if observation.image is not None:

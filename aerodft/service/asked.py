@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from aerodft.dft.measure import measure_images
 from aerodft.dft.request import Request, Setup
-from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import Posed
 from aerodft.service.ports import Output
 
 
@@ -13,7 +13,7 @@ from aerodft.service.ports import Output
 class Asked:
     """What is to be measured at a pose."""
 
-    sample: PoseSample
+    posed: Posed
     requests: tuple[Request, ...]
     image: int | None
 
@@ -29,14 +29,14 @@ def measured(
         work: For each tick.
     """
     in_images = [item for items in work for item in items if isinstance(item, Asked) and item.requests is fixed]
-    samples, indices = [item.sample for item in in_images], [item.image for item in in_images]
-    answers = iter(measure_images(setup, samples, fixed, indices))
+    poses, indices = [item.posed for item in in_images], [item.image for item in in_images]
+    answers = iter(measure_images(setup, poses, fixed, indices))
 
     def answered(item: Output | Asked) -> Output:
         if not isinstance(item, Asked):
             return item
         if item.requests is fixed:
             return next(answers)
-        return measure_images(setup, (item.sample,), item.requests, (item.image,))[0]
+        return measure_images(setup, (item.posed,), item.requests, (item.image,))[0]
 
     return [tuple(map(answered, items)) for items in work]

@@ -20,6 +20,7 @@ from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import Posed, sample_of
 from aerodft.model.status import Status
 from aerodft.service.answering import Answering, Helpers
 from aerodft.service.asked import Asked, measured
@@ -102,7 +103,8 @@ class Pipeline:
     @property
     def last_pose(self) -> PoseSample | None:
         """The pose of the newest finished image; None before the first."""
-        return self._answering.last_pose
+        posed = self._answering.last_pose
+        return None if posed is None else sample_of(posed)
 
     def step(self, batch: Batch) -> tuple[Output, ...]:
         """Advance by one tick.
@@ -119,6 +121,7 @@ class Pipeline:
 
         Returns:
             What ``step`` gives for each of them: it does not matter which ticks are together, only how long it takes.
+            But poses that were made together are rows of their columns; ``sample_of`` makes samples of them.
         """
         with self._lock:
             work: list[list[Output | Asked]] = []
@@ -178,7 +181,7 @@ class Pipeline:
             if stamp_ns is not None or self._settings.fixed_pose is not None:
                 sample = self._pose(stamp_ns or 0, final=True)
             else:
-                sample = self._answering.last_pose
+                sample = self.last_pose
         if sample is None:
             reason = "no image has been measured yet"
             sample = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY, reasons=(reason,))
@@ -263,7 +266,7 @@ class Pipeline:
         ready: list[Ready] = []
         waiting: deque[Job] = deque()
         # An image and all that was seen in it share their pose.
-        found: dict[tuple[int, StampClock, bool], PoseSample | None] = {}
+        found: dict[tuple[int, StampClock, bool], Posed | None] = {}
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
             final = job.deadline_ns <= now_ns
@@ -274,19 +277,21 @@ class Pipeline:
             key = (job.stamp_ns, job.clock, final)
             if look and key not in found:
                 found[key] = self._telemetry_pose(job.stamp_ns, final=final, by_utc=job.clock is StampClock.UTC)
-            sample = found[key] if look else None
-            if sample is None:
+            posed = found[key] if look else None
+            if posed is None:
                 waiting.append(job)
                 blocked_ns = min(job.stamp_ns, blocked_ns or job.stamp_ns)
             else:
-                ready.append(Ready(job, sample))
+                ready.append(Ready(job, posed))
         self._jobs = waiting
         return self._answering.done(ready)
 
     def _pose(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
-        sample = self._telemetry_pose(stamp_ns, final=final)
-        return None if sample is None else self._answering.refined(sample)
+        posed = self._telemetry_pose(stamp_ns, final=final)
+        return None if posed is None else sample_of(self._answering.refined(posed))
 
-    def _telemetry_pose(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
+    def _telemetry_pose(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> Posed | None:
         fixed = self._settings.fixed_pose
-        return replace(fixed, stamp_ns=stamp_ns) if fixed else self._poses.at(stamp_ns, final=final, by_utc=by_utc)
+        if fixed is not None:
+            return replace(fixed, stamp_ns=stamp_ns)
+        return self._poses.posed_at(stamp_ns, final=final, by_utc=by_utc)

@@ -11,6 +11,7 @@ from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import Posed
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, Track
 
@@ -120,4 +121,4 @@ class Sink(Protocol):
         ...
 
 
-Output = ImageAnswers | PoseSample | Observation | Image | Estimate | HeightSwitch
+Output = ImageAnswers | Posed | Observation | Image | Estimate | HeightSwitch

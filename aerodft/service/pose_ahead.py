@@ -6,7 +6,7 @@ import numpy as np
 
 from aerodft.model.arrays import IntArray
 from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import HORIZONTAL, PoseColumns, PoseRow
+from aerodft.model.pose_columns import HORIZONTAL, PoseColumns, Posed, PoseRow
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, CameraAttitudes
 from aerodft.service.health import HealthSources
 from aerodft.service.health_verdict import Verdict, Verdicts
@@ -46,7 +46,7 @@ class PosesAhead:
 
     def clear(self) -> None:
         """The ticks are over."""
-        self.ready: dict[Asked, PoseSample | PoseRow] = {}
+        self.ready: dict[Asked, Posed] = {}
         self._asked: dict[Asked, int] = {}  # and its row in these
         self._attitudes = CameraAttitudes.none(0)
         self._verdicts = Verdicts((), np.empty(0, dtype=np.int64))

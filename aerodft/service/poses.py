@@ -11,7 +11,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.health import Health, LinkTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
-from aerodft.model.pose_columns import PoseRow, sample_of
+from aerodft.model.pose_columns import Posed, sample_of
 from aerodft.model.status import Status
 from aerodft.model.telemetry import CameraTrack, PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
@@ -198,7 +198,7 @@ class PoseSource:
         posed = self.posed_at(stamp_ns, final=final, by_utc=by_utc)
         return None if posed is None else sample_of(posed)
 
-    def posed_at(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | PoseRow | None:
+    def posed_at(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> Posed | None:
         """The same as it was made, with others or alone."""
         ready = None if final else self._ahead.ready.get((self._tick, stamp_ns))
         if ready is not None:

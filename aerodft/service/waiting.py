@@ -6,7 +6,7 @@ from typing import Final
 
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import Posed
 
 _REMEMBERED: Final = 512  # an observation comes at most this many images after its own
 
@@ -44,7 +44,7 @@ class Ready:
     """A job with its pose as the telemetry has it."""
 
     job: Job
-    sample: PoseSample
+    posed: Posed
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.pose_columns import PoseRow, sample_of
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.feed import MergedFeed, block_of, first_arrival_ns
@@ -37,6 +38,7 @@ SETTINGS = PipelineSettings(
 ENCODERS = {
     ImageAnswers: MeasurementEncoder().image,
     PoseSample: encode_pose,
+    PoseRow: lambda row: encode_pose(row.sample),
     Image: encode_image,
     Observation: encode_observation,
 }
@@ -131,7 +133,7 @@ class Bench:
         return ListSource(events)
 
     def poses(self, outputs):
-        return [item for item in outputs if isinstance(item, PoseSample)]
+        return [sample_of(item) for item in outputs if isinstance(item, PoseSample | PoseRow)]
 
     def measured(self, outputs, name):
         images = [item for item in outputs if isinstance(item, ImageAnswers)]

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.pose import PoseEncoder, stamp_word
-from aerodft.adapters.codec.pose_summary import sample_of_summary, summary_key
+from aerodft.adapters.codec.pose_encoder import PoseEncoder, stamp_word
+from aerodft.adapters.codec.pose_summary import sample_of_summary
 from aerodft.adapters.codec.template import Same, Templates
 from aerodft.adapters.texts import Texts
 from aerodft.dft.answer_columns import AnswerBlock, AnswerRow
@@ -62,7 +62,7 @@ class MeasurementEncoder:
 
     def images(self, images: Sequence[ImageAnswers]) -> Texts:
         """The same of several images: numbers of those that are alike but for these are written in one go."""
-        return self._templates.written(images, _key, self._together, _words, self._numbers)
+        return self._templates.written(images, self._key, self._together, _words, self._numbers)
 
     def _together(self, image: ImageAnswers) -> wire.Json:
         answers = [_own(request, answer) for request, answer in zip(image.requests, image.answers, strict=True)]
@@ -70,13 +70,21 @@ class MeasurementEncoder:
 
     def _numbers(self, images: Sequence[ImageAnswers]) -> FloatArray:
         """The numbers of images that are alike, as they stand in their payloads ``(n, m)``."""
-        parts = [np.array([self._poses.summary_numbers(image.sample) for image in images])]
+        parts = [self._poses.summary_numbers([image.posed for image in images])]
         rows: dict[AnswerBlock, list[int]] = {}
         for image in images:
             assert isinstance(image.answers, AnswerRow)  # noqa: S101 - by their key, for the type checker
             rows.setdefault(image.answers.block, []).append(image.answers.row)
         parts.append(np.concatenate([_block_numbers(block, own) for block, own in rows.items()]))
         return np.concatenate(parts, axis=1)
+
+    def _key(self, image: ImageAnswers) -> Hashable | None:
+        """What images have in common that are written with one template; None where an answer is not plain."""
+        answers, pose = image.answers, self._poses.key(image.posed)
+        if pose is None or not isinstance(answers, AnswerRow) or not answers.block.is_plain[answers.row]:
+            return None
+        own = (image.model, image.camera, image.calibration, image.config)
+        return (pose, *own, Same(answers.block.shape), Same(image.requests))
 
     def _payloads(self, image: ImageAnswers) -> Iterator[wire.Json]:
         shared = self._shared(image)
@@ -93,21 +101,12 @@ class MeasurementEncoder:
             "calibration": image.calibration,
             "config": image.config,
             "software": wire.SOFTWARE,
-            "pose": self._poses.summary(image.sample),
+            "pose": self._poses.summary(image.posed),
         }
 
 
-def _key(image: ImageAnswers) -> Hashable | None:
-    """What images have in common that are written with one template; None where an answer is not plain."""
-    answers = image.answers
-    if not isinstance(answers, AnswerRow) or not answers.block.is_plain[answers.row]:
-        return None
-    own = (image.model, image.camera, image.calibration, image.config, image.sample.reasons)
-    return (*summary_key(image.sample), *own, Same(answers.block.shape), Same(image.requests))
-
-
 def _words(image: ImageAnswers) -> tuple[bytes, bytes]:
-    return stamp_word(image.sample), b"null" if image.image is None else b"%d" % image.image
+    return stamp_word(image.posed), b"null" if image.image is None else b"%d" % image.image
 
 
 def _block_numbers(block: AnswerBlock, rows: list[int]) -> FloatArray:

@@ -1,110 +1,23 @@
 """``aerodft.pose/1``: a pose sample with its full covariance."""
 
 import math
-from collections.abc import Hashable, Sequence
-from typing import Final, NamedTuple
-
-import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.pose_summary import height_source_of, std_of, summary_key, summary_of, summary_values
-from aerodft.adapters.codec.template import Templates
-from aerodft.adapters.texts import Texts
-from aerodft.model.arrays import FloatArray, read_only
+from aerodft.adapters.codec.pose_summary import height_source_of, std_of, summary_of, summary_values
+from aerodft.model.arrays import read_only
 from aerodft.model.pose import GeoOrigin, GimbalSource, Pose, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
 
 SCHEMA = "aerodft.pose/1"
 
-_REMEMBERED: Final = 1024  # summaries
-
-
-class PoseEncoder:
-    """Encodes poses, of which many are alike but for their numbers; their summaries are made once.
-
-    Not shared between threads.
-    """
-
-    def __init__(self) -> None:
-        self._templates = Templates(words=("stamp_ns",))
-        self._summaries: dict[int, _Summary] = {}
-
-    def encode(self, samples: Sequence[PoseSample]) -> Texts:
-        """Pose samples as ``aerodft.pose/1``."""
-        return self._templates.written(
-            samples, _key, self._payload, lambda sample: (stamp_word(sample),), self._numbers
-        )
-
-    def summary(self, sample: PoseSample) -> wire.Json:
-        """As a measurement shows the pose; not to be changed."""
-        return summary_of(sample, self._summary(sample).values)
-
-    def summary_numbers(self, sample: PoseSample) -> Sequence[float | None]:
-        """Those of a summary, in its order; not to be changed."""
-        values = self._summary(sample).values
-        return values if None not in values else [value for value in values if value is not None]
-
-    def _summary(self, sample: PoseSample) -> "_Summary":
-        known = self._summaries.get(id(sample))
-        if known is not None and known.sample is sample:
-            return known
-        if len(self._summaries) >= _REMEMBERED:
-            self._summaries.clear()
-        self._summaries[id(sample)] = known = _Summary(sample, summary_values(sample))
-        return known
-
-    def _payload(self, sample: PoseSample) -> wire.Json:
-        return _payload(sample, self.summary(sample))
-
-    def _numbers(self, samples: Sequence[PoseSample]) -> FloatArray:
-        poses = [sample.pose for sample in samples if sample.pose is not None]
-        first = samples[0]
-        scalars = [
-            [
-                *self.summary_numbers(sample),
-                sample.std.horizontal_m,
-                sample.std.time_s,
-                *(() if sample.alt_msl_m is None else (sample.alt_msl_m,)),
-            ]
-            for sample in samples
-        ]
-        fields = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps", "time_std_s")
-        arrays = [np.array([getattr(pose, name) for pose in poses]).reshape(len(poses), -1) for name in fields]
-        origin = (
-            []
-            if first.origin is None
-            else [each for each in _origin_payload(first.origin).values() if each is not None]
-        )
-        return np.concatenate([np.array(scalars), *arrays, np.tile(origin, (len(samples), 1))], axis=1)
-
-
-class _Summary(NamedTuple):
-    sample: PoseSample
-    values: list[float | None]
-
-
-def stamp_word(sample: PoseSample) -> bytes:
-    """A sample's stamp, as it stands in a payload."""
-    return b'"%d"' % sample.stamp_ns
-
-
-def _key(sample: PoseSample) -> Hashable | None:
-    """What samples have in common that are written with one template."""
-    if sample.pose is None or sample.zoom is not None:
-        return None
-    own = (sample.status, sample.reasons, sample.alt_msl_m is None, sample.attitude_source, sample.calibration)
-    origin = sample.origin
-    place = None if origin is None else (origin.lat_rad, origin.lon_rad, origin.alt_msl_m)
-    return (*summary_key(sample), *own, place)
-
 
 def encode_pose(sample: PoseSample) -> bytes:
     """A pose sample as ``aerodft.pose/1``."""
-    return wire.dump(_payload(sample, summary_of(sample, summary_values(sample))))
+    return wire.dump(payload_of(sample, summary_of(sample, summary_values(sample))))
 
 
-def _payload(sample: PoseSample, own: wire.Json) -> wire.Json:
+def payload_of(sample: PoseSample, own: wire.Json) -> wire.Json:
     """As ``aerodft.pose/1``, with its summary."""
     pose, origin = sample.pose, sample.origin
     payload: wire.Json = {
@@ -125,7 +38,7 @@ def _payload(sample: PoseSample, own: wire.Json) -> wire.Json:
     payload["velocity_enu_mps"] = pose.velocity_enu_mps if pose else None
     payload["rate_cam_radps"] = pose.rate_cam_radps if pose else None
     payload["time_std_s"] = pose.time_std_s if pose else None
-    payload["origin"] = None if origin is None else _origin_payload(origin)
+    payload["origin"] = None if origin is None else origin_payload(origin)
     payload["software"] = wire.SOFTWARE
     return payload
 
@@ -189,7 +102,8 @@ def _zoom(payload: wire.Json) -> Zoom | None:
     )
 
 
-def _origin_payload(origin: GeoOrigin) -> wire.Json:
+def origin_payload(origin: GeoOrigin) -> wire.Json:
+    """An origin as it stands in a pose."""
     return {
         "lat": math.degrees(origin.lat_rad),
         "lon": math.degrees(origin.lon_rad),

@@ -8,6 +8,7 @@ from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
 from aerodft.adapters.codec.keys import Keys
+from aerodft.adapters.codec.pose_encoder import PoseEncoder
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
 from aerodft.adapters.mcap.message_rows import MessageRows
@@ -19,6 +20,7 @@ from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_columns import Posed, PoseRow, sample_of
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import joined_blocks
@@ -70,7 +72,7 @@ class Records:
         self._height = json_channel(keys.height, height.SCHEMA)
         self._status = json_channel(keys.status, status.SCHEMA)
         self._location = protobuf_channel(keys.location, LocationFix)
-        self._poses = pose.PoseEncoder()
+        self._poses = PoseEncoder()
         self._measurements = measurement.MeasurementEncoder(self._poses)
         self._fixed_ns = 0
 
@@ -127,7 +129,7 @@ class Records:
     def _add_output(self, rows: "_Rows", number: int, now_ns: int, item: Output) -> None:
         if isinstance(item, ImageAnswers):
             rows.add_answers(number, now_ns, self._measured, item)
-        elif isinstance(item, PoseSample):
+        elif isinstance(item, PoseSample | PoseRow):
             rows.add_pose(number, now_ns, self._pose, item)
             self._add_fix(rows, number, now_ns, item)
         elif isinstance(item, HeightSwitch):
@@ -137,9 +139,12 @@ class Records:
         elif isinstance(item, CalibrationEstimate):
             rows.add(number, Record(now_ns, self._calibration, estimate.encode_estimate(item)))
 
-    def _add_fix(self, rows: "_Rows", number: int, now_ns: int, sample: PoseSample) -> None:
+    def _add_fix(self, rows: "_Rows", number: int, now_ns: int, posed: Posed) -> None:
         """A few times a second a position for maps."""
-        if abs(now_ns - self._fixed_ns) >= _FIX_PERIOD_NS and (fix := location_fix(sample, self._frame)) is not None:
+        if abs(now_ns - self._fixed_ns) < _FIX_PERIOD_NS:
+            return
+        fix = location_fix(sample_of(posed), self._frame)
+        if fix is not None:
             self._fixed_ns = now_ns
             rows.add(number, Record(now_ns, self._location, fix))
 
@@ -148,7 +153,7 @@ class _Rows:
     """Messages of some works, in any order."""
 
     def __init__(self) -> None:
-        self.poses: list[PoseSample] = []
+        self.poses: list[Posed] = []
         self.answers: list[ImageAnswers] = []
         self._numbers: dict[int, int] = {}  # of channels, by identity
         self._channels: list[Channel] = []
@@ -162,10 +167,10 @@ class _Rows:
         self._head(0, work, record.log_ns, record.channel, record.sequence)
         self._texts.append(record.data)
 
-    def add_pose(self, work: int, log_ns: int, channel: Channel, sample: PoseSample) -> None:
+    def add_pose(self, work: int, log_ns: int, channel: Channel, posed: Posed) -> None:
         """Add one that is yet to be written."""
         self._head(1, work, log_ns, channel, 0)
-        self.poses.append(sample)
+        self.poses.append(posed)
 
     def add_answers(self, work: int, log_ns: int, channel: Channel, image: ImageAnswers) -> None:
         """Likewise."""

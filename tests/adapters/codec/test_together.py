@@ -8,7 +8,8 @@ import pytest
 
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.measurement import MeasurementEncoder
-from aerodft.adapters.codec.pose import PoseEncoder, encode_pose
+from aerodft.adapters.codec.pose import encode_pose
+from aerodft.adapters.codec.pose_encoder import PoseEncoder
 from aerodft.adapters.codec.template import Templates
 from aerodft.dft.measure import Request, Setup, measure_images
 from aerodft.dft.request import linked

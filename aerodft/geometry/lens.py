@@ -73,7 +73,7 @@ def _rays(camera: Camera, pixels_px: FloatArray) -> Rays:
 
 def _from_centre(camera: Camera, pixels_px: FloatArray) -> FloatArray:
     """Pixels from the principal point, in focal lengths ``(..., 2)``."""
-    return (pixels_px - [camera.cx_px, camera.cy_px]) / np.array([camera.fx_px, camera.fy_px])
+    return np.asarray((pixels_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px])
 
 
 def pixels_from_rays(camera: Camera, rays_cam: FloatArray) -> FloatArray:

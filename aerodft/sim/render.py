@@ -24,6 +24,7 @@ _BANK_REACH_M = 2500.0
 _NOISE_SLACK_PX = 64
 _NO_SHORE_M = 1e6
 _LOWEST_M = 0.05
+_TIME = 14  # the only number of a camera's state that is not where it is and looks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +58,9 @@ class Renderer:
         self._imaging = imaging or Imaging()
         self._waterside = waterside
         self._rays = _ray_table(camera)
+        self._place: tuple[float, ...] = ()
+        self._still: ImageArray | None = None
+        self._wet_rows = slice(0)
         self._river, self._banks = _river_tables(world.river)
         fine, coarse, water = (
             pyramid(3 * world.seed, 5, 0.8),
@@ -94,15 +98,31 @@ class Renderer:
         height = max(up, _LOWEST_M)
         turn = matrix(pose.wxyz).ravel()
         state = (east, north, height, *turn, 1 / camera.fx_px, 1 / camera.fy_px, time_s, 1 / height)
-        looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
         camera_state = tuple(map(float, state))
         if self._waterside is None:
-            shade(self._rays, camera_state, self._river, self._banks, looks, self._tiles, image)
+            self._plain(camera_state, image)
         else:
+            looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
             sides = self._waterside.numbers(look.sun_azimuth_rad, look.sun_elevation_rad)
             shade_waterside(self._rays, camera_state, (self._river, self._banks), looks, sides, self._tiles, image)
         draw(image, self._rays, camera, pose, sprites(self.world, pose.position_enu_m, time_s))
         return image
+
+    def _plain(self, state: tuple[float, ...], image: ImageArray) -> None:
+        """Sky, land and water, into an image; of a camera that stands still only where there is water."""
+        look = self.world.look
+        looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
+        place = (*state[:_TIME], *state[_TIME + 1 :])
+        rows = slice(None)
+        if self._still is not None and place == self._place:
+            np.copyto(image, self._still)
+            rows = self._wet_rows
+        wet = shade(self._rays[rows], state, self._river, self._banks, looks, self._tiles, image[rows])
+        if place != self._place:
+            self._still = None
+        elif self._still is None:  # the second time that it looks from there: it may do so again
+            self._still, self._wet_rows = image.copy(), slice(*wet)
+        self._place = place
 
     def _noisy(self, image: ImageArray, time_s: float) -> ImageArray:
         if self._noise is None:

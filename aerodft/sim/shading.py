@@ -174,7 +174,7 @@ def shade(
     look: Look,
     tiles: Tiles,
     image: ImageArray,
-) -> None:
+) -> tuple[int, int]:
     """Fill ``image`` with sky, land and water; a pixel cut by a bank is mixed by the area on either side.
 
     Args:
@@ -186,7 +186,11 @@ def shade(
         look: Contrast of ground and water, speed of the water (m/s).
         tiles: Fine ground, coarse ground and water texels, and the levels' starts.
         image: ``(h, w, 3)`` BGR, written.
+
+    Returns:
+        The first row that shows water, and the one after the last: no other changes with the time.
     """
+    first_wet, end_wet = rays.shape[0], 0
     fine_tile, coarse_tile, water_tile, starts = tiles
     for v in range(rays.shape[0]):
         for u in range(rays.shape[1]):
@@ -212,8 +216,10 @@ def shade(
             if wet < 1.0:
                 land, green = _land(fine_tile, coarse_tile, starts, east, north, footprint, look[0])
             if wet > 0.0:
+                first_wet, end_wet = min(first_wet, v), v + 1
                 water = _water(water_tile, starts, along - look[2] * camera[14], across, footprint, look[1])
             _paint(image, v, u, wet, (land, green, water), 1.0 / (1.0 + reach * reach * HAZE_PER_M2))
+    return first_wet, end_wet
 
 
 @njit

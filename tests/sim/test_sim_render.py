@@ -189,6 +189,20 @@ def test_the_same_arguments_give_the_same_bytes_and_noise_has_its_std() -> None:
     assert (one.astype(float) - clean).std() == pytest.approx(3.0, rel=0.03)
 
 
+@pytest.mark.parametrize("tilt_deg", [0.0, 80.0])
+@pytest.mark.parametrize("north_m", [0.0, 400.0])  # over the water, and where there is none in view
+def test_a_camera_that_stands_still_sees_what_it_would_see_anew(north_m: float, tilt_deg: float) -> None:
+    scene = world(look=Look(), walkers=(Walker(start_en_m=(-9.0, north_m + 12.0), end_en_m=(9.0, north_m + 12.0)),))
+    here, there = (
+        camera_pose(height_agl_m=20.0, tilt_rad=math.radians(tilt_deg), north_m=north_m, east_m=east_m)
+        for east_m in (0.0, 0.5)
+    )
+    standing = Renderer(BROWN, scene, SHARP)
+    for time_s, pose in enumerate((here, here, here, there, here, here, here)):
+        anew = Renderer(BROWN, scene, SHARP).render(pose, time_s)
+        np.testing.assert_array_equal(standing.render(pose, time_s), anew)
+
+
 def test_motion_blur_is_the_mean_of_the_exposure() -> None:
     poses = [camera_pose(height_agl_m=25.0, tilt_rad=0.3, north_m=north) for north in (0.0, 0.5, 1.0)]
     renderer = Renderer(BROWN, world(look=Look()), SHARP)

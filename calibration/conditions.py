@@ -23,7 +23,7 @@ from aerodft.dft.seen import Seen, dependence
 from aerodft.dft.values import scalar_with_gradient
 from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import camera_angles, skew
+from aerodft.geometry.rotation import camera_angles, cross, skew
 from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import (
@@ -146,11 +146,11 @@ def _landmark(evidence: Landmark, state: State) -> Found:
     along = np.eye(3)[axis]
     to_line = np.array([0.0 if known is None else known for known in evidence.position_m]) - state.position_m
     rays = _foot_rays(state, evidence.pixel) if state.model is ProjectionModel.DFT else _rays(state, (evidence.pixel,))
-    across = np.cross(rays.enu[0], along)
+    across = cross(rays.enu[0], along)
     size = float(np.linalg.norm(across))
-    if not np.cross(to_line, along) @ across > 0:  # behind the camera
+    if not cross(to_line, along) @ across > 0:  # behind the camera
         across = np.full(3, np.nan)
-    found = _from_rays(float(across @ to_line) / size, np.cross(along, to_line)[None] / size, rays, evidence.std_px)
+    found = _from_rays(float(across @ to_line) / size, cross(along, to_line)[None] / size, rays, evidence.std_px)
     found.by_shared[0, POSITION] -= across / size
     variance = float(np.square(across / size) @ np.square(evidence.std_m))
     return replace(found, cov=found.cov + variance)
@@ -209,16 +209,16 @@ def _vertical(evidence: Vertical, state: State) -> Found:
     rays = _rays(state, evidence.pixels)
     a, b = rays.enu
     up = np.array([0.0, 0.0, 1.0])
-    length = float(np.linalg.norm(np.cross(a, b)))
-    by_rays = np.stack([np.cross(b, up), np.cross(up, a)]) / length
-    return _from_rays(float(np.cross(a, b) @ up) / length, by_rays, rays, evidence.std_px)
+    length = float(np.linalg.norm(cross(a, b)))
+    by_rays = np.stack([cross(b, up), cross(up, a)]) / length
+    return _from_rays(float(cross(a, b) @ up) / length, by_rays, rays, evidence.std_px)
 
 
 def _lines(evidence: GroundLines, state: State) -> Found:
     """Level lines lie where the planes through the camera and them meet a level plane."""
     rays = _rays(state, (*evidence.first, *evidence.second))
     a, b, c, d = rays.enu
-    first, second = np.cross(a, b)[:2], np.cross(c, d)[:2]
+    first, second = cross(a, b)[:2], cross(c, d)[:2]
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     if evidence.at_right_angle:
         off, by_first, by_second = first @ second, second, first
@@ -226,7 +226,7 @@ def _lines(evidence: GroundLines, state: State) -> Found:
         off = first[0] * second[1] - first[1] * second[0]
         by_first, by_second = np.array([second[1], -second[0]]), np.array([-first[1], first[0]])
     by_first, by_second = np.append(by_first, 0.0), np.append(by_second, 0.0)
-    by_rays = np.stack([np.cross(b, by_first), np.cross(by_first, a), np.cross(d, by_second), np.cross(by_second, c)])
+    by_rays = np.stack([cross(b, by_first), cross(by_first, a), cross(d, by_second), cross(by_second, c)])
     return _from_rays(float(off) / size, by_rays / size, rays, evidence.std_px)
 
 

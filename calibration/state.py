@@ -3,13 +3,13 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION
 from aerodft.geometry.rotation import angles_of_matrix, camera_attitude, from_rotation_vector, matrix, multiply
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.camera import Camera, CameraStd, LensModel
 from aerodft.model.measurement import ProjectionModel
 
@@ -118,23 +118,15 @@ class Unknowns:
 
         Where the camera turns freely, the three angles stand for rotations about its x, z and y axes.
         """
-        count = 7 + 4 + len(state.camera.distortion)
-        by = np.zeros((count, len(self.names)))
-        axes = np.eye(3)[:, [0, 2, 1]] if self.turns_freely else state.angle_axes
-        ratio = state.camera.fy_px / state.camera.fx_px
-        for column, name in enumerate(self.names):
-            if name in _PLACE:
-                by[_PLACE[name], column] = 1.0
-            elif name in _ANGLES:
-                by[ROTATION, column] = axes[:, _ANGLES.index(name)]
-            elif name == "elevation":
-                by[ELEVATION, column] = 1.0
-            elif name == "focal":
-                by[INTRINSICS.start, column], by[INTRINSICS.start + 1, column] = 1.0, ratio
-            elif name in _LENS:
-                by[INTRINSICS.start + _LENS[name], column] = 1.0
-            else:
-                by[INTRINSICS.start + 4 + coefficient_names(state.camera).index(name), column] = 1.0
+        by = _columns_of(self.names, coefficient_names(state.camera))
+        angles = set() if self.turns_freely else set(_ANGLES) & set(self.names)
+        if not (angles or "focal" in self.names):
+            return by
+        by = by.copy()
+        for name in angles:
+            by[ROTATION, self.names.index(name)] = state.angle_axes[:, _ANGLES.index(name)]
+        if "focal" in self.names:
+            by[INTRINSICS.start + 1, self.names.index("focal")] = state.camera.fy_px / state.camera.fx_px
         return by
 
     def moved(self, state: State, step: FloatArray) -> State:
@@ -193,6 +185,26 @@ class Unknowns:
                 steps[1:] = [[0.0], [2.0]] * steps[2]
             change[np.ix_(columns, columns)] = steps
         return change
+
+
+@lru_cache(maxsize=64)
+def _columns_of(names: tuple[str, ...], coefficients: tuple[str, ...]) -> FloatArray:
+    """As ``Unknowns.by_unknowns``, where it does not depend on the state; angles turn about the camera's own axes."""
+    by = np.zeros((7 + 4 + len(coefficients), len(names)))
+    for column, name in enumerate(names):
+        if name in _PLACE:
+            by[_PLACE[name], column] = 1.0
+        elif name in _ANGLES:
+            by[ROTATION, column] = np.eye(3)[:, [0, 2, 1]][:, _ANGLES.index(name)]
+        elif name == "elevation":
+            by[ELEVATION, column] = 1.0
+        elif name == "focal":
+            by[INTRINSICS.start, column] = 1.0
+        elif name in _LENS:
+            by[INTRINSICS.start + _LENS[name], column] = 1.0
+        else:
+            by[INTRINSICS.start + 4 + coefficients.index(name), column] = 1.0
+    return read_only(by)
 
 
 def expanded(names: tuple[str, ...]) -> tuple[str, ...]:

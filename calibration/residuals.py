@@ -216,5 +216,7 @@ def _whitening(cov: FloatArray) -> FloatArray:
     One direction may be billions of times as uncertain as another (a ray along the ground, a landmark right before the
     lens): rounding alone would make such a matrix singular.
     """
+    if cov.shape == (1, 1) and cov[0, 0] > 0:
+        return np.asarray(1.0 / np.sqrt(cov + 1e-12 * cov))
     size = np.trace(cov, axis1=-2, axis2=-1)[..., None, None]
     return np.asarray(np.linalg.inv(np.linalg.cholesky(cov + 1e-12 * size * np.eye(cov.shape[-1]))))

@@ -1,6 +1,6 @@
 """A recording's inputs as a ``Source``: the pipeline takes them as it took the live ones."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from replay.pixels import PixelStore
 from replay.recording import Recording
 
 _INPUTS = frozenset({events.IMAGE_SCHEMA, events.OBSERVATION_SCHEMA})
+_LEAST_SHARE = 0.25  # of a chunk
 _PROTOCOLS = frozenset(protocol.value for protocol in WireProtocol)
 
 
@@ -41,6 +42,10 @@ class RecordingSource:
         self._from_ns = from_ns
         self._to_ns = to_ns
         self._pixels = PixelStore(recording) if pixels else None
+        self._decoders: dict[str, Callable[[Sequence[bytes]], Sequence[Image | Observation]]] = {
+            events.IMAGE_SCHEMA: self._images,
+            events.OBSERVATION_SCHEMA: events.decode_observations,
+        }
 
     def events(self) -> Iterator[Event]:
         """All events, (first) arrivals not decreasing; a chunk of the recording is held in memory.
@@ -72,16 +77,14 @@ class RecordingSource:
 
     def _others(self, table: ChunkTable) -> dict[int, Image | Observation]:
         """Images and observations of a chunk, by row."""
-        makers: dict[int, Callable[[bytes], Image | Observation]] = {}
-        for number, channel in table.channels.items():
-            if channel.schema in _INPUTS:
-                makers[number] = self._image if channel.schema == events.IMAGE_SCHEMA else events.decode_observation
-        found = {}
+        found: dict[int, Image | Observation] = {}
         with located(self._recording.folder):
-            for row in np.flatnonzero(np.isin(table.channel, list(makers))).tolist():
-                data = table.content[table.start[row] : table.stop[row]]
-                found[row] = makers[int(table.channel[row])](data)
-        return found
+            for schema, decoded in self._decoders.items():
+                wanted = [number for number, channel in table.channels.items() if channel.schema == schema]
+                rows = np.flatnonzero(np.isin(table.channel, wanted)).tolist()
+                data = [table.content[table.start[row] : table.stop[row]] for row in rows]
+                found.update(zip(rows, decoded(data), strict=True))
+        return dict(sorted(found.items()))
 
     def _gone_back(self, by_ns: int) -> InputError:
         return InputError(
@@ -91,11 +94,11 @@ class RecordingSource:
             expected="segments of one recording, each once",
         )
 
-    def _image(self, data: bytes) -> Image:
-        image = events.decode_image(data)
-        if self._pixels is None:
-            return image
-        return replace(image, pixels=self._pixels.pixels(image.arrival_ns, image.index))
+    def _images(self, data: Sequence[bytes]) -> list[Image]:
+        images, pixels = events.decode_images(data), self._pixels
+        if pixels is None:
+            return images
+        return [replace(image, pixels=pixels.pixels(image.arrival_ns, image.index)) for image in images]
 
 
 def _is_input(channel: ReadChannel) -> bool:
@@ -103,7 +106,7 @@ def _is_input(channel: ReadChannel) -> bool:
 
 
 def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
-    """The frames of a chunk, by sender; they stay where they are."""
+    """The frames of a chunk, by sender; they stay where they are, if they are much of it."""
     senders: dict[tuple[str, str], list[int]] = {}
     for number in np.unique(table.channel).tolist():
         channel = table.channels[number]
@@ -111,11 +114,15 @@ def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
             senders.setdefault((channel.encoding, channel.metadata.get(SENDER_KEY, "")), []).append(number)
     for (protocol, sender), numbers in senders.items():
         own = table.rows(np.isin(table.channel, numbers))
+        length, offset, data = own.stop - own.start, own.start, table.content
+        if length.sum() < _LEAST_SHARE * len(data):  # answers lie between them: a chunk would be kept for a few frames
+            data = b"".join([data[start:stop] for start, stop in zip(offset.tolist(), own.stop.tolist(), strict=True)])
+            offset = np.cumsum(length) - length
         yield RawBlock(
             protocol=WireProtocol(protocol),
             sender=sender,
             arrival_ns=own.log_ns.astype(np.int64),
-            offset=own.start,
-            length=own.stop - own.start,
-            data=table.content,
+            offset=offset,
+            length=length,
+            data=data,
         )

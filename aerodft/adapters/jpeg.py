@@ -1,6 +1,5 @@
 """Pixels to JPEG and back."""
 
-import cv2
 import numpy as np
 
 from aerodft.errors import InputError
@@ -19,6 +18,8 @@ def encode_jpeg(image: Image, quality: int) -> bytes:
         ValueError: The image has no pixels.
         InputError: They cannot be encoded.
     """
+    import cv2  # noqa: PLC0415 - 20 MB, and a recording need not have images
+
     if image.pixels is None:
         raise ValueError(f"image {image.index} has no pixels")
     try:
@@ -36,6 +37,8 @@ def decode_jpeg(data: bytes, where: str) -> ImageArray:
     Raises:
         InputError: It is damaged; names ``where``.
     """
+    import cv2  # noqa: PLC0415 - as above
+
     pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if data else None
     if pixels is None:
         raise InputError("the JPEG is damaged", where=where, got=f"{len(data)} bytes")

@@ -104,7 +104,7 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
     recorder.close()
 
 
-RECORDED_SPAN_NS: Final = 16 * SECOND_NS
+RECORDED_SPAN_NS: Final = 32 * SECOND_NS
 """Recorded input is advanced by so much at once."""
 
 
@@ -193,8 +193,8 @@ def _drive(
             for sink in sinks:
                 sink.inputs(batch)
                 sink.outputs(outputs)
-            if on_tick is not None:
-                on_tick(batch.now_ns)
+        if on_tick is not None:
+            on_tick(batches[-1].now_ns)
     outputs = pipeline.finish()
     for sink in sinks:
         sink.outputs(outputs)

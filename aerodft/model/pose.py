@@ -149,3 +149,13 @@ class PoseSample:
     telemetry_age_s: float | None = None
     calibration: str | None = None
     zoom: Zoom | None = None
+
+    @property
+    def lat_lon_alt(self) -> tuple[float | None, float | None, float | None]:
+        """Latitude, longitude (rad) and altitude (m MSL), None where they are not known."""
+        return self.lat_rad, self.lon_rad, self.alt_msl_m
+
+    @property
+    def cov(self) -> FloatArray | None:
+        """Of the pose."""
+        return None if self.pose is None else self.pose.cov

@@ -44,7 +44,7 @@ class PoseColumns:
 
     def sample(self, row: int) -> PoseSample:
         """One of them."""
-        lat, lon, alt = (None, None, None) if self.lat_lon_alt is None else self.lat_lon_alt[row].tolist()
+        lat, lon, alt = self.place(row)
         return replace(
             self.alike[int(self.which[row])],
             stamp_ns=int(self.stamp_ns[row]),
@@ -56,6 +56,13 @@ class PoseColumns:
             height_age_s=float(self.height_age_s[row]),
             telemetry_age_s=float(self.telemetry_age_s[row]),
         )
+
+    def place(self, row: int) -> tuple[float | None, float | None, float | None]:
+        """As ``PoseSample.lat_lon_alt`` of one of them."""
+        if self.lat_lon_alt is None:
+            return None, None, None
+        lat_rad, lon_rad, alt_msl_m = self.lat_lon_alt[row].tolist()
+        return lat_rad, lon_rad, alt_msl_m
 
 
 class PoseRow:
@@ -86,6 +93,17 @@ class PoseRow:
     def alike(self) -> PoseSample:
         """The sample without its numbers."""
         return self.columns.alike[int(self.columns.which[self.row])]
+
+    @property
+    def lat_lon_alt(self) -> tuple[float | None, float | None, float | None]:
+        """As in ``PoseSample``."""
+        return self.columns.place(self.row)
+
+    @property
+    def cov(self) -> FloatArray | None:
+        """As in ``PoseSample``."""
+        cov: FloatArray = self.columns.pose.cov[self.row]
+        return cov
 
     @property
     def status(self) -> Status:

@@ -19,6 +19,7 @@ from aerodft.model.batch import Batch, Event
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.block_parts import BlockParts
 from aerodft.service.ports import Clock, Source
 
 
@@ -147,25 +148,29 @@ class MergedFeed:
     def batches(self) -> Iterator[Batch]:
         """Batches with increasing ``now_ns``, until every source has ended."""
         streams = (filter(_has_rows, source.events()) for source in self._sources)
-        merged = _Lookahead(heapq.merge(*streams, key=first_arrival_ns))
-        waiting: list[Event] = []
+        events = heapq.merge(*streams, key=first_arrival_ns)
+        coming = next(events, None)
+        begun: list[BlockParts] = []  # blocks of which only a part has been due
         now_ns: int | None = None
-        while (arrival_ns := merged.next_arrival_ns(waiting)) is not None:
-            tick_ns = tick_after(arrival_ns, self._tick_ns)
+        while coming is not None or begun:
+            ticks_ns = [parts.tick_ns for parts in begun]
+            if coming is not None:
+                ticks_ns.append(tick_after(first_arrival_ns(coming), self._tick_ns))
+            tick_ns = min(ticks_ns)
             if now_ns is not None:
                 yield from self._lingering(now_ns, tick_ns)
             now_ns = tick_ns
-            due: list[Event] = []
-            rest: list[Event] = []
-            for event in (*waiting, *merged.until(now_ns)):
-                if first_arrival_ns(event) <= now_ns - self._tick_ns:
-                    raise ValueError(f"arrival {first_arrival_ns(event)} ns in tick {now_ns} ns, must not go back")
-                head, tail = _cut(event, now_ns)
-                if head is not None:
-                    due.append(head)
-                if tail is not None:
-                    rest.append(tail)
-            waiting = rest
+            due: list[Event] = [parts.pop() for parts in begun if parts.tick_ns == now_ns]
+            while coming is not None and (arrival_ns := first_arrival_ns(coming)) <= now_ns:
+                if arrival_ns <= now_ns - self._tick_ns:
+                    raise ValueError(f"arrival {arrival_ns} ns in tick {now_ns} ns, must not go back")
+                if isinstance(coming, RawBlock):
+                    begun.append(BlockParts(coming, self._tick_ns))
+                    due.append(begun[-1].pop())
+                else:
+                    due.append(coming)
+                coming = next(events, None)
+            begun = [parts for parts in begun if parts.left]
             yield batch_of(now_ns, due)
         if now_ns is not None:
             yield from self._lingering(now_ns, now_ns + self._linger_ns + self._tick_ns)
@@ -179,25 +184,6 @@ class MergedFeed:
 
 def _has_rows(event: Event) -> bool:
     return not isinstance(event, RawBlock) or len(event.arrival_ns) > 0
-
-
-class _Lookahead:
-    """An event iterator whose next event can be looked at."""
-
-    def __init__(self, events: Iterator[Event]) -> None:
-        self._events = events
-        self._head = next(events, None)
-
-    def next_arrival_ns(self, others: Iterable[Event]) -> int | None:
-        """The earliest first arrival of the next event and ``others``; None where there is none."""
-        heads = (*others, self._head) if self._head is not None else tuple(others)
-        return min(map(first_arrival_ns, heads), default=None)
-
-    def until(self, now_ns: int) -> Iterator[Event]:
-        """Take the events whose first arrival is not after ``now_ns``."""
-        while self._head is not None and first_arrival_ns(self._head) <= now_ns:
-            event, self._head = self._head, next(self._events, None)
-            yield event
 
 
 class Inbox:

@@ -1,5 +1,7 @@
 """``aerodft.image/1`` and ``aerodft.observation/1``: inputs as they are recorded, exact in every field."""
 
+from collections.abc import Sequence
+
 from aerodft.adapters.codec import wire
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Box, Observation
@@ -31,6 +33,11 @@ def decode_image(data: bytes) -> Image:
         InputError: The payload is not of that schema.
     """
     return wire.load(data, IMAGE_SCHEMA, _image)
+
+
+def decode_images(data: Sequence[bytes]) -> list[Image]:
+    """The same of many."""
+    return wire.load_all(data, IMAGE_SCHEMA, _image)
 
 
 def _image(payload: wire.Json) -> Image:
@@ -72,6 +79,11 @@ def decode_observation(data: bytes) -> Observation:
         InputError: The payload is not of that schema.
     """
     return wire.load(data, OBSERVATION_SCHEMA, _observation)
+
+
+def decode_observations(data: Sequence[bytes]) -> list[Observation]:
+    """The same of many."""
+    return wire.load_all(data, OBSERVATION_SCHEMA, _observation)
 
 
 def _observation(payload: wire.Json) -> Observation:

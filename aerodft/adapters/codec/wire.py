@@ -44,6 +44,23 @@ def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
         _refuse(schema, data, error)
     if not isinstance(payload, dict) or payload.get("schema") != schema:
         _refuse(schema, data)
+    return _built(schema, payload, build)
+
+
+def load_all(data: Sequence[bytes], schema: str, build: Callable[[Json], T]) -> list[T]:
+    """The values of many bytes, each as ``load`` tells it."""
+    try:
+        payloads = orjson.loads(b"[%b]" % b",".join(data))
+    except orjson.JSONDecodeError:
+        payloads = []
+    if len(payloads) != len(data) or not all(
+        isinstance(each, dict) and each.get("schema") == schema for each in payloads
+    ):
+        return [load(each, schema, build) for each in data]  # one of them says what it is
+    return [_built(schema, each, build) for each in payloads]
+
+
+def _built(schema: str, payload: Json, build: Callable[[Json], T]) -> T:
     try:
         return build(payload)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:

@@ -3,7 +3,6 @@
 import threading
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from aerodft.errors import InputError
@@ -46,6 +45,8 @@ class StillPixels:
         Raises:
             InputError: The file's content is damaged.
         """
+        import cv2  # noqa: PLC0415 - 20 MB, and recordings without stills do without
+
         flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
         decoded = cv2.imdecode(np.frombuffer(self._data, dtype=np.uint8), flags)
         if decoded is None:

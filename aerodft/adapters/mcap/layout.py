@@ -127,9 +127,8 @@ class ChunkBuffer:
 
     def built(self, *, compress: bool) -> BuiltChunk:
         """The chunk with what was added so far."""
-        data = bytes(self._content)
-        if compress:  # copied: the library's own bytes keep four times what they hold
-            data = bytes(memoryview(zstandard.compress(data, _LEVEL)))
+        data = zstandard.compress(self._content, _LEVEL) if compress else self._content
+        data = bytes(memoryview(data))  # copied: the library's own bytes keep four times what they hold
         head = CHUNK_HEAD.pack(self._start_ns, self._end_ns, len(self._content), zlib.crc32(self._content))
         return built_chunk(head, _COMPRESSION[compress], data, self._indexes)
 

@@ -20,7 +20,7 @@ from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import Posed, PoseRow, sample_of
+from aerodft.model.pose_columns import Posed, PoseRow
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import joined_blocks
@@ -143,7 +143,7 @@ class Records:
         """A few times a second a position for maps."""
         if abs(now_ns - self._fixed_ns) < _FIX_PERIOD_NS:
             return
-        fix = location_fix(sample_of(posed), self._frame)
+        fix = location_fix(posed, self._frame)
         if fix is not None:
             self._fixed_ns = now_ns
             rows.add(number, Record(now_ns, self._location, fix))

@@ -76,7 +76,7 @@ class ForeignRecording:
             return topic is None or channel.topic == topic
 
         messages = messages_of(self.segments, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
-        return (message for message in messages if message.log_ns <= LATEST_NS)  # beyond it is damage
+        return filter(lambda message: message.log_ns <= LATEST_NS, messages)  # beyond it is damage
 
     def refusal_without(self, what: str) -> InputError:
         """The refusal of a recording that lacks a channel of some kind."""

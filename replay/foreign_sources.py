@@ -4,6 +4,7 @@ import heapq
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Final
 
@@ -161,23 +162,29 @@ class ForeignImages:
 
     def events(self) -> Iterator[Image]:
         """All images whose stamp is sound; what was left out is logged as a warning at the end."""
-        losses, last_ns, decoder = _Losses(), 0, _Decoder(decode=self._decode)
-        for index, message in enumerate(self._recording.messages(self._topic)):
-            try:
-                picture = read_picture(message.channel, message.data)
-                image = decoder.image(picture, index, picture.stamp_ns or message.log_ns, self._where(index))
-            except ValueError as error:
-                self._refuse_first(index, error)
-                losses.unreadable += 1
-                continue
-            if image is None:
-                losses.undecoded += 1
-            elif image.stamp_ns <= last_ns:
+        losses, last_ns = _Losses(), 0
+        # Not a loop over the messages, which would hold on to the last one: megabytes.
+        read = partial(self._image, _Decoder(decode=self._decode), losses)
+        for image in map(read, enumerate(self._recording.messages(self._topic))):
+            if image is not None and image.stamp_ns <= last_ns:
                 losses.backwards += 1
-            else:
+            elif image is not None:
                 last_ns = image.stamp_ns
                 yield image
         losses.report(self._where())
+
+    def _image(self, decoder: "_Decoder", losses: _Losses, numbered: tuple[int, ReadMessage]) -> Image | None:
+        """The image of a message; None, and counted, where there is none."""
+        index, message = numbered
+        try:
+            picture = read_picture(message.channel, message.data)
+            image = decoder.image(picture, index, picture.stamp_ns or message.log_ns, self._where(index))
+        except ValueError as error:
+            self._refuse_first(index, error)
+            losses.unreadable += 1
+            return None
+        losses.undecoded += image is None
+        return image
 
     def _where(self, index: int | None = None) -> str:
         return f"{self._recording.path}, {self._topic}" + ("" if index is None else f", image {index}")

@@ -1,7 +1,7 @@
 """Messages of MCAP files, read from the chunks that have them and from no others."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +9,7 @@ import numpy as np
 from aerodft.adapters.mcap.chunk_table import ChunkTable
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
-from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage
-
-Wanted = Callable[[ReadChannel], bool]
+from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
 
 
 def numbered(path: Path) -> tuple[list[int], str]:
@@ -50,12 +48,14 @@ def messages_of(
     Raises:
         InputError: A file cannot be read.
     """
+
+    def in_time(message: ReadMessage) -> bool:
+        return (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
+
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), named=segment.named)
-        for message in reader.messages(_places(segment, from_ns, to_ns, wanted)):
-            in_time = (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
-            if in_time and (wanted is None or wanted(message.channel)):
-                yield message
+        # Not a loop over them, which would hold on to the last one: an image of megabytes.
+        yield from filter(in_time, reader.messages(_places(segment, from_ns, to_ns, wanted), wanted))
 
 
 def tables_of(

@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 from aerodft.adapters.codec import events
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage
+from aerodft.adapters.mcap.reading import Wanted as ChannelWanted
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
 from replay.recording import Recording
-from replay.segments import Wanted as ChannelWanted
 from replay.segments import channels_of, messages_of
 
 _APART_NS: Final = SECOND_NS  # what recorders put off writing

@@ -12,6 +12,7 @@ from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.images.clock import OnClock
 from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource
+from aerodft.adapters.images.thinning import Thinned
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.foreign_camera import check_camera
@@ -92,7 +93,8 @@ def open_flight(
     offset_ns = round(station.observations.time_offset_s * SECOND_NS)
     by_host = isinstance(images, RateSource) or _has_own_images(station, recording)
     lateness_ns = span.jitter_ns if by_host else span.lateness_at
-    looked = LookedAt(Late(images, lateness_ns=lateness_ns), lookouts)
+    late: Source = Late(images, lateness_ns=lateness_ns)
+    looked = LookedAt(late if lookouts else Thinned(late, station.record.image_hz), lookouts)
     sources.append(looked)
     sources += [Late(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]

@@ -25,6 +25,7 @@ from aerodft.model.arrays import BoolArray, IntArray
 Words = npt.NDArray[np.uint16]
 
 _WIDTHS: Final = (288, 128, 64, 48, 40, 32, 24)  # of copies; the first one holds the longest frame
+_TOGETHER: Final = 64  # bytes that have tables of their own: 4 MB of them
 _FRONT: Final = _WIDTHS[0]
 _BACK: Final = V2_HEAD
 _CRC: Final = crc_tables()
@@ -39,12 +40,18 @@ def _after_zero(crc: Words) -> Words:
 
 @cache
 def _pair_tables() -> list[Words]:
-    """``(65536,)`` each: the checksum of two bytes, low one first, with 0, 2, 4, ... zero bytes after them."""
+    """``(65536,)`` each: the checksum of two bytes, low one first, with 0, 2, 4, ... zero bytes after them.
+
+    And a last one: what a checksum becomes with all of these bytes after it.
+    """
     pairs = np.arange(1 << 16)
     tables = [_CRC[1][pairs & 0xFF] ^ _CRC[0][pairs >> 8]]
-    while len(tables) < _WIDTHS[0] // 2:
+    while len(tables) < _TOGETHER // 2:
         tables.append(_after_zero(_after_zero(tables[-1])))
-    return tables
+    shifted = pairs.astype(np.uint16)
+    for _ in range(_TOGETHER):
+        shifted = _after_zero(shifted)
+    return [*tables, shifted]
 
 
 @cache
@@ -162,10 +169,15 @@ class Region:
         rows[odd, width - lengths[odd] - 1] = 0  # a zero in front adds nothing
         reached = np.searchsorted(-lengths, -np.arange(1, width, 2), side="right").tolist()  # by pairs, from the last
         own = np.zeros(len(ends), dtype=np.uint16)
-        for table, pair, count in zip(_pair_tables(), rows.view("<u2").T[::-1], reached, strict=False):
-            if not count:
-                break
-            own[:count] ^= table.take(pair[:count], mode="clip")  # none is beyond its end: the fastest way to say so
+        *tables, shift = _pair_tables()
+        pairs = rows.view("<u2").T[::-1]
+        for first in reversed(range(0, len(pairs), len(tables))):
+            if own.any():
+                own = shift[own]
+            for table, pair, count in zip(tables, pairs[first:], reached[first:], strict=False):
+                if not count:
+                    break
+                own[:count] ^= table.take(pair[:count], mode="clip")  # none is beyond its end: fastest said so
         return own
 
     def claims(self, at: IntArray, table: Table) -> tuple[IntArray, IntArray]:

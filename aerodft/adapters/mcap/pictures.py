@@ -8,6 +8,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from aerodft.adapters.codec.keys import Keys
+from aerodft.adapters.images.thinning import is_due
 from aerodft.adapters.jpeg import encode_jpeg
 from aerodft.adapters.lane import Lane
 from aerodft.adapters.mcap.channels import Channel, protobuf_channel
@@ -22,6 +23,7 @@ from aerodft.model.image import Image
 from aerodft.model.packet import VideoPacket
 
 _IMAGE_BYTES = 1 << 20  # what an image counts for in the queue
+_LOSSLESS_QUEUE = 1  # images that wait where nothing is shed: whoever brings the next one waits too
 _NO_IMAGE = 0xFFFFFFFF  # sequence of a packet that became no image
 _SILENCE_NS = 2 * SECOND_NS  # without packets for so long, images are recorded as JPEGs
 
@@ -59,7 +61,7 @@ class Pictures:
             "record-images",
             self._do,
             series.tend,
-            capacity=settings.queued_images * _IMAGE_BYTES,
+            capacity=(_LOSSLESS_QUEUE if settings.lossless else settings.queued_images) * _IMAGE_BYTES,
             lossless=settings.lossless,
         )
 
@@ -78,7 +80,8 @@ class Pictures:
         with self._packets:
             for packet in self._pairing.arrived(image.index, image.arrival_ns):
                 self._put(packet)
-        if image.pixels is None or not self._is_due(image.arrival_ns) or self._has_video(image.arrival_ns):
+        is_wanted = is_due(self._last_image_ns, image.arrival_ns, self._settings.max_image_hz)
+        if image.pixels is None or not is_wanted or self._has_video(image.arrival_ns):
             return
         self._last_image_ns = image.arrival_ns
         self.offered += 1
@@ -113,13 +116,6 @@ class Pictures:
     def _has_video(self, now_ns: int) -> bool:
         last_ns = self._last_packet_ns
         return last_ns is not None and now_ns - last_ns < _SILENCE_NS
-
-    def _is_due(self, arrival_ns: int) -> bool:
-        rate_hz = self._settings.max_image_hz
-        if rate_hz <= 0 or self._last_image_ns is None:
-            return rate_hz > 0
-        # A tenth of slack: a camera at exactly the rate jitters around its period.
-        return arrival_ns - self._last_image_ns >= 0.9 * SECOND_NS / rate_hz
 
     def _do(self, items: list[Image | VideoPacket]) -> None:
         for item in items:

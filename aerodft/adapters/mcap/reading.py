@@ -2,7 +2,7 @@
 
 import logging
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import Final, NamedTuple
@@ -21,6 +21,8 @@ from aerodft.errors import InputError
 
 _DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 _DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
+
+Wanted = Callable[[ReadChannel], bool]
 
 _log = logging.getLogger(__name__)
 
@@ -48,18 +50,19 @@ class ChunkReader:
     damaged: int = 0
     named: set[int] = field(default_factory=set)
 
-    def messages(self, chunks: Iterable[ChunkPlace]) -> Iterator[ReadMessage]:
+    def messages(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ReadMessage]:
         """The messages of chunks of one file; a damaged chunk is left out, counted and logged.
 
         Args:
             chunks: In order; a chunk may define the channels of those behind it.
+            wanted: Whose messages; None for everybody's.
 
         Raises:
             InputError: The file cannot be read.
         """
         for place in chunks:
             try:
-                yield from self._records(_content(place))
+                yield from self._records(_content(place), wanted)
             except _DAMAGED as error:
                 self._leave_out(place, error)
 
@@ -91,13 +94,13 @@ class ChunkReader:
         self.named.add(place.offset)
         _log.warning("%s: damaged chunk at byte %d left out: %s", place.path, place.offset, why)
 
-    def _records(self, content: bytes) -> Iterator[ReadMessage]:
+    def _records(self, content: bytes, wanted: Wanted | None) -> Iterator[ReadMessage]:
         known = self.channels.by_id
         for opcode, start, stop in records_in(content):
             if opcode == Opcode.MESSAGE:
                 identity, sequence, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
                 channel = known.get(identity)
-                if channel is not None:
+                if channel is not None and (wanted is None or wanted(channel)):
                     yield ReadMessage(log_ns, channel, content[start + MESSAGE_HEAD.size : stop], sequence)
             elif opcode in _DEFINITIONS:
                 self._define(opcode, content[start:stop])

@@ -30,7 +30,8 @@ from aerodft.sim.telemetry import Autopilot, datagrams, drawn_biases
 from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
 
-FLIGHTS = 500
+FLIGHTS = 400
+"""At each tilt. All 1,600 tell a coverage to 0.5 % (one std; 1.5 % are allowed): 92 % is seen 98 times in 100."""
 CAMERA = default_camera(1920, 1080)
 STD_PX = 1.0
 MARGIN_PX = 50.0

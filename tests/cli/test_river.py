@@ -2,8 +2,7 @@
 
 import csv
 import json
-import subprocess
-import sys
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,10 +14,10 @@ from aerodft.cli.river_table import COLUMNS
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 
-def aerodft(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "aerodft", "river", *map(str, arguments)], capture_output=True, text=True, check=False
-    )
+@pytest.fixture(scope="module")
+def river(aerodft):
+    """``aerodft river`` with some arguments."""
+    return partial(aerodft, "river")
 
 
 @pytest.fixture(scope="module")
@@ -34,12 +33,12 @@ def shot(tmp_path_factory):
     return scene, folder / "river.png", options
 
 
-def test_widths_are_those_of_the_river(shot, tmp_path):
+def test_widths_are_those_of_the_river(river, shot, tmp_path):
     scene, image, options = shot
     std = "height=0.2,attitude=0.2"
-    done = aerodft(image, *options, "--std", std, "--lat", -35.0, "--lon", 149.0, "-o", tmp_path / "out", "--json")
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    done = river(image, *options, "--std", std, "--lat", -35.0, "--lon", 149.0, "-o", tmp_path / "out", "--json")
+    assert done.code == 0, done.err
+    document = done.json
     assert document["status"] == "ok"
     used = [each for each in document["transects"] if each["status"] == "ok"]
     assert len(used) >= 20
@@ -68,15 +67,15 @@ def test_widths_are_those_of_the_river(shot, tmp_path):
     assert (row["images"], row["scatter_m"]) == ("1", "")
 
 
-def test_without_a_place_there_is_no_geojson(shot, tmp_path):
+def test_without_a_place_there_is_no_geojson(river, shot, tmp_path):
     """GeoJSON is WGS84: metres under its name would lie in the Gulf of Guinea."""
     _, image, options = shot
-    done = aerodft(image, *options, "-o", tmp_path / "out", "--json")
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    done = river(image, *options, "-o", tmp_path / "out", "--json")
+    assert done.code == 0, done.err
+    document = done.json
     assert not (tmp_path / "out/river.geojson").exists()
     assert str(tmp_path / "out/river_local.json") in document["files"]
-    assert "river_local.json, in metres" in done.stderr
+    assert "river_local.json, in metres" in done.err
     local = json.loads((tmp_path / "out/river_local.json").read_text())
     assert (local["schema"], local["unit"], "type" in local) == ("aerodft.river_local/1", "m", False)
     drawn = [each["geometry"]["coordinates"] for each in local["features"] if each["properties"]["name"] == "transect"]
@@ -84,57 +83,57 @@ def test_without_a_place_there_is_no_geojson(shot, tmp_path):
     np.testing.assert_allclose(drawn, np.array(measured)[..., :2])
 
 
-def test_height_is_shared_by_all_widths(shot):
+def test_height_is_shared_by_all_widths(river, shot):
     """1 % of height is 1 % of every width, and of their median: it does not average out."""
     scene, image, options = shot
-    done = aerodft(image, *options, "--std", f"height={0.01 * scene.height_m}", "--json")
-    width = json.loads(done.stdout)["width_m"]
+    done = river(image, *options, "--std", f"height={0.01 * scene.height_m}", "--json")
+    width = done.json["width_m"]
     assert width["std"] == pytest.approx(0.01 * width["median"], rel=0.08)
 
 
-def test_a_water_model_that_is_none_is_one_sentence(shot, tmp_path):
+def test_a_water_model_that_is_none_is_one_sentence(river, shot, tmp_path):
     _, image, options = shot
     (tmp_path / "model.onnx").write_text("weights")
-    done = aerodft(image, *options, "--water-model", tmp_path / "model.onnx", "--json")
-    assert done.returncode == 3
-    assert done.stdout == ""
-    assert "model.onnx: no network that OpenCV can run" in done.stderr
-    assert done.stderr.count("\n") == 1
+    done = river(image, *options, "--water-model", tmp_path / "model.onnx", "--json")
+    assert done.code == 3
+    assert done.out == b""
+    assert "model.onnx: no network that OpenCV can run" in done.err
+    assert done.err.count("\n") == 1
 
 
-def test_the_camera_above_the_horizon_sees_no_river(shot):
+def test_the_camera_above_the_horizon_sees_no_river(river, shot):
     _, image, options = shot
     options = [*options]
     options[options.index("--tilt") + 1] = 130
-    done = aerodft(image, *options, "--json")
-    assert done.returncode == 4
-    assert json.loads(done.stdout)["status"] == "ABOVE_HORIZON"
-    assert "Traceback" not in done.stderr
-    assert done.stderr.count("\n") == 1
+    done = river(image, *options, "--json")
+    assert done.code == 4
+    assert done.json["status"] == "ABOVE_HORIZON"
+    assert "Traceback" not in done.err
+    assert done.err.count("\n") == 1
 
 
-def test_what_is_neither_image_nor_video_nor_recording_is_one_sentence(tmp_path):
-    missing = aerodft(tmp_path / "gone.jpg", "--json")
-    assert (missing.returncode, "no such file" in missing.stderr) == (3, True)
+def test_what_is_neither_image_nor_video_nor_recording_is_one_sentence(river, tmp_path):
+    missing = river(tmp_path / "gone.jpg", "--json")
+    assert (missing.code, "no such file" in missing.err) == (3, True)
     (tmp_path / "frames").mkdir()
     cv2.imwrite(str(tmp_path / "frames/1.png"), np.zeros((8, 8, 3), np.uint8))
-    folder = aerodft(tmp_path / "frames", "--height", 40, "--tilt", 30)
-    assert (folder.returncode, "a folder without a recording" in folder.stderr) == (3, True)
-    assert "import" in folder.stderr
+    folder = river(tmp_path / "frames", "--height", 40, "--tilt", 30)
+    assert (folder.code, "a folder without a recording" in folder.err) == (3, True)
+    assert "import" in folder.err
     (tmp_path / "flight.tlog").write_bytes(bytes(8) + b"\xfd\x09" + bytes(40))
     (tmp_path / "log.jpg").write_bytes(b"\xa3\x95\x80\x80" + bytes(40))
     for name, kind in (("flight.tlog", "a MAVLink .tlog"), ("log.jpg", "an ArduPilot .bin log")):
-        log = aerodft(tmp_path / name, "--camera", "cam.toml", "--height", 40, "--tilt", 30)
-        assert log.returncode == 3
-        assert f"{name}: a flight's log has no images: got {kind}" in log.stderr
-        assert "aerodft import LOG --images FOLDER" in log.stderr
+        log = river(tmp_path / name, "--camera", "cam.toml", "--height", 40, "--tilt", 30)
+        assert log.code == 3
+        assert f"{name}: a flight's log has no images: got {kind}" in log.err
+        assert "aerodft import LOG --images FOLDER" in log.err
     (tmp_path / "notes.txt").write_text("banks")
-    text = aerodft(tmp_path / "notes.txt", "--camera", "cam.toml", "--height", 40, "--tilt", 30)
-    assert (text.returncode, "no image: got text" in text.stderr) == (3, True)
+    text = river(tmp_path / "notes.txt", "--camera", "cam.toml", "--height", 40, "--tilt", 30)
+    assert (text.code, "no image: got text" in text.err) == (3, True)
 
 
-def test_how_many_images_is_not_asked_of_one(shot):
+def test_how_many_images_is_not_asked_of_one(river, shot):
     _, image, options = shot
-    done = aerodft(image, *options, "--images", 5)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "--images beside one image" in done.stderr
+    done = river(image, *options, "--images", 5)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "--images beside one image" in done.err

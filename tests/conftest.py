@@ -1,11 +1,44 @@
-"""What takes longest comes first: the last file that a worker gets is then a short one."""
+"""What takes longest comes first: the last file that a worker gets is then a short one, and no other waits for it."""
 
 from pathlib import Path
 
-LONG = {"test_coverage_coarse.py": 0, "test_coverage.py": 1, "test_calibration_simulated.py": 2}
-TRUTH = Path(__file__).parent / "truth"
+TESTS = Path(__file__).parent
+LONGEST = (
+    "truth/test_calibration_simulated.py",
+    "truth/test_river_stills.py",
+    "truth/test_in_flight_calibration.py",
+    "truth/test_flight_coverage.py",
+    "truth/test_coverage.py",
+    "truth/test_coverage_coarse.py",
+    "truth/test_walkers_from_above.py",
+    "vision/test_water_motion.py",
+    "cli/test_river_flight.py",
+    "truth/test_clocks_in_flight.py",
+    "truth/test_gimbal_frames.py",
+    "truth/test_tracked_probes.py",
+    "truth/test_log_river_widths.py",
+    "cli/test_calibrate_report.py",
+    "calibration/test_markers.py",
+    "cli/test_calibrate_refusals.py",
+    "calibration/test_sync.py",
+    "cli/test_live_markers.py",
+    "cli/test_serve.py",
+    "cli/test_demo.py",
+    "truth/test_agreement.py",
+    "truth/test_recorded_flights.py",
+    "vision/test_steady_points.py",
+    "truth/test_walkers.py",
+    "truth/test_river_real.py",
+    "truth/test_object_height.py",
+    "bench/test_bench_smoke.py",
+    "truth/test_recorded_attitudes.py",
+    "cli/test_calibrate_detect.py",
+    "sim/test_sim_main.py",
+)
+"""Ten seconds of a processor and more each, about the longest first."""
+RANK = {TESTS / name: rank for rank, name in enumerate(LONGEST)}
 
 
 def pytest_collection_modifyitems(items):
     """Files stay together, in their order, but for the long ones."""
-    items.sort(key=lambda item: (LONG.get(item.path.name, len(LONG)), item.path.parent != TRUTH))
+    items.sort(key=lambda item: (RANK.get(item.path, len(RANK)), item.path.parent != TESTS / "truth"))

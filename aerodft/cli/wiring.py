@@ -23,8 +23,7 @@ from aerodft.model.batch import Batch, Event
 from aerodft.model.camera import Camera
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import PoseRow
+from aerodft.model.pose_columns import POSED
 from aerodft.model.status import Status
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
@@ -151,7 +150,7 @@ class Tally:
                 self.estimate = item
             elif isinstance(item, SteadinessEstimate):
                 self.steadiness = item
-            elif isinstance(item, PoseSample | PoseRow):
+            elif isinstance(item, POSED):
                 self.poses[str(item.status)] += 1
                 if item.reasons and item.status is not Status.OK:
                     self.reasons.setdefault(str(item.status), "; ".join(item.reasons))

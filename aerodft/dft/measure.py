@@ -25,7 +25,7 @@ from aerodft.model.status import Status
 
 __all__ = ["Request", "Setup", "explain", "measure", "measure_images"]
 
-_AT_ONCE = 256  # images: their derivatives stay in the cache
+_AT_ONCE = 512  # images: their derivatives stay in the cache
 
 
 def measure(

@@ -128,6 +128,8 @@ class PoseRow:
 
 Posed: TypeAlias = PoseSample | PoseRow
 """A pose that was made alone, or together with others."""
+POSED: Final = (PoseSample, PoseRow)
+"""The same to ask an instance for."""
 
 
 def sample_of(posed: Posed) -> PoseSample:

@@ -48,11 +48,18 @@ def robust_line(own_ns: IntArray, offset_ns: IntArray) -> Line:
     if x[-1] - x[0] < _MIN_DRIFT_SPAN_NS:
         return Line(int(own_ns[-1]), int(offset_ns[-1]) + round(float(np.median(y))))
     before, after = _pairs(len(x))
-    drift = float(np.median((y[after] - y[before]) / (x[after] - x[before])))
-    off = np.abs(y - drift * x - np.median(y - drift * x))
-    near = off <= max(_WHOLE_NS, _FAR * float(np.median(off)))
+    drift = _median((y[after] - y[before]) / (x[after] - x[before]))
+    off = np.abs(y - drift * x - _median(y - drift * x))
+    near = off <= max(_WHOLE_NS, _FAR * _median(off))
     offset, drift = _least_squares(x[near], y[near])
     return Line(int(own_ns[-1]), int(offset_ns[-1]) + round(offset), drift)
+
+
+def _median(values: FloatArray) -> float:
+    """As numpy's, which looks for NaN first in more time than it then takes."""
+    first, half = (len(values) - 1) // 2, len(values) // 2
+    parts = np.partition(values, (first, half))
+    return float((parts[first] + parts[half]) / 2)
 
 
 def _least_squares(x: FloatArray, y: FloatArray) -> tuple[float, float]:

@@ -266,7 +266,7 @@ class Pipeline:
         ready: list[Ready] = []
         waiting: deque[Job] = deque()
         # An image and all that was seen in it share their pose.
-        found: dict[tuple[int, StampClock, bool], Posed | None] = {}
+        found: dict[tuple[int, bool, bool], Posed | None] = {}
         blocked_ns = None  # what one stamp waits for, later ones wait for too
         for job in self._jobs:
             final = job.deadline_ns <= now_ns
@@ -274,9 +274,10 @@ class Pipeline:
                 waiting.append(job)
                 continue
             look = final or blocked_ns is None or job.stamp_ns < blocked_ns
-            key = (job.stamp_ns, job.clock, final)
+            by_utc = job.clock is StampClock.UTC
+            key = (job.stamp_ns, by_utc, final)
             if look and key not in found:
-                found[key] = self._telemetry_pose(job.stamp_ns, final=final, by_utc=job.clock is StampClock.UTC)
+                found[key] = self._telemetry_pose(job.stamp_ns, final=final, by_utc=by_utc)
             posed = found[key] if look else None
             if posed is None:
                 waiting.append(job)

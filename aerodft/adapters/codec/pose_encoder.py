@@ -1,6 +1,5 @@
 """Many poses as ``aerodft.pose/1``, and their summaries in measurements, in one go."""
 
-from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from functools import cached_property
 from itertools import chain
@@ -33,7 +32,7 @@ class PoseEncoder:
     def __init__(self) -> None:
         self._templates = Templates(words=("stamp_ns",))
         self._summaries: dict[int, _Summary] = {}
-        self._columns: deque[_Columns] = deque(maxlen=_REMEMBERED_COLUMNS)
+        self._columns: dict[int, _Columns] = {}
 
     def encode(self, poses: Sequence[Posed]) -> Texts:
         """Poses as ``aerodft.pose/1``."""
@@ -67,10 +66,11 @@ class PoseEncoder:
         return known
 
     def _of(self, columns: PoseColumns) -> "_Columns":
-        known = next((each for each in self._columns if each.columns is columns), None)
-        if known is None:
-            known = _Columns(columns)
-            self._columns.appendleft(known)
+        known = self._columns.get(id(columns))
+        if known is None or known.columns is not columns:
+            if len(self._columns) >= _REMEMBERED_COLUMNS:
+                self._columns.clear()
+            self._columns[id(columns)] = known = _Columns(columns)
         return known
 
     def _payload(self, posed: Posed) -> wire.Json:

@@ -33,15 +33,14 @@ from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.packet import VideoPacket
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import PoseRow
+from aerodft.model.pose_columns import POSED
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.ports import Output
 
 _OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
 _FRAME_OVERHEAD_BYTES = 64
-_KEPT = (PoseSample, PoseRow, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
-_AT_ONCE = 100  # ticks' inputs and outputs: many numbers are written quicker than few
+_KEPT = (*POSED, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
+_AT_ONCE = 320  # ticks' inputs and outputs: many numbers are written quicker than few
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
 _SPARE_DATA_BYTES, _SPARE_IMAGE_BYTES = 16 << 20, 4 << 20
 

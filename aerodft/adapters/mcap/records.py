@@ -19,8 +19,7 @@ from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import Posed, PoseRow
+from aerodft.model.pose_columns import POSED, Posed
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import joined_blocks
@@ -129,7 +128,7 @@ class Records:
     def _add_output(self, rows: "_Rows", number: int, now_ns: int, item: Output) -> None:
         if isinstance(item, ImageAnswers):
             rows.add_answers(number, now_ns, self._measured, item)
-        elif isinstance(item, PoseSample | PoseRow):
+        elif isinstance(item, POSED):
             rows.add_pose(number, now_ns, self._pose, item)
             self._add_fix(rows, number, now_ns, item)
         elif isinstance(item, HeightSwitch):

@@ -33,7 +33,7 @@ class RecorderSettings:
     video: bool = True
     jpeg_quality: int = 85
     queue_bytes: int = 64 << 20
-    lossless_queue_bytes: int = 4 << 20
+    lossless_queue_bytes: int = 16 << 20
     queued_images: int = 4
     segment_bytes: int = 2 << 30
     segment_s: float = 900.0

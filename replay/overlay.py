@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import cv2
-import matplotlib as mpl
 import numpy as np
 from PIL import Image as Picture
 from PIL import ImageDraw, ImageFont
 
+from aerodft.errors import InputError
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
@@ -54,8 +55,7 @@ class Overlay:
         self._scale = max(1, math.ceil(LEAST_HEIGHT_PX / height_px))
         self._size = (width_px * self._scale, height_px * self._scale)
         self._line_px = max(12, min(self._size[1] / _LINES, self._size[0] / 45))
-        font = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-        self._font = ImageFont.truetype(str(font), round(0.72 * self._line_px))
+        self._font = ImageFont.truetype(str(_font_file()), round(0.72 * self._line_px))
         self._stroke = max(2, round(self._line_px / 9))
         self.colours: dict[str, tuple[int, int, int]] = {}
 
@@ -76,24 +76,22 @@ class Overlay:
         Returns:
             ``size`` as ``(h, w, 3)`` uint8 RGB.
         """
-        canvas: ImageArray = image.copy()
         if (image.shape[1], image.shape[0]) != self._size:
-            canvas = cv2.resize(image, self._size, interpolation=cv2.INTER_LINEAR).astype(np.uint8, copy=False)
+            image = np.asarray(cv2.resize(image, self._size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+        canvas = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
         for item in items:
             self._mark(canvas, item)
         width, height = self.size
-        padded = cv2.copyMakeBorder(
-            canvas, 0, height - canvas.shape[0], 0, width - canvas.shape[1], cv2.BORDER_REPLICATE
-        )
-        picture = Picture.fromarray(cv2.cvtColor(padded, cv2.COLOR_BGR2RGB))
-        pen = ImageDraw.Draw(picture)
+        if (width, height) != self._size:
+            below, beside = height - canvas.shape[0], width - canvas.shape[1]
+            canvas = np.asarray(cv2.copyMakeBorder(canvas, 0, below, 0, beside, cv2.BORDER_REPLICATE), dtype=np.uint8)
         taken = [
-            self._write(pen, line, 0.0, self._line_px * row, _BLACK)
+            self._write(canvas, line, 0.0, self._line_px * row, _BLACK)
             for row, line in enumerate(_header(items, stamp_ns, index))
         ]
         for item in items:
-            taken.append(self._label(pen, item, taken))
-        return np.asarray(picture, dtype=np.uint8)
+            taken.append(self._label(canvas, item, taken))
+        return canvas
 
     def _points(self, item: Item) -> FloatArray:
         """The pixels in the enlarged image, ``(n, 2)``; pixel centres stay centres. What is unknown is left out."""
@@ -108,7 +106,7 @@ class Overlay:
         """Crosses at the pixels, and lines between them, dark around so that they show on everything."""
         far = 16 * max(self._size)
         points = np.rint(np.clip(self._points(item), -far, far)).astype(np.int32)
-        colour = self._colour(item["name"])[::-1]
+        colour = self._colour(item["name"])
         size = round(self._line_px * 0.8)
         for paint, stroke in ((_BLACK, 2 * self._stroke), (colour, self._stroke)):
             if len(points) > 1:
@@ -119,13 +117,13 @@ class Overlay:
             for u, v in points.tolist():
                 cv2.drawMarker(canvas, (u, v), paint, cv2.MARKER_CROSS, size, stroke, cv2.LINE_AA)
 
-    def _label(self, pen: ImageDraw.ImageDraw, item: Item, taken: Sequence[_Box]) -> _Box:
+    def _label(self, canvas: ImageArray, item: Item, taken: Sequence[_Box]) -> _Box:
         """Write a measurement beside its pixels, where nothing is written yet."""
         text, has_number = label_of(item), item["status"] == Status.OK
         points = self._points(item)
         inside = points[((points >= 0) & (points < self._size)).all(axis=1)]
         centre = inside.mean(axis=0) if len(inside) else np.array([0.0, self._line_px * 2])
-        width = pen.textlength(text, font=self._fitting(pen, text)) + self._line_px
+        width = self._fitting(text).getlength(text) + self._line_px
         left = float(np.clip(centre[0] - width / 2, 0, max(self.size[0] - width, 0)))
         lowest = self.size[1] - self._line_px
         wanted = float(np.clip(centre[1] - 1.8 * self._line_px, 0, lowest))
@@ -134,24 +132,37 @@ class Overlay:
         boxes = (_Box(left, top, left + width, top + self._line_px) for top in (wanted, *tops))
         free = next((box for box in boxes if not any(box.overlaps(other) for other in taken)), None)
         top = wanted if free is None else free.top
-        return self._write(pen, text, left, top, self._colour(item["name"]) if has_number else _NO_NUMBER)
+        return self._write(canvas, text, left, top, self._colour(item["name"]) if has_number else _NO_NUMBER)
 
-    def _write(
-        self, pen: ImageDraw.ImageDraw, text: str, left: float, top: float, colour: tuple[int, int, int]
-    ) -> _Box:
-        font = self._fitting(pen, text)
-        width = pen.textlength(text, font=font) + self._line_px
+    def _write(self, canvas: ImageArray, text: str, left: float, top: float, colour: tuple[int, int, int]) -> _Box:
+        font = self._fitting(text)
+        width = font.getlength(text) + self._line_px
         box = _Box(left, top, left + width, top + self._line_px)
-        pen.rectangle(box, fill=colour)
+        # Only the part around the box becomes a picture of Pillow's: a whole one would be held three times more.
+        first_u, first_v = int(max(left - self._line_px, 0)), int(max(top - self._line_px, 0))
+        part = canvas[first_v : int(box.bottom + self._line_px), first_u : int(box.right + self._line_px)]
+        picture = Picture.fromarray(part)
+        pen = ImageDraw.Draw(picture)
+        left, top = left - first_u, top - first_v
+        pen.rectangle((left, top, left + width, top + self._line_px), fill=colour)
         is_light = float(np.dot(colour, (0.299, 0.587, 0.114))) > 128  # noqa: PLR2004 - half of what a byte holds
         ink = _BLACK if is_light else _WHITE
         pen.text((left + self._line_px / 2, top + self._line_px / 2), text, fill=ink, font=font, anchor="lm")
+        part[:] = np.asarray(picture, dtype=np.uint8)
         return box
 
-    def _fitting(self, pen: ImageDraw.ImageDraw, text: str) -> ImageFont.FreeTypeFont:
+    def _fitting(self, text: str) -> ImageFont.FreeTypeFont:
         """The font, smaller where a line would be wider than the image."""
-        room = (self.size[0] - self._line_px) / max(pen.textlength(text, font=self._font), 1.0)
+        room = (self.size[0] - self._line_px) / max(self._font.getlength(text), 1.0)
         return self._font if room >= 1 else self._font.font_variant(size=max(6, int(self._font.size * room)))
+
+
+def _font_file() -> Path:
+    """DejaVu Sans, which matplotlib brings along; to find it by importing that takes 11 MB."""
+    found = find_spec("matplotlib")
+    if found is None or found.origin is None:
+        raise InputError("there is no font to write with", expected="the package matplotlib, which brings one")
+    return Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 
 def label_of(item: Item) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import av
 import numpy as np
@@ -23,6 +23,14 @@ _TICKS_PER_S: Final = 90_000
 _LATE_NS: Final = 60 * SECOND_NS  # measurements of an image come at most so long after it
 _AHEAD_IMAGES: Final = 2000
 _GUESSED_HZ: Final = 30
+# What the encoder looks ahead it holds, at 7 MB for each image of 1080p.
+_ENCODER: Final = {
+    "preset": "veryfast",
+    "crf": "20",
+    "bf": "1",
+    "rc-lookahead": "1",
+    "x264-params": "sync-lookahead=0:sliced-threads=1:weightp=0",
+}
 
 
 @dataclass(slots=True)
@@ -60,29 +68,22 @@ def write_video(recording: Recording, path: Path) -> Filmed:
         raise NoAnswerError(
             "the recording holds no image", where=recording.folder, hint="record.image_hz says how many"
         )
-    filmed, answers, film = Filmed(), _Answers(recording), None
-    try:
-        for image in chain((first,), images):
-            try:
-                pixels = image.pixels() if image.pixels is not None else None
-            except InputError:
-                pixels = None
-            if pixels is None:
-                filmed.damaged_images += 1
-                continue
-            film = film or _Film(path, Overlay(pixels.shape[1], pixels.shape[0]), image.stamp_ns)
-            items = answers.of(image)
-            filmed.restamped_images += film.add(pixels, items, image)
-            filmed.images += 1
-            filmed.measurements += len(items)
-        if film is None:
-            raise InputError("no recorded image can be decoded", where=recording.folder)
-        film.finish()
-    except av.FFmpegError as error:
-        raise InputError("the video cannot be encoded", where=recording.folder, got=error) from error
-    finally:
-        if film is not None:
-            film.close()
+    filmed, answers = Filmed(), _Answers(recording)
+    with _Film(path) as film:
+        try:
+            for image in chain((first,), images):
+                items = answers.of(image)
+                if not film.add(image, items):
+                    filmed.damaged_images += 1
+                    continue
+                filmed.images += 1
+                filmed.measurements += len(items)
+            if not filmed.images:
+                raise InputError("no recorded image can be decoded", where=recording.folder)
+            film.finish()
+        except av.FFmpegError as error:
+            raise InputError("the video cannot be encoded", where=recording.folder, got=error) from error
+    filmed.restamped_images = film.restamped
     return filmed
 
 
@@ -129,37 +130,67 @@ class _Answers:
 
 
 class _Film:
-    """An MP4 file that images are added to."""
+    """An MP4 file that images are added to, of the size of the first.
 
-    def __init__(self, path: Path, overlay: Overlay, start_ns: int) -> None:
-        self._overlay = overlay
-        self._start_ns = start_ns
-        self._last = -1
-        self._container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
-        self._container.metadata["creation_time"] = time_utc(start_ns)
-        self._stream = self._container.add_stream(
-            "libx264", rate=_GUESSED_HZ, options={"preset": "veryfast", "crf": "20", "rc-lookahead": "5"}
-        )
-        self._stream.width, self._stream.height = overlay.size
-        self._stream.pix_fmt = "yuv420p"
-        self._stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
+    Attributes:
+        restamped: Images whose stamp was not after the last one's.
+    """
 
-    def add(self, pixels: np.ndarray, items: list[Item], image: Image) -> bool:
-        """Add an image; returns whether its stamp was not after the last one's."""
-        drawn = self._overlay.draw(pixels, items, image.stamp_ns, image.index)
-        frame = av.VideoFrame.from_ndarray(drawn, format="rgb24")
-        due = round((image.stamp_ns - self._start_ns) * _TICKS_PER_S / SECOND_NS)
-        frame.pts = max(due, self._last + 1)
+    def __init__(self, path: Path) -> None:
+        self.restamped = 0
+        self._path = path
+        self._open: _Opened | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._open is not None:
+            self._open.container.close()
+
+    def add(self, image: Image, items: list[Item]) -> bool:
+        """Add an image with what was measured in it; False where it cannot be decoded."""
+        try:
+            pixels = image.pixels() if image.pixels is not None else None
+        except InputError:
+            pixels = None
+        if pixels is None:
+            return False
+        if self._open is None:
+            self._open = _opened(self._path, Overlay(pixels.shape[1], pixels.shape[0]), image.stamp_ns)
+        film = self._open
+        # Drawn in place, and not copied for the encoder: every copy of a picture is megabytes.
+        drawn = np.ascontiguousarray(film.overlay.draw(pixels, items, image.stamp_ns, image.index))
+        del pixels
+        frame = av.VideoFrame.from_numpy_buffer(drawn, format="rgb24")
+        due = round((image.stamp_ns - film.start_ns) * _TICKS_PER_S / SECOND_NS)
+        frame.pts = max(due, film.last + 1)
         frame.time_base = Fraction(1, _TICKS_PER_S)
-        is_back = due <= self._last
-        self._last = frame.pts
-        self._container.mux(self._stream.encode(frame))
-        return is_back
+        self.restamped += due <= film.last
+        film.last = frame.pts
+        film.container.mux(film.stream.encode(frame))
+        return True
 
     def finish(self) -> None:
         """Write out what the encoder holds."""
-        self._container.mux(self._stream.encode())
+        if self._open is not None:
+            self._open.container.mux(self._open.stream.encode())
 
-    def close(self) -> None:
-        """Close the file."""
-        self._container.close()
+
+@dataclass(slots=True)
+class _Opened:
+    overlay: Overlay
+    start_ns: int
+    container: "av.container.OutputContainer"
+    stream: "av.VideoStream"
+    last: int = -1
+
+
+def _opened(path: Path, overlay: Overlay, start_ns: int) -> _Opened:
+    container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
+    container.metadata["creation_time"] = time_utc(start_ns)
+    stream = container.add_stream("libx264", rate=_GUESSED_HZ, options=_ENCODER)
+    stream.width, stream.height = overlay.size
+    stream.pix_fmt = "yuv420p"
+    stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
+    return _Opened(overlay, start_ns, container, stream)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.geometry.jit import njit
+from aerodft.geometry.jit import njit, njit_inline
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.sim.shading import (
     HAZE_PER_M2,
@@ -90,7 +90,7 @@ def _quantile(share: float) -> float:
     return 4.91 * (math.pow(share, 0.14) - math.pow(1.0 - share, 0.14))
 
 
-@njit
+@njit_inline
 def _shade(along: float, inland: float, tiles: Tiles, sides: tuple[float, ...], footprint: float) -> float:
     """Share of the light; ``inland`` is how far a place is from the left bank, on land above 0."""
     if sides[7] <= 0.0:
@@ -104,7 +104,7 @@ def _shade(along: float, inland: float, tiles: Tiles, sides: tuple[float, ...], 
     return light
 
 
-@njit
+@njit_inline
 def _water_colour(k: int, lights: tuple[float, float, float, float], sides: tuple[float, ...]) -> float:
     """Of one channel; ``lights`` are the waves' brightness (1 on average), foam, mirrored share and glitter."""
     wave, foam, mirrored, glitter = lights
@@ -114,7 +114,7 @@ def _water_colour(k: int, lights: tuple[float, float, float, float], sides: tupl
     return float(colour + glitter * (_SUN[k] - colour))
 
 
-@njit
+@njit_inline
 def _water_lights(
     along: float,
     across: float,
@@ -139,7 +139,7 @@ def _water_lights(
     return 1.0 + sides[3] * wave, foam, mirrored, glitter
 
 
-@njit
+@njit_inline
 def _growth(east: float, north: float, footprint: float, tiles: Tiles) -> tuple[float, float]:
     """What grows on land: clumps and blades, in standard deviations."""
     starts = tiles[3]
@@ -150,7 +150,7 @@ def _growth(east: float, north: float, footprint: float, tiles: Tiles) -> tuple[
     return clump, blade
 
 
-@njit
+@njit_inline
 def _land_colour(k: int, clump: float, blade: float, dry: float, growth: float) -> float:
     """Of one channel; ``dry`` is the distance from the water in widths of its bare margin."""
     green = min(max(0.6 + 0.4 * clump, 0.0), 1.0)

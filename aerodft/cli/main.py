@@ -40,7 +40,7 @@ COMMANDS: Final = {
     "export": "Write a recording as CSV, Parquet, GeoJSON, one MCAP file or an annotated video.",
     "sync": "Align a video with a log: offset and drift of the clocks, lag of the gimbal.",
     "calibrate-lens": "Find a lens's focal length, centre and distortion from images of a board.",
-    "river": "Measure a river's width along it in one image.",
+    "river": "Measure a river's width along it, in an image, a video or a recording.",
     "doctor": "Say what a log or a live link holds, and what is wrong with it.",
     "calibrate": "Find a camera's height and angles from landmarks and what else is known of a scene.",
     "paper": "Compute the paper's tables and figures, beside what it prints.",

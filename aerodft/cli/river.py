@@ -15,7 +15,7 @@ from aerodft.cli.calibrated import calibrated, corrected
 from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
 from aerodft.cli.output import print_json, say
 from aerodft.cli.river_document import refusal_document, river_document
-from aerodft.cli.river_files import write_river
+from aerodft.cli.river_files import check_folder, write_river
 from aerodft.cli.river_flight import MOST_IMAGES, VIDEO_SUFFIXES, WaterLevel, flight_document
 from aerodft.cli.river_views import filmed_views, is_recording, recorded_views
 from aerodft.cli.stds import Stds, assumed_stds, parse_stds
@@ -95,6 +95,7 @@ def river(
         covariance=covariance,
     )
     network = None if water_model is None else WaterNetwork.read(water_model)
+    check_folder(output)
     question = replace(_question(seed, spacing, flow, std), network=network)
     most = MOST_IMAGES if images is None else images
     if is_recording(what):

@@ -1,5 +1,7 @@
 """The folder that ``aerodft river`` writes: its document, a table, maps and a plate."""
 
+import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -55,6 +57,22 @@ def writing_river(
         say(f"aerodft: {drawn.note}")
 
 
+def check_folder(folder: Path | None) -> None:
+    """Refuse a folder that cannot be written to before the work is done for nothing; makes none.
+
+    Raises:
+        InputError: It is a file, lies below one, or nobody may write there.
+    """
+    if folder is None:
+        return
+    with _said(folder):
+        there = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
+        if not there.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        if not os.access(there, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
 @contextmanager
 def _writing(folder: Path) -> Iterator[None]:
     """A folder, made, to be written to.
@@ -62,8 +80,14 @@ def _writing(folder: Path) -> Iterator[None]:
     Raises:
         InputError: It cannot be.
     """
-    try:
+    with _said(folder):
         folder.mkdir(parents=True, exist_ok=True)
+        yield
+
+
+@contextmanager
+def _said(folder: Path) -> Iterator[None]:
+    try:
         yield
     except OSError as error:
         raise InputError(

@@ -132,6 +132,17 @@ def test_what_is_neither_image_nor_video_nor_recording_is_one_sentence(river, tm
     assert (text.code, "no image: got text" in text.err) == (3, True)
 
 
+def test_a_folder_that_cannot_be_written_is_said_before_anything_is_read(river, tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    for output in (tmp_path / "taken", tmp_path / "taken" / "inside"):
+        done = river(tmp_path / "gone.jpg", "--camera", "cam.toml", "--height", 40, "--tilt", 30, "-o", output)
+        assert (done.code, done.err.count("\n")) == (3, 1)
+        assert f"{output}: the river cannot be written" in done.err
+    assert (tmp_path / "taken").read_text() == "mine"
+    missing = river(tmp_path / "gone.jpg", "--camera", "cam.toml", "--height", 40, "--tilt", 30, "-o", tmp_path / "a/b")
+    assert (missing.code, "no such file" in missing.err, (tmp_path / "a").exists()) == (3, True, False)
+
+
 def test_how_many_images_is_not_asked_of_one(river, shot):
     _, image, options = shot
     done = river(image, *options, "--images", 5)

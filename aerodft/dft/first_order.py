@@ -4,12 +4,12 @@ Left out is what misses the ground, is too far away, too uncertain, or must be d
 one, and says why.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.answer_columns import AnswerColumn
+from aerodft.dft.answer_columns import NUMBERS, AnswerColumn
 from aerodft.dft.limits import (
     FIRST_ORDER_LIMIT,
     LEANING_STDS,
@@ -21,6 +21,7 @@ from aerodft.dft.limits import (
 from aerodft.dft.loops import joint_variances
 from aerodft.dft.points import ImagePoints, lat_lon_alt, to_ground_frame
 from aerodft.dft.polygons import crosses_itself
+from aerodft.dft.projection import Codes
 from aerodft.dft.quantities import SCALARS, Gradient, Sight, beside, foot_distance, gradient
 from aerodft.dft.record import UNITS
 from aerodft.dft.request import Request, Setup
@@ -74,12 +75,32 @@ def first_order_answers(
     """
     nothing = np.zeros(count, dtype=np.bool_)
     columns = [AnswerColumn("m", nothing, {}, {})] * len(requests)
-    for group in _groups(setup, requests):
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # misses
-            found = _Answers(setup, group, points).columns()
-        for member, column in zip(group.members, found, strict=True):
-            columns[member] = column
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # misses
+        found = [_Answers(setup, group, points) for group in _groups(setup, requests)]
+        places = _places(points, [answers.shown_m for answers in found])
+        for answers, shown in zip(found, places, strict=True):
+            for member, column in zip(answers.members, answers.columns(shown), strict=True):
+                columns[member] = column
     return columns
+
+
+def _places(points: ImagePoints, shown_m: Sequence[FloatArray]) -> Iterator[dict[str, FloatArray]]:
+    """The numbers of an ``Answer`` that say where points ``(n, g, q, 3)`` in ENU are, of several groups in one go."""
+    count = len(points.pose.wxyz)
+    enu_m = np.concatenate([each.reshape(count, -1, 3) for each in shown_m] or [np.empty((count, 0, 3))], axis=1)
+    away = enu_m - points.pose.position_enu_m[:, None]
+    numbers = {
+        "ground_m": to_ground_frame(points.pose, enu_m),
+        "enu_m": enu_m,
+        **({} if points.origin is None else {"geo": lat_lon_alt(points.origin, enu_m)}),
+        "range_m": np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2),
+    }
+    first = 0
+    for each in shown_m:
+        stop = first + each.shape[1] * each.shape[2]
+        own = {name: values[:, first:stop] for name, values in numbers.items()}
+        yield {name: values.reshape(*each.shape[:3], *values.shape[2:]) for name, values in own.items()}
+        first = stop
 
 
 def _groups(setup: Setup, requests: tuple[Request, ...]) -> Iterator[_Group]:
@@ -101,9 +122,15 @@ def _groups(setup: Setup, requests: tuple[Request, ...]) -> Iterator[_Group]:
 
 
 class _Answers:
-    """What a group comes to in all images."""
+    """What a group comes to in all images.
+
+    Attributes:
+        members: Which of the requests.
+        shown_m: ``(n, g, q, 3)`` the points in ENU that it is shown with; none of a ray's bearing.
+    """
 
     def __init__(self, setup: Setup, group: _Group, points: ImagePoints) -> None:
+        self.members = group.members
         self._setup, self._group, self._points = setup, group, points
         self._status = points.ground.status[:, group.columns]
         self._enu_m = points.ground.points_enu_m[:, group.columns]
@@ -113,21 +140,24 @@ class _Answers:
         self._on_ground = group.columns[:, :count]
         self._range_m = points.spread.range_m[:, self._on_ground]
         self._is_open = self._reachable()
+        self._scalars = None if group.kind is ProbeKind.POSITION else self._with_std()
+        self.shown_m = self._shown_m()
 
-    def columns(self) -> list[AnswerColumn]:
-        """A column for each of the group's requests."""
-        scalars = None if self._group.kind is ProbeKind.POSITION else self._scalars()
-        numbers = self._numbers(scalars)
+    def columns(self, places: Mapping[str, FloatArray]) -> list[AnswerColumn]:
+        """A column for each of the group's requests, where its points are as they are in an ``Answer``."""
+        numbers = self._numbers(places)
         unit, _ = UNITS.get(self._group.kind, ("m", 1.0))
         return [
             AnswerColumn(unit, self._is_open[:, g], {name: values[:, g] for name, values in numbers.items()}, {})
-            for g in range(len(self._group.members))
+            for g in range(len(self.members))
         ]
 
     def _reachable(self) -> BoolArray:
         """Where all that must be on the ground is, near enough and well enough known for first order; ``(n, g)``."""
         count = self._on_ground.shape[1]
-        misses = np.any(self._status[..., :count] > 0, axis=-1) | np.any(np.isin(self._status, NO_RAY_CODES), axis=-1)
+        misses = np.any(self._status[..., :count] > 0, axis=-1) | np.any(
+            _is_one_of(self._status, NO_RAY_CODES), axis=-1
+        )
         is_open: BoolArray = ~misses
         if self._setup.max_range_m is not None:
             is_open &= ~np.any(self._range_m > self._setup.max_range_m, axis=-1)
@@ -141,7 +171,7 @@ class _Answers:
                 is_open[n, g] = not crosses_itself(self._enu_m[n, g])
         return is_open
 
-    def _scalars(self) -> _Scalars:
+    def _with_std(self) -> _Scalars:
         """Values with standard deviations; closes what they show to be no first order, or no answer."""
         kind = self._group.kind
         if kind in BY_DIRECTION:
@@ -190,9 +220,18 @@ class _Answers:
         )
         return np.sqrt(np.maximum(variance, 0.0))
 
-    def _numbers(self, scalars: _Scalars | None) -> dict[str, FloatArray]:
-        """The numbers of an ``Answer``, ``(n, g, ...)``."""
+    def _shown_m(self) -> FloatArray:
         kind, enu_m = self._group.kind, self._enu_m
+        if kind is ProbeKind.BEARING and enu_m.shape[2] == 1:
+            return enu_m[:, :, :0]
+        if kind is ProbeKind.HEIGHT and self._scalars is not None:
+            enu_m = np.stack([enu_m[..., 0, :]] * 2, axis=-2)  # the top above the base
+            enu_m[..., 1, 2] += self._scalars.value
+        return enu_m
+
+    def _numbers(self, places: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """The numbers of an ``Answer``, ``(n, g, ...)``."""
+        kind, scalars = self._group.kind, self._scalars
         numbers: dict[str, FloatArray] = {}
         if scalars is not None:
             _, scale = UNITS.get(kind, ("m", 1.0))
@@ -200,19 +239,12 @@ class _Answers:
             low = low if kind in SIGNED else np.maximum(low, 0.0)
             ends = np.stack([scale * low, scale * scalars.high], axis=-1)
             numbers = {"value": scale * scalars.value, "std": scale * scalars.std, "ci95": ends}
-        if kind is ProbeKind.BEARING and enu_m.shape[2] == 1:
+        if not self.shown_m.shape[2]:
             return numbers
-        if kind is ProbeKind.HEIGHT and scalars is not None:
-            enu_m = np.stack([enu_m[..., 0, :]] * 2, axis=-2)  # the top above the base
-            enu_m[..., 1, 2] += scalars.value
-        return numbers | self._places(enu_m)
+        ellipse = {"ellipse95": ellipses95(self._cov)} if kind is ProbeKind.POSITION else {}
+        numbers |= {**ellipse, **places, "cov_enu_m2": self._cov}
+        return {name: numbers[name] for name in NUMBERS if name in numbers}
 
-    def _places(self, enu_m: FloatArray) -> dict[str, FloatArray]:
-        points = self._points
-        count, per_image = len(enu_m), enu_m.shape[1] * enu_m.shape[2]
-        ground_m = to_ground_frame(points.pose, enu_m.reshape(count, per_image, 3)).reshape(enu_m.shape)
-        away = enu_m - self._camera_m[:, None]
-        range_m = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
-        ellipse = {"ellipse95": ellipses95(self._cov)} if self._group.kind is ProbeKind.POSITION else {}
-        geo = {} if points.origin is None else {"geo": lat_lon_alt(points.origin, enu_m)}
-        return {**ellipse, "ground_m": ground_m, "enu_m": enu_m, "cov_enu_m2": self._cov, **geo, "range_m": range_m}
+
+def _is_one_of(codes: Codes, wanted: Sequence[int]) -> BoolArray:
+    return np.asarray(np.logical_or.reduce([codes == each for each in wanted]))

@@ -106,7 +106,7 @@ def _answered(setup: Setup, poses: list[Posed], requests: tuple[Request, ...]) -
     others: list[dict[int, Answer]] = [{} for _ in requests]
     is_plain = np.array([column.is_plain for column in columns])
     not_plain = np.argwhere(~is_plain.T).tolist()  # image after image: what its probes draw is shared
-    samples = {row: sample_of(poses[row]) for row, _ in not_plain}
+    samples = {row: sample_of(poses[row]) for row in dict.fromkeys(row for row, _ in not_plain)}
     for row, member in not_plain:
         record, first = Record(setup, samples[row], requests[member]), sum(counts[:member])
         if counts[member]:

@@ -1,7 +1,7 @@
 """What is to be measured, gathered over some ticks and then measured at once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from aerodft.dft.measure import measure_images
 from aerodft.dft.request import Request, Setup
@@ -9,8 +9,7 @@ from aerodft.model.pose_columns import Posed
 from aerodft.service.ports import Output
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
+class Asked(NamedTuple):
     """What is to be measured at a pose."""
 
     posed: Posed

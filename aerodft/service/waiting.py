@@ -2,7 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
@@ -11,8 +11,7 @@ from aerodft.model.pose_columns import Posed
 _REMEMBERED: Final = 512  # an observation comes at most this many images after its own
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
+class Job(NamedTuple):
     """An image or an observation that waits for its telemetry.
 
     Attributes:
@@ -36,11 +35,10 @@ class Job:
         if self.clock is StampClock.UTC:
             return self
         stamp_ns = self.stamp_ns + by_ns
-        return replace(self, stamp_ns=stamp_ns, subject=replace(self.subject, stamp_ns=stamp_ns))
+        return self._replace(stamp_ns=stamp_ns, subject=replace(self.subject, stamp_ns=stamp_ns))
 
 
-@dataclass(frozen=True, slots=True)
-class Ready:
+class Ready(NamedTuple):
     """A job with its pose as the telemetry has it."""
 
     job: Job

@@ -38,7 +38,7 @@ from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.ports import Output
 
 _OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
-_FRAME_OVERHEAD_BYTES = 64
+_FRAME_BYTES = 128  # what a frame takes likewise, or an image's stamps
 _KEPT = (*POSED, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
 _AT_ONCE = 320  # ticks' inputs and outputs: many numbers are written quicker than few
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
@@ -118,8 +118,7 @@ class McapRecorder:
         self._now_ns = batch.now_ns
         messages = sum(len(block.length) for block in batch.raw) + len(batch.images) + len(batch.observations)
         if messages:
-            frames = sum(int(block.length.sum()) for block in batch.raw)
-            self._put(batch, messages, frames + _FRAME_OVERHEAD_BYTES * messages)
+            self._put(batch, messages, _FRAME_BYTES * messages)
         for image in batch.images:
             self._pictures.image(image)
 

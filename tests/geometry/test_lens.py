@@ -109,3 +109,13 @@ def test_many_pixels_have_the_rays_of_few(distortion):
     many = rays_from_pixels(camera, np.asfortranarray(pixels))
     assert_allclose(many, few, rtol=1e-9, atol=1e-11)
     assert np.isnan(few).any() == (len(distortion) == 4)
+
+
+@pytest.mark.parametrize("bent", [(), (-0.2, 0.05, 1e-3, -1e-3, 0.01)])
+def test_rays_of_many_pixels_are_those_with_derivatives(bent):
+    """Of a whole image derivatives are left out; a strong lens has pixels without a ray."""
+    camera = Camera(
+        name="wide", width_px=400, height_px=300, fx_px=120.0, fy_px=118.0, cx_px=196.0, cy_px=153.0, distortion=bent
+    )
+    pixels = np.stack(np.meshgrid(np.arange(400.0), np.arange(300.0)), axis=-1)
+    np.testing.assert_array_equal(rays_from_pixels(camera, pixels), rays_with_jacobian(camera, pixels).rays_cam)

@@ -73,3 +73,11 @@ def test_nadir_has_no_roll(roll, heading):
 def test_skew_is_the_cross_product():
     a, b = RNG.normal(size=(2, 5, 3))
     assert_allclose((rotation.skew(a) @ b[..., None])[..., 0], np.cross(a, b), atol=1e-15)
+
+
+def test_single_ones_are_those_of_a_batch_to_the_last_bit():
+    wxyz, rng = random_wxyz(200), np.random.default_rng(8)
+    np.testing.assert_array_equal([rotation.matrix(one) for one in wxyz], rotation.matrix(wxyz))
+    one, other = rng.standard_normal((2, 200, 3))
+    found = [rotation.cross(*pair) for pair in zip(one, other, strict=True)]
+    np.testing.assert_array_equal(found, np.cross(one, other))

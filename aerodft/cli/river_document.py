@@ -1,7 +1,7 @@
 """What ``aerodft river`` found, as its JSON document."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +18,8 @@ from aerodft.vision.water import WaterMask
 SCHEMA: Final = "aerodft.river/1"
 SIDES: Final = ("left", "right")
 _DOUBT: Final = 0.1  # of the outline, from which that is said
+_AGREED: Final = 0.9  # overlap with another outline, below which that is said
+_ARM: Final = 0.25  # of the water's area: a piece apart from which on it is one
 _TELLS: Final = 2.0  # standard deviations between an outline's two sides, from which they are told apart
 
 
@@ -39,7 +41,7 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
         first = found.status[int(found.rows[0])]
         status, reasons = first, [*reasons, WHY[first]]
     document = river_frame(status, reasons, outline_confidence(found.water))
-    reasons += doubts(found.water.doubtful)
+    reasons += doubts([found.water])
     document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(SIDES)}
     document["transects"] = list(_transects(found, sample))
     reasons += bounds(document["transects"])
@@ -49,18 +51,27 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
 
 
 def outline_confidence(water: WaterMask) -> float:
-    """Share of the water's outline along which its two sides differ, less the share that may be bare ground."""
-    return float(np.mean(water.contrast > _TELLS)) * (1.0 - water.doubtful)
+    """Share of the water's outline along which its two sides differ, less for all that speaks for another outline."""
+    clear = float(np.mean(water.contrast > _TELLS)) * (1.0 - water.doubtful) * water.agreement
+    return clear * (1.0 - 0.5 * min(water.apart, 1.0)) if water.apart >= _ARM else clear
 
 
-def doubts(doubtful: float) -> list[str]:
-    """What to say of an outline along which so much may be bare ground."""
-    if doubtful <= _DOUBT:
-        return []
-    where = (
-        f"along {100 * doubtful:.0f} % of the outline there is a second clear edge inside: bare ground may have been"
+def doubts(waters: Sequence[WaterMask]) -> list[str]:
+    """What to say of the outlines of one image or of many, at least one, by their median."""
+    doubtful, agreement, apart = (
+        float(np.median([getattr(water, name) for water in waters])) for name in ("doubtful", "agreement", "apart")
     )
-    return [f"{where} taken for water, or water of two colours is there; look at the plate"]
+    said = []
+    if doubtful > _DOUBT:
+        where = f"along {100 * doubtful:.0f} % of the outline there is a second clear edge inside: bare ground may have"
+        said.append(f"{where} been taken for water, or water of two colours is there; look at the plate")
+    if agreement < _AGREED:
+        what = f"another outline is nearly as clear and shares {100 * agreement:.0f} % with this one"
+        said.append(f"{what}: the intervals reach to its banks; look at the plate, or click the water (--seed)")
+    if apart >= _ARM:
+        size = f"{100 * apart:.0f} % of its area"
+        said.append(f"what looks like the same water lies apart ({size}): another arm? It is not in the widths")
+    return said
 
 
 def bounds(transects: list[dict[str, Any]]) -> list[str]:

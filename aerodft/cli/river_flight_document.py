@@ -42,7 +42,7 @@ def reach_document(found: Reach, views: Views) -> dict[str, Any]:
     ratio = found.found.scatter_ratio
     document["reasons"] = [
         *([f"images scatter {ratio:.1f} times as much as they state: the stds contain it"] if ratio > _MUCH else []),
-        *doubts(float(np.median([look.water.doubtful for look in seen]))),
+        *doubts([look.water for look in seen]),
         *bounds(document["transects"]),
     ]
     counted = _counts(views) | {"used": len(seen), "used_share": len(seen) / len(views.views), "scatter_ratio": ratio}

@@ -29,12 +29,15 @@ class BankPair:
         across_px: ``(n, 2, 2)`` unit vectors along the transect in the image, from water to land.
         std_px: ``(n, 2)`` along ``across_px``, each bank's own.
         common_px: Standard deviation of what all banks are seen too far out, along ``across_px``.
+        otherwise_m: ``(n,)``: how much wider the river is by another reading of the image, one standard deviation: one
+            error for all of them.
     """
 
     pixels_px: FloatArray
     across_px: FloatArray
     std_px: FloatArray
     common_px: float
+    otherwise_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +119,7 @@ def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
     own = np.sqrt(np.sum(np.square(by_offset * banks.std_px), axis=-1))
     root = _root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
     common = banks.common_px * by_offset.sum(axis=-1)
-    shared = np.concatenate([by_shared @ root, common[:, None]], axis=-1)
+    shared = np.concatenate([by_shared @ root, common[:, None], banks.otherwise_m[:, None]], axis=-1)
     return RiverWidths(width, shared, own, _range_share(ground, pose, root), points.reshape(count, 2, 3))
 
 

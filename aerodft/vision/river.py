@@ -15,13 +15,14 @@ from aerodft.vision.bank_edges import Edges
 from aerodft.vision.bank_outliers import stand_out
 from aerodft.vision.river_banks import Islands, islands_across, locate_banks
 from aerodft.vision.river_checks import like_a_road, no_light, no_river
+from aerodft.vision.river_choice import likeliest_water, otherwise_m
 from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
 from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
-from aerodft.vision.water import WaterMask, find_water, with_islands
+from aerodft.vision.water import WaterMask, with_islands
 from aerodft.vision.water_features import WaterFeatures, water_features
 from aerodft.vision.water_motion import STAYS, LaterLook, what_stays, without_still
 from aerodft.vision.water_network import WaterNetwork
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_plane import WaterPlane, ground_of
 from aerodft.vision.waterway import Centreline, centreline, looked_up
 
 __all__ = [
@@ -42,6 +43,8 @@ _UNMOVED: Final = (
     "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
 )
 _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
+_AMBIGUOUS: Final = 0.2  # of the width
+_REACHES: Final = 1.6  # an interval of 95 % reaches beyond the other outline, by a quarter of the way there
 _SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
 
 
@@ -109,9 +112,11 @@ def find_river(
     seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
     if (refusal := _unfit(image, plane, ground, seed)) is not None:
         return refusal
-    segment = find_water if question.network is None else question.network.find_water
     start = float(seed[0]), float(seed[1])
-    water = segment(features, start, ground)
+    if question.network is None:
+        water = likeliest_water(plane, features, start, ground)
+    else:
+        water = question.network.find_water(features, start, ground)
     if (refusal := no_river(features, water, ground)) is not None:
         return refusal
     stayed = None if later is None else what_stays(image, plane, later, water.water, ground)
@@ -169,13 +174,6 @@ def channel_of(plane: WaterPlane, seen: River) -> BoolArray:
     return with_islands(seen.water.water, ground_of(plane, seen.features))
 
 
-def ground_of(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
-    """Which pixels of the small copy show the water's plane, near enough, ``(height, width)``."""
-    rows, columns = features.shape
-    small = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
-    return np.asarray(np.isfinite(plane.places_en_m(features.to_image(small))[..., 0]))
-
-
 def _default_seed(features: WaterFeatures) -> FloatArray:
     rows, columns = features.shape
     return np.array([(columns - 1) / 2, _SEED_DOWN * (rows - 1)])
@@ -212,13 +210,19 @@ def _measured(
 ) -> River | NoRiver:
     features, water, line, found = seen
     edges, status = locate_banks(image, plane, found, _by_motion(plane, features, water, found))
+    other_m = otherwise_m(plane, features, water, line, found.stations_m)
     for row in np.flatnonzero(_unlike_neighbours(plane, found, edges, line.width_m)).tolist():
         status[row] = RiverStatus.UNLIKE_NEIGHBOURS if status[row] is RiverStatus.OK else status[row]
+    for row in np.flatnonzero(_ambiguous(other_m, line.width_m)).tolist():
+        status[row] = RiverStatus.AMBIGUOUS if status[row] is RiverStatus.OK else status[row]
     rows = np.flatnonzero([each is RiverStatus.OK for each in status])
     if len(rows) == 0:
         worst = RiverStatus.TOO_COARSE if RiverStatus.TOO_COARSE in status else RiverStatus.OUT_OF_IMAGE
         return NoRiver(worst, WHY[worst])
-    pair = BankPair(edges.pixels_px[rows], edges.across_px[rows], edges.std_px[rows], question.least_std_px)
+    other_std_m = other_m[rows] / _REACHES
+    pair = BankPair(
+        edges.pixels_px[rows], edges.across_px[rows], edges.std_px[rows], question.least_std_px, other_std_m
+    )
     widths = river_widths(setup, pose, pair)
     for row, usable in zip(rows.tolist(), widths.usable.tolist(), strict=True):
         status[row] = RiverStatus.OK if usable else RiverStatus.ILL_CONDITIONED
@@ -233,6 +237,17 @@ def _measured(
         rows=rows,
         islands=islands_across(image, plane, found),
     )
+
+
+def _ambiguous(other_m: FloatArray, width_m: float) -> BoolArray:
+    """Which transects ``(n,)`` another outline has far off; none where it has most of them so, which is the river then.
+
+    Args:
+        other_m: ``(n,)``: how much wider the river is by the other outline.
+        width_m: Of the river.
+    """
+    far = np.abs(other_m) > _AMBIGUOUS * width_m
+    return far & (float(np.mean(far)) < 0.5)  # noqa: PLR2004 - most
 
 
 def _by_motion(plane: WaterPlane, features: WaterFeatures, water: WaterMask, found: Transects) -> BoolArray:

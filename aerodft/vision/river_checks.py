@@ -19,9 +19,11 @@ _LEAST_LAND: Final = 0.01  # of what is looked at
 _COLOURS: Final = np.array([1.0, 1.0, 0.0, 0.0], dtype=np.float32)
 _GREEN: Final = (2.0, -14.0)  # where both are lower than these, something grows
 _MANY_COLOURS: Final = 0.03  # ratios of red to green vary by 1 to 2 % nearby in water, by 3 to 10 % on natural ground
-_CLEAR: Final = 2.3  # standard deviations between an outline's sides along three quarters of it; meadows reach 2.0
+CLEAR: Final = 2.3
+"""Standard deviations between an outline's sides, along three quarters of it, at the least; meadows reach 2.0."""
 _CLEAR_IN_COLOUR: Final = 1.0  # likewise by colour alone; rivers have 1.4 and more, shadows 0.8 at most
 _BESIDE: Final = np.ones((13, 13), dtype=np.uint8)  # of the small copy, around what was found
+_NO_ROAD: Final = math.log(0.8) * LOGARITHM  # red to green: what has so little red is blue or green, as no road is
 _EVEN: Final = 0.035  # of the lightness, beside its trend over the water: waves are 6 % and more
 _EDGE_PX: Final = 9  # of the small copy: so near an outline the two sides' colours mix
 _STRAIGHT: Final = 0.006  # of the width: rms of bank points about a line
@@ -53,10 +55,11 @@ def no_river(features: WaterFeatures, found: WaterMask, ground: BoolArray) -> No
     if len(found.contrast) == 0:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "no bank is in view: the water ends where the image does")
     clear = float(np.percentile(found.contrast, 25))
-    if clear < _CLEAR:
-        reason = f"water and bank cannot be told apart: {clear:.1f} standard deviations between them, {_CLEAR:g} needed"
+    if clear < CLEAR:
+        reason = f"water and bank cannot be told apart: {clear:.1f} standard deviations between them, {CLEAR:g} needed"
         return NoRiver(RiverStatus.NO_CONTRAST, reason)
-    return _shadow(features.planes, found.water, ground)
+    # Bare ground beside water is of its colours often enough, and has been told from it already.
+    return None if found.trimmed else _shadow(features.planes, found.water, ground)
 
 
 def _shadow(planes: Float32Image, water: BoolArray, ground: BoolArray) -> NoRiver | None:
@@ -88,6 +91,8 @@ def like_a_road(features: WaterFeatures, water: BoolArray, banks_en_m: FloatArra
         water: ``(height, width)``: what was found.
         banks_en_m: ``(n, 2, 2)``: left, then right bank of each transect, east and north.
     """
+    if float(np.median(features.planes[water][:, RED_TO_GREEN])) < _NO_ROAD:
+        return None
     if len(banks_en_m) < _FEWEST or _unevenness(features, water) > _EVEN:
         return None
     widths_m = np.linalg.norm(banks_en_m[:, 0] - banks_en_m[:, 1], axis=-1)

@@ -18,6 +18,7 @@ class RiverStatus(StrEnum):
     OUT_OF_IMAGE = "OUT_OF_IMAGE"  # the image ends before the bank
     TOO_COARSE = "TOO_COARSE"  # the river is too narrow in the image
     UNLIKE_NEIGHBOURS = "UNLIKE_NEIGHBOURS"  # a bank stands out: something is in front of it, or the mask leaked
+    AMBIGUOUS = "AMBIGUOUS"  # another outline, nearly as clear, has a bank elsewhere
     ILL_CONDITIONED = "ILL_CONDITIONED"  # too uncertain for a number
 
 
@@ -25,6 +26,7 @@ WHY: Final = {
     RiverStatus.OUT_OF_IMAGE: "the image does not show both banks: the river leaves it, or only one bank is in view",
     RiverStatus.TOO_COARSE: "the river is too narrow in the image for its banks to be told",
     RiverStatus.UNLIKE_NEIGHBOURS: "a bank stands out from its neighbours: is something in front of it?",
+    RiverStatus.AMBIGUOUS: "another outline, nearly as clear, has a bank elsewhere: look at the plate",
     RiverStatus.ILL_CONDITIONED: "too far away for how well the pose is known",
 }
 """Of transects without a width."""

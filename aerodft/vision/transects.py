@@ -5,6 +5,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.vision.water_features import WaterFeatures
@@ -14,6 +15,7 @@ from aerodft.vision.waterway import Centreline, looked_up
 _REACH_WIDTHS: Final = 1.2  # to either side of the centreline
 _SAMPLES: Final = 240  # of a transect: half a percent of the width apart, at the least
 _OFF_CENTRE: Final = 0.35  # of the width: so far from the centreline there must be water
+_STEP: Final = np.ones(2, dtype=bool)  # samples
 _BORDER_PX: Final = 4  # of the small copy
 MOST_TRANSECTS: Final = 1000
 
@@ -124,7 +126,8 @@ def _span(channel: BoolArray, offsets_m: FloatArray, off_centre_m: float) -> tup
 
 
 def _runs(dry: BoolArray) -> list[tuple[int, int]]:
-    """First and last index of the runs that touch neither end."""
-    edges = np.diff(np.concatenate([[0], dry.astype(np.int8), [0]]))
+    """First and last index of the runs that touch neither end; a mask's steps part none and are none."""
+    whole = ndimage.binary_opening(ndimage.binary_closing(dry, _STEP), _STEP)
+    edges = np.diff(np.concatenate([[0], whole.astype(np.int8), [0]]))
     found = zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True)
     return [(low, high) for low, high in found if low > 0 and high < len(dry) - 1]

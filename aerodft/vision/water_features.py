@@ -60,6 +60,13 @@ class WaterFeatures:
         """What is left to go from the image to the small copy and back."""
         return WaterFeatures(self.scale, self.planes[..., :0].copy(), self.pixels[..., :0].copy())
 
+    def halved(self) -> "WaterFeatures":
+        """The same at half the size, each pixel the mean of four."""
+        size = max(1, self.shape[1] // 2), max(1, self.shape[0] // 2)
+        planes = np.asarray(cv2.resize(self.planes, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        pixels = np.asarray(cv2.resize(self.pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return WaterFeatures(0.5 * self.scale, planes, pixels)
+
     def to_image(self, small_px: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of the small copy as pixels of the image."""
         return np.asarray((np.asarray(small_px, dtype=np.float64) + 0.5) / self.scale - 0.5)

@@ -14,7 +14,7 @@ import numpy as np
 
 from aerodft.model.arrays import BoolArray
 from aerodft.vision.outline import outline_contrast
-from aerodft.vision.water_features import LIGHT, RED_TO_GREEN, TEXTURE, Float32Image
+from aerodft.vision.water_features import BLUE_TO_GREEN, LIGHT, RED_TO_GREEN, TEXTURE, Float32Image
 
 _BAND: Final = 0.35  # of half the water's width: so far from the outline it may be ground
 _SCALES: Final = np.array([4.0, 4.0, 2.0, 3.0], dtype=np.float32)  # to bytes, around the water's own middle
@@ -22,16 +22,15 @@ _MIDDLE: Final = 128.0
 _ITERATIONS: Final = 3
 _SEED: Final = 1
 _LEAST: Final = 0.001  # of the copy: a smaller piece is foam, or a stone
-_LEAST_EVEN: Final = 0.004  # likewise, where the texture does not tell it
 _THICK_PX: Final = 5  # a thinner piece is the outline's own blur
-_CLEAR: Final = 1.7  # standard deviations across the inner edge, lightness left out
-_CLEAR_EVEN: Final = 2.6
-_ROUGHER: Final = 2.5  # of twelve times the texture's logarithm: about a quarter more than the water's beside it
+_CLEAR: Final = 1.45  # standard deviations across the inner edge, lightness left out
+_ROUGHER: Final = 2.0  # of twelve times the texture's logarithm: about a sixth more than the water's beside it
 _NO_LIGHT: Final = np.array([1.0, 1.0, 0.0, 1.0], dtype=np.float32)
 _STRIP: Final = np.ones((11, 11), dtype=np.uint8)  # around a piece: the water next to it
 _DARKER: Final = -0.5  # forty times the logarithm of the lightness: about 1 %
 GLITTER: Final = 12.0  # about 35 % brighter than the water beside it
-_GREENER: Final = 2.0  # likewise of red to green
+_GREENER: Final = -1.5  # likewise of red to green: the colour of what grows there
+_NOT_BLUER: Final = 1.0  # likewise of blue to green: where the sky is mirrored it is more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,9 +70,9 @@ def margin(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: Bool
         if share[number] < _LEAST or len(edge) == 0 or not beside.any():
             continue
         apart, clear = planes[piece].mean(axis=0) - planes[beside].mean(axis=0), float(np.median(edge))
-        if clear > _CLEAR and _is_rougher(apart):
+        if clear > _CLEAR and (_is_rougher(apart) or _is_greener(apart)):
             found.bare[near & water & ~inner] = True
-        elif clear > _CLEAR_EVEN and share[number] >= _LEAST_EVEN and _may_be_ground(apart):
+        elif clear > _CLEAR and _may_be_ground(apart):
             found.doubtful[near & water & ~inner] = True
     return found
 
@@ -99,6 +98,11 @@ def _is_rougher(apart: Float32Image) -> bool:
     return bool(apart[TEXTURE] > _ROUGHER and apart[LIGHT] < GLITTER)
 
 
+def _is_greener(apart: Float32Image) -> bool:
+    """Whether a piece is greener than the water next to it, and neither darker nor bluer: no shade, and no sky."""
+    return bool(apart[RED_TO_GREEN] < _GREENER and apart[BLUE_TO_GREEN] < _NOT_BLUER and _may_be_ground(apart))
+
+
 def _may_be_ground(apart: Float32Image) -> bool:
-    """Whether a piece is neither shade nor glitter: not darker than the water next to it, or greener; not glaring."""
-    return bool(apart[LIGHT] < GLITTER and (apart[LIGHT] > _DARKER or apart[RED_TO_GREEN] < -_GREENER))
+    """Whether a piece is neither shade nor glitter: not darker than the water next to it, and not glaring."""
+    return bool(_DARKER < apart[LIGHT] < GLITTER)

@@ -14,6 +14,7 @@ from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
+from aerodft.vision.water_features import WaterFeatures
 
 FARTHEST_HEIGHTS: Final = 6.0
 """Water farther than so many camera heights is not looked at, unless told otherwise.
@@ -79,3 +80,10 @@ class WaterPlane:
             inside = np.all((pixels_px >= low) & (pixels_px <= high), axis=-1)
             near = np.linalg.norm(places_en_m - self.pose.position_enu_m[:2], axis=-1) <= self.reach_m
         return np.asarray(inside & near)
+
+
+def ground_of(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
+    """Which pixels of a small copy show the water's plane, near enough, ``(height, width)``."""
+    rows, columns = features.shape
+    small = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
+    return np.asarray(np.isfinite(plane.places_en_m(features.to_image(small))[..., 0]))

@@ -5,6 +5,7 @@ import cProfile
 import math
 import pstats
 import time
+from pathlib import Path
 
 import cv2
 
@@ -19,14 +20,14 @@ from aerodft.sim.world import furnished
 from aerodft.vision.river import River, RiverQuestion, find_river
 
 PARTS = {
-    "small copy": "water_features",
-    "clusters": "_proposals",
-    "graph cuts": "_cut",
-    "centreline": "centreline",
-    "transects": "transects",
-    "banks": "locate_banks",
-    "islands": "islands_across",
-    "widths": "river_widths",
+    "small copy": ("water_features.py", "water_features"),
+    "outlines": ("water_outlines.py", "outlines"),
+    "one drawn again": ("water.py", "find_water"),
+    "centreline": ("waterway.py", "centreline"),
+    "transects": ("transects.py", "transects"),
+    "banks": ("river_banks.py", "locate_banks"),
+    "islands": ("river_banks.py", "islands_across"),
+    "widths": ("river_widths.py", "river_widths"),
 }
 
 
@@ -61,10 +62,8 @@ def main(arguments: list[str] | None = None) -> None:
     profile.runcall(find_river, image, setup, pose, question)
     stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     total = max(row[3] for row in stats.values())
-    shares = {
-        part: sum(row[3] for (_, _, name), row in stats.items() if name == function) / total
-        for part, function in PARTS.items()
-    }
+    spent = {(Path(file).name, name): row[3] for (file, _, name), row in stats.items()}
+    shares = {part: spent.get(function, 0.0) / total for part, function in PARTS.items()}
     print("where the time goes: " + ", ".join(f"{part} {100 * share:.0f} %" for part, share in shares.items()))
 
 

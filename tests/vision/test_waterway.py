@@ -57,7 +57,7 @@ def test_what_all_widths_share_does_not_average_out(count):
     pixels = np.stack([np.stack([np.full(count, u), v], axis=-1) for u in (200.0, 800.0)], axis=1)
     across = np.tile([[-1.0, 0.0], [1.0, 0.0]], (count, 1, 1))
     alone = np.full((count, 2), 1.0)
-    widths = river_widths(Setup(camera=camera), pose, BankPair(pixels, across, alone, 0.0))
+    widths = river_widths(Setup(camera=camera), pose, BankPair(pixels, across, alone, 0.0, np.zeros(len(pixels))))
     metre_px = camera.fx_px / 50.0
     np.testing.assert_allclose(widths.width_m, 600.0 / metre_px)
     np.testing.assert_allclose(widths.std_m, np.hypot(0.01 * widths.width_m, np.sqrt(2.0) / metre_px))

@@ -1,0 +1,53 @@
+"""Widths of rivers that another painter made than the simulator on whose looks thresholds were set."""
+
+import numpy as np
+
+from aerodft.dft.request import Setup
+from aerodft.vision.river import NoRiver, RiverQuestion, RiverStatus, find_river
+from aerodft.vision.water_plane import WaterPlane
+from tests.vision.painted_rivers import CAMERA, LANDS, WATERS, PaintedRiver
+
+LOOKS = ({}, {"bushes": True}, {"bushes": True, "foam": True}, {"shade": True, "bushes": True}, {"glare": True})
+TILTS_DEG = (0.0, 20.0, 40.0, 55.0)
+SCENES = [
+    PaintedRiver(
+        seed=row * len(LANDS) + column, water=water, land=land, tilt_deg=TILTS_DEG[(row + column) % 4],
+        bend_m=6.0 * (column % 2), look=LOOKS[(3 * row + column) % 5],
+    )
+    for row, water in enumerate(WATERS)
+    for column, land in enumerate(LANDS)
+]  # fmt: skip
+
+
+def measured(scene):
+    """Widths, their stds and the true ones along the same lines; none of a river that was not found."""
+    found = find_river(scene.picture(), Setup(camera=CAMERA), scene.pose, RiverQuestion(spacing_m=1.0))
+    if isinstance(found, NoRiver):
+        return found, np.empty((0, 3))
+    used = np.array([found.status[row] is RiverStatus.OK for row in found.rows])
+    plane = WaterPlane(CAMERA, scene.pose)
+    left, right = np.moveaxis(plane.places_en_m(found.edges.pixels_px[found.rows[used]]), 1, 0)
+    across = (left - right) / np.linalg.norm(left - right, axis=-1, keepdims=True)
+    true = [scene.crossing_m(*line) for line in zip((left + right) / 2, across, strict=True)]
+    return found, np.stack([found.widths.width_m[used], found.widths.std_m[used], true], axis=-1)
+
+
+def test_rivers_of_another_painter():
+    """Sixteen rivers without a click: most are measured, to a percent, and their intervals hold."""
+    rows, medians = [], []
+    for scene in SCENES:
+        found, widths = measured(scene)
+        name = f"{scene.water} {scene.land} {scene.tilt_deg:g} {list(scene.look)}"
+        if isinstance(found, NoRiver):
+            print(f"{name}: {found.status}, {found.reason}")
+            continue
+        error = widths[:, 0] / widths[:, 2] - 1
+        medians.append(float(np.median(np.abs(error))))
+        print(f"{name}: {len(widths)} widths, {100 * medians[-1]:.2f} % off in the median")
+        rows.append(widths)
+    width, std, true = np.concatenate(rows).T
+    held = np.abs(width - true) <= 1.96 * std
+    print(f"{len(rows)} of {len(SCENES)} rivers, {len(held)} widths: intervals hold {100 * held.mean():.1f} %")
+    assert len(rows) >= 14
+    assert max(medians) < 0.01
+    assert np.mean(held) > 0.9

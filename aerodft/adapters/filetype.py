@@ -1,5 +1,7 @@
-"""Says what a file looks like, for the sentence that refuses it."""
+"""What a file looks like, for the sentence that refuses it."""
 
+import errno
+import os
 from pathlib import Path
 
 _MAGIC: tuple[tuple[int, bytes, str], ...] = (
@@ -33,6 +35,7 @@ def looks_like(path: Path) -> str:
     try:
         if path.is_dir():
             return "a folder"
+        check_is_no_pipe(path)
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
     except OSError as error:
@@ -55,3 +58,15 @@ def content_looks_like(head: bytes) -> str:
     except UnicodeDecodeError:
         return "unknown binary data"
     return "text"
+
+
+def check_is_no_pipe(path: Path) -> None:
+    """Refuse what would hold up whoever opens it, until somebody writes.
+
+    Raises:
+        OSError: It is a pipe, a socket or a device; or a folder.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "a pipe or a device", str(path))

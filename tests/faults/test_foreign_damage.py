@@ -18,6 +18,7 @@ from replay.foreign import ForeignRecording
 from replay.foreign_sources import ForeignImages, ForeignTelemetry
 from replay.opening import open_recording
 from replay.timeline import AnyRecording, timeline
+from tests.peak import CAN_MEASURE, taken_by
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign
 
 MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
@@ -85,3 +86,17 @@ def test_a_damaged_chunk_is_named_once(tmp_path: Path, caplog: pytest.LogCapture
     messages = list(timeline([open_recording(path)], None, None, everything))
     assert is_cut or len(messages) > 500
     assert caplog.text.count("damaged chunk") == 1
+
+
+@pytest.mark.skipif(not CAN_MEASURE, reason="commands are run as on Linux")
+@pytest.mark.parametrize("command", ["doctor", "replay", "recover", "export", "recompute"])
+def test_a_pipe_among_the_segments_holds_nobody_up(tmp_path: Path, command: str) -> None:
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    os.mkfifo(folder / "data_000.mcap")
+    out = {"export": ("--format", "csv", "-o", tmp_path / "out"), "recompute": ("-o", tmp_path / "out")}
+    taken = taken_by(command, folder, *out.get(command, ()), timeout_s=60)
+    assert taken.code == 3
+    assert f"{folder / 'data_000.mcap'}: the recording cannot be re" in taken.err
+    assert "got a pipe or a device" in taken.err
+    assert not (tmp_path / "out").exists()

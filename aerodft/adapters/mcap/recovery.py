@@ -4,7 +4,6 @@ A segment is copied as far as it is whole, the copy is read back, and only then 
 is not touched, and neither is what a recorder is writing.
 """
 
-import errno
 import fcntl
 import logging
 import os
@@ -14,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from aerodft.adapters.filetype import check_is_no_pipe
 from aerodft.adapters.mcap.file import sync_folder
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.repair import Loss, Survey, survey, write_whole
@@ -108,6 +108,7 @@ def recordings_in(root: Path) -> dict[Path, bool]:
 
 
 def _ends(path: Path) -> bool:
+    check_is_no_pipe(path)
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - len(MAGIC), 0))
@@ -122,8 +123,7 @@ def _numbered(folder: Path, stem: str) -> list[tuple[int, Path]]:
     """
     found = [(_NUMBER.search(path.name), path) for path in folder.glob(f"{stem}_*.mcap")]
     for _, path in found:
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        check_is_no_pipe(path)
     return sorted((int(match[1]), path) for match, path in found if match is not None)
 
 

@@ -15,6 +15,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, MessageIndex, Metadata, Schema
 
+from aerodft.adapters.filetype import check_is_no_pipe
 from aerodft.adapters.mcap.channels import STATION_KEY
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.layout import RECORD_HEAD as HEAD
@@ -40,6 +41,7 @@ def scan_segment(path: Path) -> SegmentScan:
         InputError: The file cannot be read, or is no MCAP file.
     """
     try:
+        check_is_no_pipe(path)
         with path.open("rb") as file:
             magic = file.read(len(MAGIC))
             if len(magic) < len(MAGIC) and MAGIC.startswith(magic):  # the machine died as the file was made

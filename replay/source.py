@@ -63,13 +63,14 @@ class RecordingSource:
 
     def _checked(self, table: ChunkTable, others: Mapping[int, Image | Observation], last_ns: int) -> int:
         """The last arrival of a chunk, none of which goes back: by log times, and by what images say themselves."""
-        log_ns = table.log_ns.tolist()
-        if max(log_ns) > LATEST_NS:
+        newest_ns = int(table.log_ns.max())
+        if newest_ns > LATEST_NS:
             where, expected = self._recording.folder, "before the year 2262"
-            raise InputError("a log time is none", where=where, got=max(log_ns), expected=expected)
-        arrivals = np.array([last_ns, *log_ns], dtype=np.int64)
+            raise InputError("a log time is none", where=where, got=newest_ns, expected=expected)
+        log_ns = np.concatenate([[last_ns], table.log_ns.astype(np.int64)])
+        arrivals = log_ns.copy()
         arrivals[1 + np.array(list(others), dtype=np.int64)] = [each.arrival_ns for each in others.values()]
-        for times in (np.array([last_ns, *log_ns]), arrivals):
+        for times in (log_ns, arrivals):
             back_ns = np.diff(times)
             if np.any(back_ns < 0):
                 raise self._gone_back(-int(back_ns[back_ns < 0][0]))

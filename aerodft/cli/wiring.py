@@ -146,14 +146,14 @@ class Tally:
                 self.images += 1
             elif isinstance(item, ImageAnswers):
                 self.alike[item.statuses] += 1
+            elif isinstance(item, POSED):
+                self.poses[str(item.status)] += 1
+                if item.status is not Status.OK and item.reasons:
+                    self.reasons.setdefault(str(item.status), "; ".join(item.reasons))
             elif isinstance(item, CalibrationEstimate):
                 self.estimate = item
             elif isinstance(item, SteadinessEstimate):
                 self.steadiness = item
-            elif isinstance(item, POSED):
-                self.poses[str(item.status)] += 1
-                if item.reasons and item.status is not Status.OK:
-                    self.reasons.setdefault(str(item.status), "; ".join(item.reasons))
 
     def close(self) -> None:
         """Nothing to write out."""

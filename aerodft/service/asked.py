@@ -31,11 +31,9 @@ def measured(
     poses, indices = [item.posed for item in in_images], [item.image for item in in_images]
     answers = iter(measure_images(setup, poses, fixed, indices))
 
-    def answered(item: Output | Asked) -> Output:
-        if not isinstance(item, Asked):
-            return item
+    def answered(item: Asked) -> Output:
         if item.requests is fixed:
             return next(answers)
         return measure_images(setup, (item.posed,), item.requests, (item.image,))[0]
 
-    return [tuple(map(answered, items)) for items in work]
+    return [tuple([answered(item) if isinstance(item, Asked) else item for item in items]) for items in work]

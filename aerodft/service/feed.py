@@ -157,7 +157,7 @@ class MergedFeed:
             if coming is not None:
                 ticks_ns.append(tick_after(first_arrival_ns(coming), self._tick_ns))
             tick_ns = min(ticks_ns)
-            if now_ns is not None:
+            if now_ns is not None and tick_ns > now_ns + self._tick_ns:
                 yield from self._lingering(now_ns, tick_ns)
             now_ns = tick_ns
             due: list[Event] = [parts.pop() for parts in begun if parts.tick_ns == now_ns]

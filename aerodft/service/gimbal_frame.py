@@ -12,6 +12,7 @@ import math
 from bisect import bisect_left, insort
 from collections import deque
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Final
 
 import numpy as np
@@ -95,7 +96,7 @@ class FrameDetector:
             self._recent.popleft()
         noise_rad = self._noise_rad(moment)
         if self._recent and noise_rad is not None:
-            turns = [math.dist(moment.down_body, before.down_body) for before in self._recent]
+            turns = list(map(math.dist, repeat(moment.down_body), [before.down_body for before in self._recent]))
             farthest = turns.index(max(turns))
             if turns[farthest] >= max(_LEAST_MOTION_RAD, _LEAST_MOTION_STDS * noise_rad):
                 self._learn(self._recent[farthest], moment, turns[farthest])

@@ -1,6 +1,7 @@
 """The images of a recording or a video with their poses, as many as ``aerodft river`` looks at."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,9 +11,11 @@ import numpy as np
 
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.images.video import VideoFileSource, video_info
+from aerodft.cli.output import steps
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline, check_size
+from aerodft.conventions import SECOND_NS
 from aerodft.dft.request import Setup
 from aerodft.dft.zoomed import zoomed
 from aerodft.errors import InputError, NoAnswerError
@@ -142,19 +145,20 @@ def filmed_views(video: Path, setup: Setup, sample: PoseSample, most: int) -> Vi
         InputError: The video cannot be read, or is not of the camera.
         NoAnswerError: It holds no image.
     """
-    stamps = [image.stamp_ns for image in _images(video, setup)]
-    if not stamps:
-        raise NoAnswerError("no image in the video", where=video)
-    after = {row: _soon_after(np.array(stamps), row) for row in _rows(len(stamps), most)}
-    wanted = set(after.values())
-    held, copies = {}, {}
-    for row, image in enumerate(_images(video, setup)):
-        if row in after or row in wanted:
-            pixels = _held(image)
-            if row in wanted:
-                copies[row] = motion_copy(pixels())
-            if row in after:
-                held[row] = image, pixels
+    with _reading(video) as advance:
+        stamps = [image.stamp_ns for image in _images(video, setup, advance)]
+        if not stamps:
+            raise NoAnswerError("no image in the video", where=video)
+        after = {row: _soon_after(np.array(stamps), row) for row in _rows(len(stamps), most)}
+        wanted = set(after.values())
+        held, copies = {}, {}
+        for row, image in enumerate(_images(video, setup, lambda seconds: advance(stamps[-1] // SECOND_NS + seconds))):
+            if row in after or row in wanted:
+                pixels = _held(image)
+                if row in wanted:
+                    copies[row] = motion_copy(pixels())
+                if row in after:
+                    held[row] = image, pixels
     views = []
     for row, (image, pixels) in held.items():
         later = after[row]
@@ -177,11 +181,23 @@ def _copied(pixels: Callable[[], ImageArray]) -> Callable[[], ImageArray]:
     return lambda: motion_copy(pixels())
 
 
-def _images(video: Path, setup: Setup) -> Iterator[Image]:
+@contextmanager
+def _reading(video: Path) -> Iterator[Callable[[int], None]]:
+    """Progress of reading all of a video twice, in its seconds; none of one that does not say how long it is."""
+    duration_ns = video_info(video).duration_ns
+    if duration_ns is None:
+        yield lambda _: None
+        return
+    with steps("reading the video twice: seconds", 2 * (duration_ns // SECOND_NS + 1)) as advance:
+        yield advance
+
+
+def _images(video: Path, setup: Setup, advance: Callable[[int], None]) -> Iterator[Image]:
     for row, event in enumerate(VideoFileSource(video, start_ns=0).events()):
         assert isinstance(event, Image)  # noqa: S101 - a video has nothing else, for the type checker
         if row == 0:
             check_size(event, setup.camera, video)
+        advance(event.stamp_ns // SECOND_NS)
         yield event
 
 

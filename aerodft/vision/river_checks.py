@@ -13,6 +13,9 @@ from aerodft.vision.water import WaterMask
 from aerodft.vision.water_features import BLUE_TO_GREEN, LIGHT, LOGARITHM, RED_TO_GREEN, Float32Image, WaterFeatures
 
 _NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise
+_WHITE: Final = 250  # grey levels, of the darkest channel
+_BURNT_BESIDE: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
+_MOST_BURNT: Final = 0.4  # of an image, or of an outline; rivers that glare have up to 0.25
 _EVERY: Final = 8  # of the pixels is looked at for that
 _LEAST_PIXELS: Final = 100
 _LEAST_LAND: Final = 0.01  # of what is looked at
@@ -33,10 +36,12 @@ _ROBUST: Final = 1.4826  # from the median of absolute deviations to a standard 
 
 
 def no_light(image: ImageArray) -> NoRiver | None:
-    """Whether an image ``(height, width, 3)`` BGR is too dark."""
-    grey = cv2.cvtColor(np.ascontiguousarray(image[::_EVERY, ::_EVERY]), cv2.COLOR_BGR2GRAY)
-    if float(np.percentile(grey, 95)) < _NIGHT:
+    """Whether an image ``(height, width, 3)`` BGR is too dark, or burnt out."""
+    few = np.ascontiguousarray(image[::_EVERY, ::_EVERY])
+    if float(np.percentile(cv2.cvtColor(few, cv2.COLOR_BGR2GRAY), 95)) < _NIGHT:
         return NoRiver(RiverStatus.TOO_DARK, "the image is too dark: night, or a covered lens")
+    if float(np.mean(np.min(few, axis=-1) >= _WHITE)) > _MOST_BURNT:
+        return NoRiver(RiverStatus.TOO_BRIGHT, "the image is burnt out: glare, or the exposure is too long")
     return None
 
 
@@ -54,12 +59,21 @@ def no_river(features: WaterFeatures, found: WaterMask, ground: BoolArray) -> No
         return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all of the image looks alike")
     if len(found.contrast) == 0:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "no bank is in view: the water ends where the image does")
+    if float(np.mean(_burnt_out(features)[found.outline])) > _MOST_BURNT:
+        reason = "most of what may be a bank is burnt out: glare, or the exposure is too long"
+        return NoRiver(RiverStatus.TOO_BRIGHT, reason)
     clear = float(np.percentile(found.contrast, 25))
     if clear < CLEAR:
         reason = f"water and bank cannot be told apart: {clear:.1f} standard deviations between them, {CLEAR:g} needed"
         return NoRiver(RiverStatus.NO_CONTRAST, reason)
     # Bare ground beside water is of its colours often enough, and has been told from it already.
     return None if found.trimmed else _shadow(features.planes, found.water, ground)
+
+
+def _burnt_out(features: WaterFeatures) -> BoolArray:
+    """Which pixels ``(height, width)`` are white, or lie beside such: there are no colours to tell anything by."""
+    white = np.min(features.pixels, axis=-1) >= _WHITE
+    return np.asarray(cv2.dilate(white.astype(np.uint8), _BURNT_BESIDE) > 0)
 
 
 def _shadow(planes: Float32Image, water: BoolArray, ground: BoolArray) -> NoRiver | None:

@@ -12,6 +12,7 @@ class RiverStatus(StrEnum):
     ABOVE_HORIZON = "ABOVE_HORIZON"  # the image shows no water plane near enough
     SEED_OFF_GROUND = "SEED_OFF_GROUND"  # the seed is outside the image, above the horizon or too far away
     TOO_DARK = "TOO_DARK"  # night, or a covered lens
+    TOO_BRIGHT = "TOO_BRIGHT"  # the banks are burnt out: glare
     NO_CONTRAST = "NO_CONTRAST"  # water and bank cannot be told apart
     ALL_WATER = "ALL_WATER"  # no bank anywhere
     NO_WATER = "NO_WATER"  # the seed is on a bank, or there is no water

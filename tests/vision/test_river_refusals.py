@@ -65,7 +65,7 @@ def test_a_white_image_shows_nothing():
     pose = camera_pose(height_agl_m=30.0, tilt_rad=0.2)
     found = find_river(np.full((540, 960, 3), 255, dtype=np.uint8), Setup(camera=CAMERA), pose, RiverQuestion())
     assert isinstance(found, NoRiver)
-    assert found.status is RiverStatus.ALL_WATER
+    assert found.status is RiverStatus.TOO_BRIGHT
 
 
 def _meadow():

@@ -120,7 +120,8 @@ class McapRecorder:
         if messages:
             self._put(batch, messages, _FRAME_BYTES * messages)
         for image in batch.images:
-            self._pictures.image(image)
+            if image.width_px is not None:  # a stamp alone has no picture
+                self._pictures.image(image)
 
     def packet(self, packet: VideoPacket) -> None:
         """Record a packet of the video that images come from, which then are not recorded a second time."""

@@ -139,11 +139,11 @@ def find_river(
 
 def _unfit(image: ImageArray, plane: WaterPlane, ground: BoolArray, seed_px: FloatArray) -> NoRiver | None:
     """Why no water is looked for at all."""
+    if (unlit := no_light(image)) is not None:
+        return unlit
     if not ground.any():
         up = "the image shows no water plane near enough: it looks too far up, or --max-range is too short"
         return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
-    if (dark := no_light(image)) is not None:
-        return dark
     if not looked_up(ground, seed_px):
         return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")
     return None

@@ -111,19 +111,13 @@ def otherwise_m(
     if water.less is not None:
         doubts.append((water.water, water.less))
     for region, other in doubts:
-        copy = _copy_like(features, region)
+        copy = features if region.shape == features.shape else features.halved()
         seen = ground_of(plane, copy)
         width, otherwise = (_widths_m(plane, copy, each, seen, line, stations_m) for each in (region, other))
         same_m = np.maximum(_SAME * line.width_m, _SAME_PX * _pixel_m(plane, copy, line, stations_m))
         wider = np.nan_to_num(otherwise - width)
         most = np.where(np.abs(wider) > np.maximum(np.abs(most), same_m), wider, most)
     return most
-
-
-def _copy_like(features: WaterFeatures, mask: BoolArray) -> WaterFeatures:
-    """The copy that a mask is of: the small one, or that of half its size; without planes."""
-    scale = features.scale if mask.shape == features.shape else 0.5 * features.scale
-    return WaterFeatures(scale, np.empty((*mask.shape, 0), np.float32), features.pixels[..., :0])
 
 
 def _widths_m(

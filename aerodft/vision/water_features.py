@@ -24,6 +24,7 @@ _LIGHT_SHARE: Final = 0.1  # of a contrast in lightness: waves have it too
 _EDGE_PX: Final = 5  # so far an edge spreads its variety over what lies beside it
 _QUIETEST_PERCENT: Final = 10.0  # of an image varies for its noise alone, which is more in the dark
 _QUIET: Final = 0.011  # of the ratio's logarithm
+_BLACK: Final = 8  # grey levels, of the brightest channel: what a codec leaves of none
 _DARK: Final = 8.0  # grey levels: what is darker has no colour
 RED_TO_GREEN, BLUE_TO_GREEN, LIGHT, TEXTURE = 0, 1, 2, 3
 """Which of the planes is what."""
@@ -41,11 +42,13 @@ class WaterFeatures:
         planes: ``(height, width, 4)``: logarithms of red to green, blue to green, lightness and the texture; shade
             changes none but the lightness.
         pixels: ``(height, width, 3)`` BGR.
+        blank: ``(height, width)``: black borders, which show nothing: of a letterbox, or of an image made undistorted.
     """
 
     scale: float
     planes: Float32Image
     pixels: ImageArray
+    blank: BoolArray
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -58,14 +61,19 @@ class WaterFeatures:
 
     def without_planes(self) -> "WaterFeatures":
         """What is left to go from the image to the small copy and back."""
-        return WaterFeatures(self.scale, self.planes[..., :0].copy(), self.pixels[..., :0].copy())
+        return WaterFeatures(self.scale, self.planes[..., :0].copy(), self.pixels[..., :0].copy(), self.blank)
 
     def halved(self) -> "WaterFeatures":
         """The same at half the size, each pixel the mean of four."""
         size = max(1, self.shape[1] // 2), max(1, self.shape[0] // 2)
-        planes = np.asarray(cv2.resize(self.planes, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-        pixels = np.asarray(cv2.resize(self.pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        return WaterFeatures(0.5 * self.scale, planes, pixels)
+        blank = cv2.resize(self.blank.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        if not self.planes.size:
+            height, width = blank.shape
+            planes, pixels = np.empty((height, width, 0), np.float32), np.empty((height, width, 0), np.uint8)
+        else:
+            planes = np.asarray(cv2.resize(self.planes, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+            pixels = np.asarray(cv2.resize(self.pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return WaterFeatures(0.5 * self.scale, planes, pixels, np.asarray(blank))
 
     def to_image(self, small_px: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of the small copy as pixels of the image."""
@@ -90,7 +98,20 @@ def water_features(image: ImageArray) -> WaterFeatures:
     light = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA) + _DARK, dtype=np.float32)
     texture = 0.5 * np.log(_variety(middle, light) + _LIGHT_SHARE**2 * _contrast(grey, light) + _QUIET**2)
     planes = _SCALE * np.dstack([red - green, blue - green, lightness, texture])
-    return WaterFeatures(scale, np.asarray(planes, dtype=np.float32), np.asarray(small, dtype=np.uint8))
+    pixels = np.asarray(small, dtype=np.uint8)
+    return WaterFeatures(scale, np.asarray(planes, dtype=np.float32), pixels, _blank(pixels))
+
+
+def _blank(pixels: ImageArray) -> BoolArray:
+    """Black pixels ``(height, width)`` that hang together with the border, and what they are mixed with."""
+    black = (np.max(pixels, axis=-1) <= _BLACK).astype(np.uint8)
+    if not black.any():
+        return np.zeros(black.shape, dtype=bool)
+    framed = cv2.copyMakeBorder(black, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
+    _, labels = cv2.connectedComponents(framed, connectivity=4)
+    outer = (labels == labels[0, 0])[1:-1, 1:-1].astype(np.uint8)
+    broad = cv2.morphologyEx(outer, cv2.MORPH_OPEN, np.ones((3, 3), dtype=np.uint8))
+    return np.asarray(cv2.dilate(broad, np.ones((5, 5), dtype=np.uint8)) > 0)
 
 
 def _variety(image: ImageArray, light: Float32Image) -> Float32Image:

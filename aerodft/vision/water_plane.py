@@ -86,4 +86,4 @@ def ground_of(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
     """Which pixels of a small copy show the water's plane, near enough, ``(height, width)``."""
     rows, columns = features.shape
     small = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
-    return np.asarray(np.isfinite(plane.places_en_m(features.to_image(small))[..., 0]))
+    return np.asarray(np.isfinite(plane.places_en_m(features.to_image(small))[..., 0]) & ~features.blank)

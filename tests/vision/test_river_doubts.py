@@ -27,12 +27,18 @@ def mask(*columns):
     return water
 
 
+def copy(scale, height, width):
+    """A small copy of which only the size is looked at."""
+    nothing = np.empty((height, width, 0), np.float32), np.empty((height, width, 0), np.uint8)
+    return WaterFeatures(scale, *nothing, np.zeros((height, width), dtype=bool))
+
+
 def test_another_outline_is_so_much_wider_at_each_transect():
     """From 50 m above; the other outline is wider by 20 columns of 0.35 m in the upper half of the image alone."""
     camera = default_camera(800, 400)
     plane = WaterPlane(camera, camera_pose(height_agl_m=50.0, tilt_rad=0.0))
     metre_px = camera.fx_px / 50.0
-    features = WaterFeatures(0.5, np.empty((200, 400, 0), np.float32), np.empty((200, 400, 0), np.uint8))
+    features = copy(0.5, 200, 400)
     other = mask(80, 120)
     other[:50, 120:140] = True
     found = WaterMask(mask(0), mask(0), np.empty(0), regions=(mask(80, 120), other))
@@ -44,7 +50,7 @@ def test_another_outline_is_so_much_wider_at_each_transect():
 def test_ground_that_may_be_bare_reaches_into_the_interval():
     camera = default_camera(800, 400)
     plane = WaterPlane(camera, camera_pose(height_agl_m=50.0, tilt_rad=0.0))
-    features = WaterFeatures(0.25, np.empty((100, 200, 0), np.float32), np.empty((100, 200, 0), np.uint8))
+    features = copy(0.25, 100, 200)
     found = WaterMask(mask(80, 120), mask(0), np.empty(0), less=mask(80, 110))
     line = Centreline(np.array([[0.0, -10.0], [0.0, 0.0], [0.0, 10.0]]), 160 * 50.0 / camera.fx_px)
     wider = otherwise_m(plane, features, found, line, np.array([5.0, 15.0]))
@@ -72,3 +78,19 @@ def test_burnt_out_banks_are_no_banks(water, land):
     found = find_river(image, Setup(camera=CAMERA), scene.pose, RiverQuestion())
     assert isinstance(found, NoRiver)
     assert found.status is RiverStatus.TOO_BRIGHT
+
+
+def test_black_borders_are_no_banks():
+    """A picture in a black frame that leans, as after undistortion; it hides a part of the left bank."""
+    scene = PaintedRiver(seed=2, water="blue", land="grass", tilt_deg=20.0, width_m=30.0)
+    image = scene.picture()
+    u, v = np.meshgrid(np.arange(960), np.arange(540))
+    framed = np.where(((u > 260 + 0.1 * v) & (u < 800 + 0.1 * v))[..., None], image, 0).astype(np.uint8)
+    whole, part = (find_river(each, Setup(camera=CAMERA), scene.pose, RiverQuestion()) for each in (image, framed))
+    assert isinstance(whole, River)
+    assert isinstance(part, River)
+    assert len(part.rows) < len(whole.rows)
+    np.testing.assert_allclose(np.median(part.widths.width_m), np.median(whole.widths.width_m), rtol=0.006)
+    edge = np.stack([part.edges.pixels_px[..., 0] - 260 - 0.1 * part.edges.pixels_px[..., 1]], axis=-1)
+    assert np.nanmin(edge) > 8.0
+    assert np.nanmax(edge) < 540.0 - 8.0

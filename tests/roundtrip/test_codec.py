@@ -299,6 +299,19 @@ def test_what_is_no_images_record_is_refused(payload: bytes) -> None:
         measurement.split_measurements(payload)
 
 
+@pytest.mark.parametrize("damage", [b'{"index": 17}', b"{}, {}", b"", b"{", b"[]"])
+def test_many_images_come_back_as_one_by_one_and_a_damaged_one_is_shown(damage: bytes) -> None:
+    images = [Image(index=k, stamp_ns=10**18 + k, arrival_ns=2 * k, clock=StampClock.HOST) for k in range(5)]
+    data = [events.encode_image(image) for image in images]
+    assert list(map(events.encode_image, events.decode_images(data))) == data
+    assert events.decode_images([]) == []
+    with pytest.raises(InputError) as alone:
+        events.decode_image(damage)
+    with pytest.raises(InputError) as among:
+        events.decode_images([*data[:3], damage, data[4]])
+    assert str(among.value) == str(alone.value)
+
+
 @pytest.mark.parametrize("name", schemas.SCHEMAS)
 def test_the_published_schema_files_are_the_ones_in_use(name: str) -> None:
     Draft202012Validator.check_schema(schemas.SCHEMAS[name])

@@ -116,6 +116,26 @@ def test_it_does_not_matter_which_ticks_are_taken_together(bench, long_flight, s
     assert max(sizes) == 1 or any(taken)
 
 
+def test_a_tick_that_cannot_be_taken_with_others_costs_only_those_next_to_it(bench, long_flight):
+    batches, answers = long_flight
+    odd_ns = batches[len(batches) // 3].now_ns
+    append_ticks, sizes, alone = PoseSource.append_ticks, [], []
+
+    def refusing(poses, tracks, ticks_ns):
+        if ticks_ns[0] <= odd_ns <= ticks_ns[-1]:
+            return False
+        sizes.append(len(ticks_ns))
+        return append_ticks(poses, tracks, ticks_ns)
+
+    with (
+        patch.object(PoseSource, "append_ticks", refusing),
+        patch.object(PoseSource, "append", noting(PoseSource.append, alone)),
+    ):
+        assert bench.encoded(bench.run_groups([batches])) == answers
+    assert max(sizes) > len(batches) / 2  # all that came later, at once
+    assert len(alone) < 50  # until clocks were known, and around the odd one
+
+
 def noting(function, results):
     def noted(*arguments):
         results.append(function(*arguments))

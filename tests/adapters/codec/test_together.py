@@ -13,9 +13,11 @@ from aerodft.adapters.codec.pose_encoder import PoseEncoder
 from aerodft.adapters.codec.template import Templates
 from aerodft.dft.measure import Request, Setup, measure_images
 from aerodft.dft.request import linked
-from aerodft.geometry.poses import camera_pose
+from aerodft.geometry.poses import camera_pose, pose_covariances
+from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.pose_columns import PoseColumns, PoseRow, sample_of
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
@@ -64,6 +66,55 @@ def samples(count: int) -> list[PoseSample]:
         zoom = Zoom(magnification=1.2, std=0.01, source=ZoomSource.CAMERA_SETTINGS) if k % 13 == 5 else None
         found.append(replace(sample, zoom=zoom, **place))
     return found
+
+
+def rows(count: int, origin: GeoOrigin | None, *, has_place: bool) -> list[PoseRow]:
+    """Poses that were made together."""
+    rng = np.random.default_rng(12)
+    tilts_rad, headings_rad = rng.uniform(0.3, 1.1, count), rng.uniform(0, 6, count)
+    wxyz = camera_attitude(tilts_rad, rng.uniform(-0.1, 0.1, count), headings_rad)
+    std = rng.uniform(0.001, 0.01, (count, 7))
+    position = rng.uniform(2, 60, (count, 3))
+    alike = PoseSample(
+        stamp_ns=0,
+        status=Status.OK,
+        origin=origin,
+        height_source=HeightSource.HOME,
+        height_datum="home",
+        attitude_source=GimbalSource.MOUNT_STATUS,
+    )
+    columns = PoseColumns(
+        stamp_ns=10**18 + np.arange(count),
+        pose=Pose(
+            position_enu_m=position,
+            wxyz=wxyz,
+            cov=pose_covariances(wxyz, std),
+            velocity_enu_mps=position / 7,
+            rate_cam_radps=position / 900,
+            time_std_s=0.02,
+        ),
+        std=std,
+        lat_lon_alt=rng.normal(size=(count, 3)) if has_place else None,
+        height_age_s=rng.uniform(0, 1, count),
+        telemetry_age_s=rng.uniform(0, 1, count),
+        which=np.arange(count) % 3 // 2,
+        alike=(alike, replace(alike, reasons=("turning",))),
+    )
+    return [PoseRow(columns, row) for row in range(count)]
+
+
+def test_rows_of_columns_are_written_and_measured_as_their_samples() -> None:
+    together = [each for k, origin in enumerate(ORIGINS) for each in rows(30, origin, has_place=k > 0)]
+    mixed = [*together[::2], *samples(40), *together[1::2]]
+    alone = [sample_of(each) for each in mixed]
+    assert PoseEncoder().encode(mixed).each() == [encode_pose(each) for each in alone]
+    probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
+    requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
+    indices = list(range(len(mixed)))
+    found, wanted = (measure_images(Setup(camera=CAMERA), poses, requests, indices) for poses in (mixed, alone))
+    assert {status for image in found for status in image.statuses} > {Status.OK}
+    written = MeasurementEncoder().images(found).each()
+    assert written == [MeasurementEncoder().image(image) for image in wanted]
 
 
 def test_poses() -> None:

@@ -41,7 +41,7 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
         first = found.status[int(found.rows[0])]
         status, reasons = first, [*reasons, WHY[first]]
     document = river_frame(status, reasons, outline_confidence(found.water))
-    reasons += doubts([found.water])
+    reasons += [*found.remarks, *doubts([found.water])]
     document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(SIDES)}
     document["transects"] = list(_transects(found, sample))
     reasons += bounds(document["transects"])

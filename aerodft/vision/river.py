@@ -1,7 +1,7 @@
 """A river in one image: its water, its banks, and its width at transects along it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -42,6 +42,9 @@ __all__ = [
 _UNMOVED: Final = (
     "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
 )
+_CLICKED: Final = (
+    "what was clicked is as even as a road, between edges like a road's; that it is water is taken on trust"
+)
 _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
 _AMBIGUOUS: Final = 0.2  # of the width
 _REACHES: Final = 1.6  # an interval of 95 % reaches beyond the other outline, by a quarter of the way there
@@ -81,6 +84,7 @@ class River:
         widths: Of the transects that have both banks.
         rows: ``(k,)`` which transects those are.
         islands: What is dry between the banks, of all transects.
+        remarks: What speaks against it all the same.
     """
 
     features: WaterFeatures
@@ -92,6 +96,7 @@ class River:
     widths: RiverWidths
     rows: IntArray
     islands: Islands
+    remarks: tuple[str, ...] = ()
 
 
 def find_river(
@@ -132,9 +137,12 @@ def find_river(
     line = oriented(plane, line, question.flow_rad)
     found = transects(plane, features, (channel, water.water, ground), line, stations_along(line, question.spacing_m))
     seen = _measured(image, setup, pose, plane, question, (features, water, line, found))
-    if isinstance(seen, River) and question.seed_px is None and question.network is None:
-        return like_a_road(features, water.water, seen.widths.points_enu_m[..., :2]) or seen
-    return seen
+    if isinstance(seen, NoRiver) or question.network is not None:
+        return seen
+    road = like_a_road(features, water.water, seen.widths.points_enu_m[..., :2])
+    if road is None or question.seed_px is None:
+        return road or seen
+    return replace(seen, remarks=(_CLICKED,))
 
 
 def _unfit(image: ImageArray, plane: WaterPlane, ground: BoolArray, seed_px: FloatArray) -> NoRiver | None:

@@ -97,6 +97,7 @@ def test_a_road_is_no_river_unless_somebody_says_so(bgr):
     assert "a road?" in found.reason
     told = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(seed_px=MIDDLE))
     assert isinstance(told, River)
+    assert "taken on trust" in told.remarks[0]
     assert np.median(told.widths.width_m) == pytest.approx(200 * 30.0 / CAMERA.fx_px, rel=0.01)
 
 

@@ -20,6 +20,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 _done = 0  # steps so far without the compiler
+_limit = 0  # so many are lost before the time is looked at again
 
 
 def is_loaded() -> bool:
@@ -38,10 +39,14 @@ def expect(steps: int) -> None:
 
     A step is half a microsecond: a byte or a comparison of a loop as it is written, some dozen bytes over whole arrays.
     """
-    global _done  # noqa: PLW0603 - of the process, as the compiler is
+    global _done, _limit  # noqa: PLW0603 - of the process, as the compiler is
     _done += steps
-    if _done > _PATIENCE and not is_loaded() and _done > _PATIENCE_A_SECOND * process_time():
-        load_compiler()
+    if _done > _limit and not is_loaded():
+        if _done > max(_PATIENCE, _PATIENCE_A_SECOND * process_time()):
+            load_compiler()
+        _limit = (
+            _done + _PATIENCE // 64
+        )  # where processes are confined, to ask for the time may take half a millisecond
 
 
 class Late:

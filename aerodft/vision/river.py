@@ -137,12 +137,15 @@ def find_river(
     line = oriented(plane, line, question.flow_rad)
     found = transects(plane, features, (channel, water.water, ground), line, stations_along(line, question.spacing_m))
     seen = _measured(image, setup, pose, plane, question, (features, water, line, found))
-    if isinstance(seen, NoRiver) or question.network is not None:
+    return seen if isinstance(seen, NoRiver) or question.network is not None else _not_a_road(seen, question)
+
+
+def _not_a_road(seen: River, question: RiverQuestion) -> River | NoRiver:
+    """What was found, unless it is like a road and nobody clicked it."""
+    road = like_a_road(seen.features, seen.water.water, seen.widths.points_enu_m[..., :2])
+    if road is None:
         return seen
-    road = like_a_road(features, water.water, seen.widths.points_enu_m[..., :2])
-    if road is None or question.seed_px is None:
-        return road or seen
-    return replace(seen, remarks=(_CLICKED,))
+    return road if question.seed_px is None else replace(seen, remarks=(_CLICKED,))
 
 
 def _unfit(image: ImageArray, plane: WaterPlane, ground: BoolArray, seed_px: FloatArray) -> NoRiver | None:

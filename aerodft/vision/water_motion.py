@@ -6,7 +6,7 @@ compared by its local correlation, after the later one was laid on the earlier b
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -152,7 +152,9 @@ def without_still(
         return found
     water = around_seed(found.water & ~taken[candidates], still.shape, seed_px, ground)
     outline, contrast = outline_contrast(features.planes, water, ground)
-    return WaterMask(water, outline, contrast, found.doubtful, taken[candidates])
+    # Which of the outlines it is, and what along it is bare, has been told now.
+    told = {"stayed": taken[candidates], "less": None, "regions": (), "agreement": 1.0}
+    return replace(found, water=water, outline=outline, contrast=contrast, **told)
 
 
 def _resized(mask: BoolArray, size: tuple[int, int]) -> BoolArray:

@@ -167,10 +167,16 @@ def _replay(output: Path, recording: Path) -> list[str]:
 def _process(
     output: Path, name: str, arguments: tuple[object, ...] | list[object]
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """A Python process of ours, its words in a log file; ended with SIGTERM, which all of them take as the end."""
+    """A Python process of ours, its words in a log file; ended with SIGTERM, which all of them take as the end.
+
+    It ends as well where this process is killed: the pipe to it is closed then.
+    """
     with (output / f"{name}.log").open("wb") as log:
         process = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-            [sys.executable, *map(str, arguments)], stdout=log, stderr=log
+            [sys.executable, "-m", "aerodft.cli.demo_child", *map(str, arguments)],
+            stdin=subprocess.PIPE,
+            stdout=log,
+            stderr=log,
         )
         try:
             yield process
@@ -184,6 +190,8 @@ def _process(
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+            if process.stdin is not None:
+                process.stdin.close()
 
 
 def _failure(output: Path, name: str) -> AerodftError:

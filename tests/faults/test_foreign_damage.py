@@ -100,3 +100,22 @@ def test_a_pipe_among_the_segments_holds_nobody_up(tmp_path: Path, command: str)
     assert f"{folder / 'data_000.mcap'}: the recording cannot be re" in taken.err
     assert "got a pipe or a device" in taken.err
     assert not (tmp_path / "out").exists()
+
+
+def test_of_many_damaged_chunks_the_first_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    frames = frames_of(SAMPLE)[:6000]
+    path = write_foreign(tmp_path / "a.mcap", frames)
+    chunks = scan_segment(path).chunks
+    assert len(chunks) > 20
+    data = bytearray(path.read_bytes())
+    for chunk in chunks[1:]:
+        data[chunk.offset + chunk.length - 20] ^= 0xFF
+    path.write_bytes(data)
+    recording = open_recording(path)
+    assert isinstance(recording, ForeignRecording)
+    for _ in range(2):
+        assert 0 < sum(len(block.offset) for block in ForeignTelemetry(recording).events()) < len(frames) / 10
+    said = [record.getMessage() for record in caplog.records if "damaged chunk" in record.getMessage()]
+    assert len(said) == 10
+    assert said[-1].endswith("further ones are left out and not named")
+    assert "named" not in said[0]

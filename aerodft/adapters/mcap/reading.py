@@ -20,6 +20,7 @@ from aerodft.adapters.mcap.places import Channels, ChunkPlace, ReadChannel
 from aerodft.errors import InputError
 
 _DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
+_MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
 _DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
 
 Wanted = Callable[[ReadChannel], bool]
@@ -89,10 +90,12 @@ class ChunkReader:
 
     def _leave_out(self, place: ChunkPlace, why: object) -> None:
         self.damaged += 1
-        if place.offset in self.named or not _log.isEnabledFor(logging.WARNING):
+        is_said = place.offset in self.named or len(self.named) == _MOST_NAMED
+        if is_said or not _log.isEnabledFor(logging.WARNING):
             return
         self.named.add(place.offset)
-        _log.warning("%s: damaged chunk at byte %d left out: %s", place.path, place.offset, why)
+        more = "; further ones are left out and not named" if len(self.named) == _MOST_NAMED else ""
+        _log.warning("%s: damaged chunk at byte %d left out: %s%s", place.path, place.offset, why, more)
 
     def _records(self, content: bytes, wanted: Wanted | None) -> Iterator[ReadMessage]:
         known = self.channels.by_id

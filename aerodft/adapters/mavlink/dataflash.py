@@ -10,7 +10,7 @@ from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mavlink.arrivals import settle_all
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE
-from aerodft.adapters.mavlink.files import map_log, wrong_type
+from aerodft.adapters.mavlink.files import check_length, map_log, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
 from aerodft.adapters.mavlink.layout import AT_SYNC, MAX_STAMP_US, N_OK, N_SKIPPED, N_TRUNCATED, STATE_SIZE, Bytes
 from aerodft.geometry.jit import njit
@@ -162,6 +162,7 @@ class DataflashSource:
         rows = np.empty((3, most), dtype=np.int64)
         at, size, last_us = 0, len(self._data), 0
         while at < size:
+            check_length(self._path, self._data)
             found, at = _scan_dataflash(self._data, at, at + _BLOCK_BYTES, self._types, rows, self._state)
             if found:
                 settle_all(rows[2, :found], last_us)

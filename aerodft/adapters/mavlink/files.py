@@ -34,6 +34,25 @@ def map_log(path: Path, expected: str) -> Bytes:
         raise InputError("cannot be read", where=path, got=error.strerror or error, expected=expected) from error
 
 
+def check_length(path: Path, data: Bytes) -> None:
+    """Make sure that a mapped log is as long as it was: to touch what is gone would end the process without a word.
+
+    Args:
+        path: The file.
+        data: What ``map_log`` gave.
+
+    Raises:
+        InputError: Somebody has cut it.
+    """
+    try:
+        size = path.stat().st_size
+    except OSError:  # it was deleted or moved: the mapping keeps what it had
+        return
+    if size < len(data):
+        got, expected = f"{size} bytes", f"{len(data)} bytes, as when it was opened"
+        raise InputError("the file became shorter while it was read", where=path, got=got, expected=expected)
+
+
 def wrong_type(path: Path, expected: str, *, got: str | None = None, hint: str = "") -> InputError:
     """The refusal of a file that holds something else."""
     return InputError("wrong type of file", where=path, got=got or looks_like(path), expected=expected, hint=hint)

@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.adapters.filetype import content_looks_like
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.files import map_log, wrong_type
+from aerodft.adapters.mavlink.files import check_length, map_log, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
 from aerodft.adapters.mavlink.kernels import probe
 from aerodft.adapters.mavlink.layout import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE
@@ -62,6 +62,7 @@ class TlogSource:
         at, size = 0, len(self._data)
         expect(size // _STEP_BYTES)
         while at < size:
+            check_length(self._path, self._data)
             found, at = scan_tlog(self._data, at, at + _BLOCK_BYTES, frame_table(), rows, self._state)
             if found:
                 yield self._block(rows[:, :found])

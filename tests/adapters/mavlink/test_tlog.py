@@ -1,3 +1,4 @@
+import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from aerodft.errors import InputError
 from aerodft.model.telemetry import RawBlock
 
 START_US = 1_700_000_000_000_000
+SAMPLE = Path(__file__).parents[3] / "samples/copter.tlog"
 
 
 def _blocks(source: TlogSource) -> list[RawBlock]:
@@ -146,3 +148,13 @@ def test_logs_are_opened_by_content(data_folder: Path, tmp_path: Path) -> None:
     renamed.write_bytes((data_folder / "sitl/brushless_cut.BIN").read_bytes()[:200_000])
     assert isinstance(open_log(renamed), DataflashSource)
     assert isinstance(open_log(data_folder / "sitl/cold_boot.tlog"), TlogSource)
+
+
+def test_a_log_that_is_cut_while_it_is_read_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cut.tlog"
+    path.write_bytes(SAMPLE.read_bytes() * 4)
+    blocks = TlogSource(path).events()
+    assert len(next(blocks).arrival_ns)
+    os.truncate(path, 5000)
+    with pytest.raises(InputError, match="became shorter while it was read: got 5000 bytes"):
+        list(blocks)

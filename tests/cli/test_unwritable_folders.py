@@ -86,10 +86,10 @@ def test_a_file_in_place_of_the_folder_is_one_sentence(aerodft, shelf: Path, com
 
 @pytest.fixture
 def vanishing(desk, aerodft, monkeypatch):
-    """A recording of many small chunks, and a way to delete a folder after some ticks."""
+    """A recording of small chunks, longer than what is computed at once, and a way to delete a folder meanwhile."""
     monkeypatch.setattr(series, "_CHUNK_BYTES", 4096)
     folder = desk.folder / "flight"
-    assert aerodft("import", desk.tlog(seconds=30.0), "-c", desk.config, "-o", folder).code == 0
+    assert aerodft("import", desk.tlog(seconds=100.0), "-c", desk.config, "-o", folder).code == 0
     advance = Pipeline.advance
 
     def delete_while_computing(gone: Path) -> None:

@@ -35,7 +35,7 @@ def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
         found: The river.
         sample: The pose that it was seen from.
     """
-    used = np.array([found.status[row] is RiverStatus.OK for row in found.rows], dtype=bool)
+    used = found.used
     status, reasons = RiverStatus.OK, list(sample.reasons)
     if not used.any():
         first = found.status[int(found.rows[0])]

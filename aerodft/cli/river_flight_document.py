@@ -18,7 +18,6 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.vision.bank_view import hidden_per_metre
-from aerodft.vision.reach_islands import usable_of
 from aerodft.vision.river import NoRiver, River, RiverStatus
 from aerodft.vision.river_reach import Reach
 
@@ -72,8 +71,7 @@ def _hidden(found: Reach, views: Views) -> FloatArray:
     total = np.zeros((len(found.stations_m), 2))
     for view, look in zip(views.views, found.looks, strict=True):
         if isinstance(look, River):
-            usable = usable_of(look)
-            total[look.rows[usable]] += hidden_per_metre(_pose(view.sample), look.widths.points_enu_m[usable])
+            total[look.rows[look.used]] += hidden_per_metre(_pose(view.sample), look.widths.points_enu_m[look.used])
     return np.asarray(total / np.maximum(found.found.images, 1)[:, None])
 
 

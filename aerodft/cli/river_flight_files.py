@@ -7,14 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from aerodft.cli.river_document import outline_confidence
+from aerodft.cli.river_document import SIDES, outline_confidence
 from aerodft.cli.river_files import writing_river
 from aerodft.cli.river_map import map_of_reach
 from aerodft.cli.river_panels import (
     ACROSS,
     LEFT,
     RIGHT,
-    SIDES,
     as_map,
     blank_plate,
     draw_image,
@@ -23,7 +22,6 @@ from aerodft.cli.river_panels import (
     value_of,
 )
 from aerodft.cli.river_views import Views
-from aerodft.vision.reach_islands import usable_of
 from aerodft.vision.river import River
 from aerodft.vision.river_reach import Reach
 from replay.table import time_utc
@@ -55,9 +53,9 @@ def _draw(path: Path, document: dict[str, Any], found: Reach, views: Views) -> N
 def _best_image(axes: Axes, document: dict[str, Any], found: Reach, views: Views) -> None:
     """The image that tells most transects; its banks, and the widths that all images tell."""
     rivers = [(row, look) for row, look in enumerate(found.looks) if isinstance(look, River)]
-    row, look = max(rivers, key=lambda each: (np.count_nonzero(usable_of(each[1])), outline_confidence(each[1].water)))
+    row, look = max(rivers, key=lambda each: (np.count_nonzero(each[1].used), outline_confidence(each[1].water)))
     used = np.zeros(len(found.stations_m), dtype=bool)
-    used[look.rows[usable_of(look)]] = True
+    used[look.rows[look.used]] = True
     values = [value_of(each) for each in document["transects"]]
     draw_image(axes, views.views[row].pixels(), look.edges.pixels_px, used, values)
     axes.set_title(

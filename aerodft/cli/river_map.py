@@ -7,6 +7,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
+from aerodft.cli.river_document import SIDES
 from aerodft.dft.request import Setup
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import FloatArray
@@ -15,7 +16,6 @@ from aerodft.vision.river import River
 from aerodft.vision.river_reach import Reach
 from aerodft.vision.water_plane import WaterPlane
 
-_SIDES: Final = ("left", "right")
 _LOCAL: Final = {"schema": "aerodft.river_local/1", "unit": "m", "axes": "east, north, as points_enu_m"}
 _FACTS: Final = ("station_m", "width_m", "std", "ci95", "wetted_m", "channels", "images")
 
@@ -63,7 +63,7 @@ def _map(
     sample: PoseSample,
 ) -> RiverMap:
     features = [_line("centreline", _places(sample, line_en_m), {"width_m": document["width_m"]})]
-    for side, bank in zip(_SIDES, banks_en_m, strict=True):
+    for side, bank in zip(SIDES, banks_en_m, strict=True):
         features.append(_line(f"bank-{side}", _places(sample, bank), {}))
     for each in document["transects"]:
         if each["points_enu_m"] is not None:

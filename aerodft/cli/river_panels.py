@@ -8,6 +8,7 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 
+from aerodft.cli.river_document import SIDES
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 
 mpl.use("Agg")
@@ -17,7 +18,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 LEFT, RIGHT, ACROSS, UNUSED = "#ff3030", "#ffd000", "#00e5ff", "#b0b0b0"
-SIDES: Final = ("left", "right")
 MOST_LINES: Final = 120
 """Transects that are drawn at the most: a plate has no room for more."""
 _MOST_TICKS: Final = 4

@@ -5,7 +5,8 @@ import io
 from collections.abc import Iterator
 from typing import Any, Final
 
-_SIDES: Final = ("left", "right")
+from aerodft.cli.river_document import SIDES
+
 COLUMNS: Final = (
     "station_m", "status", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "bound",
     "wetted_m", "wetted_std_m", "channels", "images", "scatter_m",
@@ -29,7 +30,7 @@ def _cells(transect: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     named = {"std_m": transect["std"], "ci95_low_m": low, "ci95_high_m": high, "wetted_std_m": transect["wetted_std"]}
     yield from ((name, transect.get(name)) for name in COLUMNS[:12] if name not in named)
     yield from named.items()
-    for row, side in enumerate(_SIDES):
+    for row, side in enumerate(SIDES):
         place = transect["geo"][row] if transect["geo"] else {"lat": None, "lon": None}
         u, v = transect[side] or (None, None)
         yield from ((f"{side}_lat", place["lat"]), (f"{side}_lon", place["lon"]))

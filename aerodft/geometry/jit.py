@@ -44,9 +44,8 @@ def expect(steps: int) -> None:
     if _done > _limit and not is_loaded():
         if _done > max(_PATIENCE, _PATIENCE_A_SECOND * process_time()):
             load_compiler()
-        _limit = (
-            _done + _PATIENCE // 64
-        )  # where processes are confined, to ask for the time may take half a millisecond
+        # Where processes are confined, to ask for the time may take half a millisecond.
+        _limit = _done + _PATIENCE // 64
 
 
 class Late:

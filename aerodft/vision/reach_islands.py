@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodft.model.arrays import BoolArray
-from aerodft.vision.river import River, RiverStatus
+from aerodft.vision.river import River
 from aerodft.vision.river_banks import Islands
 
 
@@ -18,11 +17,6 @@ class _Sight(NamedTuple):
     std_m: float
 
 
-def usable_of(look: River) -> BoolArray:
-    """Which of a look's widths, ``(k,)``, are measured from."""
-    return np.array([look.status[row] is RiverStatus.OK for row in look.rows], dtype=bool)
-
-
 def common_islands(looks: Sequence[River], count: int) -> Islands:
     """The islands across each of ``count`` transects, as most images that measure its width show them.
 
@@ -31,7 +25,7 @@ def common_islands(looks: Sequence[River], count: int) -> Islands:
     sights: list[list[_Sight]] = [[] for _ in range(count)]
     for look in looks:
         islands = look.islands
-        for row in look.rows[usable_of(look)].tolist():
+        for row in look.rows[look.used].tolist():
             sight = _Sight(int(islands.count[row]), float(islands.dry_m[row]), float(islands.std_m[row]))
             sights[row].append(sight)
     common = [_common(each) for each in sights]

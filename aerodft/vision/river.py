@@ -98,6 +98,11 @@ class River:
     islands: Islands
     remarks: tuple[str, ...] = ()
 
+    @property
+    def used(self) -> BoolArray:
+        """Which of the widths, ``(k,)``, are measured from."""
+        return np.array([self.status[row] is RiverStatus.OK for row in self.rows], dtype=bool)
+
 
 def find_river(
     image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion, later: LaterLook | None = None

@@ -110,8 +110,9 @@ def otherwise_m(
     doubts = [(water.regions[0], each) for each in water.regions[1:]]
     if water.less is not None:
         doubts.append((water.water, water.less))
+    whole = features.without_planes()
     for region, other in doubts:
-        copy = features if region.shape == features.shape else features.halved()
+        copy = whole if region.shape == whole.shape else whole.halved()
         seen = ground_of(plane, copy)
         width, otherwise = (_widths_m(plane, copy, each, seen, line, stations_m) for each in (region, other))
         same_m = np.maximum(_SAME * line.width_m, _SAME_PX * _pixel_m(plane, copy, line, stations_m))

@@ -12,7 +12,7 @@ from aerodft.dft.river_widths import RiverWidths
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.pose import Pose
 from aerodft.vision.reach import WaterView, reach_line, seed_on
-from aerodft.vision.reach_islands import common_islands, usable_of
+from aerodft.vision.reach_islands import common_islands
 from aerodft.vision.river import (
     NoRiver,
     River,
@@ -133,8 +133,7 @@ def _usable(look: River | NoRiver) -> SeenWidths:
     if isinstance(look, NoRiver):
         nothing = RiverWidths(np.empty(0), np.empty((0, 0)), np.empty(0), np.empty(0), np.empty((0, 2, 3)))
         return SeenWidths(np.empty(0, dtype=np.int64), nothing)
-    usable = usable_of(look)
-    return SeenWidths(look.rows[usable], look.widths.taken(usable))
+    return SeenWidths(look.rows[look.used], look.widths.taken(look.used))
 
 
 def _most_said(refusals: Sequence[NoRiver]) -> NoRiver:

@@ -1,8 +1,8 @@
 """Bare or grown ground along the water that the water's outline may have taken in: seen by an edge inside.
 
 The middle of the water says what water looks like, and the band along its outline is cut anew. What that takes away
-is ground where it has more texture than the water beside it. Where it has not it may be ground, if its edge is clear,
-and it is no shade or mirrored bank: those are darker than the water beside them and no greener. Glitter is far
+is ground where it has more texture than the water beside it, or is greener. Where it is neither it may be ground, if
+its edge is clear, and it is no shade or mirrored bank: those are darker than the water beside them. Glitter is far
 brighter.
 """
 

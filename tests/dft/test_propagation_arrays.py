@@ -38,7 +38,7 @@ def covariances(rng: np.random.Generator, count: int) -> FloatArray:
 
 @pytest.mark.parametrize(("images", "points"), [(1, 1), (1, 7), (40, 1), (30, 6), (3, 0), (0, 2)])
 @pytest.mark.parametrize("wild", [False, True])
-def test_points(images: int, points: int, wild: bool) -> None:  # noqa: FBT001
+def test_points(images: int, points: int, wild: bool) -> None:  # noqa: FBT001 - drawn
     rng = np.random.default_rng(images * 100 + points)
     shape = images, points
     met = some(rng, *shape, 3, 3, wild=wild), some(rng, *shape, 3, 3, wild=wild), some(rng, *shape, 3, wild=wild)
@@ -63,7 +63,7 @@ def test_points(images: int, points: int, wild: bool) -> None:  # noqa: FBT001
 
 @pytest.mark.parametrize(("images", "scalars", "of"), [(1, 1, 1), (50, 1, 2), (1, 5, 4), (20, 3, 2), (4, 0, 2)])
 @pytest.mark.parametrize("wild", [False, True])
-def test_scalars_of_several_points(images: int, scalars: int, of: int, wild: bool) -> None:  # noqa: FBT001
+def test_scalars_of_several_points(images: int, scalars: int, of: int, wild: bool) -> None:  # noqa: FBT001 - drawn
     rng = np.random.default_rng(images * 100 + scalars * 10 + of)
     shape = images, scalars
     gradient = some(rng, *shape, 3), some(rng, *shape, of, 3, wild=wild), some(rng, *shape, of, 3, wild=wild)

@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.dft.request import Setup
 from aerodft.sim.scenario import default_camera
 from aerodft.vision.reach_islands import common_islands
-from aerodft.vision.river import River, RiverQuestion, RiverStatus, find_river
+from aerodft.vision.river import River, RiverQuestion, find_river
 from aerodft.vision.river_banks import Islands
 from aerodft.vision.river_reach import Reach, ReachView, measure_reach
 from tests.vision.river_scenes import picture, river_scene
@@ -61,7 +61,7 @@ def test_a_reach_leaves_its_islands_out_of_the_wetted_width():
 def look(dry_m, std_m=0.1):
     """What is dry across one transect, as one image shows it; the other parts of a look play no role."""
     islands = Islands(np.array([int(dry_m > 0)]), np.array([dry_m]), np.array([std_m]))
-    return SimpleNamespace(islands=islands, rows=np.array([0]), status=(RiverStatus.OK,))
+    return SimpleNamespace(islands=islands, rows=np.array([0]), used=np.array([True]))
 
 
 def test_images_that_agree_on_an_island_average_and_those_that_do_not_stay_in_doubt():

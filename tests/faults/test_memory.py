@@ -15,6 +15,7 @@ from tests.replay.foreign_files import frames_of, jpegs, write_foreign
 SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
 FROZEN = Path(__file__).parents[1] / "cli/frozen-0.1"
 MOST_MB, MOST_VIDEO_MB = 200, 210
+LONG_LOG, MOST_LOG_MB = 60 << 20, 150
 QUIETLY = ("--rate", "max", "--listen", "tcp/127.0.0.1:0")
 CHANNELS = 60_000 if os.environ.get("AERODFT_FAULTS") == "full" else 6_000
 STATION = """
@@ -117,6 +118,22 @@ def test_what_is_refused_is_refused_before_much_is_loaded(
 @pytest.mark.parametrize("name", ["whole", "cut", "flipped", "long", "wrapped", "large"])
 def test_what_is_looked_through_does_without_the_compiler(folder: Path, name: str) -> None:
     checked(taken_by("doctor", folder / f"{name}.mcap"), MOST_MB, {0}, f"doctor {name}")
+
+
+def attitudes(count: int) -> bytes:
+    """An ArduPilot log of so many ATT messages, 2.5 ms apart."""
+    declared = bytes((128, 10, 31)) + b"ATT\0" + b"Qfffff".ljust(16, b"\0")
+    rows = np.zeros(count, dtype=[("head", "u1", 3), ("us", "<u8"), ("deg", "<f4", 5)])
+    rows["head"], rows["us"] = (0xA3, 0x95, 10), 10**6 + 2500 * np.arange(count)
+    return b"\xa3\x95" + declared + b"TimeUS,Roll,Pitch,Yaw,ErrRP,ErrYaw".ljust(64, b"\0") + rows.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["tlog", "bin"])
+def test_memory_does_not_grow_with_a_log(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"long.{kind}"
+    content = SAMPLE.read_bytes() * (LONG_LOG // SAMPLE.stat().st_size) if kind == "tlog" else attitudes(LONG_LOG // 31)
+    path.write_bytes(content)
+    checked(taken_by("doctor", path), MOST_LOG_MB, {0, 4}, f"doctor of a .{kind} of {LONG_LOG >> 20} MB")
 
 
 @pytest.mark.parametrize(

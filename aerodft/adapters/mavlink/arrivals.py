@@ -1,10 +1,15 @@
 """When the records of a log arrived: their stamps, made not decreasing."""
 
+from collections.abc import Callable
+from typing import Final
+
 import numpy as np
 
-from aerodft.adapters.mavlink.layout import JUMP_US, MAX_STAMP_US, STAMP_SIZE, V1, V2, Bytes
-from aerodft.geometry.jit import njit, njit_late
+from aerodft.adapters.mavlink.layout import BACK_US, JUMP_US, MAX_STAMP_US, STAMP_SIZE, V1, V2, Bytes
+from aerodft.geometry.jit import njit_late
 from aerodft.model.arrays import IntArray
+
+_MANY: Final = 16  # jumps, from which on each stamp is looked at by itself
 
 
 @njit_late
@@ -39,18 +44,38 @@ def settle(stamp_us: int, last_us: int, following_us: int) -> int:
     return max(last_us, min(stamp_us, following_us))
 
 
-@njit
-def settle_all(stamps_us: IntArray, last_us: int) -> None:
-    """Replace stamps ``(n,)``, -1 where a record has none, by arrivals that do not decrease (see ``settle``)."""
-    following = -1
-    nexts = np.empty_like(stamps_us)
-    for k in range(len(stamps_us) - 1, -1, -1):
-        nexts[k] = following
-        if stamps_us[k] >= 0:
-            following = stamps_us[k]
-    for k in range(len(stamps_us)):
-        last_us = settle(stamps_us[k], last_us, nexts[k])
-        stamps_us[k] = last_us
+def settle_all(stamps_us: IntArray, last_us: int, following_us: Callable[[int], int]) -> int:
+    """Replace stamps ``(n,)``, -1 where unreadable, by arrivals that do not decrease (``settle``).
+
+    Args:
+        stamps_us: Replaced in place.
+        last_us: The arrival before them; 0 for none.
+        following_us: The stamp of the record that follows the one with this number; -1 where there is none.
+
+    Returns:
+        How many stepped back.
+    """
+    read, before_us, done, jumps = stamps_us.copy(), last_us, 0, 0
+    while done < len(read):
+        settled = np.maximum.accumulate(np.concatenate([[before_us], read[done:]]))
+        too_far = np.flatnonzero(np.diff(settled) > JUMP_US)  # only there does it matter what follows
+        count = int(too_far[0]) if len(too_far) else len(read) - done
+        stamps_us[done : done + count] = settled[1 : count + 1]
+        done, before_us, jumps = done + count, int(settled[count]), jumps + 1
+        for k in range(done, len(read) if jumps > _MANY else min(done + 1, len(read))):
+            stamps_us[k] = before_us = settle(int(read[k]), before_us, following_us(k))
+            done = k + 1
+    lasts_us = np.concatenate([[last_us], stamps_us[:-1]])
+    return int(np.count_nonzero((read >= 0) & (read < lasts_us - BACK_US)))
+
+
+def following_stamps(stamps_us: IntArray) -> IntArray:
+    """``(n,)`` the first readable stamp behind each of these; -1 where there is none."""
+    readable = np.flatnonzero(stamps_us >= 0)
+    found = np.searchsorted(readable, np.arange(len(stamps_us)), side="right")
+    stamps = np.append(stamps_us[readable], -1)
+    following_us: IntArray = stamps[found]
+    return following_us
 
 
 @njit_late

@@ -7,7 +7,7 @@ from aerodft.adapters.mavlink.dataflash import DataflashSource
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import HEAD
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.files import map_log
+from aerodft.adapters.mavlink.files import LogFile
 from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.model.telemetry import RawBlock, Track, WireProtocol
@@ -54,5 +54,5 @@ def open_log(path: Path) -> TlogSource | DataflashSource:
     Raises:
         InputError: It is missing, empty, unreadable, or neither a .tlog nor an ArduPilot .bin log.
     """
-    head = map_log(path, "a MAVLink .tlog or an ArduPilot .bin log")[: len(HEAD)]
-    return DataflashSource(path) if tuple(head.tolist()) == HEAD else TlogSource(path)
+    head = LogFile(path, "a MAVLink .tlog or an ArduPilot .bin log").read(0, len(HEAD))
+    return DataflashSource(path) if head == bytes(HEAD) else TlogSource(path)

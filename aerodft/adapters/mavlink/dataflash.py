@@ -7,110 +7,21 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.mavlink.arrivals import settle_all
+from aerodft.adapters.mavlink.arrivals import following_stamps, settle_all
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
-from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE
-from aerodft.adapters.mavlink.files import check_length, map_log, wrong_type
+from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE
+from aerodft.adapters.mavlink.files import LogFile, Piece, shift, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
-from aerodft.adapters.mavlink.layout import AT_SYNC, MAX_STAMP_US, N_OK, N_SKIPPED, N_TRUNCATED, STATE_SIZE, Bytes
-from aerodft.geometry.jit import njit
+from aerodft.adapters.mavlink.layout import STATE_SIZE
+from aerodft.adapters.mavlink.loops import scan_dataflash
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
 
 BLOCK_MESSAGES: Final = 1 << 15
 _FIRST_MESSAGES: Final = 1 << 12
-_BLOCK_BYTES: Final = 1 << 23
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
-_FIRST, _SECOND = HEAD
 _TYPES = 256
-_TIMED = 1 << 8  # beside a type's length: the message starts with TimeUS
-_FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
-_TIME_COLUMN = np.frombuffer(b"TimeUS", dtype=np.uint8)
-
-
-@njit
-def _size_at(data: Bytes, at: int, types: IntArray) -> int:
-    """The size of the message that starts at ``at``; 0 where none of a known type does."""
-    if at + HEAD_SIZE > len(data) or data[at] != _FIRST or data[at + 1] != _SECOND:
-        return 0
-    return int(types[data[at + 2]]) & 0xFF
-
-
-@njit
-def _time_us(data: Bytes, at: int) -> int:
-    """The time since boot of a message that begins with it, at ``at``; -1 where it is none."""
-    stamp = 0
-    for i in range(7, -1, -1):
-        if stamp >= MAX_STAMP_US >> 8:
-            return -1
-        stamp = stamp << 8 | int(data[at + i])
-    return stamp
-
-
-@njit
-def _learn(data: Bytes, at: int, types: IntArray) -> None:
-    """Take in the size of the type that a FMT message declares, and whether it starts with a time."""
-    size = int(data[at + 4])
-    timed = data[at + _FMT_FORMAT_AT] == ord("Q")
-    for i in range(len(_TIME_COLUMN)):
-        timed = timed and data[at + _FMT_COLUMNS_AT + i] == _TIME_COLUMN[i]
-    if size >= HEAD_SIZE and data[at + 3] != FMT_TYPE:
-        types[data[at + 3]] = size | (_TIMED if timed else 0)
-
-
-@njit
-def _whole(data: Bytes, at: int, size: int, synced: bool, types: IntArray) -> bool:  # noqa: FBT001 - numba
-    """Whether a message may stand here: there is no checksum, so after damage the next one must follow at once."""
-    end = at + size
-    if size == 0 or end > len(data):
-        return False
-    return synced or end == len(data) or _size_at(data, end, types) > 0
-
-
-@njit
-def _scan_dataflash(
-    data: Bytes, start: int, limit: int, types: IntArray, rows: IntArray, state: IntArray
-) -> tuple[int, int]:
-    """Find messages from ``start``, until ``rows`` is full or ``limit`` is passed.
-
-    Args:
-        data: The whole file.
-        start: Where to go on.
-        limit: Where to stop looking.
-        types: ``(256,)`` size of each known type, and ``_TIMED``; learns.
-        rows: ``(3, n)`` filled with each message's offset, its size, and its time since boot in us,
-            -1 where it has none.
-        state: ``(STATE_SIZE,)``, updated.
-
-    Returns:
-        Number of messages, and where to go on.
-    """
-    at, found, stop = start, 0, len(data)
-    while at < min(stop, limit) and found < rows.shape[1]:
-        kind, synced = 0, at == state[AT_SYNC]
-        # As ``_size_at``: such calls would take most of the time.
-        if at + HEAD_SIZE <= stop and data[at] == _FIRST and data[at + 1] == _SECOND:
-            kind = types[data[at + 2]]
-        size = kind & 0xFF
-        is_due = synced and size > 0 and at + size <= stop
-        if not is_due and not _whole(data, at, size, synced, types):
-            if synced and (at + size > stop or stop - at < HEAD_SIZE):
-                state[N_TRUNCATED] += 1
-            state[N_SKIPPED] += 1
-            at += 1
-            continue
-        end = at + size
-        if data[at + 2] == FMT_TYPE:
-            _learn(data, at, types)
-        timed = kind & _TIMED and at + HEAD_SIZE + 8 <= stop
-        rows[0, found], rows[1, found] = at, size
-        rows[2, found] = _time_us(data, at + HEAD_SIZE) if timed else -1
-        found += 1
-        state[N_OK] += 1
-        state[AT_SYNC] = end
-        at = end
-    return found, at
 
 
 class DataflashSource:
@@ -128,7 +39,7 @@ class DataflashSource:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._data = map_log(path, _EXPECTED)
+        self._log = LogFile(path, _EXPECTED)
         self._state, self._types = _fresh()
         self._first_us, self._unix_minus_boot_ns, self._has_gps = self._tie()
 
@@ -140,7 +51,7 @@ class DataflashSource:
     @property
     def size(self) -> int:
         """Bytes in the file."""
-        return len(self._data)
+        return self._log.size
 
     def events(self) -> Iterator[Event]:
         """All messages in order, in blocks of bounded size; memory does not grow with the file."""
@@ -160,22 +71,30 @@ class DataflashSource:
         """Blocks of at most so many, whose arrival is still the time since boot, 0 before the first stamp."""
         self._state, self._types = _fresh()
         rows = np.empty((3, most), dtype=np.int64)
-        at, size, last_us = 0, len(self._data), 0
-        while at < size:
-            check_length(self._path, self._data)
-            found, at = _scan_dataflash(self._data, at, at + _BLOCK_BYTES, self._types, rows, self._state)
+        at, last_us, piece = 0, 0, Piece(np.empty(0, dtype=np.uint8), 0, 0)
+        while at < self.size:
+            if at >= piece.stop:
+                last, piece = piece, self._log.piece(at)
+                shift(self._state, piece.first - last.first)
+            found, end = scan_dataflash(piece.data, at - piece.first, piece.limit, self._types, rows, self._state)
+            at = piece.first + end
             if found:
-                settle_all(rows[2, :found], last_us)
-                last_us = int(rows[2, found - 1])
-                start, stop = int(rows[0, 0]), int(rows[0, found - 1] + rows[1, found - 1])
-                yield RawBlock(
-                    protocol=WireProtocol.DATAFLASH,
-                    sender=self._path.name,
-                    arrival_ns=rows[2, :found] * 1000,
-                    offset=rows[0, :found] - start,
-                    length=rows[1, :found].copy(),
-                    data=self._data[start:stop].tobytes(),
-                )
+                stamps_us = rows[2, :found]
+                nexts_us = following_stamps(stamps_us)
+                settle_all(stamps_us, last_us, nexts_us.__getitem__)
+                last_us = int(stamps_us[-1])
+                yield self._block(piece, rows[:, :found])
+
+    def _block(self, piece: Piece, rows: IntArray) -> RawBlock:
+        start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
+        return RawBlock(
+            protocol=WireProtocol.DATAFLASH,
+            sender=self._path.name,
+            arrival_ns=rows[2] * 1000,
+            offset=rows[0] - start,
+            length=rows[1].copy(),
+            data=piece.data[start:stop].tobytes(),
+        )
 
     def _tie(self) -> tuple[int, int, bool]:
         """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS.

@@ -1,56 +1,109 @@
-"""Opening a log file for reading, with one clear sentence where that cannot be."""
+"""Reading a log file piece by piece, with one clear sentence where that cannot be."""
 
+import os
+import weakref
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.mavlink.layout import Bytes
+from aerodft.adapters.mavlink.layout import AT_QUIET, AT_SYNC, Bytes
 from aerodft.errors import InputError
+from aerodft.model.arrays import IntArray
+
+PIECE_BYTES: Final = 1 << 22
+_BEFORE, _AFTER = 1 << 10, 1 << 12  # bytes; scanners look back and ahead by less: what one message and a stamp take
 
 
-def map_log(path: Path, expected: str) -> Bytes:
-    """Map a log into memory, read-only; the pages come from disk as they are touched.
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Part of a log.
+
+    Attributes:
+        data: Its bytes, with some around it.
+        first: Where they begin in the log.
+        limit: Where in ``data`` the part ends; what is behind it there is only looked at.
+    """
+
+    data: Bytes
+    first: int
+    limit: int
+
+    @property
+    def stop(self) -> int:
+        """Where the part ends in the log."""
+        return self.first + self.limit
+
+
+class LogFile:
+    """A log's bytes; memory does not grow with it.
+
+    It is not mapped into memory: to touch what somebody has cut off would end the process without a word.
 
     Args:
         path: The file.
         expected: What it should be, for the refusal.
 
-    Returns:
-        ``(n,)`` uint8, n > 0.
+    Attributes:
+        path: The file.
+        size: Its bytes when it was opened; what is written later is not read.
 
     Raises:
         InputError: It is missing, a folder, unreadable or empty.
     """
-    if not path.exists():
-        raise InputError("no such file", where=path, expected=expected, hint="check the path")
-    if path.is_dir():
-        raise InputError("is a folder", where=path, expected=expected, hint="name one file in it")
-    try:
-        if path.stat().st_size == 0:
-            raise InputError("the file is empty", where=path, got="0 bytes", expected=expected)
-        return np.memmap(path, dtype=np.uint8, mode="r").view(np.ndarray)
-    except OSError as error:
-        raise InputError("cannot be read", where=path, got=error.strerror or error, expected=expected) from error
+
+    def __init__(self, path: Path, expected: str) -> None:
+        if not path.exists():
+            raise InputError("no such file", where=path, expected=expected, hint="check the path")
+        if path.is_dir():
+            raise InputError("is a folder", where=path, expected=expected, hint="name one file in it")
+        self.path = path
+        try:
+            if path.stat().st_size == 0:  # asked first: to open a pipe would wait for somebody who writes
+                raise InputError("the file is empty", where=path, got="0 bytes", expected=expected)
+            self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            weakref.finalize(self, os.close, self._descriptor)
+            self.size = os.fstat(self._descriptor).st_size
+        except OSError as error:
+            raise InputError("cannot be read", where=path, got=error.strerror or error, expected=expected) from error
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Bytes of the log; fewer where it ends before ``stop``.
+
+        Raises:
+            InputError: It cannot be read, or somebody has cut it.
+        """
+        parts = []
+        stop = min(stop, self.size)
+        while start < stop:
+            try:
+                parts.append(os.pread(self._descriptor, stop - start, start))
+            except OSError as error:
+                raise InputError("cannot be read", where=self.path, got=error.strerror or error) from error
+            if not parts[-1]:
+                got, expected = f"{start} bytes", f"{self.size} bytes, as when it was opened"
+                raise InputError(
+                    "the file became shorter while it was read", where=self.path, got=got, expected=expected
+                )
+            start += len(parts[-1])
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def piece(self, at: int) -> Piece:
+        """What comes from ``at`` on.
+
+        Raises:
+            InputError: It cannot be read, or somebody has cut it.
+        """
+        first = max(at - _BEFORE, 0)
+        stop = min(at + PIECE_BYTES, self.size)
+        return Piece(np.frombuffer(self.read(first, stop + _AFTER), dtype=np.uint8), first, stop - first)
 
 
-def check_length(path: Path, data: Bytes) -> None:
-    """Make sure that a mapped log is as long as it was: to touch what is gone would end the process without a word.
-
-    Args:
-        path: The file.
-        data: What ``map_log`` gave.
-
-    Raises:
-        InputError: Somebody has cut it.
-    """
-    try:
-        size = path.stat().st_size
-    except OSError:  # it was deleted or moved: the mapping keeps what it had
-        return
-    if size < len(data):
-        got, expected = f"{size} bytes", f"{len(data)} bytes, as when it was opened"
-        raise InputError("the file became shorter while it was read", where=path, got=got, expected=expected)
+def shift(state: IntArray, count: int) -> None:
+    """Tell a scanner's state ``(STATE_SIZE,)`` that its next bytes begin so many behind its last ones."""
+    state[[AT_SYNC, AT_QUIET]] -= count
 
 
 def wrong_type(path: Path, expected: str, *, got: str | None = None, hint: str = "") -> InputError:

@@ -4,6 +4,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink import (
+    dataflash_kernels,
+    dataflash_vectorised,
     kernels,
     payloads,
     selection,
@@ -23,6 +25,14 @@ def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray,
     """``kernels.scan_tlog``; may go less far at once."""
     scan = kernels.scan_tlog if is_loaded() else vectorised_tlog.scan_tlog
     return scan(data, start, limit, table, rows, state)
+
+
+def scan_dataflash(
+    data: Bytes, start: int, limit: int, types: IntArray, rows: IntArray, state: IntArray
+) -> tuple[int, int]:
+    """``dataflash_kernels.scan_dataflash``; may go less far at once."""
+    scan = dataflash_kernels.scan_dataflash if is_loaded() else dataflash_vectorised.scan_dataflash
+    return scan(data, start, limit, types, rows, state)
 
 
 def scan_stream(

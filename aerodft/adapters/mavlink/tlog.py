@@ -8,19 +8,18 @@ import numpy as np
 
 from aerodft.adapters.filetype import content_looks_like
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.files import check_length, map_log, wrong_type
+from aerodft.adapters.mavlink.files import LogFile, Piece, shift, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
 from aerodft.adapters.mavlink.kernels import probe
 from aerodft.adapters.mavlink.layout import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE
 from aerodft.adapters.mavlink.loops import scan_tlog
-from aerodft.geometry.jit import expect
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
 BLOCK_FRAMES: Final = 1 << 15
-_BLOCK_BYTES: Final = 1 << 23
-_STEP_BYTES: Final = 64  # over whole arrays, with all that is done with the frames afterwards
+_FIRST_FRAMES: Final = 1 << 10
+_HEAD_BYTES: Final = 512
 _PROBE_BYTES: Final = 1 << 24
 _EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _STAMPED: Final = "a MAVLink .tlog"
@@ -38,7 +37,7 @@ class TlogSource:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._data = map_log(path, _EXPECTED)
+        self._log = LogFile(path, _EXPECTED)
         self._state = _fresh_state()
         self._check_type()
 
@@ -50,7 +49,7 @@ class TlogSource:
     @property
     def size(self) -> int:
         """Bytes in the file."""
-        return len(self._data)
+        return self._log.size
 
     def events(self) -> Iterator[Event]:
         """All frames in order, in blocks of bounded size; memory does not grow with the file."""
@@ -58,16 +57,32 @@ class TlogSource:
 
     def _blocks(self) -> Iterator[RawBlock]:
         self._state = _fresh_state()
-        rows = np.empty((3, BLOCK_FRAMES), dtype=np.int64)
-        at, size = 0, len(self._data)
-        expect(size // _STEP_BYTES)
-        while at < size:
-            check_length(self._path, self._data)
-            found, at = scan_tlog(self._data, at, at + _BLOCK_BYTES, frame_table(), rows, self._state)
-            if found:
-                yield self._block(rows[:, :found])
+        for piece, rows in self._scanned(self._state, BLOCK_FRAMES, self.size):
+            yield self._block(piece, rows)
 
-    def _block(self, rows: IntArray) -> RawBlock:
+    def _scanned(self, state: IntArray, most: int, stop: int) -> Iterator[tuple[Piece, IntArray]]:
+        """Frames that begin before ``stop`` at least, at most so many at once.
+
+        Args:
+            state: Of the scan, at its beginning; updated.
+            most: So many.
+            stop: Nothing is looked for in pieces that begin there or behind.
+
+        Yields:
+            A piece, and ``rows`` of ``scan_tlog`` in it.
+        """
+        rows = np.empty((3, most), dtype=np.int64)
+        at, piece = 0, Piece(np.empty(0, dtype=np.uint8), 0, 0)
+        while at < stop:
+            if at >= piece.stop:
+                last, piece = piece, self._log.piece(at)
+                shift(state, piece.first - last.first)
+            found, end = scan_tlog(piece.data, at - piece.first, piece.limit, frame_table(), rows, state)
+            at = piece.first + end
+            if found:
+                yield piece, rows[:, :found]
+
+    def _block(self, piece: Piece, rows: IntArray) -> RawBlock:
         start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
         return RawBlock(
             protocol=WireProtocol.MAVLINK,
@@ -75,7 +90,7 @@ class TlogSource:
             arrival_ns=rows[2] * 1000,
             offset=rows[0] - start,
             length=rows[1].copy(),
-            data=self._data[start:stop].tobytes(),
+            data=piece.data[start:stop].tobytes(),
             checked=True,
         )
 
@@ -101,16 +116,17 @@ class TlogSource:
 
     def _check_type(self) -> None:
         """Refuse a file without any stamped frame near its start."""
-        seen = content_looks_like(self._data[:512].tobytes())
+        head = self._log.read(0, _HEAD_BYTES)
+        seen = content_looks_like(head)
         if seen not in {_STAMPED, "unknown binary data", "text"}:
             raise wrong_type(self._path, _EXPECTED, got=seen)
-        table = frame_table()
-        if len(self._data) >= MIN_FRAME and probe(self._data, 0, len(self._data), table)[0] == FRAME:
+        data = np.frombuffer(head, dtype=np.uint8)
+        if len(data) >= MIN_FRAME and probe(data, 0, len(data), frame_table())[0] == FRAME:
             raise wrong_type(
                 self._path, _EXPECTED, got="MAVLink frames without stamps", hint="record with time stamps (.tlog)"
             )
-        rows = np.empty((3, 1), dtype=np.int64)
-        if not scan_tlog(self._data, 0, _PROBE_BYTES, table, rows, _fresh_state())[0]:
+        first = next(self._scanned(_fresh_state(), _FIRST_FRAMES, min(self.size, _PROBE_BYTES)), None)
+        if first is None:
             got = seen if seen != _STAMPED else "no valid MAVLink frame"
             raise wrong_type(self._path, _EXPECTED, got=got)
 

@@ -4,15 +4,13 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.mavlink.arrivals import following_stamp, settle
+from aerodft.adapters.mavlink.arrivals import following_stamp, settle_all
 from aerodft.adapters.mavlink.kernels import note_damage, probe
 from aerodft.adapters.mavlink.layout import (
     AT_QUIET,
     AT_SYNC,
-    BACK_US,
     BACKWARDS,
     INCOMPLETE,
-    JUMP_US,
     LAST_US,
     MAX_FRAME,
     MAX_STAMP_US,
@@ -107,22 +105,9 @@ def _note_gap(data: Bytes, table: Table, start: int, stop: int, state: IntArray)
 
 def _arrivals(data: Bytes, frames: IntArray, stamps_us: IntArray, state: IntArray) -> IntArray:
     """The frames' arrivals, not decreasing (``arrivals.settle``)."""
-    stamps = np.where(stamps_us < MAX_STAMP_US, stamps_us, MAX_STAMP_US).astype(np.int64)
-    stamps[stamps == MAX_STAMP_US] = -1
-    done = 0 if state[LAST_US] else min(1, len(stamps))  # the very first one needs a look at what follows
-    _settle_each(data, frames, stamps[:done], state)
-    steps = np.diff(stamps, prepend=state[LAST_US])[done:]
-    if ((stamps[done:] >= 0) & (steps >= 0) & (steps <= JUMP_US)).all():
-        state[LAST_US] = stamps[-1] if len(stamps) else state[LAST_US]
-    else:
-        _settle_each(data, frames[:, done:], stamps[done:], state)
-    return stamps
-
-
-def _settle_each(data: Bytes, frames: IntArray, stamps_us: IntArray, state: IntArray) -> None:
-    """Replace stamps by arrivals, one by one."""
-    for k, stamp_us in enumerate(stamps_us.tolist()):
-        last_us = int(state[LAST_US])
-        state[BACKWARDS] += 0 <= stamp_us < last_us - BACK_US
-        following_us = following_stamp(data, int(frames[0, k] + frames[1, k]))
-        stamps_us[k] = state[LAST_US] = settle(stamp_us, last_us, following_us)
+    arrivals_us = np.where(stamps_us < MAX_STAMP_US, stamps_us, MAX_STAMP_US).astype(np.int64)
+    arrivals_us[arrivals_us == MAX_STAMP_US] = -1
+    ends = frames[0] + frames[1]
+    state[BACKWARDS] += settle_all(arrivals_us, int(state[LAST_US]), lambda k: following_stamp(data, int(ends[k])))
+    state[LAST_US] = arrivals_us[-1] if len(arrivals_us) else state[LAST_US]
+    return arrivals_us

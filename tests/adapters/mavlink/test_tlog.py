@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from aerodft.adapters.mavlink import files
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.dataflash import DataflashSource
+from aerodft.adapters.mavlink.files import PIECE_BYTES
 from aerodft.adapters.mavlink.tlog import BLOCK_FRAMES, TlogSource
 from aerodft.errors import InputError
 from aerodft.model.telemetry import RawBlock
@@ -150,11 +152,58 @@ def test_logs_are_opened_by_content(data_folder: Path, tmp_path: Path) -> None:
     assert isinstance(open_log(data_folder / "sitl/cold_boot.tlog"), TlogSource)
 
 
-def test_a_log_that_is_cut_while_it_is_read_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "cut.tlog"
-    path.write_bytes(SAMPLE.read_bytes() * 4)
-    blocks = TlogSource(path).events()
-    assert len(next(blocks).arrival_ns)
-    os.truncate(path, 5000)
+@pytest.fixture(params=["tlog", "bin"])
+def long_log(request: pytest.FixtureRequest, data_folder: Path, tmp_path: Path) -> Path:
+    """A log of several pieces, the ends of which lie inside messages."""
+    whole = SAMPLE if request.param == "tlog" else data_folder / "sitl/brushless_cut.BIN"
+    path = tmp_path / f"long.{request.param}"
+    with path.open("wb") as file:
+        while file.tell() < 3 * PIECE_BYTES:
+            file.write(whole.read_bytes())
+    return path
+
+
+def test_a_log_that_is_cut_while_it_is_read_is_refused(long_log: Path) -> None:
+    events = open_log(long_log).events()
+    next(events)
+    os.truncate(long_log, PIECE_BYTES + 5000)
+    with pytest.raises(InputError, match=f"became shorter while it was read: got {PIECE_BYTES + 5000} bytes"):
+        list(events)
+
+
+def test_a_log_that_is_cut_within_what_is_read_at_once_is_refused(long_log: Path) -> None:
+    events = open_log(long_log).events()
+    os.truncate(long_log, 5000)
     with pytest.raises(InputError, match="became shorter while it was read: got 5000 bytes"):
-        list(blocks)
+        list(events)
+
+
+def test_what_is_read_does_not_depend_on_the_pieces(long_log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = bytearray(long_log.read_bytes()[: PIECE_BYTES // 2])
+    content[200_000:200_030] = bytes(30)
+    long_log.write_bytes(content)
+    read = []
+    for piece_bytes in (PIECE_BYTES, 10_007, 300):
+        monkeypatch.setattr(files, "PIECE_BYTES", piece_bytes)
+        source = open_log(long_log)
+        blocks = [event for event in source.events() if isinstance(event, RawBlock)]
+        frames = b"".join(
+            block.data[start : start + size]
+            for block in blocks
+            for start, size in zip(block.offset.tolist(), block.length.tolist(), strict=True)
+        )
+        read.append((frames, np.concatenate([block.arrival_ns for block in blocks]).tobytes(), source.counts))
+    assert read[0][2].skipped_bytes > 0
+    assert read[1] == read[0]
+    if long_log.suffix == ".tlog":  # stamps of a .bin are settled by what follows in the same block
+        assert read[2] == read[0]
+    else:
+        assert (read[2][0], read[2][2]) == (read[0][0], read[0][2])
+
+
+def test_a_log_that_was_deleted_is_read_to_its_end(long_log: Path) -> None:
+    size = long_log.stat().st_size
+    events = open_log(long_log).events()
+    read = len(next(events).data)
+    long_log.unlink()
+    assert read + sum(len(event.data) for event in events) > size - 1000 - size // 10

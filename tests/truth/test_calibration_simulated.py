@@ -41,13 +41,13 @@ ALL = {
 }
 IS_FULL = os.environ.get("AERODFT_FAULTS") == "full"
 OFF = 2.5
-"""Of the standard deviation of an unknown's errors in stated ones, in what so many scenes tell it to. In 400 scenes stds
-of one unknown alone that are 15 % too small are seen 94 times in 100, in 1,000 10 % 96 times, in 2,000 7 %."""
+"""Of the standard deviation of an unknown's errors in stated ones, in what so many scenes tell it to. In 400 scenes
+stds of one unknown alone that are 15 % too small are seen 94 times in 100, in 1,000 10 % 96 times, in 2,000 7 %."""
 TIMES = 3 if IS_FULL else 1
 SURE = 4.0
 """Standard deviations that all unknowns of one kind of scene together may be off by. Their joint covariance says what
 each scene's errors, made independent, should be: 400 scenes of seven unknowns tell it to 0.013, and stds that are all
-8 % too small, or correlations that are wrong, are seen 99 times in 100; 60 scenes of three unknowns tell it to 0.053."""
+8 % too small, or correlations that are wrong, are seen 96 times in 100; 60 scenes of three tell it to 0.053."""
 
 WITH_OUTLIERS = {
     "a pose from landmarks": (Task(POSE, landmarks(10, 20), tilt_deg=(3.0, 72.0)), 60),

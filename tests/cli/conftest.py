@@ -1,14 +1,10 @@
 """A command line without a process for each call, and small flights to feed it with."""
 
-import io
 import math
-import sys
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from unittest.mock import patch
 
 import av
 import numpy as np
@@ -16,7 +12,7 @@ import orjson
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.cli.main import main
+from tests.commands import Run, run_aerodft
 
 UTC0_NS = 1_795_221_168_000_000_000
 HEIGHT_M, PITCH_DEG = 40.0, -60.0
@@ -46,38 +42,6 @@ name = "width"
 kind = "distance"
 observed = true
 """
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a command did."""
-
-    code: int
-    out: bytes
-    err: str
-
-    @property
-    def json(self):
-        return orjson.loads(self.out)
-
-    @property
-    def last(self):
-        """The last line on stderr: the sentence that says why."""
-        return self.err.strip().splitlines()[-1]
-
-
-def run_aerodft(*arguments: object) -> Run:
-    """Run ``aerodft`` with these arguments in this process."""
-    out, err = io.TextIOWrapper(io.BytesIO()), io.TextIOWrapper(io.BytesIO())
-    code = 0
-    with redirect_stdout(out), redirect_stderr(err), patch.object(sys, "argv", ["aerodft", *map(str, arguments)]):
-        try:
-            main()
-        except SystemExit as ending:
-            code = ending.code if isinstance(ending.code, int) else 1
-    out.flush()
-    err.flush()
-    return Run(code, out.buffer.getvalue(), err.buffer.getvalue().decode())
 
 
 @pytest.fixture(scope="session")

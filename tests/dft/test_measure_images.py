@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from aerodft.adapters.codec.measurement import encode_measurements
-from aerodft.dft.measure import Request, Setup, measure, measure_images
+from aerodft.dft.measure import Request, Setup, measure, measure_each, measure_images
 from aerodft.dft.request import linked
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
+from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
 
@@ -97,6 +97,28 @@ def test_answers_do_not_depend_on_the_images_beside(setup):
     statuses = {measurement.status for image in together for measurement in image}
     assert {Status.OK, Status.ABOVE_HORIZON, Status.STALE_TELEMETRY} <= statuses
     assert [len(image) for image in measure_images(setup, poses, (), range(len(poses)))] == [0] * len(poses)
+
+
+@pytest.mark.parametrize(
+    "setup",
+    [
+        Setup(camera=CAMERA, max_range_m=400.0),
+        Setup(camera=CAMERA, model=ProjectionModel.DFT),
+        Setup(camera=CAMERA, ground=Plane.sloping([0.0, 0.0, 0.0], 0.1, 1.0)),
+    ],
+    ids=["level", "dft", "slope"],
+)
+@pytest.mark.parametrize("kind", list(PIXELS))
+def test_images_may_have_pixels_of_their_own(setup, kind):
+    poses, rng = samples(70 if setup.ground is None else 20), np.random.default_rng(6)
+    probe = Probe(name="seen", kind=kind, source=PixelSource.OBSERVED, elevation_m=0.3, elevation_std_m=0.1)
+    moved = [np.array(PIXELS[kind]) + rng.normal(0.0, 15.0, 2) for _ in poses]
+    own = [Request(probe=probe, pixels=tuple(map(tuple, px.tolist())), std_px=0.7) for px in moved]
+    alone = [encode_measurements(measure(setup, pose, (own[k],), k)) for k, pose in enumerate(poses)]
+    together = measure_each(setup, poses, own, range(len(poses)))
+    assert [encode_measurements(list(image)) for image in together] == alone
+    values = {measurement.value for image in together for measurement in image if measurement.value is not None}
+    assert kind is ProbeKind.POSITION or len(values) > len(poses) // 4
 
 
 @pytest.mark.parametrize("function", [np.sin, np.cos, np.arctan2, np.hypot, np.sqrt, np.tan])

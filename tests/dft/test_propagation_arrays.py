@@ -38,11 +38,13 @@ def covariances(rng: np.random.Generator, count: int) -> FloatArray:
 
 @pytest.mark.parametrize(("images", "points"), [(1, 1), (1, 7), (40, 1), (30, 6), (3, 0), (0, 2)])
 @pytest.mark.parametrize("wild", [False, True])
-def test_points(images: int, points: int, wild: bool) -> None:  # noqa: FBT001 - drawn
+@pytest.mark.parametrize("of_each", [False, True])
+def test_points(images: int, points: int, wild: bool, of_each: bool) -> None:  # noqa: FBT001 - drawn
     rng = np.random.default_rng(images * 100 + points)
     shape = images, points
     met = some(rng, *shape, 3, 3, wild=wild), some(rng, *shape, 3, 3, wild=wild), some(rng, *shape, 3, wild=wild)
-    rays = some(rng, images, 3, 3), some(rng, points, 3), some(rng, points, 3, 2), some(rng, points, 3, INTRINSICS)
+    seen = (images if of_each else 1, points)
+    rays = some(rng, images, 3, 3), some(rng, *seen, 3), some(rng, *seen, 3, 2), some(rng, *seen, 3, INTRINSICS)
     both = []
     for module in (propagation_arrays, propagation):
         shared, own = np.empty((*shape, 3, ERRORS)), np.empty((*shape, 3, 2))

@@ -1,17 +1,10 @@
 """The real ``aerodft calibrate`` on files that a test writes."""
 
-import io
-import json
-import subprocess
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from unittest.mock import patch
 
 import tomli_w
 
-from aerodft.cli.main import main
 from aerodft.model.evidence import (
     GroundLines,
     GroundPoint,
@@ -22,6 +15,7 @@ from aerodft.model.evidence import (
     SlantRange,
     Vertical,
 )
+from tests.commands import run_aerodft
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,25 +55,9 @@ def write_landmarks(path: Path, points_m, pixels, std_px) -> Path:
 
 
 def aerodft(*arguments) -> Answer:
-    """Run a command with ``--json`` in a process of its own."""
-    command = [sys.executable, "-m", "aerodft", *map(str, arguments), "--json"]
-    done = subprocess.run(command, capture_output=True, check=False, timeout=120)
-    return Answer(done.returncode, json.loads(done.stdout) if done.stdout else None, done.stderr.decode().strip())
-
-
-def aerodft_here(*arguments) -> Answer:
-    """The same in this process, where a test has many of them."""
-    out, err, code = io.TextIOWrapper(io.BytesIO()), io.TextIOWrapper(io.BytesIO()), 0
-    argv = ["aerodft", *map(str, arguments), "--json"]
-    with redirect_stdout(out), redirect_stderr(err), patch.object(sys, "argv", argv):
-        try:
-            main()
-        except SystemExit as ending:
-            code = ending.code if isinstance(ending.code, int) else 1
-    out.flush()
-    err.flush()
-    said = out.buffer.getvalue()
-    return Answer(code, json.loads(said) if said else None, err.buffer.getvalue().decode().strip())
+    """Run a command with ``--json``."""
+    done = run_aerodft(*arguments, "--json")
+    return Answer(done.code, done.json if done.out else None, done.err.strip())
 
 
 def tables(evidence) -> dict:

@@ -5,6 +5,7 @@ A vehicle's latitude tells when it was there: a pose that is 1 ms off in time is
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -90,19 +91,25 @@ class Taken:
 
 
 def flown(clocks, seconds, *, by=StampClock.UTC, rate_hz=10.0, image_hz=4.0, rest=0.37, wait_s=2.0):
-    """The poses of a flight's images, and the clocks' health as a decoder and a map of their own have it."""
+    """The poses of a flight's images, and the clocks' health as a decoder and a map of their own say when asked."""
     events = [*_frames(clocks, seconds, rate_hz), *_images(clocks, seconds, by, image_hz, rest)]
     telemetry = replace(SETTINGS.telemetry, wait_ns=round(wait_s * SECOND))
     pipeline = Pipeline(replace(SETTINGS, telemetry=telemetry), MavlinkDecoder())
-    outputs, decoder, clock = [], MavlinkDecoder(), ClockMap()
+    outputs, blocks = [], []
     for batch in MergedFeed([_List(events)], 50 * MS).batches():
         outputs += pipeline.step(batch)
-        for block in batch.raw:
-            clock.update(decoder.decode(block))
+        blocks += batch.raw
     outputs += pipeline.finish()
     samples = [item for item in outputs if isinstance(item, PoseSample)]
     times_s = [(k + rest) / image_hz for k in range(len(samples))]
-    return [_taken(sample, true_s) for sample, true_s in zip(samples, times_s, strict=True)], clock.health
+    return [_taken(sample, true_s) for sample, true_s in zip(samples, times_s, strict=True)], partial(_health, blocks)
+
+
+def _health(blocks):
+    decoder, clock = MavlinkDecoder(), ClockMap()
+    for block in blocks:
+        clock.update(decoder.decode(block))
+    return clock.health
 
 
 def _taken(sample, true_s):

@@ -11,7 +11,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark, SlantRange
 from calibration.result import calibrate
 
-from .calibration_files import aerodft_here, tables, write_camera, write_evidence
+from .calibration_files import aerodft, tables, write_camera, write_evidence
 from .calibration_scenes import World
 from .scenes import opencv_rays
 
@@ -145,7 +145,7 @@ def ask(planted, folder, lens=CAMERA):
         folder / "known.toml", **tables(planted.evidence(replace(planted.scene, rng=np.random.default_rng(11))))
     )
     camera = write_camera(folder / "camera.toml", lens)
-    return aerodft_here(
+    return aerodft(
         "calibrate", observations, "--camera", camera, "--unknowns", planted.unknowns, "-o", folder / "out.toml"
     )
 

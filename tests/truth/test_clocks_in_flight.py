@@ -30,20 +30,19 @@ def test_a_vehicles_clock_that_drifts(boot_drift, capsys):
     error = off_s(taken, after_s=2.0)
     assert len(error) == len([each for each in taken if each.true_s >= 2.0])
     assert np.max(np.abs(error)) < BY_UTC_S
-    found = health.drift
+    found = health().drift
     truth = 1 / (1 + boot_drift) - 1
     assert found == pytest.approx(truth, abs=WHOLE_S / 60)
     with capsys.disabled():
         print(f"\nboot drift {boot_drift:g}: {1e3 * error.std():.2f} ms, drift off by {1e6 * (found - truth):+.2f} ppm")
 
 
-@pytest.mark.parametrize("host_drift", [0.0, 1e-4, -3e-4])
-@pytest.mark.parametrize("delay_s", [0.005, 0.15])
+@pytest.mark.parametrize(("host_drift", "delay_s"), [(0.0, 0.15), (1e-4, 0.005), (-3e-4, 0.005), (-3e-4, 0.15)])
 def test_this_machines_clock_drifts(host_drift, delay_s, capsys):
     """Stamped on arrival: the fastest messages tell how the clocks stand, whatever the radio delays."""
     clocks = Clocks(host_ahead_s=-7.3, host_drift=host_drift, delay_s=delay_s)
-    error = off_s(flown(clocks, 100.0, by=StampClock.HOST, rate_hz=5.0)[0], after_s=30.0)
-    assert len(error) > 250
+    error = off_s(flown(clocks, 100.0, by=StampClock.HOST, rate_hz=5.0, image_hz=2.0)[0], after_s=30.0)
+    assert len(error) > 125
     assert np.max(np.abs(error)) < BY_HOST_S + 0.1 * delay_s
     with capsys.disabled():
         mean_ms, std_ms = 1e3 * error.mean(), 1e3 * error.std()
@@ -91,7 +90,7 @@ def test_a_jump_of_utc_is_a_status_until_it_is_settled(wrong_s, capsys):
     assert all("UTC jumped by" in each.sample.reasons[0] for each in jumped)
     wrong = [each for each in good(taken) if each.true_s >= 20.0 and abs(each.off_s) > BY_UTC_S]
     assert wrong == []
-    assert health.jumps_s == pytest.approx((-wrong_s,), abs=0.002)
+    assert health().jumps_s == pytest.approx((-wrong_s,), abs=0.002)
     twice = [any("said this time twice" in reason for reason in each.sample.reasons) for each in good(taken, 22.5)]
     assert sum(twice) == pytest.approx(4 * min(max(wrong_s, 0.0), 17.0), abs=4 if wrong_s > 0 else 0)
     with capsys.disabled():
@@ -112,7 +111,7 @@ def test_a_reboot_makes_no_pose_of_both_sides(by):
     assert len(good(taken, 25.0)) > 0.9 * len([each for each in taken if each.true_s > 25.0])
     between = [each.sample.status for each in taken if 20.2 < each.true_s < 21.8]
     assert Status.OK not in between
-    assert health.restarts == 1
+    assert health().restarts == 1
     for each in good(taken, 1.0):
         assert ("the vehicle rebooted" in " ".join(each.sample.reasons)) == (each.true_s > 20.0)
 
@@ -121,7 +120,7 @@ def test_after_50_days_milliseconds_wrap_and_nothing_happens():
     taken, health = flown(Clocks(booted_s=(WRAP_MS - 10_000) / 1000), 20.0)
     assert np.max(np.abs(off_s(taken, after_s=1.0))) < BY_UTC_S
     assert len(good(taken, 1.0)) > 0.95 * len([each for each in taken if each.true_s > 1.0])
-    assert health.wraps == 1
+    assert health().wraps == 1
 
 
 @pytest.mark.parametrize("booted_s", [10.0, 63.0, 90_000.0])
@@ -130,7 +129,7 @@ def test_two_autopilots_with_the_same_ids_are_not_mixed(booted_s):
     places = {round(math.degrees(each.sample.lon_rad), 3) for each in good(taken)}
     assert places == {149.16}
     assert np.max(np.abs(off_s(taken, after_s=1.0))) < BY_UTC_S
-    assert health.rivals
+    assert health().rivals
     assert all("a second autopilot speaks" in each.sample.reasons[-1] for each in good(taken, 2.0))
 
 

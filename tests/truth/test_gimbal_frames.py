@@ -20,13 +20,13 @@ SERVO_DEG = (-90.0, 10.0)
 STD = math.radians(1.0)
 
 
-def run(flight, every_s=1.0, **attitude):
+def run(flight, every_s=1.0, parts_s=0.5, **attitude):
     """Poses of a flight every so often, as soon as they are final, and what is known of the frame in the end."""
     settings = AttitudeSettings(std=PoseStd(tilt_rad=STD, pan_rad=STD, roll_rad=STD), **attitude)
     height = HeightSettings(order=(HeightSource.HOME,))
     source = PoseSource(TelemetrySettings(height=height, attitude=settings), origin=None, time_std_s=0.0)
     samples, next_ns = [], UTC0_NS + round(every_s * 1e9)
-    for tracks in flight.parts(seconds=0.5):
+    for tracks in flight.parts(seconds=parts_s):
         source.append(tracks)
         while (sample := source.at(next_ns, final=False)) is not None:
             samples.append(sample)
@@ -59,7 +59,7 @@ def test_false_verdicts_are_counted():
             itertools.product(ReportFrame, MESSAGES, (0.0, 0.05, 0.15, 0.3), ((0.0, 0.0), (0.3, 0.1), (1.0, 0.5)))
         )
     ]
-    verdicts = [run(made(plan), every_s=30.0)[1].frame for plan in plans]
+    verdicts = [run(made(plan), every_s=30.0, parts_s=3.0)[1].frame for plan in plans]
     right = sum(verdict is plan.frame for verdict, plan in zip(verdicts, plans, strict=True))
     none = verdicts.count(None)
     print(f"\n{len(plans)} flights: {right} right, {none} open, {len(plans) - right - none} false verdicts")

@@ -4,8 +4,6 @@ The flight is that of a simulated multicopter with a gimbal, flown by the real a
 of it; what is imported is every second sample, with the true bank pixels +-0.5 px at every sample.
 """
 
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +27,7 @@ from aerodft.sim.scenario import Scenario, default_camera, recorded, write_files
 from aerodft.sim.trajectory import Trajectory
 from replay.recording import Recording
 from replay.source import RecordingSource
+from tests.commands import run_aerodft
 
 LOG = Path(__file__).parents[2].parent / "shared/data/sitl/brushless_consumer.tlog"
 STD_PX = 0.5
@@ -122,10 +121,9 @@ def _import(folder: Path, *options: str, images: str, image_hz: float = 0) -> li
         '[telemetry.attitude]\nfeedback = "measured"\n'  # truth is made of these reports: no camera lags behind them
         f"[images]\n{images}[record]\nimage_hz = {image_hz}\n{probes}"
     )
-    command = [sys.executable, "-m", "aerodft", "import", str(folder / "flight.tlog"), "--config", str(config)]
-    command += ["--observations", str(folder / "observations.jsonl"), "-o", str(folder / "recording"), *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    files = ["--config", config, "--observations", folder / "observations.jsonl", "-o", folder / "recording"]
+    done = run_aerodft("import", folder / "flight.tlog", *files, *options)
+    assert done.code == 0, done.err
     return [orjson.loads(payload) for payload in Recording(folder / "recording").measurements()]
 
 

@@ -1,12 +1,8 @@
 """Recorded flights through ``aerodft import`` and ``recompute``, against what is known of them from elsewhere."""
 
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import orjson
@@ -15,10 +11,10 @@ from numpy.testing import assert_allclose
 from pymavlink import mavutil
 
 from aerodft.adapters.codec.pose import SCHEMA, decode_pose
-from aerodft.cli.main import main
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.status import Status
 from replay.recording import Recording
+from tests.commands import run_aerodft
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 SECOND = 1_000_000_000
@@ -67,16 +63,8 @@ class Imported:
 
 
 def run(*arguments):
-    out, err = io.TextIOWrapper(io.BytesIO()), io.TextIOWrapper(io.BytesIO())
-    code = 0
-    with redirect_stdout(out), redirect_stderr(err), patch.object(sys, "argv", ["aerodft", *map(str, arguments)]):
-        try:
-            main()
-        except SystemExit as ending:
-            code = ending.code
-    out.flush()
-    err.flush()
-    return code, out.buffer.getvalue(), err.buffer.getvalue().decode()
+    done = run_aerodft(*arguments)
+    return done.code, done.out, done.err
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,12 @@
 Nobody has surveyed these widths: this says whether the banks are where they are seen, not how wide the rivers are.
 """
 
-import json
-import subprocess
-import sys
-
 import cv2
 import numpy as np
 import pytest
 
 from aerodft.sim.scenario import default_camera
+from tests.commands import run_aerodft
 from tests.truth.calibration_files import write_camera
 from tests.truth.test_calibration_real import DATA, POSE, calibrated, geul, juncal
 
@@ -67,10 +64,9 @@ def _calibration(folder):
 @pytest.mark.parametrize(("name", "prepare"), [("canuelas", _canuelas), ("juncal", _juncal), ("geul", _geul)])
 def test_banks_are_where_a_person_sees_them(name, prepare, tmp_path):
     image, options = prepare(tmp_path)
-    command = [sys.executable, "-m", "aerodft", "river", image, *options, "-o", tmp_path / "out", "--json"]
-    done = subprocess.run([str(each) for each in command], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    done = run_aerodft("river", image, *options, "-o", tmp_path / "out", "--json")
+    assert done.code == 0, done.err
+    document = done.json
     used = [each for each in document["transects"] if each["status"] == "ok"]
     left, right = (np.array([each[side] for each in used]) for side in ("left", "right"))
     apart = np.linalg.norm(left - right, axis=-1)

@@ -5,15 +5,18 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-# Two workers share two cores: threads inside of them would only get into each other's way.
-ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# Workers share the cores: threads inside of them would only get into each other's way. Compiled modules are kept
+# whatever the shell says of that: tests start hundreds of processes, each would compile the package anew.
+FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 .PHONY: demo test lint types imports unit coverage bench bench-peer format clean
 
 demo: $(INSTALLED)
 	$(BIN)/aerodft demo --output demo
 
-test: lint types imports unit
+# What is wrong in seconds is said at once; types take one core half a minute, beside the first tests.
+test: lint imports
+	@$(MAKE) --no-print-directory -j 2 types unit
 
 # uv where it is there (seconds instead of a minute), else pip.
 $(INSTALLED): pyproject.toml constraints.txt
@@ -38,11 +41,11 @@ imports: $(INSTALLED)
 	$(BIN)/lint-imports
 
 unit: $(INSTALLED)
-	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
+	$(FOR_TESTS) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
 
 # Twice as slow as without.
 coverage: $(INSTALLED)
-	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable --cov --cov-report=term:skip-covered -q
+	$(FOR_TESTS) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable --cov --cov-report=term:skip-covered -q
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_query.py

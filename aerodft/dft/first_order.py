@@ -41,13 +41,11 @@ class _Group:
         kind: The kind.
         members: Which of the requests.
         columns: ``(g, q)`` which of the points.
-        pixels_px: ``(g, q, 2)``.
     """
 
     kind: ProbeKind
     members: tuple[int, ...]
     columns: IntArray
-    pixels_px: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +115,6 @@ def _groups(setup: Setup, requests: tuple[Request, ...]) -> Iterator[_Group]:
             kind,
             members,
             np.array([start for _, start in found])[:, None] + np.arange(count),
-            np.array([requests[member].pixels for member in members], dtype=np.float64),
         )
 
 
@@ -175,7 +172,9 @@ class _Answers:
         """Values with standard deviations; closes what they show to be no first order, or no answer."""
         kind = self._group.kind
         if kind in BY_DIRECTION:
-            rays = directions_with_jacobians(self._setup.camera, self._points.pose, self._group.pixels_px)
+            pixels_px = self._points.pixels_px[..., self._group.columns, :]
+            of_each = pixels_px.ndim > self._group.columns.ndim + 1
+            rays = directions_with_jacobians(self._setup.camera, self._points.pose, pixels_px, of_each=of_each)
             jacobians = self._jacobians(rays.jac_shared, rays.jac_px)
             sight = Sight(self._camera_m, rays.directions_enu, self._enu_m)
         else:

@@ -23,7 +23,7 @@ from aerodft.model.pose import GeoOrigin, Pose, PoseSample, stacked
 from aerodft.model.pose_columns import Posed, PoseRow, by_columns, sample_of
 from aerodft.model.status import Status
 
-__all__ = ["Request", "Setup", "explain", "measure", "measure_images"]
+__all__ = ["Request", "Setup", "explain", "measure", "measure_each", "measure_images"]
 
 _AT_ONCE = 512  # images: their derivatives stay in the cache
 
@@ -51,14 +51,34 @@ def measure_images(
         requests: What is measured in each.
         images: Their indices, where they have one.
     """
+    return _measured(setup, poses, [requests] * len(poses), images)
+
+
+def measure_each(
+    setup: Setup, poses: Sequence[Posed], requests: Sequence[Request], images: Sequence[int | None]
+) -> list[ImageAnswers]:
+    """The same where each image has a request of its own.
+
+    Args:
+        setup: What all share.
+        poses: The images'.
+        requests: Theirs, which differ in where their pixels are only; none lies on top of something.
+        images: The images' indices, where they have one.
+    """
+    return _measured(setup, poses, [(request,) for request in requests], images)
+
+
+def _measured(
+    setup: Setup, poses: Sequence[Posed], requests: Sequence[tuple[Request, ...]], images: Sequence[int | None]
+) -> list[ImageAnswers]:
     found: list[Sequence[Answer]] = [() for _ in poses]
     for rows, seen_with in _alike(setup, poses):
-        answers = _answered(seen_with, [poses[row] for row in rows], requests)
+        answers = _answered(seen_with, [poses[row] for row in rows], [requests[row] for row in rows])
         for row, own in zip(rows, answers, strict=True):
             found[row] = own
     return [
-        ImageAnswers.of(setup, posed, image, requests, answers or _missed(posed, requests))
-        for answers, posed, image in zip(found, poses, images, strict=True)
+        ImageAnswers.of(setup, posed, image, own, answers or _missed(posed, own))
+        for answers, posed, own, image in zip(found, poses, requests, images, strict=True)
     ]
 
 
@@ -92,13 +112,14 @@ def _seen_with(setup: Setup, posed: Posed) -> Setup:
     return setup if isinstance(posed, PoseRow) else zoomed(setup, posed)[0]
 
 
-def _answered(setup: Setup, poses: list[Posed], requests: tuple[Request, ...]) -> Sequence[Sequence[Answer]]:
-    """The answers of images that are alike."""
+def _answered(setup: Setup, poses: list[Posed], each: Sequence[tuple[Request, ...]]) -> Sequence[Sequence[Answer]]:
+    """The answers of images that are alike, to the same requests or to such as differ in where their pixels are."""
+    requests = each[0]
     if not requests:
         return [()] * len(poses)
     poses = [posed if isinstance(posed, PoseRow) else zoomed(setup, posed)[1] for posed in poses]
     on_ground = tuple(request for request in requests if request.on_top_of is None)
-    points = _points(setup, poses, on_ground)
+    points = _points(setup, poses, on_ground, None if each[-1] is requests else _pixels(each))
     plain = iter(first_order_answers(setup, len(poses), on_ground, points))
     none = AnswerColumn("m", np.zeros(len(poses), dtype=np.bool_), {}, {})
     columns = [none if request.on_top_of is not None else next(plain) for request in requests]
@@ -108,7 +129,7 @@ def _answered(setup: Setup, poses: list[Posed], requests: tuple[Request, ...]) -
     not_plain = np.argwhere(~is_plain.T).tolist()  # image after image: what its probes draw is shared
     samples = {row: sample_of(poses[row]) for row in dict.fromkeys(row for row, _ in not_plain)}
     for row, member in not_plain:
-        record, first = Record(setup, samples[row], requests[member]), sum(counts[:member])
+        record, first = Record(setup, samples[row], each[row][member]), sum(counts[:member])
         if counts[member]:
             others[member][row] = measure_one(record, points.probe(row, first, first + counts[member]))
         else:
@@ -117,20 +138,37 @@ def _answered(setup: Setup, poses: list[Posed], requests: tuple[Request, ...]) -
     return AnswerBlock(tuple(columns), poses).rows()
 
 
-def _points(setup: Setup, poses: Sequence[Posed], requests: tuple[Request, ...]) -> ImagePoints:
-    """The points of all requests in all images; uneven ground and the dft model take one image only."""
+def _pixels(each: Sequence[tuple[Request, ...]]) -> FloatArray:
+    """``(n, k, 2)`` pixels of images that have their own."""
+    return np.array([[pixel for request in own for pixel in request.pixels] for own in each], dtype=np.float64)
+
+
+def _points(
+    setup: Setup, poses: Sequence[Posed], requests: tuple[Request, ...], pixels_px: FloatArray | None = None
+) -> ImagePoints:
+    """The points of all requests in all images; uneven ground and the dft model take one image only.
+
+    Args:
+        setup: What all share.
+        poses: The images'.
+        requests: Theirs.
+        pixels_px: ``(n, k, 2)`` where each image has its own; None for those of the requests.
+    """
     pose, origin = _together(poses)
     counts = [len(request.pixels) for request in requests]
-    pixels = np.array([pixel for request in requests for pixel in request.pixels], dtype=np.float64).reshape(-1, 2)
+    of_each = pixels_px is not None
+    if pixels_px is None:
+        pixels_px = _pixels([requests]).reshape(-1, 2)
     elevation = np.repeat([request.probe.elevation_m for request in requests], counts)
     if setup.model is ProjectionModel.PINHOLE and setup.ground is None:
-        ground = project(setup.camera, pose, pixels, elevation, setup.model)
+        ground = project(setup.camera, pose, pixels_px, elevation, setup.model, of_each=of_each)
     else:
-        ground = project(setup.camera, pose.row(0), pixels, elevation, setup.model, setup.ground)[None]
+        alone_px = pixels_px[0] if of_each else pixels_px
+        ground = project(setup.camera, pose.row(0), alone_px, elevation, setup.model, setup.ground)[None]
     elevation_std = np.repeat([request.probe.elevation_std_m for request in requests], counts)
     std_px = np.repeat([request.std_px for request in requests], counts)
     shared_cov = shared_covariance(setup.camera, pose, np.zeros(len(poses)))
-    return image_points(ground, origin, pose, shared_cov, elevation_std, std_px)
+    return image_points(pixels_px, ground, origin, pose, shared_cov, elevation_std, std_px)
 
 
 def _together(poses: Sequence[Posed]) -> tuple[Pose, GeoOrigin | None]:

@@ -14,9 +14,10 @@ from aerodft.model.pose import GeoOrigin, Pose
 
 @dataclass(frozen=True, slots=True)
 class ImagePoints:
-    """Ground points of ``n`` images, the same ``k`` pixels in each.
+    """Ground points of ``n`` images, of ``k`` pixels in each.
 
     Attributes:
+        pixels_px: ``(k, 2)`` the same in each, or ``(n, k, 2)``.
         pose: The ``(n,)`` poses.
         origin: Of ENU; None where it is not known where that is.
         ground: The ``(n, k)`` points with what they depend on.
@@ -26,6 +27,7 @@ class ImagePoints:
         spread: How well they are known.
     """
 
+    pixels_px: FloatArray
     pose: Pose
     origin: GeoOrigin | None
     ground: GroundPoints
@@ -79,6 +81,7 @@ class ProbePoints:
 
 
 def image_points(
+    pixels_px: FloatArray,
     ground: GroundPoints,
     origin: GeoOrigin | None,
     pose: Pose,
@@ -89,7 +92,7 @@ def image_points(
     """The points of images with how well they are known; arguments as the attributes."""
     with np.errstate(invalid="ignore", over="ignore"):  # misses are NaN, and have infinite derivatives
         spread = point_spread(ground, pose.position_enu_m, shared_cov, elevation_std_m, std_px)
-    return ImagePoints(pose, origin, ground, shared_cov, elevation_std_m, std_px, spread)
+    return ImagePoints(pixels_px, pose, origin, ground, shared_cov, elevation_std_m, std_px, spread)
 
 
 def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:

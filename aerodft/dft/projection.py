@@ -86,6 +86,8 @@ def project(
     elevation_m: npt.ArrayLike,
     model: ProjectionModel,
     ground: Ground | None = None,
+    *,
+    of_each: bool = False,
 ) -> GroundPoints:
     """Meet the rays of ``pixels_px (..., 2)`` with the surface that lies ``elevation_m (...)`` above the ground.
 
@@ -97,6 +99,7 @@ def project(
         elevation_m: Height of the measured surface.
         model: ``pinhole`` or the paper's ``dft``, which knows level ground only.
         ground: What the elevation is counted from; None for the level plane at 0.
+        of_each: Whether of ``pixels_px (n, ..., 2)`` each of several poses has its own.
 
     Returns:
         The points, in ENU, with Jacobians; misses are NaN with a status.
@@ -105,7 +108,7 @@ def project(
     elevation = np.broadcast_to(np.asarray(elevation_m, dtype=np.float64), pixels.shape[:-1])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         if model is ProjectionModel.PINHOLE:
-            found = _pinhole(camera, pose, pixels, elevation, ground)
+            found = _pinhole(camera, pose, pixels, elevation, ground, of_each=of_each)
         else:
             found = _dft(camera, pose, pixels, elevation)
     size = np.array([camera.width_px, camera.height_px])
@@ -116,14 +119,20 @@ def project(
 
 
 def _pinhole(
-    camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray, ground: Ground | None
+    camera: Camera,
+    pose: Pose,
+    pixels: FloatArray,
+    elevation: FloatArray,
+    ground: Ground | None,
+    *,
+    of_each: bool,
 ) -> GroundPoints:
     rays = rays_with_jacobian(camera, pixels)
     rotation = matrix(pose.wxyz)
-    direction = turned(_over(rotation, pixels, 2), rays.rays_cam)
+    direction = turned(_over(rotation, pixels[0] if of_each else pixels, 2), rays.rays_cam)
     depression = np.arctan2(-direction[..., 2], np.hypot(direction[..., 0], direction[..., 1]))
     met = _level(pose, direction, elevation) if ground is None else _uneven(pose, direction, elevation, ground)
-    shared, own = _dependence(camera, rotation, pixels, rays, met)
+    shared, own = _dependence(camera, rotation, pixels, rays, met, of_each=of_each)
     return GroundPoints(met.points_enu_m, shared, own, met.status, depression)
 
 
@@ -134,14 +143,15 @@ def _over(values: FloatArray, pixels: FloatArray, trailing: int) -> FloatArray:
 
 
 def _dependence(
-    camera: Camera, rotation: FloatArray, pixels: FloatArray, rays: Rays, met: _Met
+    camera: Camera, rotation: FloatArray, pixels: FloatArray, rays: Rays, met: _Met, *, of_each: bool
 ) -> tuple[FloatArray, FloatArray]:
     """``GroundPoints.jac_shared`` and ``jac_px``."""
-    shape, count = met.points_enu_m.shape[:-1], pixels[..., 0].size
+    shape, images = met.points_enu_m.shape[:-1], rotation.size // 9
+    seen = (images if of_each else 1, pixels[..., 0].size // (images if of_each else 1))
     by_intrinsics = rays_by_intrinsics(camera, pixels)
     size = INTRINSICS.start + by_intrinsics.shape[-1]
     shared, own = np.empty((*shape, 3, size)), np.empty((*shape, 3, 2))
-    flat = (rotation.size // 9, count)
+    flat = (images, seen[1])
     depend(
         (
             met.by_direction.reshape(*flat, 3, 3),
@@ -149,9 +159,9 @@ def _dependence(
             met.by_elevation.reshape(*flat, 3),
         ),
         rotation.reshape(-1, 3, 3),
-        np.array(rays.rays_cam).reshape(-1, 3),
-        np.array(rays.jac_px).reshape(-1, 3, 2),
-        np.array(by_intrinsics).reshape(count, 3, by_intrinsics.shape[-1]),
+        np.array(rays.rays_cam).reshape(*seen, 3),
+        np.array(rays.jac_px).reshape(*seen, 3, 2),
+        np.array(by_intrinsics).reshape(*seen, 3, by_intrinsics.shape[-1]),
         shared.reshape(*flat, 3, size),
         own.reshape(*flat, 3, 2),
     )

@@ -29,16 +29,17 @@ def depend(
     Args:
         met: Derivatives of the points by direction and position ``(n, k, 3, 3)``, and by elevation ``(n, k, 3)``.
         rotation: ``(n, 3, 3)`` from camera axes to ENU.
-        rays_cam: ``(k, 3)``.
-        by_px: ``(k, 3, 2)`` of the rays.
-        by_intrinsics: ``(k, 3, m)`` of the rays.
+        rays_cam: ``(1, k, 3)``, or ``(n, k, 3)`` where each image has its own.
+        by_px: ``(1 or n, k, 3, 2)`` of the rays.
+        by_intrinsics: ``(1 or n, k, 3, m)`` of the rays.
         shared: ``(n, k, 3, s)``, written.
         own: ``(n, k, 3, 2)``, written.
     """
     by_direction, by_position, by_elevation = met
     for n in range(shared.shape[0]):
+        r = n if len(rays_cam) > 1 else 0
         for k in range(shared.shape[1]):
-            x, y, z = rays_cam[k, 0], rays_cam[k, 1], rays_cam[k, 2]
+            x, y, z = rays_cam[r, k, 0], rays_cam[r, k, 1], rays_cam[r, k, 2]
             for i in range(3):
                 d0, d1, d2 = by_direction[n, k, i, 0], by_direction[n, k, i, 1], by_direction[n, k, i, 2]
                 b0 = d0 * rotation[n, 0, 0] + d1 * rotation[n, 1, 0] + d2 * rotation[n, 2, 0]
@@ -50,12 +51,12 @@ def depend(
                 shared[n, k, i, _ROTATION + 1] = z * b0 - x * b2
                 shared[n, k, i, _ROTATION + 2] = x * b1 - y * b0
                 shared[n, k, i, _ELEVATION] = by_elevation[n, k, i]
-                for j in range(by_intrinsics.shape[2]):
+                for j in range(by_intrinsics.shape[3]):
                     shared[n, k, i, _INTRINSICS + j] = (
-                        b0 * by_intrinsics[k, 0, j] + b1 * by_intrinsics[k, 1, j] + b2 * by_intrinsics[k, 2, j]
+                        b0 * by_intrinsics[r, k, 0, j] + b1 * by_intrinsics[r, k, 1, j] + b2 * by_intrinsics[r, k, 2, j]
                     )
                 for j in range(2):
-                    own[n, k, i, j] = b0 * by_px[k, 0, j] + b1 * by_px[k, 1, j] + b2 * by_px[k, 2, j]
+                    own[n, k, i, j] = b0 * by_px[r, k, 0, j] + b1 * by_px[r, k, 1, j] + b2 * by_px[r, k, 2, j]
 
 
 @njit_late

@@ -26,11 +26,11 @@ def depend(
         shared[..., :_ROTATION] = by_position
         for axis in range(3):
             one, other = (axis + 1) % 3, (axis + 2) % 3
-            crossed = rays_cam[:, one, None] * turned[..., other] - rays_cam[:, other, None] * turned[..., one]
+            crossed = rays_cam[..., one, None] * turned[..., other] - rays_cam[..., other, None] * turned[..., one]
             shared[..., _ROTATION + axis] = crossed
         shared[..., _ELEVATION] = by_elevation
-        shared[..., _INTRINSICS:] = _along(turned[..., None], by_intrinsics[:, None])
-        own[:] = _along(turned[..., None], by_px[:, None])
+        shared[..., _INTRINSICS:] = _along(turned[..., None], by_intrinsics[..., None, :, :])
+        own[:] = _along(turned[..., None], by_px[..., None, :, :])
 
 
 def spread(

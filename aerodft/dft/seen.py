@@ -102,11 +102,16 @@ class Directions:
     jac_px: FloatArray
 
 
-def directions_with_jacobians(camera: Camera, pose: Pose, pixels_px: FloatArray) -> Directions:
-    """The rays of ``pixels_px (..., 2)``; of each of the poses ``(n,)`` where there are several."""
+def directions_with_jacobians(
+    camera: Camera, pose: Pose, pixels_px: FloatArray, *, of_each: bool = False
+) -> Directions:
+    """The rays of ``pixels_px (..., 2)``; of each of the poses ``(n,)`` where there are several.
+
+    With ``of_each`` each of them has its own of ``(n, ..., 2)``.
+    """
     rays, rotation = rays_with_jacobian(camera, pixels_px), matrix(pose.wxyz)
     by_intrinsics = rays_by_intrinsics(camera, pixels_px)
-    rotation = rotation.reshape(*rotation.shape[:-2], *([1] * (pixels_px.ndim - 1)), 3, 3)
+    rotation = rotation.reshape(*rotation.shape[:-2], *([1] * (pixels_px.ndim - 1 - of_each)), 3, 3)
     directions = turned(rotation, rays.rays_cam)
     shared = np.zeros((*directions.shape, INTRINSICS.start + by_intrinsics.shape[-1]))
     x, y, z = (rays.rays_cam[..., None, column] for column in range(3))

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.block_parts import BlockParts
 from aerodft.service.ports import Clock, Source
 
+_MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
 
 def tick_after(arrival_ns: int, tick_ns: int) -> int:
     """The tick that an arrival belongs to: the first multiple of ``tick_ns`` that is not before it."""
@@ -110,17 +112,22 @@ def _cut(event: Event, until_ns: int) -> tuple[Event | None, Event | None]:
 
 
 def together(batches: Iterable[Batch], longest_ns: int) -> Iterator[list[Batch]]:
-    """Batches in groups that last up to ``longest_ns``, 0 for each alone; images with pixels never wait for others."""
+    """Batches in groups that last up to ``longest_ns``, 0 for each alone; images with pixels never wait for others.
+
+    Where many images or observations are to be answered a group ends earlier: all its answers are in memory at once.
+    """
     group: list[Batch] = []
+    subjects = 0
     for batch in batches:
         has_pixels = any(image.pixels is not None for image in batch.images)
-        if group and (has_pixels or batch.now_ns - group[0].now_ns >= longest_ns):
+        subjects += len(batch.images) + len(batch.observations)
+        if group and (has_pixels or subjects > _MOST_SUBJECTS or batch.now_ns - group[0].now_ns >= longest_ns):
             yield group
-            group = []
+            group, subjects = [], len(batch.images) + len(batch.observations)
         group.append(batch)
         if has_pixels or not longest_ns:
             yield group
-            group = []
+            group, subjects = [], 0
     if group:
         yield group
 

@@ -139,13 +139,11 @@ class Pipeline:
 
     def _stamps(self, batches: Sequence[Batch]) -> Iterator[tuple[int, int]]:
         """UTC of what waits, and of the images and observations that come, with the tick on which they do."""
-        seen = dict.fromkeys(job.stamp_ns for job in self._jobs)
-        yield from ((stamp_ns, 0) for stamp_ns in seen)
+        yield from ((job.stamp_ns, 0) for job in self._jobs)
         for tick, batch in enumerate(batches):
             self._poses.clock.see(tick)
-            stamps_ns = [self._utc(each.stamp_ns, each.clock) for each in (*batch.images, *batch.observations)]
-            yield from ((stamp_ns, tick) for stamp_ns in dict.fromkeys(stamps_ns) if stamp_ns not in seen)
-            seen.update(dict.fromkeys(stamps_ns))
+            subjects: tuple[Image | Observation, ...] = (*batch.images, *batch.observations)
+            yield from ((self._utc(each.stamp_ns, each.clock), tick) for each in subjects)
 
     def _tick(self, batch: Batch, tick: int | None) -> list[Output | Asked]:
         """What is done in one tick, yet to be measured; its telemetry is there already where it has a number."""

@@ -143,7 +143,7 @@ class PoseSource:
         last, first = (
             by_tick(asked, [each.newest_by_tick() for each in streams]) for streams in (self._streams(), needed)
         )
-        pairs = last if np.array_equal(first, last) else np.unique(np.concatenate([last, first]), axis=0)
+        pairs = np.unique(np.concatenate([last, first]), axis=0)  # many may be of one image
         if len(pairs):
             ticks, stamps_ns = pairs.T
             self._ahead.prepare(stamps_ns, ticks)

@@ -1,5 +1,7 @@
 """Quaternions, rotation matrices, and the camera's angles; ``wxyz`` arrays of shape ``(..., 4)``."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,6 +11,16 @@ from aerodft.model.arrays import FloatArray
 
 def multiply(a_wxyz: FloatArray, b_wxyz: FloatArray) -> FloatArray:
     """Hamilton product ``a b``: first ``b``, then ``a``. Shapes ``(..., 4)``, broadcast."""
+    if np.ndim(a_wxyz) == np.ndim(b_wxyz) == 1:  # plain numbers give the same in a fifth of the time
+        (aw, ax, ay, az), (bw, bx, by, bz) = (np.asarray(each, dtype=np.float64).tolist() for each in (a_wxyz, b_wxyz))
+        return np.array(
+            [
+                aw * bw - ax * bx - ay * by - az * bz,
+                aw * bx + ax * bw + ay * bz - az * by,
+                aw * by - ax * bz + ay * bw + az * bx,
+                aw * bz + ax * by - ay * bx + az * bw,
+            ]
+        )
     aw, ax, ay, az = _columns(a_wxyz)
     bw, bx, by, bz = _columns(b_wxyz)
     w = aw * bw - ax * bx - ay * by - az * bz
@@ -53,6 +65,12 @@ def matrix(wxyz: FloatArray) -> FloatArray:
 def from_rotation_vector(rotvec_rad: FloatArray) -> FloatArray:
     """Unit quaternions ``(..., 4)`` of rotation vectors ``(..., 3)`` (axis times angle)."""
     rotvec_rad = np.asarray(rotvec_rad, dtype=np.float64)
+    if rotvec_rad.ndim == 1:  # as ``multiply``
+        x, y, z = rotvec_rad.tolist()
+        size = math.sqrt(x * x + y * y + z * z)
+        half = np.pi * (size / (2 * np.pi))  # in the order of ``sinc``: to the last bit
+        share = 0.5 * (np.sin(half) / half) if half else 0.5
+        return np.array([np.cos(size / 2), x * share, y * share, z * share])
     angle = np.linalg.norm(rotvec_rad, axis=-1, keepdims=True)
     scale = 0.5 * np.sinc(angle / (2 * np.pi))  # sin(angle/2)/angle, regular at 0
     return np.concatenate([np.cos(angle / 2), rotvec_rad * scale], axis=-1)

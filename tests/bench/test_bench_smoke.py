@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
         ("bench_import.py", ["--seconds", "4", "--probes", "2", "--rate", "5"], r"recompute +.* times real time"),
         (
             "bench_dense.py",
-            ["--width", "320", "--pixels", "2000", "--runs", "2"],
+            ["--width", "320", "--pixels", "2000", "--runs", "1"],
             r"bent and uncertain: .* with covariances",
         ),
         (
@@ -31,7 +31,7 @@ HERE = Path(__file__).parent
             ["--width", "960", "--runs", "1"],
             r"images/s of one core[^$]*where the time goes: small copy",
         ),
-        ("bench_recompute.py", ["--seconds", "16", "--rate", "2"], r"recompute: \d+ times real time.*MB on disk"),
+        ("bench_recompute.py", ["--seconds", "5", "--rate", "2"], r"recompute: \d+ times real time.*MB on disk"),
         (
             "bench_sync.py",
             ["--seeds", "1", "--first", "1", "--seconds", "12", "--width", "320"],

@@ -6,7 +6,7 @@ from .coverage import Tally
 from .random_scenes import PIXELS, Level
 
 pytestmark = pytest.mark.timeout(900)  # thousands of scenes, most of them of 1024 draws for every probe
-SCENES = (1170, 660, 660, 660, 1080, 1080)
+SCENES = (1170, 450, 450, 450, 750, 750)
 """In each bin; many where many are refused, and in the wide ones, which count most over all."""
 
 

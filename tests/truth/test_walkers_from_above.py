@@ -112,7 +112,7 @@ def test_walkers_below_a_drone_are_found_where_they_stand_and_keep_their_names(
 
 def test_posts_that_only_seem_to_move_are_no_objects() -> None:
     """The drone passes by: tops of posts move over the ground by a third of its way, and are seen to differ."""
-    found = followed(flown.images(flown.passing(SECONDS), SECONDS, posts=POSTS))
+    found = followed(flown.images(flown.passing(6.0), 6.0, posts=POSTS))
     assert 2 <= len(found.owners) <= 4
     assert max(found.off_m) < 1.5, "every track is that of a walker"
     assert np.mean(found.inside[Status.OK]) >= 0.9

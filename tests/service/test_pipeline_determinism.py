@@ -72,7 +72,7 @@ def test_it_does_not_matter_which_empty_ticks_come(bench, reference, linger_ns, 
     assert bench.encoded(bench.run(batches)) == reference.answers
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 40), st.integers(1, 30), st.integers(0, 2_500))
 def test_sparse_input_does_not_depend_on_empty_ticks_either(bench, silence_at, silence, wait_ms):
     """Silences, short and long waits: whole seconds pass in which only deadlines happen."""
@@ -100,7 +100,7 @@ def long_flight(bench):
     return batches, bench.encoded(bench.run(batches))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=20))
 def test_it_does_not_matter_which_ticks_are_taken_together(bench, long_flight, sizes):
     batches, answers = long_flight
@@ -165,7 +165,7 @@ def test_noise_between_frames_changes_no_answer(bench, reference, noise, at):
 EVENTS = st.lists(st.tuples(st.integers(0, 4_000), st.integers(0, 1_500), st.booleans()), min_size=1, max_size=25)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=35, deadline=None)
 @given(EVENTS, st.integers(0, 3_000), st.integers(0, 4_000))
 @example([(0, 501, False), (0, 502, True)], 99, 0)  # two in one tick, whose waits end in two
 def test_what_a_live_run_leaves_to_its_end_comes_in_the_same_order_later(bench, reference, events, wait_ms, last_ms):

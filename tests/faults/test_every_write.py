@@ -191,5 +191,6 @@ def test_a_folder_that_vanishes_is_a_loss_that_is_counted(
     totals = made.totals
     assert totals.messages == 0, "nothing is there"
     assert totals.offered == totals.lost_messages >= step
+    assert (totals.images, totals.lost_images) == (0, 0), "none was offered"
     assert "No such file or directory" in caplog.text
     assert not (folder / "r").exists()

@@ -68,12 +68,17 @@ class Pictures:
     @property
     def stored(self) -> int:
         """Images and packets that are in the files."""
-        return self._series.stored - self._series.own
+        return self._series.stored - self._series.own + self._own_lost
 
     @property
     def lost(self) -> int:
         """Those that a failing disk cost, or that could not be encoded."""
-        return self._series.lost + self._failed
+        return self._series.lost - self._own_lost + self._failed
+
+    @property
+    def _own_lost(self) -> int:
+        """What segments begin with and is lost too: of a folder that was deleted nothing is left."""
+        return max(self._series.own - self._series.stored, 0)
 
     def image(self, image: Image) -> None:
         """Record an image where one is due, and it does not come as video."""

@@ -1,5 +1,6 @@
 """What takes longest comes first: the last file that a worker gets is then a short one, and no other waits for it."""
 
+import gc
 from pathlib import Path
 
 TESTS = Path(__file__).parent
@@ -47,3 +48,9 @@ RANK = {TESTS / name: rank for rank, name in enumerate(LONGEST)}
 def pytest_collection_modifyitems(items):
     """Files stay together, in their order, but for the long ones."""
     items.sort(key=lambda item: (RANK.get(item.path, len(RANK)), item.path.parent != TESTS / "truth"))
+
+
+def pytest_collection_finish():
+    """What is there before the first test is there to the end: it is not looked through again for what may go."""
+    gc.collect()
+    gc.freeze()

@@ -37,7 +37,7 @@ def errors(found, clocks, reference_ns):
     return np.array([found.offset_s, found.drift, found.lag_s]) - [offset_s, clocks.drift, clocks.lag_s]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_offset_drift_and_lag_are_found_from_far_away(seed):
     clocks, trajectory = Clocks.drawn(seed), wandering(seed, CLIP_S + 2 * MARGIN_S)
     pairs, reference_ns = filmed(trajectory, clocks, seed)

@@ -100,7 +100,7 @@ def test_height_and_its_std_are_monte_carlos_at_every_column_and_tilt(tilt_deg, 
 def test_heading_does_not_matter(tilt_deg):
     for pixels, north in objects(tilt_deg):
         ahead = answer_of(pixels, north, POSE_STD)
-        for heading_deg in (1, 30, 45, 90, 135, 179, 180, 225, 270, 359.5, 360):
+        for heading_deg in (1, 45, 90, 179, 180, 225, 359.5):
             turned = camera_axes(0.0, 0.0, math.radians(heading_deg)) @ camera_axes(0.0, 0.0, 0.0).T @ north
             answer = answer_of(pixels, turned, POSE_STD)
             assert answer.status is ahead.status, (pixels, heading_deg)

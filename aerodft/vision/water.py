@@ -15,6 +15,7 @@ from aerodft.vision.outline import outline_contrast
 from aerodft.vision.water_cut import cut, disc_around, opened, piece_around, without_specks
 from aerodft.vision.water_features import WaterFeatures
 from aerodft.vision.water_margin import margin
+from aerodft.vision.water_mirror import with_mirrored_banks
 
 _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
 _CUT_ISLAND: Final = 0.6  # of its shore's length: so short is where the image cuts it; a bank's corner has more
@@ -66,7 +67,8 @@ def find_water(
     """
     disc = disc_around(features.shape, seed_px) & ground
     about = cv2.resize(region.astype(np.uint8), features.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    water = whole = cut(features.planes, about & ground, disc, ground)
+    drawn = cut(features.planes, about & ground, disc, ground)
+    water = whole = with_mirrored_banks(features, drawn, disc, ground)
     along = margin(features.planes, water, disc, ground)
     for _ in range(_LOOKS):
         if not along.bare.any():

@@ -17,7 +17,7 @@ Float32Image = npt.NDArray[np.float32]
 
 WIDTH_PX: Final = 480  # of the small copy's longer side: a bank is found to a few pixels of the image, then refined
 _SMOOTH_PX: Final = 1.0
-_DETAIL_PX: Final = 2.0  # of the copy of twice the size: what is smaller is texture
+_DETAIL_PX: Final = 2.0  # of the image, and of the copy of twice the size: what is smaller is texture
 _NEIGHBOURHOOD_PX: Final = 2.0
 _RATIO_PX: Final = 0.7  # likewise: video has colour at half the size
 _LIGHT_SHARE: Final = 0.1  # of a contrast in lightness: waves have it too
@@ -42,12 +42,14 @@ class WaterFeatures:
         planes: ``(height, width, 4)``: logarithms of red to green, blue to green, lightness and the texture; shade
             changes none but the lightness.
         pixels: ``(height, width, 3)`` BGR.
+        detail: ``(height, width)``: what the image has that is finer than the copy, relative to the lightness.
         blank: ``(height, width)``: black borders, which show nothing: of a letterbox, or of an image made undistorted.
     """
 
     scale: float
     planes: Float32Image
     pixels: ImageArray
+    detail: Float32Image
     blank: BoolArray
 
     @property
@@ -61,7 +63,8 @@ class WaterFeatures:
 
     def without_planes(self) -> "WaterFeatures":
         """What is left to go from the image to the small copy and back."""
-        return WaterFeatures(self.scale, self.planes[..., :0].copy(), self.pixels[..., :0].copy(), self.blank)
+        nothing = np.empty((0, 0), dtype=np.float32)
+        return WaterFeatures(self.scale, self.planes[..., :0].copy(), self.pixels[..., :0].copy(), nothing, self.blank)
 
     def halved(self) -> "WaterFeatures":
         """The same at half the size, each pixel the mean of four."""
@@ -70,10 +73,12 @@ class WaterFeatures:
         if not self.planes.size:
             height, width = blank.shape
             planes, pixels = np.empty((height, width, 0), np.float32), np.empty((height, width, 0), np.uint8)
+            detail = self.detail
         else:
+            detail = np.asarray(cv2.resize(self.detail, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
             planes = np.asarray(cv2.resize(self.planes, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
             pixels = np.asarray(cv2.resize(self.pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        return WaterFeatures(0.5 * self.scale, planes, pixels, np.asarray(blank))
+        return WaterFeatures(0.5 * self.scale, planes, pixels, detail, np.asarray(blank))
 
     def to_image(self, small_px: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of the small copy as pixels of the image."""
@@ -99,7 +104,16 @@ def water_features(image: ImageArray) -> WaterFeatures:
     texture = 0.5 * np.log(_variety(middle, light) + _LIGHT_SHARE**2 * _contrast(grey, light) + _QUIET**2)
     planes = _SCALE * np.dstack([red - green, blue - green, lightness, texture])
     pixels = np.asarray(small, dtype=np.uint8)
-    return WaterFeatures(scale, np.asarray(planes, dtype=np.float32), pixels, _blank(pixels))
+    detail = _fine_detail(image, size)
+    return WaterFeatures(scale, np.asarray(planes, dtype=np.float32), pixels, detail, _blank(pixels))
+
+
+def _fine_detail(image: ImageArray, size: tuple[int, int]) -> Float32Image:
+    """How much the full image varies at its finest, for each pixel of a smaller copy, relative to the lightness."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    finest = cv2.absdiff(grey, cv2.GaussianBlur(grey, (0, 0), _DETAIL_PX)).astype(np.float32)
+    fine, light = (cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in (finest, grey))
+    return np.asarray(fine / (light + _DARK), dtype=np.float32)
 
 
 def _blank(pixels: ImageArray) -> BoolArray:

@@ -1,6 +1,7 @@
 """Widths of rivers that another painter made than the simulator on whose looks thresholds were set."""
 
 import numpy as np
+import pytest
 
 from aerodft.dft.request import Setup
 from aerodft.vision.river import NoRiver, RiverQuestion, RiverStatus, find_river
@@ -51,3 +52,15 @@ def test_rivers_of_another_painter():
     assert len(rows) >= 14
     assert max(medians) < 0.01
     assert np.mean(held) > 0.9
+
+
+@pytest.mark.parametrize("land", LANDS)
+@pytest.mark.parametrize("look", [{"mirror": 0.2}, {"path": 0.2}], ids=["mirrored bank", "even path"])
+def test_calm_water_that_mirrors_its_bank_is_water_and_a_dark_even_path_is_not(land, look):
+    """Both are as dark and as even, a fifth of the width wide; one fades into the open water, one does not."""
+    found, widths = measured(PaintedRiver(seed=3, water="sky", land=land, tilt_deg=40.0, bend_m=3.0, look=look))
+    assert not isinstance(found, NoRiver)
+    error = widths[:, 0] / widths[:, 2] - 1
+    print(f"{land}: {len(widths)} widths, {100 * np.median(error):+.2f} % in the median")
+    assert abs(np.median(error)) < 0.01
+    assert np.mean(np.abs(error) < 0.03) > 0.9

@@ -35,7 +35,7 @@ DRAWN = {
     ),
 }
 NEAR = 0.06  # of the river's width in the image: what a hand and grass that hangs over the water leave open
-LEAST = {"canuelas": 0.9, "juncal": 0.95, "geul": 0.8}  # shares of banks; geul's far end is brown and mirrors the bank
+LEAST = {"canuelas": 0.9, "juncal": 0.95, "geul": 0.9}  # shares of banks
 
 
 def _canuelas(folder):

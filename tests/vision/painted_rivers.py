@@ -100,6 +100,11 @@ class PaintedRiver:
         if self.look.get("glare"):
             spot = np.exp(-(((u / WIDTH - 0.55) / 0.09) ** 2) - ((v / HEIGHT - 0.5) / 0.15) ** 2)
             water += 200.0 * (spot * np.clip(0.6 + 0.6 * waves, 0, 1.5))[..., None]
+        if self.look.get("mirror"):
+            water += self._mirrored(beyond, across, fine)[..., None] * (0.7 * first - water)
+        if self.look.get("path"):
+            path = (beyond > 0) & (beyond < self.look["path"] * self.width_m) & (across > 0)
+            land = np.where(path[..., None], 0.7 * first, land)
         image = np.where((beyond < 0)[..., None], water, land)
         if self.look.get("shade"):
             image = np.where((self._sampled(3, east, north, 2.0) > 1.1)[..., None], 0.55 * image, image)
@@ -107,6 +112,12 @@ class PaintedRiver:
         image = cv2.resize(np.clip(image, 0, 255).astype(np.float32), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
         image = cv2.GaussianBlur(image, (0, 0), 0.6) + np.random.default_rng(self.seed).normal(0, 2, image.shape)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    def _mirrored(self, beyond_m, across_m, fine):
+        """How much of the eastern bank the water shows, without its waves, 0 to 1: it fades into the open water."""
+        strip_m = self.look["mirror"] * self.width_m
+        ends_m = strip_m * (1.0 + 0.1 * fine) + beyond_m
+        return np.where(across_m > 0, np.clip(0.5 + ends_m / strip_m, 0, 1), 0.0)
 
     def _sampled(self, number, east_m, north_m, share):
         pixel_m = share * self.width_m / 150

@@ -30,7 +30,7 @@ def mask(*columns):
 def copy(scale, height, width):
     """A small copy of which only the size is looked at."""
     nothing = np.empty((height, width, 0), np.float32), np.empty((height, width, 0), np.uint8)
-    return WaterFeatures(scale, *nothing, np.zeros((height, width), dtype=bool))
+    return WaterFeatures(scale, *nothing, np.empty((0, 0), np.float32), np.zeros((height, width), dtype=bool))
 
 
 def test_another_outline_is_so_much_wider_at_each_transect():

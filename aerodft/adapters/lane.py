@@ -19,7 +19,8 @@ class Lane(Generic[T]):
         work: Does some items, in the lane's thread.
         tend: Called in the lane's thread at least every ``period_s``.
         capacity: Sum of the sizes of waiting items; one item is always taken.
-        lossless: Wait for room instead of refusing; up to ``period_s`` for more to do at once, too.
+        lossless: Wait for room instead of refusing, which what is done one by one takes until it is done; up to
+            ``period_s`` for more to do at once, too.
         period_s: Seconds between two calls of ``tend`` when nothing comes.
         at_once: Items that are done together where so many wait.
     """
@@ -41,6 +42,8 @@ class Lane(Generic[T]):
         self._lossless = lossless
         self._period_s = period_s
         self._at_once = at_once
+        self._counts_work = lossless and at_once == 1
+        self._in_work = 0
         self._items: deque[tuple[T, int]] = deque()
         self._size = 0
         self._closing = self._is_asleep = False
@@ -85,13 +88,16 @@ class Lane(Generic[T]):
         return bool(self._items) and not (may_wait and self._size < self._capacity // 2)
 
     def _is_full(self, size: int) -> bool:
-        return bool(self._items) and self._size + size > self._capacity
+        taken = self._size + self._in_work
+        return taken > 0 and taken + size > self._capacity
 
     def _run(self) -> None:
         try:
             while (items := self._next()) is not None:
                 if items:
                     self._work(items)
+                    del items  # they may be large
+                    self._has_worked()
                 self._tend()
         except Exception as error:  # noqa: BLE001 - close raises it, in the thread that can report it
             _log.error("%s ended early: %r", self._thread.name, error)
@@ -99,6 +105,13 @@ class Lane(Generic[T]):
                 self._error = error
                 self._items.clear()
                 self._changed.notify_all()
+
+    def _has_worked(self) -> None:
+        if self._in_work:
+            with self._changed:
+                self._in_work = 0
+                if self._held_up:
+                    self._changed.notify_all()
 
     def _next(self) -> list[T] | None:
         """The next items; none when ``tend`` is due; None at the end."""
@@ -109,7 +122,9 @@ class Lane(Generic[T]):
                 self._is_asleep = False
             if self._items:
                 taken = [self._items.popleft() for _ in range(min(len(self._items), self._at_once))]
-                self._size -= sum(size for _, size in taken)
+                size = sum(size for _, size in taken)
+                self._size -= size
+                self._in_work = size if self._counts_work else 0
                 if self._held_up:
                     self._changed.notify_all()
                 return [item for item, _ in taken]

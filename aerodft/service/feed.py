@@ -25,6 +25,7 @@ from aerodft.service.ports import Clock, Source
 
 _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
 
+
 def tick_after(arrival_ns: int, tick_ns: int) -> int:
     """The tick that an arrival belongs to: the first multiple of ``tick_ns`` that is not before it."""
     return -(-arrival_ns // tick_ns) * tick_ns

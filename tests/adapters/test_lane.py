@@ -1,6 +1,7 @@
 """The worker thread behind recorder and bus."""
 
 import threading
+import time
 
 import pytest
 
@@ -57,3 +58,31 @@ def test_tending_goes_on_when_nothing_comes() -> None:
     for _ in range(5):
         assert tended.acquire(timeout=30)
     lane.close()
+
+
+def test_what_is_done_one_by_one_takes_room_until_it_is_done() -> None:
+    said, begun, may_end = [], threading.Event(), threading.Event()
+
+    def work(items: list[str]) -> None:
+        begun.set()
+        assert may_end.wait(30)
+        said.append(f"done {items[0]}")
+
+    lane: Lane[str] = Lane("test", work, lambda: None, capacity=1, lossless=True)
+    assert lane.put("a")
+    assert begun.wait(30)
+
+    def bring() -> None:
+        assert lane.put("b")
+        said.append("took b")
+
+    other = threading.Thread(target=bring)
+    other.start()
+    until_s = time.monotonic() + 30
+    while not lane._held_up and "took b" not in said and time.monotonic() < until_s:  # noqa: SLF001 - nobody else tells
+        time.sleep(0.001)
+    may_end.set()
+    other.join()
+    lane.close()
+    assert said.index("done a") < said.index("took b")
+    assert sorted(said) == ["done a", "done b", "took b"]

@@ -23,7 +23,7 @@ from aerodft.model.image import Image
 from aerodft.model.packet import VideoPacket
 
 _IMAGE_BYTES = 1 << 20  # what an image counts for in the queue
-_LOSSLESS_QUEUE = 1  # images that wait where nothing is shed: whoever brings the next one waits too
+_LOSSLESS_QUEUE = 1  # images at once where nothing is shed: whoever brings the next one waits until it is encoded
 _NO_IMAGE = 0xFFFFFFFF  # sequence of a packet that became no image
 _SILENCE_NS = 2 * SECOND_NS  # without packets for so long, images are recorded as JPEGs
 

@@ -5,8 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-# Workers share the cores: threads inside of them would only get into each other's way. Compiled modules are kept
-# whatever the shell says of that: tests start hundreds of processes, each would compile the package anew.
+# Three workers share two cores: what is live waits for its time. Threads inside of them would only get into each other's
+# way. Compiled modules are kept whatever the shell says of that: tests start a hundred processes, each would compile the
+# package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 .PHONY: demo test lint types imports unit coverage bench bench-peer format clean
@@ -41,11 +42,11 @@ imports: $(INSTALLED)
 	$(BIN)/lint-imports
 
 unit: $(INSTALLED)
-	$(FOR_TESTS) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
+	$(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
 
 # Twice as slow as without.
 coverage: $(INSTALLED)
-	$(FOR_TESTS) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --benchmark-disable --cov --cov-report=term:skip-covered -q
+	$(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --benchmark-disable --cov --cov-report=term:skip-covered -q
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_query.py

@@ -1,6 +1,7 @@
 """Peak memory of each command that reads recordings, and its start: ``python tests/bench/bench_memory.py``.
 
-The recordings are of a sample flight, and of six minutes of it: ours, another tool's, and damaged ones. Goal: 200 MB.
+The recordings are of a sample flight, and of six minutes of it: ours, another tool's, and damaged ones; logs are of 60
+MB. Goal: 200 MB.
 """
 
 import sys
@@ -13,13 +14,14 @@ import numpy as np
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from tests.peak import taken_by  # noqa: E402 - found from the line above
+from tests.faults.test_memory import attitudes  # noqa: E402 - found from the line above
+from tests.peak import taken_by  # noqa: E402 - as above
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign  # noqa: E402 - as above
 
 LOG = ROOT / "samples/copter.tlog"
 GOAL_MB = 200.0
 PICTURES, WIDTH_PX, HEIGHT_PX = 60, 1920, 1080
-LONG, LARGE_PICTURES, MANY_PICTURES = 6, 150, 8000
+LONG, LARGE_PICTURES, MANY_PICTURES, LOG_BYTES = 6, 150, 8000, 60_000_000
 FOREIGN_STATION = """
 [station]
 name = "bench"
@@ -62,9 +64,11 @@ def long_files(folder: Path) -> dict[str, Path]:
         step_ns = (long[-1][0] - long[0][0]) // (count + 1)
         return [long[0][0] + (k + 1) * step_ns for k in range(count)]
 
+    finest = cv2.imencode(".jpg", noise, [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
     pictures = {
         "long": [],
         "large": [(stamp_ns, jpeg) for stamp_ns in stamps_ns(LARGE_PICTURES)],
+        "larger": [(stamp_ns, finest) for stamp_ns in stamps_ns(LARGE_PICTURES)],
         "many": jpegs(stamps_ns(MANY_PICTURES), WIDTH_PX, HEIGHT_PX),
     }
     return {name: write_foreign(folder / f"{name}.mcap", long, each) for name, each in pictures.items()}
@@ -80,6 +84,14 @@ def commands(folder: Path) -> dict[str, list[object]]:
     cut.write_bytes(data[: len(data) * 2 // 3])
     data[len(data) // 2] ^= 4
     flipped.write_bytes(data)
+    tlog, binary = folder / "long.tlog", folder / "long.bin"
+    tlog.write_bytes(LOG.read_bytes() * (LOG_BYTES // LOG.stat().st_size))
+    binary.write_bytes(attitudes(LOG_BYTES // 31))
+    bent = folder / "bent.toml"
+    straight = f"fx_px = 1591.0\nfy_px = 1591.0\ncx_px = {(WIDTH_PX - 1) / 2}\ncy_px = {(HEIGHT_PX - 1) / 2}"
+    bends = f"{straight}\ndistortion = [-0.1, 0.02, 0.001, -0.001, 0.0]"
+    (folder / "bent-camera.toml").write_text(CAMERA.replace("hfov_deg = 62.2", bends))
+    bent.write_text(FOREIGN_STATION.replace("camera.toml", "bent-camera.toml"))
     apart, wide = folder / "apart.toml", folder / "wide.toml"
     apart.write_text(f"[images]\ntime_offset_s = 86400.0\n{FOREIGN_STATION}")
     (folder / "wide-camera.toml").write_text(CAMERA.replace(f"width_px = {WIDTH_PX}", f"width_px = {WIDTH_PX + 2}"))
@@ -94,6 +106,8 @@ def commands(folder: Path) -> dict[str, list[object]]:
         "doctor, six minutes": ["doctor", long["long"]],
         "doctor, large images": ["doctor", long["large"]],
         "doctor, .tlog": ["doctor", LOG],
+        "doctor, .tlog of 60 MB": ["doctor", tlog],
+        "doctor, .bin of 60 MB": ["doctor", binary],
         "import, no overlap": ["import", foreign, "-c", apart, "-o", folder / "none"],
         "import, wrong size": ["import", foreign, "-c", wide, "-o", folder / "none"],
         "recover": ["recover", ours],
@@ -111,8 +125,14 @@ def commands(folder: Path) -> dict[str, list[object]]:
         "import, cut": ["import", cut, "-c", config, "-o", folder / "of-cut"],
         **{
             f"import, {what}": ["import", long[name], "-c", config, "-o", folder / f"of-{name}"]
-            for name, what in (("long", "six minutes"), ("large", "150 of 1.7 MB"), ("many", "8000 images"))
+            for name, what in (
+                ("long", "six minutes"),
+                ("large", "150 of 1.7 MB"),
+                ("larger", "150 of 4.1 MB"),
+                ("many", "8000 images"),
+            )
         },
+        "import, bent lens": ["import", foreign, "-c", bent, "-o", folder / "of-bent"],
         "recompute": ["recompute", ours, "-o", again],
         "export, 1080p video": ["export", ours, "--format", "mp4", "-o", folder / "ours.mp4"],
         "export, video of large": ["export", folder / "of-large", "--format", "mp4", "-o", folder / "large.mp4"],

@@ -11,7 +11,7 @@ from aerodft.model.status import Status
 from aerodft.service.poses import PoseSource
 
 _FINE_FOR_NS: Final = 10 * SECOND_NS  # a link is listened to for that long
-_MOST_MOMENTS: Final = 2000  # asked for at once
+_MOST_MOMENTS, _FEWEST_MOMENTS = 2000, 50  # asked for at once: the fewer, the more often the clock has jumped
 _FINE_NS: Final = SECOND_NS // 10
 _MOST_TOLD: Final = 3
 _RARE: Final = 0.02  # share of a flight
@@ -120,12 +120,15 @@ class PoseSurvey:
         self._waiting: deque[tuple[int, int]] = deque()
         self._first_ns: int | None = None
         self._next_ns = 0
+        self._most = _MOST_MOMENTS
 
     def add(self, first_ns: int, now_ns: int) -> None:
         """Ask for what may be known now that telemetry was taken in that arrived between these (host UTC)."""
         if self._first_ns is None:
             self._first_ns = self._next_ns = first_ns
-        least_ns = (now_ns - self._next_ns) // _MOST_MOMENTS  # a clock may jump by decades
+        least_ns = (now_ns - self._next_ns) // self._most  # a clock may jump by decades, again and again
+        if least_ns > SECOND_NS:
+            self._most = max(self._most // 2, _FEWEST_MOMENTS)
         while self._next_ns <= now_ns:
             usual_ns = _FINE_NS if self._next_ns - self._first_ns < _FINE_FOR_NS else SECOND_NS
             step_ns = max(usual_ns, min(least_ns, now_ns - self._next_ns))

@@ -2,6 +2,7 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pytest
@@ -11,13 +12,21 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.findings import notes, problems
 from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.mavlink.pose_survey import PoseSurvey
 from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing import sign
 from aerodft.adapters.mavlink.survey import Survey
 from aerodft.adapters.mavlink.survey_document import document
 from aerodft.adapters.mavlink.survey_report import SurveyReport
+from aerodft.conventions import SECOND_NS
+from aerodft.model.pose import PoseSample
+from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of
+from aerodft.service.timing import ClockMap
+
+if TYPE_CHECKING:
+    from aerodft.service.poses import PoseSource
 
 MakeBlock = Callable[[list[bytes]], RawBlock]
 
@@ -289,3 +298,24 @@ def _position(height_mm: int) -> dialect.MAVLink_message:
     return dialect.MAVLink_global_position_int_message(
         1000, -353_632_621, 1_491_652_374, 584_090, height_mm, 0, 0, 0, 65535
     )
+
+
+class _Silent:
+    """Telemetry of which nothing is known; counts how often it is asked."""
+
+    def __init__(self) -> None:
+        self.clock = ClockMap()
+        self.asked = 0
+
+    def at(self, stamp_ns: int, *, final: bool) -> PoseSample:  # noqa: ARG002 - as the real one
+        self.asked += 1
+        return PoseSample(stamp_ns=stamp_ns, status=Status.NO_TELEMETRY)
+
+
+def test_a_clock_that_jumps_again_and_again_is_asked_about_seldom() -> None:
+    source = _Silent()
+    survey, day_ns = PoseSurvey(cast("PoseSource", source)), 86_400 * SECOND_NS
+    for jump in range(1, 101):
+        survey.add(jump * day_ns, jump * day_ns + SECOND_NS)
+    assert survey.poses().seconds == pytest.approx(99 * 86_400 + 1, abs=10.0)
+    assert source.asked < 10_000

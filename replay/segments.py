@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.mcap.chunk_table import ChunkTable
+from aerodft.adapters.mcap.chunk_table import ChunkTable, is_one_of
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
@@ -65,7 +65,7 @@ def tables_of(
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), named=segment.named)
         for table in reader.tables(_places(segment, from_ns, to_ns, wanted)):
-            rows = np.isin(table.channel, [number for number, each in table.channels.items() if wanted(each)])
+            rows = is_one_of(table.channel, [number for number, each in table.channels.items() if wanted(each)])
             if from_ns is not None:
                 rows &= table.log_ns >= np.uint64(from_ns)
             if to_ns is not None:

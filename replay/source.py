@@ -8,7 +8,7 @@ import numpy as np
 from aerodft.adapters.codec import events
 from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.mcap.channels import SENDER_KEY
-from aerodft.adapters.mcap.chunk_table import ChunkTable
+from aerodft.adapters.mcap.chunk_table import ChunkTable, is_one_of
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
@@ -82,7 +82,7 @@ class RecordingSource:
         with located(self._recording.folder):
             for schema, decoded in self._decoders.items():
                 wanted = [number for number, channel in table.channels.items() if channel.schema == schema]
-                rows = np.flatnonzero(np.isin(table.channel, wanted)).tolist()
+                rows = np.flatnonzero(is_one_of(table.channel, wanted)).tolist()
                 data = [table.content[table.start[row] : table.stop[row]] for row in rows]
                 found.update(zip(rows, decoded(data), strict=True))
         return dict(sorted(found.items()))
@@ -114,7 +114,7 @@ def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
         if channel.encoding in _PROTOCOLS:
             senders.setdefault((channel.encoding, channel.metadata.get(SENDER_KEY, "")), []).append(number)
     for (protocol, sender), numbers in senders.items():
-        own = table.rows(np.isin(table.channel, numbers))
+        own = table.rows(is_one_of(table.channel, numbers))
         length, offset, data = own.stop - own.start, own.start, table.content
         if length.sum() < _LEAST_SHARE * len(data):  # answers lie between them: a chunk would be kept for a few frames
             data = b"".join([data[start:stop] for start, stop in zip(offset.tolist(), own.stop.tolist(), strict=True)])

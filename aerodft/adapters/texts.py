@@ -23,7 +23,7 @@ class Texts:
         stop: ``(n,)`` where it ends.
     """
 
-    data: bytes
+    data: bytes | memoryview
     start: IntArray
     stop: IntArray
 
@@ -46,7 +46,11 @@ class Texts:
 
     def each(self) -> list[bytes]:
         """The texts."""
-        return [self.data[start:stop] for start, stop in zip(self.start.tolist(), self.stop.tolist(), strict=True)]
+        return [self.text(row) for row in range(len(self))]
+
+    def text(self, row: int) -> bytes:
+        """One of the texts."""
+        return bytes(self.data[self.start[row] : self.stop[row]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +88,7 @@ class Form:
         sources = np.frombuffer(first, dtype=np.uint8), np.frombuffer(then, dtype=np.uint8)
         _fill(self.data, self.stop, sources, firsts, out, stop)
         used = int(stop[-1]) if count else 0
-        return Texts(out[:used].tobytes(), np.concatenate([[0], stop[:-1]])[:count], stop)
+        return Texts(out[:used].data, np.concatenate([[0], stop[:-1]])[:count], stop)
 
     def _joined(self, first: bytes, then: bytes, count: int, firsts: int) -> Texts:
         """As ``filled``, without the compiler."""

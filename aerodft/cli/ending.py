@@ -3,9 +3,13 @@
 import signal
 from collections.abc import Iterator
 from types import FrameType
+from typing import TypeVar
 
 from aerodft.model.batch import Batch
-from aerodft.service.ports import Feed
+from aerodft.service.batches import Batches
+from aerodft.service.feed import SpanFeed
+
+Given = TypeVar("Given")
 
 
 class Interruptible:
@@ -15,7 +19,7 @@ class Interruptible:
         feed: What is read, in the main thread.
     """
 
-    def __init__(self, feed: Feed) -> None:
+    def __init__(self, feed: SpanFeed) -> None:
         self._feed = feed
 
     def batches(self) -> Iterator[Batch]:
@@ -24,24 +28,33 @@ class Interruptible:
         Raises:
             BaseException: What the handler of the signal raises that came meanwhile.
         """
-        asked: list[tuple[int, FrameType | None]] = []
+        return _until_asked(self._feed.batches())
 
-        def note(number: int, frame: FrameType | None) -> None:
-            asked.append((number, frame))
-            signal.signal(number, before[number])
+    def spans(self, longest_ns: int) -> Iterator[Batches]:
+        """The same, some together."""
+        return _until_asked(self._feed.spans(longest_ns))
 
-        before = {int(each): signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            for number in before:
-                signal.signal(number, note)
-            for batch in self._feed.batches():
-                if asked:
-                    break
-                yield batch
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-        for number, frame in asked:
-            ends = before[number]
-            if callable(ends):
-                ends(number, frame)
+
+def _until_asked(batches: Iterator[Given]) -> Iterator[Given]:
+    """What comes before somebody asks for the end."""
+    asked: list[tuple[int, FrameType | None]] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        asked.append((number, frame))
+        signal.signal(number, before[number])
+
+    before = {int(each): signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        for number in before:
+            signal.signal(number, note)
+        for batch in batches:
+            if asked:
+                break
+            yield batch
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number, frame in asked:
+        ends = before[number]
+        if callable(ends):
+            ends(number, frame)

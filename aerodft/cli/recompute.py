@@ -1,5 +1,6 @@
 """``aerodft recompute``: the same pipeline over a recording's raw input, or over that of many recordings."""
 
+import gc
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -104,6 +105,7 @@ def _recompute_one(
 ) -> None:
     with without_collector():
         ready = prepare(folder, config, calibration, vision=vision)
+    gc.freeze()  # what is loaded stays: it need not be looked through again
     old, tally = ready.recording, Tally()
     recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:

@@ -17,6 +17,8 @@ from aerodft.cli.wiring import Tally, run
 from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from aerodft.model.batch import Batch
+from aerodft.service.batches import Batches
+from aerodft.service.made import Made
 from aerodft.service.ports import Output
 from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset, InputKey, input_key
@@ -147,6 +149,11 @@ class _RowSink:
         for item in outputs:
             if isinstance(item, ImageAnswers):
                 self._rows.add(self._encoder.each(item))
+
+    def span(self, batches: Batches, made: Made) -> None:  # noqa: ARG002 - the recording holds them
+        """Add some ticks' measurements."""
+        for outputs in made:
+            self.outputs(outputs)
 
     def close(self) -> None:
         """The rows close themselves."""

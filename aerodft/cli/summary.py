@@ -9,7 +9,7 @@ from aerodft.cli.output import print_json, say
 from aerodft.cli.watching import steadiness_document, steadiness_sentence
 from aerodft.cli.wiring import Tally
 from aerodft.errors import NoAnswerError
-from aerodft.service.pipeline import Counts
+from aerodft.service.counts import Counts
 
 _LOSS = 5
 

@@ -1,5 +1,6 @@
 """What the same requests came to in many images, as columns of numbers; single answers are made when they are asked."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -7,9 +8,10 @@ from typing import Final, overload
 
 import numpy as np
 
-from aerodft.dft.answers import Answer
+from aerodft.dft.answers import Answer, ImageAnswers
+from aerodft.dft.request import Request, Setup
 from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.pose_columns import Posed
+from aerodft.model.pose_columns import Posed, PoseRows
 from aerodft.model.status import Status
 
 NUMBERS: Final = ("value", "std", "ci95", "ellipse95", "ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
@@ -122,3 +124,52 @@ class AnswerRow(Sequence[Answer]):
     def __iter__(self) -> Iterator[Answer]:
         reasons = self.block.poses[self.row].reasons
         return (column.answer(self.row, reasons) for column in self.block.columns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageColumns:
+    """What the same requests came to in ``n`` images whose poses were made together.
+
+    Attributes:
+        setup: What all share.
+        requests: The requests.
+        poses: The images'.
+        images: Their indices, where they have one.
+        answers: Of a block with these poses.
+        first: The first of the block's images that is meant.
+    """
+
+    setup: Setup
+    requests: tuple[Request, ...]
+    poses: PoseRows
+    images: Sequence[int | None]
+    answers: AnswerBlock
+    first: int = 0
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    @property
+    def is_plain(self) -> BoolArray:
+        """``(n,)`` where all answers are plain."""
+        return self.answers.is_plain[self.first : self.first + len(self.images)]
+
+    def statuses(self) -> Counter[tuple[Status, ...]]:
+        """How many images have answers of such statuses; plain ones need not be made for that."""
+        odd = np.flatnonzero(~self.is_plain).tolist()
+        found = Counter(AnswerRow(self.answers, self.first + row).statuses for row in odd)
+        if len(odd) < len(self):
+            found[self.answers.all_ok] += len(self) - len(odd)
+        return found
+
+    def row(self, row: int) -> ImageAnswers:
+        """One of the images."""
+        answers = AnswerRow(self.answers, self.first + row)
+        return ImageAnswers.of(self.setup, self.poses[row], self.images[row], self.requests, answers)
+
+    def rows(self, first: int, stop: int) -> "ImageColumns":
+        """Some of the images."""
+        own = slice(first, stop)
+        return ImageColumns(
+            self.setup, self.requests, self.poses[own], self.images[own], self.answers, self.first + first
+        )

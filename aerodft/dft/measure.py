@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodft.dft.answer_columns import AnswerBlock, AnswerColumn
+from aerodft.dft.answer_columns import AnswerBlock, AnswerColumn, ImageColumns
 from aerodft.dft.answers import Answer, ImageAnswers
 from aerodft.dft.budget import Share, variance_budget
 from aerodft.dft.first_order import first_order_answers
@@ -20,10 +20,10 @@ from aerodft.dft.zoomed import zoomed
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import GeoOrigin, Pose, PoseSample, stacked
-from aerodft.model.pose_columns import Posed, PoseRow, by_columns, sample_of
+from aerodft.model.pose_columns import Posed, PoseRow, PoseRows, by_columns, sample_of
 from aerodft.model.status import Status
 
-__all__ = ["Request", "Setup", "explain", "measure", "measure_each", "measure_images"]
+__all__ = ["Request", "Setup", "explain", "measure", "measure_each", "measure_images", "measure_rows"]
 
 _AT_ONCE = 512  # images: their derivatives stay in the cache
 
@@ -74,12 +74,28 @@ def _measured(
     found: list[Sequence[Answer]] = [() for _ in poses]
     for rows, seen_with in _alike(setup, poses):
         answers = _answered(seen_with, [poses[row] for row in rows], [requests[row] for row in rows])
-        for row, own in zip(rows, answers, strict=True):
+        for row, own in zip(rows, answers.rows(), strict=True):
             found[row] = own
     return [
         ImageAnswers.of(setup, posed, image, own, answers or _missed(posed, own))
         for answers, posed, own, image in zip(found, poses, requests, images, strict=True)
     ]
+
+
+def measure_rows(
+    setup: Setup, poses: PoseRows, requests: tuple[Request, ...], images: Sequence[int | None]
+) -> Iterator[ImageColumns]:
+    """The same of images whose poses were made together, some images after the other."""
+    most = 1 if _is_one_by_one(setup) else _AT_ONCE
+    for first in range(0, len(poses), most):
+        own = slice(first, first + most)
+        answers = _answered(setup, poses[own], [requests] * len(poses[own]))
+        yield ImageColumns(setup, requests, poses[own], images[own], answers)
+
+
+def _is_one_by_one(setup: Setup) -> bool:
+    """Whether images can be measured alone only."""
+    return setup.model is not ProjectionModel.PINHOLE or setup.ground is not None
 
 
 def _missed(posed: Posed, requests: tuple[Request, ...]) -> list[Answer]:
@@ -88,7 +104,7 @@ def _missed(posed: Posed, requests: tuple[Request, ...]) -> list[Answer]:
 
 def _alike(setup: Setup, poses: Sequence[Posed]) -> Iterator[tuple[list[int], Setup]]:
     """Images with a pose that can be measured at once: seen with one camera, on level ground, from one origin."""
-    one_by_one = setup.model is not ProjectionModel.PINHOLE or setup.ground is not None
+    one_by_one = _is_one_by_one(setup)
     waiting: list[int] = []
     for row, posed in enumerate(poses):
         if posed.status is not Status.OK or (isinstance(posed, PoseSample) and posed.pose is None):
@@ -112,12 +128,13 @@ def _seen_with(setup: Setup, posed: Posed) -> Setup:
     return setup if isinstance(posed, PoseRow) else zoomed(setup, posed)[0]
 
 
-def _answered(setup: Setup, poses: list[Posed], each: Sequence[tuple[Request, ...]]) -> Sequence[Sequence[Answer]]:
+def _answered(setup: Setup, poses: Sequence[Posed], each: Sequence[tuple[Request, ...]]) -> AnswerBlock:
     """The answers of images that are alike, to the same requests or to such as differ in where their pixels are."""
     requests = each[0]
     if not requests:
-        return [()] * len(poses)
-    poses = [posed if isinstance(posed, PoseRow) else zoomed(setup, posed)[1] for posed in poses]
+        return AnswerBlock((), poses)
+    if not isinstance(poses, PoseRows):
+        poses = [posed if isinstance(posed, PoseRow) else zoomed(setup, posed)[1] for posed in poses]
     on_ground = tuple(request for request in requests if request.on_top_of is None)
     points = _points(setup, poses, on_ground, None if each[-1] is requests else _pixels(each))
     plain = iter(first_order_answers(setup, len(poses), on_ground, points))
@@ -135,7 +152,7 @@ def _answered(setup: Setup, poses: list[Posed], each: Sequence[tuple[Request, ..
         else:
             others[member][row] = _on_top(record)
     columns = [replace(column, others=own) for column, own in zip(columns, others, strict=True)]
-    return AnswerBlock(tuple(columns), poses).rows()
+    return AnswerBlock(tuple(columns), poses)
 
 
 def _pixels(each: Sequence[tuple[Request, ...]]) -> FloatArray:
@@ -173,10 +190,11 @@ def _points(
 
 def _together(poses: Sequence[Posed]) -> tuple[Pose, GeoOrigin | None]:
     """The ``(n,)`` poses, all of which are rows of the same columns or none is, and their origin."""
-    rows = [posed for posed in poses if isinstance(posed, PoseRow)]
+    rows = [] if isinstance(poses, PoseRows) else [posed for posed in poses if isinstance(posed, PoseRow)]
     if rows:
-        ((columns, which),) = by_columns(rows)
-        return columns.pose.rows(which), rows[0].alike.origin
+        poses = PoseRows(*next(by_columns(rows)))
+    if isinstance(poses, PoseRows):
+        return poses.columns.pose.rows(poses.rows), poses[0].alike.origin
     samples = [posed for posed in poses if isinstance(posed, PoseSample)]
     return stacked([sample.pose for sample in samples if sample.pose is not None]), samples[0].origin
 

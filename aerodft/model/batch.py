@@ -21,3 +21,8 @@ class Batch:
     raw: tuple[RawBlock, ...] = ()
     images: tuple[Image, ...] = ()
     observations: tuple[Observation, ...] = ()
+
+    @property
+    def event_count(self) -> int:
+        """How many events, each frame of its own."""
+        return sum(len(block.length) for block in self.raw) + len(self.images) + len(self.observations)

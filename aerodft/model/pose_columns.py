@@ -1,9 +1,9 @@
 """Poses at many stamps as columns; single samples are made when somebody asks for them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import groupby
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, overload
 
 import numpy as np
 
@@ -124,6 +124,45 @@ class PoseRow:
     def calibration(self) -> str | None:
         """As in ``PoseSample``."""
         return self.alike.calibration
+
+
+class PoseRows(Sequence[PoseRow]):
+    """Some of such poses, in any order.
+
+    Attributes:
+        columns: All of them.
+        rows: ``(n,)`` which.
+    """
+
+    __slots__ = ("columns", "rows")
+
+    def __init__(self, columns: PoseColumns, rows: IntArray) -> None:
+        self.columns = columns
+        self.rows = rows
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> PoseRow: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "PoseRows": ...
+
+    def __getitem__(self, index: int | slice) -> "PoseRow | PoseRows":
+        if isinstance(index, slice):
+            return PoseRows(self.columns, self.rows[index])
+        return PoseRow(self.columns, int(self.rows[index]))
+
+    @property
+    def stamp_ns(self) -> IntArray:
+        """``(n,)``."""
+        return self.columns.stamp_ns[self.rows]
+
+    @property
+    def which(self) -> IntArray:
+        """``(n,)`` which of ``columns.alike`` each is."""
+        return self.columns.which[self.rows]
 
 
 Posed: TypeAlias = PoseSample | PoseRow

@@ -3,20 +3,27 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import NamedTuple
 
+from aerodft.dft.measure import measure
+from aerodft.dft.projection import shared_count
 from aerodft.dft.request import Request, Setup, linked
+from aerodft.dft.sampling import standard_draws
 from aerodft.dft.zoomed import zoomed
+from aerodft.geometry.poses import camera_pose
 from aerodft.model.height import HeightSwitch
-from aerodft.model.image import Image
+from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource
-from aerodft.model.pose_columns import Posed, sample_of
+from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.pose_columns import Posed, PoseRows, sample_of
 from aerodft.model.probe import PixelSource
+from aerodft.model.status import Status
 from aerodft.service.asked import Asked
-from aerodft.service.outlined import request_of, unseen
+from aerodft.service.objects import OBJECTS
+from aerodft.service.outlined import can_answer, request_of, unseen
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output
 from aerodft.service.settings import PipelineSettings
-from aerodft.service.waiting import ImageMemory, Ready
+from aerodft.service.waiting import ImageMemory, Job, Ready
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +39,32 @@ class Helpers:
     calibrator: Calibrator | None = None
     observer: LandmarkObserver | None = None
     tracker: ObjectTracker | None = None
+
+
+class Uses(NamedTuple):
+    """Who has a use for an observation.
+
+    Attributes:
+        is_known: Whether its name says anything to anybody.
+        is_measured: Whether a probe is measured by it.
+        is_landmark: Whether it is learned from.
+        is_object: Whether it is followed.
+    """
+
+    is_known: bool
+    is_measured: bool
+    is_landmark: bool
+    is_object: bool
+
+    def jobs(self, stamp_ns: int, deadline_ns: int, seen: Observation, clock: StampClock) -> list[Job]:
+        """What is to be done with it, seen at a stamp that came by that clock."""
+        job = Job(stamp_ns, deadline_ns, seen, clock)
+        roles = (
+            (self.is_measured, job),
+            (self.is_landmark, job._replace(is_landmark=True)),
+            (self.is_object, job._replace(is_object=True)),
+        )
+        return [each for is_wanted, each in roles if is_wanted]
 
 
 class Answering:
@@ -69,6 +102,24 @@ class Answering:
         self._match_tolerance_ns = settings.match_tolerance_ns
         self._height_source: HeightSource | None = None
 
+    def warm_up(self) -> None:
+        """Load and compile what answers are made with."""
+        standard_draws(shared_count(self._setup.camera) + 2)
+        down = camera_pose(height_agl_m=10.0, tilt_rad=0.5)
+        measure(self._setup, PoseSample(stamp_ns=0, status=Status.OK, pose=down), self.fixed)
+
+    def uses(self, observation: Observation) -> Uses:
+        """What an observation is good for."""
+        probe, observer = self.observed.get(observation.name), self._observer
+        is_named = observer is not None and observer.observes(observation.name)
+        is_object = self._tracker is not None and observation.name == OBJECTS
+        return Uses(
+            is_known=probe is not None or is_named or is_object,
+            is_measured=probe is not None and can_answer(probe, observation),
+            is_landmark=is_named and observer is not None and observer.fits(observation),
+            is_object=is_object,
+        )
+
     def done(self, ready: Sequence[Ready]) -> list[Output | Asked]:
         """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
         outputs: list[Output | Asked] = []
@@ -87,6 +138,10 @@ class Answering:
         if self._tracker is not None:
             outputs += self._follow(self._tracker, [each for each in ready if each.job.is_object])
         return outputs
+
+    def may_be_rows(self, poses: PoseRows) -> bool:
+        """Whether images with such poses come to nothing but their answers: nobody refines, no height switches."""
+        return self._calibrator is None and poses.columns.alike[0].height_source is self._height_source
 
     def _follow(self, tracker: ObjectTracker, seen: Sequence[Ready]) -> list[Output | Asked]:
         """Follow objects in order of their stamps, those of one image at once."""

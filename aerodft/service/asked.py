@@ -3,9 +3,12 @@
 from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
-from aerodft.dft.measure import measure_each, measure_images
+from aerodft.dft.measure import measure_each, measure_images, measure_rows
 from aerodft.dft.request import Request, Setup
-from aerodft.model.pose_columns import Posed
+from aerodft.model.arrays import IntArray
+from aerodft.model.image import Image
+from aerodft.model.pose_columns import Posed, PoseRows
+from aerodft.service.made import AnsweredImages, Made
 from aerodft.service.ports import Output
 
 
@@ -15,6 +18,64 @@ class Asked(NamedTuple):
     posed: Posed
     requests: tuple[Request, ...]
     image: int | None
+
+
+class AskedImages(NamedTuple):
+    """Images ``(n,)`` of ticks on which nothing else is answered, by the tick of each."""
+
+    tick: IntArray
+    images: Sequence[Image]
+    poses: PoseRows
+
+
+class Work:
+    """What is done in some ticks, one after the other.
+
+    Attributes:
+        count: Number of ticks so far.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._together: list[AskedImages] = []
+        self._apart: dict[int, list[Output | Asked]] = {}
+
+    def add_tick(self, outputs: list[Output | Asked]) -> None:
+        """Add one tick."""
+        if outputs:
+            self._apart[self.count] = outputs
+        self.count += 1
+
+    def add_ticks(self, count: int, images: AskedImages) -> None:
+        """Add some, in which nothing but images is answered; ticks are counted from the first of these."""
+        if images.images:
+            self._together.append(images._replace(tick=images.tick + self.count))
+        self.count += count
+
+    def measured(self, setup: Setup, fixed: tuple[Request, ...]) -> Made:
+        """What it comes to.
+
+        Args:
+            setup: What all measurements share.
+            fixed: What is asked in every image.
+        """
+        together = [block for images in self._together for block in _answered(setup, fixed, images)]
+        apart = measured(setup, fixed, list(self._apart.values()))
+        return Made(self.count, together, dict(zip(self._apart, apart, strict=True)))
+
+
+def _answered(setup: Setup, fixed: tuple[Request, ...], asked: AskedImages) -> Sequence[AnsweredImages]:
+    """Images as they are measured at once."""
+    if not fixed:
+        return [AnsweredImages(*asked, None)]
+    indices = [None if image.width_px is None else image.index for image in asked.images]
+    blocks: list[AnsweredImages] = []
+    first = 0
+    for answers in measure_rows(setup, asked.poses, fixed, indices):
+        own = slice(first, first + len(answers))
+        blocks.append(AnsweredImages(asked.tick[own], asked.images[own], answers.poses, answers))
+        first = own.stop
+    return blocks
 
 
 def measured(

@@ -29,6 +29,7 @@ class AttitudeSources:
         }
         self._resolver = Resolver(settings)
         self._tick = -1
+        self._vehicle_at: dict[int, FloatArray] = {}
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, for the watermark."""
@@ -62,6 +63,7 @@ class AttitudeSources:
     def settle(self) -> None:
         """All ticks so far are over."""
         self._tick = -1
+        self._vehicle_at = {}
         for gimbal in self._gimbals.values():
             gimbal.settle(self._vehicle)
 
@@ -75,10 +77,16 @@ class AttitudeSources:
         heard = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.reports}
         return {source: gimbal.is_demand(gimbal.evidence(self._vehicle).frame) for source, gimbal in heard.items()}
 
-    def vehicle_at(self, stamp_ns: int, watermark_ns: int) -> FloatArray | Missing:
-        """``ned_SO3_body (4,)`` at the stamp."""
+    def vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:
+        """``ned_SO3_body (4,)`` at the stamp; kept until the ticks are over: heights ask for each many times."""
+        known = self._vehicle_at.get(stamp_ns)
+        if known is not None:
+            return known
         found = self._vehicle.find(stamp_ns, watermark_ns)
-        return found if isinstance(found, Missing) else found.spherical(self._vehicle.column("wxyz"))
+        if isinstance(found, Missing):
+            return found
+        turned = self._vehicle_at[stamp_ns] = found.spherical(self._vehicle.column("wxyz"))
+        return turned
 
     def at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
         """The camera's attitude at the stamp."""

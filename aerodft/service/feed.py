@@ -10,19 +10,20 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import groupby
-from typing import Final
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Batch, Event
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.block_parts import BlockParts
-from aerodft.service.ports import Clock, Source
+from aerodft.service.batches import Batches, by_kind, one_batch
+from aerodft.service.ports import Clock, Feed, Source
 
+_TICKS_AHEAD: Final = 64  # that are read where they are asked for one by one
 _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
 
 
@@ -51,54 +52,26 @@ def block_of(protocol: WireProtocol, sender: str, arrivals_ns: Sequence[int], fr
     )
 
 
-def joined_blocks(blocks: list[RawBlock]) -> RawBlock:
-    """One block of all frames of one sender's blocks, in order of arrival."""
-    if len(blocks) == 1:
-        return blocks[0]
-    data: list[bytes] = []
-    offsets = []
-    size = 0
-    for _, shared in groupby(blocks, key=lambda block: id(block.data)):
-        own = list(shared)
-        offset = np.concatenate([block.offset for block in own])
-        start = int(offset.min())
-        stop = int((offset + np.concatenate([block.length for block in own])).max())
-        data.append(own[0].data[start:stop])
-        offsets.append(offset - start + size)
-        size += stop - start
-    arrival_ns = np.concatenate([block.arrival_ns for block in blocks])
-    order = np.argsort(arrival_ns, kind="stable")
-    return RawBlock(
-        protocol=blocks[0].protocol,
-        sender=blocks[0].sender,
-        arrival_ns=arrival_ns[order],
-        offset=np.concatenate(offsets)[order],
-        length=np.concatenate([block.length for block in blocks])[order],
-        data=b"".join(data),
-        checked=all(block.checked for block in blocks),
-    )
-
-
 def batch_of(now_ns: int, events: Iterable[Event]) -> Batch:
     """Build the batch of one tick from its events, each kind in order of arrival.
 
     Blocks of one sender become one block; blocks stand in order of first arrival, then protocol and sender.
     """
-    senders: dict[tuple[WireProtocol, str], list[RawBlock]] = {}
-    images: list[Image] = []
-    observations: list[Observation] = []
-    for event in events:
-        if isinstance(event, RawBlock):
-            senders.setdefault((event.protocol, event.sender), []).append(event)
-        elif isinstance(event, Image):
-            images.append(event)
-        else:
-            observations.append(event)
-    raw = [joined_blocks(blocks) for blocks in senders.values()]
-    raw.sort(key=lambda block: (int(block.arrival_ns[0]), block.protocol, block.sender))
-    images.sort(key=lambda image: image.arrival_ns)
-    observations.sort(key=lambda observation: observation.arrival_ns)
-    return Batch(now_ns=now_ns, raw=tuple(raw), images=tuple(images), observations=tuple(observations))
+    raw, images, observations = by_kind(events)
+    return one_batch(now_ns, raw, images, observations)
+
+
+def arrivals_ns(events: Sequence[Event]) -> IntArray:
+    """All arrivals among some events ``(n,)``, in no order."""
+    blocks = [event.arrival_ns for event in events if isinstance(event, RawBlock)]
+    others = np.array([event.arrival_ns for event in events if not isinstance(event, RawBlock)], dtype=np.int64)
+    return np.concatenate([*blocks, others])
+
+
+def _cut_all(events: Sequence[Event], until_ns: int) -> tuple[list[Event], list[Event]]:
+    """What arrived by ``until_ns``, and the rest."""
+    parts = [_cut(event, until_ns) for event in events]
+    return [head for head, _ in parts if head is not None], [tail for _, tail in parts if tail is not None]
 
 
 def _cut(event: Event, until_ns: int) -> tuple[Event | None, Event | None]:
@@ -112,25 +85,13 @@ def _cut(event: Event, until_ns: int) -> tuple[Event | None, Event | None]:
     return (event.rows(0, split) if split else None), event.rows(split, count)
 
 
-def together(batches: Iterable[Batch], longest_ns: int) -> Iterator[list[Batch]]:
-    """Batches in groups that last up to ``longest_ns``, 0 for each alone; images with pixels never wait for others.
+@runtime_checkable
+class SpanFeed(Feed, Protocol):
+    """A feed that gives some ticks at once, too."""
 
-    Where many images or observations are to be answered a group ends earlier: all its answers are in memory at once.
-    """
-    group: list[Batch] = []
-    subjects = 0
-    for batch in batches:
-        has_pixels = any(image.pixels is not None for image in batch.images)
-        subjects += len(batch.images) + len(batch.observations)
-        if group and (has_pixels or subjects > _MOST_SUBJECTS or batch.now_ns - group[0].now_ns >= longest_ns):
-            yield group
-            group, subjects = [], len(batch.images) + len(batch.observations)
-        group.append(batch)
-        if has_pixels or not longest_ns:
-            yield group
-            group, subjects = [], 0
-    if group:
-        yield group
+    def spans(self, longest_ns: int) -> Iterator[Batches]:
+        """``batches``, those of up to ``longest_ns`` together."""
+        ...
 
 
 class MergedFeed:
@@ -155,39 +116,77 @@ class MergedFeed:
 
     def batches(self) -> Iterator[Batch]:
         """Batches with increasing ``now_ns``, until every source has ended."""
-        streams = (filter(_has_rows, source.events()) for source in self._sources)
-        events = heapq.merge(*streams, key=first_arrival_ns)
-        coming = next(events, None)
-        begun: list[BlockParts] = []  # blocks of which only a part has been due
-        now_ns: int | None = None
-        while coming is not None or begun:
-            ticks_ns = [parts.tick_ns for parts in begun]
-            if coming is not None:
-                ticks_ns.append(tick_after(first_arrival_ns(coming), self._tick_ns))
-            tick_ns = min(ticks_ns)
-            if now_ns is not None and tick_ns > now_ns + self._tick_ns:
-                yield from self._lingering(now_ns, tick_ns)
-            now_ns = tick_ns
-            due: list[Event] = [parts.pop() for parts in begun if parts.tick_ns == now_ns]
-            while coming is not None and (arrival_ns := first_arrival_ns(coming)) <= now_ns:
-                if arrival_ns <= now_ns - self._tick_ns:
-                    raise ValueError(f"arrival {arrival_ns} ns in tick {now_ns} ns, must not go back")
-                if isinstance(coming, RawBlock):
-                    begun.append(BlockParts(coming, self._tick_ns))
-                    due.append(begun[-1].pop())
-                else:
-                    due.append(coming)
-                coming = next(events, None)
-            begun = [parts for parts in begun if parts.left]
-            yield batch_of(now_ns, due)
-        if now_ns is not None:
-            yield from self._lingering(now_ns, now_ns + self._linger_ns + self._tick_ns)
+        for span in self.spans(_TICKS_AHEAD * self._tick_ns):
+            yield from span
 
-    def _lingering(self, last_ns: int, before_ns: int) -> Iterator[Batch]:
-        """The empty batches between two ticks."""
-        stop_ns = min(before_ns, last_ns + self._linger_ns + 1)
-        for now_ns in range(last_ns + self._tick_ns, stop_ns, self._tick_ns):
-            yield Batch(now_ns=now_ns)
+    def spans(self, longest_ns: int) -> Iterator[Batches]:
+        """The same, those of up to ``longest_ns`` together; but images with pixels never wait for others.
+
+        Where many images or observations are to be answered a span ends earlier: all its answers are in memory at once.
+
+        Raises:
+            ValueError: A source goes back to a tick that is over.
+        """
+        streams = (filter(_has_rows, source.events()) for source in self._sources)
+        events = Peekable(heapq.merge(*streams, key=first_arrival_ns))
+        begun: list[Event] = []  # blocks of which only a part has been due
+        last_ns: int | None = None
+        while begun or events.next is not None:
+            coming = begun if events.next is None else [*begun, events.next]
+            first_ns = tick_after(min(map(first_arrival_ns, coming)), self._tick_ns)
+            end_ns = self._collected(events, begun, first_ns, first_ns + longest_ns // self._tick_ns * self._tick_ns)
+            due, begun = _cut_all(begun, end_ns)
+            ticks_ns = np.unique(-(-arrivals_ns(due) // self._tick_ns)) * self._tick_ns
+            yield Batches.from_events(self._with_lingering(last_ns, ticks_ns), due)
+            last_ns = int(ticks_ns[-1])
+        if last_ns is not None:
+            count = self._linger_ns // self._tick_ns
+            yield Batches.from_events(last_ns + self._tick_ns * np.arange(1, count + 1), ())
+
+    def _collected(self, events: "Peekable", begun: list[Event], first_ns: int, end_ns: int) -> int:
+        """Add to ``begun`` what comes in ticks up to ``end_ns``, or to an earlier one, which is given back."""
+        subjects = 0
+        while events.next is not None:
+            arrival_ns = first_arrival_ns(events.next)
+            if arrival_ns > end_ns:
+                break
+            if arrival_ns <= first_ns - self._tick_ns:
+                raise ValueError(f"arrival {arrival_ns} ns in tick {first_ns} ns, must not go back")
+            if not isinstance(events.next, RawBlock):
+                subjects += 1
+                has_pixels = isinstance(events.next, Image) and events.next.pixels is not None
+                if has_pixels or subjects > _MOST_SUBJECTS:
+                    tick_ns = tick_after(arrival_ns, self._tick_ns)
+                    if tick_ns > first_ns:
+                        return tick_ns - self._tick_ns
+                    end_ns = first_ns if has_pixels else end_ns
+            begun.append(events.pop())
+        return end_ns
+
+    def _with_lingering(self, last_ns: int | None, ticks_ns: IntArray) -> IntArray:
+        """Ticks with the empty ones that come before each of them, after the last tick before all of them."""
+        before_ns = np.concatenate([[ticks_ns[0] if last_ns is None else last_ns], ticks_ns[:-1]])
+        empty = np.minimum((ticks_ns - before_ns) // self._tick_ns - 1, self._linger_ns // self._tick_ns)
+        late = [before_ns[k] + self._tick_ns * np.arange(1, empty[k] + 1) for k in np.flatnonzero(empty > 0).tolist()]
+        return np.sort(np.concatenate([ticks_ns, *late]))
+
+
+class Peekable:
+    """Events of which the next one can be looked at.
+
+    Attributes:
+        next: It; None at the end.
+    """
+
+    def __init__(self, events: Iterator[Event]) -> None:
+        self._events = events
+        self.next = next(events, None)
+
+    def pop(self) -> Event:
+        """Take it."""
+        taken, self.next = self.next, next(self._events, None)
+        assert taken is not None  # noqa: S101 - the callers' own condition, for the type checker
+        return taken
 
 
 def _has_rows(event: Event) -> bool:

@@ -1,13 +1,11 @@
 """Raw telemetry into poses: several ticks at once where that makes no difference to one after the other."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
-import numpy as np
-
 from aerodft.model.batch import Batch
+from aerodft.service.batches import Batches
 from aerodft.service.clock_ticks import Ticks
-from aerodft.service.feed import joined_blocks
 from aerodft.service.ports import TelemetryDecoder
 from aerodft.service.poses import PoseSource
 
@@ -34,14 +32,11 @@ class Intake:
         """Telemetry that held no value so far, by ``MESSAGE: reason``."""
         return dict(self._decoder.rejected)
 
-    def take_together(
-        self, batches: Sequence[Batch], stamps: Callable[[Sequence[Batch]], Iterable[tuple[int, int]]]
-    ) -> int:
+    def take_together(self, batches: Batches) -> int:
         """Take in the first batches, as many as can be, each then to be seen as if it had just come.
 
         Args:
             batches: Of consecutive ticks.
-            stamps: What ``PoseSource.prepare`` takes for such batches, asked for when the clocks are known.
 
         Returns:
             How many were taken in; 0 where some must be taken in one by one.
@@ -50,9 +45,8 @@ class Intake:
         fewest = max(2, min(count, FEWEST_TOGETHER))
         while count >= fewest and self._poses.is_settled and self._decode(batches):
             ticks = self._ahead.between(self._next, self._next + count)
-            if self._poses.append_ticks(ticks.tracks, np.array([batch.now_ns for batch in batches[:count]])):
+            if self._poses.append_ticks(ticks.tracks, batches.now_ns[:count]):
                 self._next += count
-                self._poses.prepare(stamps(batches[:count]))
                 return count
             count //= 2
         return 0
@@ -65,13 +59,12 @@ class Intake:
         else:
             yield from map(self._poses.append, map(self._decoder.decode, batch.raw))
 
-    def _decode(self, batches: Sequence[Batch]) -> bool:
+    def _decode(self, batches: Batches) -> bool:
         """Have the tracks of all batches; False where several senders speak in them, or none."""
         if self._next < self._ahead.count:
             return True
-        blocks = [block for batch in batches for block in batch.raw]
-        if len({(block.protocol, block.sender) for block in blocks}) != 1:
+        if len(batches.raw) != 1:
             return False
-        tracks = self._decoder.decode(joined_blocks(blocks))
-        self._ahead, self._next = Ticks.of(tracks, np.array([batch.now_ns for batch in batches])), 0
+        tracks = self._decoder.decode(batches.raw[0])
+        self._ahead, self._next = Ticks.of(tracks, batches.now_ns), 0
         return True

@@ -7,41 +7,32 @@ landmarks teach is used from the next stamp on: of what is done on one tick, in 
 
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from aerodft.dft.measure import Request, Setup, measure
-from aerodft.dft.projection import shared_count
-from aerodft.dft.sampling import standard_draws
-from aerodft.geometry.poses import camera_pose
 from aerodft.model.batch import Batch
 from aerodft.model.health import Health
 from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import Posed, sample_of
+from aerodft.model.pose_columns import Posed, PoseRows, sample_of
 from aerodft.model.status import Status
 from aerodft.service.answering import Answering, Helpers
-from aerodft.service.asked import Asked, measured
+from aerodft.service.asked import Asked, AskedImages, Work
+from aerodft.service.batches import Batches
+from aerodft.service.coming import Coming
+from aerodft.service.counts import Counts
 from aerodft.service.feed import tick_after
 from aerodft.service.intake import FEWEST_TOGETHER, Intake
-from aerodft.service.objects import OBJECTS
-from aerodft.service.outlined import can_answer
+from aerodft.service.made import Made
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.waiting import ImageMemory, Job, Ready
-
-
-@dataclass(slots=True)
-class Counts:
-    """What came in and what could not be used."""
-
-    images: int = 0
-    observations: int = 0
-    unknown_probe: int = 0
-    wrong_pixel_count: int = 0
 
 
 class Pipeline:
@@ -65,7 +56,6 @@ class Pipeline:
     ) -> None:
         self.counts = Counts()
         self._settings = settings
-        self._observer, self._tracker = observer, tracker
         self._setup = Setup(
             camera=settings.camera,
             model=settings.model,
@@ -96,9 +86,7 @@ class Pipeline:
 
     def warm_up(self) -> None:
         """Load and compile now what would hold up the first measurements."""
-        standard_draws(shared_count(self._settings.camera) + 2)
-        down = camera_pose(height_agl_m=10.0, tilt_rad=0.5)
-        measure(self._setup, PoseSample(stamp_ns=0, status=Status.OK, pose=down), self._answering.fixed)
+        self._answering.warm_up()
 
     @property
     def last_pose(self) -> PoseSample | None:
@@ -113,10 +101,12 @@ class Pipeline:
             Finished work: for an image the image (stamp in UTC), its pose and its measurements; for an observation
             the observation with its image, and its measurement; for the landmarks of an image the new estimate.
         """
-        (outputs,) = self.advance((batch,))
-        return outputs
+        with self._lock:
+            work = Work()
+            work.add_tick(self._tick(batch, None))
+            return work.measured(self._setup, self._answering.fixed)[0]
 
-    def advance(self, batches: Sequence[Batch]) -> list[tuple[Output, ...]]:
+    def advance(self, batches: Sequence[Batch]) -> Made:
         """Advance by some ticks at once.
 
         Returns:
@@ -124,26 +114,45 @@ class Pipeline:
             But poses that were made together are rows of their columns; ``sample_of`` makes samples of them.
         """
         with self._lock:
-            work: list[list[Output | Asked]] = []
-            while len(work) < len(batches):
-                work += self._work(batches[len(work) :])
-            return measured(self._setup, self._answering.fixed, work)
+            work, together = Work(), Batches.of(batches)
+            while work.count < len(together):
+                self._work(together[work.count :], work)
+            return work.measured(self._setup, self._answering.fixed)
 
-    def _work(self, batches: Sequence[Batch]) -> list[list[Output | Asked]]:
-        """What is done in the first of some ticks, yet to be measured: in as many as can be taken in together."""
-        before = self._wait_until(batches[0].now_ns)
-        together = self._intake.take_together(batches, self._stamps)
-        now = batches[: together or FEWEST_TOGETHER]
-        work = [self._tick(batch, tick if together else None) for tick, batch in enumerate(now)]
-        return [before + work[0], *work[1:]]
+    def _work(self, batches: Batches, work: Work) -> None:
+        """Do what is to be done in the first of some ticks: in as many as can be taken in together."""
+        before = self._wait_until(int(batches.now_ns[0]))
+        together = self._intake.take_together(batches)
+        if not together:
+            for batch in batches[:FEWEST_TOGETHER]:
+                work.add_tick(before + self._tick(batch, None))
+                before = []
+            return
+        batches = batches[:together]
+        coming = Coming.of(batches, self._poses.clock)
+        self._poses.prepare(coming.asked(self._jobs))
+        poses = self._poses.ready(coming.tick, coming.stamps_ns)
+        odd = coming.odd_ticks(batches, poses, self._wait_ns, self._settings.tick_ns)
+        tick = 0
+        while tick < together:
+            stop = int(odd[np.searchsorted(odd, tick)])
+            if poses is None or stop == tick or before or self._jobs or not self._answering.may_be_rows(poses):
+                work.add_tick(before + self._tick(batches[tick], tick))
+                before, tick = [], tick + 1
+            else:
+                work.add_ticks(stop - tick, self._images_alone(coming, poses, tick, stop))
+                tick = stop
 
-    def _stamps(self, batches: Sequence[Batch]) -> Iterator[tuple[int, int]]:
-        """UTC of what waits, and of the images and observations that come, with the tick on which they do."""
-        yield from ((job.stamp_ns, 0) for job in self._jobs)
-        for tick, batch in enumerate(batches):
-            self._poses.clock.see(tick)
-            subjects: tuple[Image | Observation, ...] = (*batch.images, *batch.observations)
-            yield from ((self._utc(each.stamp_ns, each.clock), tick) for each in subjects)
+    def _images_alone(self, coming: Coming, poses: PoseRows, first: int, stop: int) -> AskedImages:
+        """What is done in ticks in which nothing comes but images, whose poses are ready."""
+        own = coming.between(first, stop)
+        images, rows = coming.images[own], poses[own]
+        self._poses.see(stop - 1)
+        self.counts.images += len(images)
+        self._images.add_all(images, rows.stamp_ns)
+        if images:
+            self._answering.last_pose = rows[-1]
+        return AskedImages(coming.tick[own] - first, images, rows)
 
     def _tick(self, batch: Batch, tick: int | None) -> list[Output | Asked]:
         """What is done in one tick, yet to be measured; its telemetry is there already where it has a number."""
@@ -168,8 +177,9 @@ class Pipeline:
     def finish(self) -> tuple[Output, ...]:
         """The end of the input: what still waits is answered with what there is."""
         with self._lock:
-            (outputs,) = measured(self._setup, self._answering.fixed, [self._wait_until(None)])
-            return outputs
+            work = Work()
+            work.add_tick(self._wait_until(None))
+            return work.measured(self._setup, self._answering.fixed)[0]
 
     def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
         """Answer a question from outside, from any thread.
@@ -224,26 +234,16 @@ class Pipeline:
 
     def _accept_observation(self, observation: Observation) -> None:
         self.counts.observations += 1
-        probe = self._answering.observed.get(observation.name)
-        is_known = self._observer is not None and self._observer.observes(observation.name)
-        is_object = self._tracker is not None and observation.name == OBJECTS
-        if probe is None and not is_known and not is_object:
+        uses = self._answering.uses(observation)
+        if not uses.is_known:
             self.counts.unknown_probe += 1
-            return
-        is_measured = probe is not None and can_answer(probe, observation)
-        is_landmark = self._observer is not None and is_known and self._observer.fits(observation)
-        if not is_measured and not is_landmark and not is_object:
+        elif not any(uses[1:]):
             self.counts.wrong_pixel_count += 1
-            return
-        stamp_ns = self._seen_ns(observation)
-        known = replace(observation, stamp_ns=stamp_ns, clock=StampClock.UTC)
-        deadline = tick_after(observation.arrival_ns + self._wait_ns, self._settings.tick_ns)
-        if is_measured:
-            self._jobs.append(Job(stamp_ns, deadline, known, observation.clock))
-        if is_landmark:
-            self._jobs.append(Job(stamp_ns, deadline, known, observation.clock, is_landmark=True))
-        if is_object:
-            self._jobs.append(Job(stamp_ns, deadline, known, observation.clock, is_object=True))
+        else:
+            stamp_ns = self._seen_ns(observation)
+            known = replace(observation, stamp_ns=stamp_ns, clock=StampClock.UTC)
+            deadline_ns = tick_after(observation.arrival_ns + self._wait_ns, self._settings.tick_ns)
+            self._jobs += uses.jobs(stamp_ns, deadline_ns, known, observation.clock)
 
     def _seen_ns(self, observation: Observation) -> int:
         """UTC of an observation: on the host's clock its image's own, though the clocks are known better by now."""

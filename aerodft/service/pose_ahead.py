@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
+from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import HORIZONTAL, PoseColumns, Posed, PoseRow
+from aerodft.model.pose_columns import HORIZONTAL, PoseColumns, Posed, PoseRow, PoseRows
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, CameraAttitudes
 from aerodft.service.health import HealthSources
 from aerodft.service.health_verdict import Verdict, Verdicts
@@ -22,9 +22,6 @@ Asked = tuple[int, int]
 
 class PosesAhead:
     """What can be told before it is asked for.
-
-    Attributes:
-        ready: Poses of which nothing more is to be said.
 
     Args:
         attitude: Attitudes at many stamps.
@@ -46,13 +43,14 @@ class PosesAhead:
 
     def clear(self) -> None:
         """The ticks are over."""
-        self.ready: dict[Asked, Posed] = {}
         self._asked: dict[Asked, int] = {}  # and its row in these
         self._attitudes = CameraAttitudes.none(0)
         self._verdicts = Verdicts((), np.empty(0, dtype=np.int64))
         self._whole: dict[Asked, int] = {}  # what has all its parts, and its row in these
         self._parts: PartColumns | None = None
         self._columns: PoseColumns | None = None
+        self._is_left: BoolArray | None = None  # rows of which nothing more is to be said
+        self._completed: dict[Asked, PoseSample] = {}  # those of the others; none before all are complete
 
     def prepare(self, stamps_ns: IntArray, ticks: IntArray) -> None:
         """Make what can be made for stamps ``(n,)``, each as it will be seen at its tick ``(n,)``."""
@@ -73,16 +71,33 @@ class PosesAhead:
             return
         is_left = self._maker.leaves(self._parts.heights, clock)
         rows = [self._asked[key] for key in self._whole]
-        is_left &= self._verdicts.leave(rows, self._columns.std[:, HORIZONTAL])
-        for (key, row), left in zip(self._whole.items(), is_left.tolist(), strict=True):
-            self.ready[key] = PoseRow(self._columns, row) if left else self._completed(key, row, clock)
+        self._is_left = is_left & self._verdicts.leave(rows, self._columns.std[:, HORIZONTAL])
+        others = np.flatnonzero(~self._is_left).tolist()
+        if others:
+            keys = list(self._whole)
+            self._completed = {keys[row]: self._complete(keys[row], row, clock) for row in others}
 
-    def _completed(self, key: Asked, row: int, clock: ClockMap) -> PoseSample:
+    def _complete(self, key: Asked, row: int, clock: ClockMap) -> PoseSample:
         assert self._parts is not None  # noqa: S101 - the callers' own condition, for the type checker
         assert self._columns is not None  # noqa: S101 - likewise
         parts, sample = self._parts.row(row), self._columns.sample(row)
         whole = self._maker.completed(sample, parts.height, parts.place or Missing.NEVER, clock, by_utc=False)
         return self._verdicts.of(self._asked[key]).judged(whole)
+
+    def ready(self, key: Asked) -> Posed | None:
+        """A pose of which nothing more is to be said."""
+        row = self._whole.get(key)
+        if row is None or self._is_left is None or self._columns is None:
+            return None
+        return PoseRow(self._columns, row) if self._is_left[row] else self._completed[key]
+
+    def rows(self, ticks: IntArray, stamps_ns: IntArray) -> PoseRows | None:
+        """The poses that are ready at ticks and stamps ``(n,)``, -1 for none that is a row; None where none is."""
+        if self._is_left is None or self._columns is None:
+            return None
+        asked = zip(ticks.tolist(), stamps_ns.tolist(), strict=True)
+        rows = np.array([self._whole.get(key, -1) for key in asked], dtype=np.int64)
+        return PoseRows(self._columns, np.where(self._is_left[rows], rows, -1))
 
     def attitude(self, key: Asked) -> CameraAttitude | None:
         """An attitude, where it was prepared."""

@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 
 from aerodft.geometry.ground import Ground
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.arrays import IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.health import Health, LinkTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
-from aerodft.model.pose_columns import Posed, sample_of
+from aerodft.model.pose_columns import Posed, PoseRows, sample_of
 from aerodft.model.status import Status
 from aerodft.model.telemetry import CameraTrack, PositionTrack, Track
 from aerodft.service.attitude import AttitudeSources, CameraAttitude, Refused
@@ -59,7 +59,6 @@ class PoseSource:
         self._places = Places(settings.height, origin)
         self._health = HealthSources(settings.health)
         self._tick = self._looked_at = -1
-        self._vehicle: dict[int, FloatArray] = {}  # attitudes of these ticks: heights ask for each many times
         self._ahead = PosesAhead(self._attitude, self._height, self._places, self._health, self._maker)
         self._newest_ns = 0
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
@@ -132,13 +131,12 @@ class PoseSource:
         self._newest_ns = _newest_ns(self._streams())
         return True
 
-    def prepare(self, stamps: Iterable[tuple[int, int]]) -> None:
+    def prepare(self, asked: IntArray) -> None:
         """Find what will be asked for when its telemetry is there; all at once is quicker.
 
         Args:
-            stamps: UTC, and from which of the ticks that were taken in together last a stamp may be asked for.
+            asked: ``(n, 2)`` UTC, and from which of the ticks that were taken in together last it may be asked for.
         """
-        asked = np.array(list(stamps), dtype=np.int64).reshape(-1, 2)
         needed = (self._places.stream, *self._attitude.streams())  # not every source of a height is waited for
         last, first = (
             by_tick(asked, [each.newest_by_tick() for each in streams]) for streams in (self._streams(), needed)
@@ -149,6 +147,10 @@ class PoseSource:
             self._ahead.prepare(stamps_ns, ticks)
         if self.clock.is_plain and (self._zoom is None or not self._zoom.has_begun):
             self._ahead.complete(self.clock)
+
+    def ready(self, ticks: IntArray, stamps_ns: IntArray) -> PoseRows | None:
+        """As ``PosesAhead.rows``, of what was prepared last."""
+        return self._ahead.rows(ticks, stamps_ns)
 
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
@@ -178,7 +180,6 @@ class PoseSource:
         self.see(-1)
         self._look()
         self._ahead.clear()
-        self._vehicle = {}
         self.clock.settle()
         for stream in (*self._streams(), *self._remarks()):
             stream.settle()
@@ -200,7 +201,7 @@ class PoseSource:
 
     def posed_at(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> Posed | None:
         """The same as it was made, with others or alone."""
-        ready = None if final else self._ahead.ready.get((self._tick, stamp_ns))
+        ready = None if final else self._ahead.ready((self._tick, stamp_ns))
         if ready is not None:
             return ready
         sample = self._by_telemetry(stamp_ns, final=final, by_utc=by_utc)
@@ -246,7 +247,7 @@ class PoseSource:
         watermark = self._watermark_ns(final=final)
         attitude, place = self._attitude_at(stamp_ns, watermark), self._places.at(stamp_ns, watermark)
         lat_lon_rad = None if isinstance(place, Missing) else place.lat_lon_alt[:2]
-        height = self._height.at(stamp_ns, watermark, partial(self._vehicle_at, watermark), lat_lon_rad)
+        height = self._height.at(stamp_ns, watermark, partial(self._attitude.vehicle_at, watermark), lat_lon_rad)
         if Missing.PENDING in (height, attitude, place):
             return None
         if isinstance(height, Missing) or isinstance(attitude, Missing | Refused):
@@ -257,25 +258,16 @@ class PoseSource:
     def height_switch(self, before: HeightSource, after: HeightSource, stamp_ns: int) -> HeightSwitch:
         """That heights are of another source from a stamp on, and by how much the two differ."""
         self._look()
-        return self._height.switch(before, after, stamp_ns, partial(self._vehicle_at, END_OF_TIME))
+        return self._height.switch(before, after, stamp_ns, partial(self._attitude.vehicle_at, END_OF_TIME))
 
     def height_differences(self) -> list[HeightDifference]:
         """What the sources of the height said last, two by two."""
         self._look()
-        return self._height.differences(self._watermark_ns(), partial(self._vehicle_at, END_OF_TIME))
+        return self._height.differences(self._watermark_ns(), partial(self._attitude.vehicle_at, END_OF_TIME))
 
     def _attitude_at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
         prepared = None if watermark_ns == END_OF_TIME else self._ahead.attitude((self._tick, stamp_ns))
         return prepared or self._attitude.at(stamp_ns, watermark_ns)
-
-    def _vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:
-        known = self._vehicle.get(stamp_ns)
-        if known is not None:
-            return known
-        found = self._attitude.vehicle_at(stamp_ns, watermark_ns)
-        if not isinstance(found, Missing):
-            self._vehicle[stamp_ns] = found
-        return found
 
     def gimbal_frames(self) -> dict[GimbalSource, FrameEvidence]:
         """What the gimbals that reported are against, as far as it is known."""

@@ -1,9 +1,11 @@
 """What the pipeline has yet to answer, and the images that observations may still refer to."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+from aerodft.model.arrays import IntArray
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
 from aerodft.model.pose_columns import Posed
@@ -72,6 +74,13 @@ class ImageMemory:
     def add(self, index: int, stamp_ns: int, clock: StampClock) -> None:
         """Remember an image that came with a stamp of that clock."""
         self._known.append(_Known(index, stamp_ns, clock))
+
+    def add_all(self, images: Sequence[Image], stamps_ns: IntArray) -> None:
+        """Remember images with their stamps in UTC ``(n,)``, as far as they have pixels."""
+        stamped = zip(images, stamps_ns.tolist(), strict=True)
+        known = [(image.index, stamp_ns, image.clock) for image, stamp_ns in stamped if image.width_px is not None]
+        for each in known[-_REMEMBERED:]:
+            self.add(*each)
 
     def shift(self, by_ns: int) -> None:
         """UTC of this machine's stamps has changed."""

@@ -12,8 +12,9 @@ from aerodft.model.batch import Batch, Event
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.batches import Batches
 from aerodft.service.clock import VirtualClock, WallClock
-from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, batch_of, block_of, tick_after
+from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, batch_of, block_of, first_arrival_ns, tick_after
 
 TICK_NS = 50
 
@@ -93,6 +94,46 @@ def test_a_source_that_goes_back_is_a_broken_contract() -> None:
     source = ListSource([image(0, 200), image(1, 10)])
     with pytest.raises(ValueError, match="must not go back"):
         list(MergedFeed([source], TICK_NS, linger_ns=0).batches())
+
+
+EVENTS = st.lists(
+    st.tuples(st.integers(0, 700), st.sampled_from("abio"), st.integers(0, 3), st.booleans()), min_size=1, max_size=40
+)
+
+
+@given(EVENTS, st.integers(0, 400), st.integers(0, 200))
+def test_spans_are_the_batches_together_and_pixels_wait_for_nobody(
+    given_events: list[tuple[int, str, int, bool]], longest_ns: int, linger_ns: int
+) -> None:
+    """What a span is cut into, what a tick is made of, and what is made of ticks again, are the same."""
+    events: list[Event] = []
+    for index, (at, kind, more, has_pixels) in enumerate(sorted(given_events)):
+        if kind == "i":
+            pixels = (lambda: np.zeros((1, 1, 3), dtype=np.uint8)) if has_pixels else None
+            events.append(Image(index=index, stamp_ns=at, arrival_ns=at, pixels=pixels))
+        elif kind == "o":
+            events.append(observation(str(index), at))
+        else:
+            events.append(block(kind, *((at + 40 * k, b"%d" % index) for k in range(more + 1))))
+    spans = list(MergedFeed([ListSource(events)], TICK_NS, linger_ns=linger_ns).spans(longest_ns))
+    batches = [batch for span in spans for batch in span]
+    wanted: dict[int, list[Event]] = {}
+    for event in events:
+        parts = [event.rows(k, k + 1) for k in range(len(event.length))] if isinstance(event, RawBlock) else [event]
+        for part in parts:
+            wanted.setdefault(tick_after(first_arrival_ns(part), TICK_NS), []).append(part)
+    assert [flat(batch) for batch in batches if batch.event_count] == [
+        flat(batch_of(now_ns, own)) for now_ns, own in sorted(wanted.items())
+    ]
+    lingering = {now_ns + TICK_NS * k for now_ns in wanted for k in range(linger_ns // TICK_NS + 1)}
+    assert [batch.now_ns for batch in batches] == sorted(lingering)
+    for span in spans:
+        assert [flat(span[tick]) for tick in range(-len(span), 0)] == [flat(batch) for batch in span]
+        assert [flat(batch) for batch in Batches.of(list(span))] == [flat(batch) for batch in span]
+        assert [flat(batch) for batch in span[1:3]] == [flat(batch) for batch in list(span)[1:3]]
+        busy_ns = [batch.now_ns for batch in span if batch.event_count]
+        assert not busy_ns or busy_ns[-1] - busy_ns[0] <= longest_ns
+        assert len(busy_ns) < 2 or all(shot.pixels is None for shot in span.images)
 
 
 def test_no_input_gives_no_batch() -> None:

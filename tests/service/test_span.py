@@ -41,7 +41,8 @@ class Decoder:
         self._kinds, self._jump_ms = kinds, jump_ms  # of UTC, after 30 s
 
     def decode(self, block):
-        boot_ns = np.frombuffer(block.data, dtype=">i8").astype(np.int64) * MS
+        numbers = [int.from_bytes(block.data[start : start + 8], "big") for start in block.offset.tolist()]
+        boot_ns = np.array(numbers, dtype=np.int64) * MS
         stamps = {"arrival_ns": block.arrival_ns, "boot_ns": boot_ns}
         count = len(boot_ns)
         values, turns = np.zeros(count), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))

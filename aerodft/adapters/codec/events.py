@@ -1,29 +1,61 @@
 """``aerodft.image/1`` and ``aerodft.observation/1``: inputs as they are recorded, exact in every field."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from typing import Final
+
+import numpy as np
 
 from aerodft.adapters.codec import wire
+from aerodft.adapters.codec.template import Templates
+from aerodft.adapters.texts import Texts
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Box, Observation
 
 IMAGE_SCHEMA = "aerodft.image/1"
 OBSERVATION_SCHEMA = "aerodft.observation/1"
 
+_CLOCKS: Final = {clock.value: clock for clock in StampClock}
+
 
 def encode_image(image: Image) -> bytes:
     """An image's index, stamps and size as ``aerodft.image/1``; its pixels travel as JPEG elsewhere."""
-    return wire.dump(
-        {
-            "schema": IMAGE_SCHEMA,
-            "index": image.index,
-            "stamp_ns": str(image.stamp_ns),
-            "arrival_ns": str(image.arrival_ns),
-            "clock": image.clock,
-            "width_px": image.width_px,
-            "height_px": image.height_px,
-            "software": wire.SOFTWARE,
-        }
-    )
+    return wire.dump(_image_payload(image))
+
+
+def encode_images(images: Sequence[Image], templates: Templates) -> Texts:
+    """The same of many, with the templates of ``image_templates``."""
+    return templates.written(images, _image_key, _image_payload, _image_whole, _no_numbers)
+
+
+def image_templates() -> Templates:
+    """What images are written with; not shared between threads."""
+    return Templates(whole=("index", "stamp_ns", "arrival_ns"))
+
+
+def _image_payload(image: Image) -> wire.Json:
+    return {
+        "schema": IMAGE_SCHEMA,
+        "index": image.index,
+        "stamp_ns": str(image.stamp_ns),
+        "arrival_ns": str(image.arrival_ns),
+        "clock": image.clock,
+        "width_px": image.width_px,
+        "height_px": image.height_px,
+        "software": wire.SOFTWARE,
+    }
+
+
+def _image_key(image: Image) -> Hashable:
+    return image.clock, image.width_px, image.height_px
+
+
+def _image_whole(images: Sequence[Image]) -> IntArray:
+    return np.array([(image.index, image.stamp_ns, image.arrival_ns) for image in images], dtype=np.int64)
+
+
+def _no_numbers(images: Sequence[Image]) -> FloatArray:
+    return np.empty((len(images), 0))
 
 
 def decode_image(data: bytes) -> Image:
@@ -41,11 +73,12 @@ def decode_images(data: Sequence[bytes]) -> list[Image]:
 
 
 def _image(payload: wire.Json) -> Image:
+    index, stamp_ns, arrival_ns = wire.whole(payload["index"], payload["stamp_ns"], payload["arrival_ns"])
     return Image(
-        index=payload["index"],
-        stamp_ns=int(payload["stamp_ns"]),
-        arrival_ns=int(payload["arrival_ns"]),
-        clock=StampClock(payload["clock"]),
+        index=index,
+        stamp_ns=stamp_ns,
+        arrival_ns=arrival_ns,
+        clock=_CLOCKS[payload["clock"]],
         width_px=payload["width_px"],
         height_px=payload["height_px"],
     )
@@ -87,14 +120,16 @@ def decode_observations(data: Sequence[bytes]) -> list[Observation]:
 
 
 def _observation(payload: wire.Json) -> Observation:
+    stamp_ns, arrival_ns = wire.whole(payload["stamp_ns"], payload["arrival_ns"])
+    image = payload["image"]
     return Observation(
         name=payload["name"],
-        stamp_ns=int(payload["stamp_ns"]),
-        arrival_ns=int(payload["arrival_ns"]),
+        stamp_ns=stamp_ns,
+        arrival_ns=arrival_ns,
         pixels=wire.pixel_pairs(payload["pixels"]),
         std_px=payload["std_px"],
         clock=StampClock(payload["clock"]),
-        image=payload["image"],
+        image=None if image is None else wire.whole(image)[0],
         source=payload["source"],
         box=_box(payload.get("box")),  # recordings of old have none of these
         contour=wire.pixel_pairs(payload.get("contour") or ()),

@@ -11,14 +11,14 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.pose_encoder import PoseEncoder, stamp_word
+from aerodft.adapters.codec.pose_encoder import PoseEncoder, groups
 from aerodft.adapters.codec.pose_summary import sample_of_summary
-from aerodft.adapters.codec.template import Same, Templates
+from aerodft.adapters.codec.template import Alike, Same, Templates
 from aerodft.adapters.texts import Texts
-from aerodft.dft.answer_columns import AnswerBlock, AnswerRow
+from aerodft.dft.answer_columns import AnswerBlock, AnswerRow, ImageColumns
 from aerodft.dft.answers import Answer, ImageAnswers, answers_of
 from aerodft.dft.request import Request
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
@@ -41,7 +41,7 @@ class MeasurementEncoder:
 
     def __init__(self, poses: PoseEncoder | None = None) -> None:
         self._poses = poses or PoseEncoder()
-        self._templates = Templates(words=("stamp_ns", "image"), fixed=("pixels", "std_px"))
+        self._templates = Templates(whole=("stamp_ns", "image"), fixed=("pixels", "std_px"))
 
     def payload(self, measurement: Measurement) -> wire.Json:
         """The measurement as ``aerodft.measurement/1``, before it is written out; not to be changed."""
@@ -58,11 +58,31 @@ class MeasurementEncoder:
 
     def image(self, image: ImageAnswers) -> bytes:
         """All of an image's answers as ``aerodft.measurements/1``."""
-        return self.images([image]).data
+        return self.images([image]).text(0)
 
     def images(self, images: Sequence[ImageAnswers]) -> Texts:
         """The same of several images: numbers of those that are alike but for these are written in one go."""
-        return self._templates.written(images, self._key, self._together, _words, self._numbers)
+        return self._templates.written(images, self._key, self._together, _whole, self._numbers)
+
+    def columns(self, images: ImageColumns) -> Texts:
+        """The same of images whose poses were made together."""
+        known = np.array([index is not None for index in images.images])
+        kind = (images.poses.which * 2 + images.is_plain) * 2 + known
+        return self._templates.joined([self._alike(images, own) for own in groups(kind)])
+
+    def _alike(self, images: ImageColumns, own: IntArray) -> Alike:
+        """Some of the images, which are plain or not alike."""
+        poses, columns = images.poses, self._poses.columns(images.poses.columns)
+
+        def numbers() -> FloatArray:
+            answers = _block_numbers(images.answers, images.first + own)
+            return np.concatenate([columns.summary[poses.rows[own]], answers], axis=1)
+
+        def whole() -> IntArray:
+            return _stamps_and_indices(poses.stamp_ns[own], [images.images[row] for row in own.tolist()])
+
+        key = self._key(images.row(int(own[0])))
+        return Alike(own, key, lambda row: self._together(images.row(int(own[row]))), whole, numbers)
 
     def _together(self, image: ImageAnswers) -> wire.Json:
         answers = [_own(request, answer) for request, answer in zip(image.requests, image.answers, strict=True)]
@@ -75,7 +95,7 @@ class MeasurementEncoder:
         for image in images:
             assert isinstance(image.answers, AnswerRow)  # noqa: S101 - by their key, for the type checker
             rows.setdefault(image.answers.block, []).append(image.answers.row)
-        parts.append(np.concatenate([_block_numbers(block, own) for block, own in rows.items()]))
+        parts.append(np.concatenate([_block_numbers(block, np.array(own)) for block, own in rows.items()]))
         return np.concatenate(parts, axis=1)
 
     def _key(self, image: ImageAnswers) -> Hashable | None:
@@ -83,7 +103,7 @@ class MeasurementEncoder:
         answers, pose = image.answers, self._poses.key(image.posed)
         if pose is None or not isinstance(answers, AnswerRow) or not answers.block.is_plain[answers.row]:
             return None
-        own = (image.model, image.camera, image.calibration, image.config)
+        own = (image.model, image.camera, image.calibration, image.config, image.image is None)
         return (pose, *own, Same(answers.block.shape), Same(image.requests))
 
     def _payloads(self, image: ImageAnswers) -> Iterator[wire.Json]:
@@ -105,15 +125,20 @@ class MeasurementEncoder:
         }
 
 
-def _words(image: ImageAnswers) -> tuple[bytes, bytes]:
-    return stamp_word(image.posed), b"null" if image.image is None else b"%d" % image.image
+def _whole(images: Sequence[ImageAnswers]) -> IntArray:
+    return _stamps_and_indices(np.array([image.stamp_ns for image in images]), [image.image for image in images])
 
 
-def _block_numbers(block: AnswerBlock, rows: list[int]) -> FloatArray:
+def _stamps_and_indices(stamps_ns: IntArray, images: Sequence[int | None]) -> IntArray:
+    """Stamps ``(n,)``, and where images have one the index, as they stand in payloads ``(n, k)``."""
+    return np.array([stamps_ns, images] if images[0] is not None else [stamps_ns], dtype=np.int64).T
+
+
+def _block_numbers(block: AnswerBlock, rows: IntArray) -> FloatArray:
     """The numbers of some images' answers, as they stand in their payloads ``(n, m)``."""
     parts = []
-    stop = rows[0] + len(rows)
-    which: slice | list[int] = slice(rows[0], stop) if rows == list(range(rows[0], stop)) else rows
+    first, stop = int(rows[0]), int(rows[-1]) + 1
+    which = slice(first, stop) if stop - first == len(rows) and np.all(np.diff(rows) == 1) else rows
     for column in block.columns:
         for name, values in column.numbers.items():
             own = values[which]

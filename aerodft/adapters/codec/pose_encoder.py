@@ -11,11 +11,11 @@ from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.angles import camera_angles_deg
 from aerodft.adapters.codec.pose import origin_payload, payload_of
 from aerodft.adapters.codec.pose_summary import summary_key, summary_of, summary_values
-from aerodft.adapters.codec.template import Templates
+from aerodft.adapters.codec.template import Alike, Templates
 from aerodft.adapters.texts import Texts
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GeoOrigin, PoseSample
-from aerodft.model.pose_columns import HORIZONTAL, TIME, PoseColumns, Posed, PoseRow, by_columns, sample_of
+from aerodft.model.pose_columns import HORIZONTAL, TIME, PoseColumns, Posed, PoseRow, PoseRows, by_columns, sample_of
 
 _REMEMBERED: Final = 1024  # summaries
 _REMEMBERED_COLUMNS: Final = 4
@@ -30,18 +30,33 @@ class PoseEncoder:
     """
 
     def __init__(self) -> None:
-        self._templates = Templates(words=("stamp_ns",))
+        self._templates = Templates(whole=("stamp_ns",))
         self._summaries: dict[int, _Summary] = {}
-        self._columns: dict[int, _Columns] = {}
+        self._columns: dict[int, Columns] = {}
 
     def encode(self, poses: Sequence[Posed]) -> Texts:
         """Poses as ``aerodft.pose/1``."""
-        return self._templates.written(poses, self.key, self._payload, _words, self._numbers)
+        return self._templates.written(poses, self.key, self._payload, _stamps, self._numbers)
+
+    def encode_rows(self, poses: PoseRows) -> Texts:
+        """The same of poses that were made together."""
+        columns = self.columns(poses.columns)
+        return self._templates.joined([self._alike(columns, poses, own) for own in groups(poses.which)])
+
+    def _alike(self, columns: "Columns", poses: PoseRows, own: IntArray) -> Alike:
+        rows = PoseRows(poses.columns, poses.rows[own])
+        return Alike(
+            own,
+            columns.keys[int(rows.which[0])],
+            lambda row: self._payload(rows[row]),
+            lambda: rows.stamp_ns[:, None],
+            lambda: columns.numbers[rows.rows],
+        )
 
     def key(self, posed: Posed) -> Hashable | None:
         """What poses have in common that are written with one template; None for one that is written alone."""
         if isinstance(posed, PoseRow):
-            return self._of(posed.columns).keys[int(posed.columns.which[posed.row])]
+            return self.columns(posed.columns).keys[int(posed.columns.which[posed.row])]
         return None if posed.pose is None or posed.zoom is not None else _key(posed)
 
     def summary(self, posed: Posed) -> wire.Json:
@@ -65,12 +80,13 @@ class PoseEncoder:
         self._summaries[id(sample)] = known = _Summary(sample, summary_values(sample))
         return known
 
-    def _of(self, columns: PoseColumns) -> "_Columns":
+    def columns(self, columns: PoseColumns) -> "Columns":
+        """What is written of poses that were made together."""
         known = self._columns.get(id(columns))
         if known is None or known.columns is not columns:
             if len(self._columns) >= _REMEMBERED_COLUMNS:
                 self._columns.clear()
-            self._columns[id(columns)] = known = _Columns(columns)
+            self._columns[id(columns)] = known = Columns(columns)
         return known
 
     def _payload(self, posed: Posed) -> wire.Json:
@@ -90,13 +106,13 @@ class PoseEncoder:
     def _gathered(
         self,
         poses: Sequence[Posed],
-        of_columns: "Callable[[_Columns], FloatArray]",
+        of_columns: "Callable[[Columns], FloatArray]",
         of_sample: Callable[[PoseSample], list[float]],
     ) -> FloatArray:
         """Numbers ``(n, m)`` of poses with one key, in their order: all of them are rows, or none."""
         rows = [posed for posed in poses if isinstance(posed, PoseRow)]
         if rows:
-            return np.concatenate([of_columns(self._of(columns))[own] for columns, own in by_columns(rows)])
+            return np.concatenate([of_columns(self.columns(columns))[own] for columns, own in by_columns(rows)])
         return np.array([of_sample(sample_of(posed)) for posed in poses])
 
 
@@ -105,7 +121,7 @@ class _Summary(NamedTuple):
     values: list[float | None]
 
 
-class _Columns:
+class Columns:
     """Columns of poses with what is written of them.
 
     Attributes:
@@ -141,13 +157,13 @@ class _Columns:
         return np.concatenate(parts, axis=1)
 
 
-def _words(posed: Posed) -> tuple[bytes]:
-    return (stamp_word(posed),)
+def _stamps(poses: Sequence[Posed]) -> IntArray:
+    return np.array([posed.stamp_ns for posed in poses], dtype=np.int64)[:, None]
 
 
-def stamp_word(posed: Posed) -> bytes:
-    """A sample's stamp, as it stands in a payload."""
-    return b'"%d"' % posed.stamp_ns
+def groups(values: IntArray) -> list[IntArray]:
+    """For each of the different values ``(n,)``, where it stands."""
+    return [np.flatnonzero(values == value) for value in np.unique(values).tolist()]
 
 
 def _origin_numbers(origin: GeoOrigin | None) -> list[float]:

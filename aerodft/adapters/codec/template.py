@@ -5,23 +5,22 @@ Their text is that of ``wire.dump``, byte by byte: the same writer makes it, of 
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 import orjson
 
 from aerodft.adapters.codec import wire
 from aerodft.adapters.texts import Form, Texts
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 
 _HOLE: Final = "\x00"  # no name or sentence holds it
+_QUOTED: Final = "\x01"  # likewise
 _HOLE_TEXT: Final = orjson.dumps(_HOLE)
 _FEWEST: Final = 4  # payloads for which a template is worth its making
 _MOST_TEMPLATES: Final = 64
 
 T = TypeVar("T")
-Words = tuple[bytes, ...]
-Numbers = Callable[[Sequence[T]], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,25 +36,43 @@ class Same:
         return isinstance(other, Same) and other.value is self.value
 
 
+class Alike(NamedTuple):
+    """Some of many payloads, ``n`` of them, that differ in whole numbers and in numbers only.
+
+    Attributes:
+        rows: ``(n,)`` which of all payloads.
+        key: What they have in common; None where they are like no other.
+        payload: One of them, counted from 0.
+        whole: ``(n, k)`` the whole numbers that differ: those that a payload has by its keys of ``Templates.whole``.
+        numbers: ``(n, m)`` the others, in the order in which they stand in a payload.
+    """
+
+    rows: IntArray
+    key: Hashable | None
+    payload: Callable[[int], wire.Json]
+    whole: Callable[[], IntArray]
+    numbers: Callable[[], FloatArray]
+
+
 class Template:
-    """The text of payloads with places for words and, behind these, for numbers.
+    """The text of payloads with places for whole numbers and, behind these, for others.
 
     Args:
         payload: One of them.
-        words: Keys whose values are words.
+        whole: Keys whose values are whole numbers that differ, or texts of such.
         fixed: Keys, at any depth, whose numbers are the same in all of them.
     """
 
-    def __init__(self, payload: wire.Json, words: Sequence[str], fixed: frozenset[str]) -> None:
+    def __init__(self, payload: wire.Json, whole: Sequence[str], fixed: frozenset[str]) -> None:
         self.numbers: list[float] = []
-        hollow = {key: _HOLE if key in words else self._hollow(value, fixed) for key, value in payload.items()}
-        self._form = Form.of(wire.dump(hollow).split(_HOLE_TEXT))
+        hollow = {key: _hole(value) if key in whole else self._hollow(value, fixed) for key, value in payload.items()}
+        text = wire.dump(hollow).replace(orjson.dumps(_QUOTED), b'"%b"' % _HOLE_TEXT)
+        self._form = Form.of(text.split(_HOLE_TEXT))
 
-    def texts(self, words: Sequence[Words], numbers: FloatArray) -> Texts:
-        """Payloads with their words and numbers ``(n, m)``."""
-        flat = orjson.dumps(numbers.ravel(), option=orjson.OPT_SERIALIZE_NUMPY)
-        each = b",".join(word for own in words for word in own)
-        return self._form.filled(each, flat[1:-1], len(words), len(words[0]))
+    def texts(self, whole: IntArray, numbers: FloatArray) -> Texts:
+        """Payloads with their whole numbers ``(n, k)`` and others ``(n, m)``."""
+        first, then = (orjson.dumps(each.ravel(), option=orjson.OPT_SERIALIZE_NUMPY) for each in (whole, numbers))
+        return self._form.filled(first[1:-1], then[1:-1], *whole.shape)
 
     def _hollow(self, value: Any, fixed: frozenset[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
         """A value with holes for its numbers, which are noted in their order."""
@@ -69,16 +86,22 @@ class Template:
         return [self._hollow(each, fixed) for each in value] if isinstance(value, list | tuple) else value
 
 
+def _hole(value: str | int | None) -> str | None:
+    if value is None:
+        return None
+    return _QUOTED if isinstance(value, str) else _HOLE
+
+
 class Templates:
     """Templates by what their payloads have in common.
 
     Args:
-        words: As in ``Template``.
+        whole: As in ``Template``.
         fixed: Likewise.
     """
 
-    def __init__(self, words: Sequence[str], fixed: Iterable[str] = ()) -> None:
-        self._words = words
+    def __init__(self, whole: Sequence[str], fixed: Iterable[str] = ()) -> None:
+        self._whole = whole
         self._fixed = frozenset(fixed)
         self._known: dict[Hashable, Template | None] = {}
 
@@ -87,43 +110,44 @@ class Templates:
         items: Sequence[T],
         key: Callable[[T], Hashable | None],
         payload: Callable[[T], wire.Json],
-        words: Callable[[T], Words],
-        numbers: Numbers[T],
+        whole: Callable[[Sequence[T]], IntArray],
+        numbers: Callable[[Sequence[T]], FloatArray],
     ) -> Texts:
-        """The payloads of items, each as if it was written alone.
-
-        Args:
-            items: What to write.
-            key: What an item's payload is alike with others' by; None for one that is like no other.
-            payload: Of one item.
-            words: Of one item, as JSON without commas.
-            numbers: Of some that are alike, ``(n, m)``.
-        """
-        alike: dict[Hashable, list[int]] = {}
+        """The payloads of items, each as if it was written alone; arguments are as in ``Alike``, of items."""
+        rows_of: dict[Hashable, list[int]] = {}
         for row, item in enumerate(items):
-            alike.setdefault(key(item), []).append(row)
-        parts: list[Texts] = []
-        for common, rows in alike.items():
-            own = [items[row] for row in rows]
-            template = None
-            if common is not None and len(rows) >= _FEWEST:
-                values = numbers(own)
-                template = self._template(common, own[0], payload, values[0])
-            if template is None:
-                parts.append(Texts.of([wire.dump(payload(item)) for item in own]))
-            else:
-                parts.append(template.texts(list(map(words, own)), values))
-        rows = [row for own in alike.values() for row in own]
-        return Texts.joined(parts, np.argsort(rows)) if parts else Texts.of([])
+            rows_of.setdefault(key(item), []).append(row)
 
-    def _template(
-        self, common: Hashable, item: T, payload: Callable[[T], wire.Json], numbers: FloatArray
-    ) -> Template | None:
+        def alike(common: Hashable, rows: list[int]) -> Alike:
+            own = [items[row] for row in rows]
+            return Alike(
+                np.array(rows), common, lambda row: payload(own[row]), lambda: whole(own), lambda: numbers(own)
+            )
+
+        return self.joined([alike(common, rows) for common, rows in rows_of.items()])
+
+    def joined(self, groups: Sequence[Alike]) -> Texts:
+        """All payloads of some groups, in the order of their rows."""
+        parts: list[Texts] = []
+        for group in groups:
+            template = None
+            if group.key is not None and len(group.rows) >= _FEWEST:
+                numbers = group.numbers()
+                template = self._template(group, numbers[0])
+            if template is None:
+                parts.append(Texts.of([wire.dump(group.payload(row)) for row in range(len(group.rows))]))
+            else:
+                parts.append(template.texts(group.whole(), numbers))
+        if not parts:
+            return Texts.of([])
+        return Texts.joined(parts, np.argsort(np.concatenate([group.rows for group in groups])))
+
+    def _template(self, group: Alike, numbers: FloatArray) -> Template | None:
         """The template of what is alike; None where an item's payload has other numbers than these (a whole one)."""
-        if common not in self._known:
+        if group.key not in self._known:
             if len(self._known) >= _MOST_TEMPLATES:
                 self._known.clear()
-            template = Template(payload(item), self._words, self._fixed)
+            template = Template(group.payload(0), self._whole, self._fixed)
             is_right = np.array_equal(template.numbers, numbers, equal_nan=True)
-            self._known[common] = template if is_right else None
-        return self._known[common]
+            self._known[group.key] = template if is_right else None
+        return self._known[group.key]

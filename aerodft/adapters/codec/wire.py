@@ -71,6 +71,18 @@ def _refuse(schema: str, data: bytes, error: Exception | None = None) -> NoRetur
     raise InputError("payload is of another kind", got=repr(bytes(data[:60])), expected=schema) from error
 
 
+def whole(*values: int | str) -> list[int]:
+    """Whole numbers, or texts of such.
+
+    Raises:
+        ValueError: One is none, or takes more than 64 bits.
+    """
+    found = [int(value) if isinstance(value, str) else value for value in values]
+    if any(type(value) is not int for value in found) or not -LATEST_NS <= min(found) <= max(found) <= LATEST_NS:
+        raise ValueError(f"{values!r:.60}: not whole numbers of 64 bits")
+    return found
+
+
 def degrees(angle_rad: float | None) -> float | None:
     """Radians to degrees; None stays None."""
     return None if angle_rad is None else math.degrees(angle_rad)

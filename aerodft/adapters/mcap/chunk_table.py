@@ -1,5 +1,6 @@
 """The messages of a chunk as columns, for who reads nearly all of them: where each is, of which channel and when."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,6 +19,7 @@ _HEAD: Final = RECORD_HEAD.size
 _MESSAGE: Final = int(Opcode.MESSAGE)
 _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
 _HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
+_CHANNELS: Final = 1 << 16  # their ids are of 16 bits
 _FEW: Final = 64  # records that are told apart as fast without the compiler
 
 
@@ -87,7 +89,14 @@ def message_table(content: bytes, channels: dict[int, ReadChannel], records: Rec
     heads = np.ndarray((size,), dtype=f"V{_MESSAGE_HEAD}", buffer=content, strides=(1,))[start].view(_HEADS)
     ids, times = heads["channel"].astype(np.int64), heads["log_ns"].astype(np.uint64)
     table = ChunkTable(content, channels, ids, times, start + _MESSAGE_HEAD, records.stop[rows])
-    return table.rows(np.isin(ids, list(channels)))
+    return table.rows(is_one_of(ids, channels))
+
+
+def is_one_of(channel: IntArray, ids: Iterable[int]) -> BoolArray:
+    """Which channels ``(n,)`` are among some: as numpy's own, which sorts them, in a tenth of its time."""
+    wanted = np.zeros(_CHANNELS, dtype=np.bool_)
+    wanted[list(ids)] = True
+    return wanted[channel]
 
 
 def _few_records(content: bytes, most: int) -> RecordTable | None:

@@ -6,7 +6,7 @@ message costs it more than twice as much. The stock reader is the authority on t
 
 import struct
 import zlib
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import zstandard
@@ -34,7 +34,12 @@ _COUNT = struct.Struct("<I")
 _SIZE = struct.Struct("<Q")
 # A third of the time of the usual level 3, and no larger for numbers as text; a window of 256 kB stays in the cache.
 _ZSTD = zstandard.ZstdCompressionParameters.from_level(1, window_log=18)
-_COMPRESSION = {True: b"zstd", False: b""}
+Compressor: TypeAlias = zstandard.ZstdCompressor
+
+
+def compressor() -> Compressor:
+    """What chunks are compressed with; used by one thread at a time, and cheaper used again than made anew."""
+    return zstandard.ZstdCompressor(compression_params=_ZSTD)
 
 
 class BuiltChunk(NamedTuple):
@@ -116,9 +121,8 @@ class ChunkBuffer:
             log_ns: ``(n,)`` likewise.
             offset: ``(n,)`` where each begins.
         """
-        entries = np.stack([log_ns, offset + len(self._content)], axis=-1).astype("<u8")
-        _, first = np.unique(channel_ids, return_index=True)
-        for channel_id in channel_ids[np.sort(first)].tolist():  # as they appear: recovery builds them in that order
+        entries = np.stack([log_ns, offset + len(self._content)], axis=-1).astype("<u8", copy=False)
+        for channel_id in dict.fromkeys(channel_ids.tolist()):  # as they appear: recovery builds them in that order
             self._indexes.setdefault(channel_id, bytearray()).extend(entries[channel_ids == channel_id].tobytes())
         self._content += records
         first_ns, last_ns = int(log_ns.min()), int(log_ns.max())
@@ -126,12 +130,12 @@ class ChunkBuffer:
         self._end_ns = max(self._end_ns, last_ns)
         self.messages += len(log_ns)
 
-    def built(self, *, compress: bool) -> BuiltChunk:
-        """The chunk with what was added so far."""
-        data = zstandard.ZstdCompressor(compression_params=_ZSTD).compress(self._content) if compress else self._content
+    def built(self, compressor: Compressor | None) -> BuiltChunk:
+        """The chunk with what was added so far; not compressed without a compressor."""
+        data = self._content if compressor is None else compressor.compress(self._content)
         data = bytes(memoryview(data))  # copied: the library's own bytes keep four times what they hold
         head = CHUNK_HEAD.pack(self._start_ns, self._end_ns, len(self._content), zlib.crc32(self._content))
-        return built_chunk(head, _COMPRESSION[compress], data, self._indexes)
+        return built_chunk(head, b"" if compressor is None else b"zstd", data, self._indexes)
 
 
 def built_chunk(head: bytes, compression: bytes, data: bytes, indexes: dict[int, bytearray]) -> BuiltChunk:

@@ -54,8 +54,7 @@ class MessageRows:
 
     def message(self, row: int) -> tuple[Channel, int, bytes, int]:
         """One of them: channel, log time, payload, sequence."""
-        data = self.texts.data[self.texts.start[row] : self.texts.stop[row]]
-        return self.channels[self.channel[row]], int(self.log_ns[row]), data, int(self.sequence[row])
+        return self.channels[self.channel[row]], int(self.log_ns[row]), self.texts.text(row), int(self.sequence[row])
 
     def lay(self, first: int, stop: int, ids: IntArray, buffer: ChunkBuffer) -> None:
         """Add some of them to a chunk, by the channels' ids ``(channels,)``."""
@@ -82,7 +81,7 @@ class MessageRows:
         heads["log_ns"] = heads["publish_ns"] = log_ns
         parts = [b""] * (2 * len(heads))
         parts[::2] = heads.view(f"V{_HEADS.itemsize}").tolist()
-        parts[1::2] = [texts.data[a:b] for a, b in zip(starts.tolist(), stops.tolist(), strict=True)]
+        parts[1::2] = [texts.text(row) for row in range(rows.start, rows.stop)]
         sizes = stops - starts + _HEADS.itemsize
         return memoryview(b"".join(parts)), np.cumsum(sizes) - sizes
 

@@ -22,22 +22,28 @@ from aerodft.adapters.mcap.channels import STATION_KEY, Channel, protobuf_channe
 from aerodft.adapters.mcap.foxglove import camera_calibration
 from aerodft.adapters.mcap.message_rows import warm_up
 from aerodft.adapters.mcap.pictures import Pictures, picture_channels
-from aerodft.adapters.mcap.records import Outputs, Record, Records, Work
+from aerodft.adapters.mcap.records import Outputs, Records, Span, Work
+from aerodft.adapters.mcap.row_parts import Record
 from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
 from aerodft.adapters.mcap.series import Series
 from aerodft.adapters.mcap.settings import RecorderSettings, SeriesSettings
 from aerodft.adapters.mcap.totals import RecordingTotals
+from aerodft.adapters.own_hands import OwnHands, processors
 from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import InputError
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
+from aerodft.model.image import Image
 from aerodft.model.packet import VideoPacket
 from aerodft.model.pose_columns import POSED
 from aerodft.model.steadiness import SteadinessEstimate
+from aerodft.service.batches import Batches
+from aerodft.service.made import Made
 from aerodft.service.ports import Output
 
 _OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
+_COLUMNS_BYTES = 8000  # what an image's pose and measurements take among those of others
 _FRAME_BYTES = 128  # what a frame takes likewise, or an image's stamps
 _KEPT = (*POSED, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
 _AT_ONCE = 320  # ticks' inputs and outputs: many numbers are written quicker than few
@@ -86,14 +92,7 @@ class McapRecorder:
                 raise
         except OSError as error:
             raise InputError("the recording cannot be written", where=folder, got=error.strerror) from error
-        self._data_lane: Lane[Work] = Lane(
-            "record-data",
-            self._do,
-            self._data.tend,
-            capacity=settings.lossless_queue_bytes if settings.lossless else settings.queue_bytes,
-            lossless=settings.lossless,
-            at_once=_AT_ONCE,
-        )
+        self._data_lane = self._lane(settings)
         self._pictures = Pictures(images, settings, folder)
         self._is_open = True
 
@@ -116,10 +115,13 @@ class McapRecorder:
     def inputs(self, batch: Batch) -> None:
         """Record the raw input of one tick; its time is that of the outputs that follow."""
         self._now_ns = batch.now_ns
-        messages = sum(len(block.length) for block in batch.raw) + len(batch.images) + len(batch.observations)
+        messages = batch.event_count
         if messages:
             self._put(batch, messages, _FRAME_BYTES * messages)
-        for image in batch.images:
+        self._offer_images(batch.images)
+
+    def _offer_images(self, images: Iterable[Image]) -> None:
+        for image in images:
             if image.width_px is not None:  # a stamp alone has no picture
                 self._pictures.image(image)
 
@@ -131,8 +133,18 @@ class McapRecorder:
         """Record poses, measurements and estimates; images and observations are inputs and recorded as such."""
         kept = tuple(item for item in outputs if isinstance(item, _KEPT))
         if kept:
-            parts = sum(len(item) if isinstance(item, ImageAnswers) else 1 for item in kept)
-            self._put(Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * parts)
+            self._put(Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * _parts(kept))
+
+    def span(self, batches: Batches, made: Made) -> None:
+        """Record the input of some ticks, and what was made on them."""
+        self._now_ns = int(batches.now_ns[-1])
+        inputs = batches.event_count
+        apart = [item for outputs in made.apart.values() for item in outputs if isinstance(item, _KEPT)]
+        images = sum(len(block.images) for block in made.together)
+        answers = sum(len(block.answers) for block in made.together if block.answers is not None)
+        size = _FRAME_BYTES * inputs + _OUTPUT_BYTES * _parts(apart) + _COLUMNS_BYTES * images
+        self._put(Span(batches, made), inputs + len(apart) + images + answers, size)
+        self._offer_images(batches.images)
 
     def status(self, value: StationStatus) -> None:
         """Record a station's state."""
@@ -160,6 +172,18 @@ class McapRecorder:
     def _close_data(self) -> None:
         self._write(self._records.of_status(self._status_now("ending")))
         self._data.close()
+
+    def _lane(self, settings: RecorderSettings) -> Lane[Work] | OwnHands[Work]:
+        if settings.lossless and processors() == 1:
+            return OwnHands(self._do, self._data.tend, enough=settings.lossless_queue_bytes // 2)
+        return Lane(
+            "record-data",
+            self._do,
+            self._data.tend,
+            capacity=settings.lossless_queue_bytes if settings.lossless else settings.queue_bytes,
+            lossless=settings.lossless,
+            at_once=_AT_ONCE,
+        )
 
     def _series(
         self,
@@ -201,10 +225,15 @@ class McapRecorder:
             self._shed_messages += messages
 
     def _do(self, works: list[Work]) -> None:
-        self._data.write_rows(self._records.of(works))
+        for rows in self._records.of(works):
+            self._data.write_rows(rows)
 
     def _write(self, record: Record) -> None:
         self._data.write(record.channel, record.log_ns, record.data, record.sequence)
+
+
+def _parts(outputs: Iterable[Output]) -> int:
+    return sum(len(item) if isinstance(item, ImageAnswers) else 1 for item in outputs)
 
 
 def _metadata(settings: RecorderSettings, texts: Mapping[str, str]) -> dict[str, dict[str, str]]:

@@ -1,6 +1,7 @@
 """Inputs and outputs as the messages of a recording's data file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,6 +13,7 @@ from aerodft.adapters.codec.pose_encoder import PoseEncoder
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
 from aerodft.adapters.mcap.message_rows import MessageRows
+from aerodft.adapters.mcap.row_parts import Record, RowParts
 from aerodft.adapters.texts import Texts
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
@@ -21,21 +23,14 @@ from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.pose_columns import POSED, Posed
 from aerodft.model.steadiness import SteadinessEstimate
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.feed import joined_blocks
+from aerodft.service.batches import Batches
+from aerodft.service.made import AnsweredImages, Made
 from aerodft.service.ports import Output
 
 _FIX_PERIOD_NS = SECOND_NS // 5
 _SEQUENCE_MASK = 0xFFFFFFFF
-
-
-class Record(NamedTuple):
-    """One message to be written."""
-
-    log_ns: int
-    channel: Channel
-    data: bytes
-    sequence: int = 0
+_AT_ONCE = 160  # ticks
+_PER_IMAGE = 3  # messages at most: pose, position, answers
 
 
 def image_sequence(index: int) -> int:
@@ -50,9 +45,21 @@ class Outputs(NamedTuple):
     items: tuple[Output, ...]
 
 
-_Head = tuple[int, int, int, int, int]  # work, log time, order, channel, sequence
-_Part = tuple[IntArray, Texts]  # heads (5, n) and payloads
-Work: TypeAlias = Batch | Outputs | status.StationStatus
+class Span(NamedTuple):
+    """The inputs of some ticks, and what was made on them."""
+
+    batches: Batches
+    made: Made
+
+    def parts(self) -> "Iterator[Span]":
+        """It, cut into spans of moderate size: a second of messages is some megabytes."""
+        for first in range(0, len(self.batches), _AT_ONCE):
+            stop = min(first + _AT_ONCE, len(self.batches))
+            yield Span(self.batches[first:stop], self.made.between(first, stop))
+
+
+Tick: TypeAlias = Batch | Outputs | status.StationStatus
+Work: TypeAlias = Tick | Span
 
 
 class Records:
@@ -61,7 +68,7 @@ class Records:
     def __init__(self, keys: Keys, frame: str) -> None:
         self._keys = keys
         self._frame = frame
-        self._senders: dict[tuple[WireProtocol, str], Channel] = {}
+        self._senders: dict[tuple[str, str], Channel] = {}
         self._observed: dict[str, Channel] = {}
         self._measured = json_channel(keys.measurements, measurement.IMAGE_SCHEMA)
         self._image = json_channel(keys.image, events.IMAGE_SCHEMA)
@@ -73,6 +80,7 @@ class Records:
         self._location = protobuf_channel(keys.location, LocationFix)
         self._poses = PoseEncoder()
         self._measurements = measurement.MeasurementEncoder(self._poses)
+        self._image_templates = events.image_templates()
         self._fixed_ns = 0
 
     @property
@@ -80,130 +88,121 @@ class Records:
         """The channels that every data file has from the start."""
         return self._image, self._pose, self._measured, self._status, self._location
 
-    def of(self, works: Sequence[Work]) -> MessageRows:
+    def of(self, works: Sequence[Work]) -> Iterator[MessageRows]:
         """The messages of some ticks' inputs and outputs, in their order; poses and answers are written together.
 
         Inputs of a tick come in order of arrival, then its outputs.
         """
-        rows = _Rows()
-        self._add_frames(rows, works)
-        for number, work in enumerate(works):
-            if isinstance(work, Batch):
-                self._add_inputs(rows, number, work)
-            elif isinstance(work, Outputs):
-                for item in work.items:
-                    self._add_output(rows, number, work.now_ns, item)
+        ticks: list[Tick] = []
+        for work in works:
+            if isinstance(work, Span):
+                yield self._of_ticks(ticks)
+                ticks = []
+                yield from map(self._of_span, work.parts())
             else:
+                ticks.append(work)
+        yield self._of_ticks(ticks)
+
+    def _of_ticks(self, works: Sequence[Tick]) -> MessageRows:
+        rows = RowParts()
+        came = {number: work for number, work in enumerate(works) if isinstance(work, Batch)}
+        self._add_inputs(rows, np.array(list(came)), Batches.of(list(came.values())))
+        for number, work in enumerate(works):
+            if isinstance(work, Outputs):
+                self._add_outputs(rows, number, work)
+            elif isinstance(work, status.StationStatus):
                 rows.add(number, self.of_status(work))
+        return self._made(rows)
+
+    def _of_span(self, span: Span) -> MessageRows:
+        """Each tick is two works: what came, and what was made of it."""
+        rows = RowParts()
+        now_ns = span.batches.now_ns
+        self._add_inputs(rows, 2 * np.arange(len(now_ns)), span.batches)
+        made: list[tuple[int, Outputs | AnsweredImages]] = [
+            (tick, Outputs(int(now_ns[tick]), outputs)) for tick, outputs in span.made.apart.items()
+        ]
+        made += [(int(images.tick[0]), images) for images in span.made.together]
+        for tick, each in sorted(made, key=itemgetter(0)):  # one position in so many seconds is for maps
+            if isinstance(each, Outputs):
+                self._add_outputs(rows, 2 * tick + 1, each)
+            else:
+                self._add_together(rows, 2 * each.tick + 1, now_ns[each.tick], each)
+        return self._made(rows)
+
+    def _made(self, rows: RowParts) -> MessageRows:
         return rows.made(self._poses.encode(rows.poses), self._measurements.images(rows.answers))
 
     def of_status(self, value: status.StationStatus) -> Record:
         """A station's state."""
         return Record(value.stamp_ns, self._status, status.encode_status(value))
 
-    def _add_frames(self, rows: "_Rows", works: Sequence[Work]) -> None:
-        """Raw telemetry, by sender."""
-        senders: dict[tuple[WireProtocol, str], list[tuple[int, RawBlock]]] = {}
-        for number, work in enumerate(works):
-            if isinstance(work, Batch):
-                for block in work.raw:
-                    senders.setdefault((block.protocol, block.sender), []).append((number, block))
-        for sender, numbered in senders.items():
+    def _add_inputs(self, rows: RowParts, works: IntArray, batches: Batches) -> None:
+        """What came in ticks that are these works ``(n,)``: frames by sender, the stamps of images, observations."""
+        for block in batches.raw:
+            sender = (block.protocol, block.sender)
             channel = self._senders.get(sender)
             if channel is None:
                 channel = self._senders[sender] = raw_channel(*sender)
-            rows.add_frames(channel, numbered)
-
-    def _add_inputs(self, rows: "_Rows", number: int, batch: Batch) -> None:
-        for image in batch.images:
-            data = events.encode_image(image)
-            rows.add(number, Record(image.arrival_ns, self._image, data, image_sequence(image.index)))
-        for seen in batch.observations:
+            rows.add_frames(channel, works[np.searchsorted(batches.now_ns, block.arrival_ns)], block)
+        if batches.images:
+            texts = events.encode_images(batches.images, self._image_templates)
+            sequence = np.array([image_sequence(image.index) for image in batches.images])
+            log_ns = batches.image_arrival_ns
+            rows.add_texts(self._image, works[batches.image_tick], log_ns, texts, sequence=sequence)
+        ticks = batches.observation_tick.tolist()
+        for tick, seen in zip(ticks, batches.observations, strict=True):
             channel = self._observed.get(seen.name)
             if channel is None:
                 channel = json_channel(self._keys.observation(seen.name), events.OBSERVATION_SCHEMA)
                 self._observed[seen.name] = channel
-            rows.add(number, Record(seen.arrival_ns, channel, events.encode_observation(seen)))
+            rows.add(int(works[tick]), Record(seen.arrival_ns, channel, events.encode_observation(seen)))
 
-    def _add_output(self, rows: "_Rows", number: int, now_ns: int, item: Output) -> None:
-        if isinstance(item, ImageAnswers):
-            rows.add_answers(number, now_ns, self._measured, item)
-        elif isinstance(item, POSED):
-            rows.add_pose(number, now_ns, self._pose, item)
-            self._add_fix(rows, number, now_ns, item)
-        elif isinstance(item, HeightSwitch):
-            rows.add(number, Record(now_ns, self._height, height.encode_height_switch(item)))
-        elif isinstance(item, SteadinessEstimate):
-            rows.add(number, Record(now_ns, self._steadiness, steadiness.encode_steadiness(item)))
-        elif isinstance(item, CalibrationEstimate):
-            rows.add(number, Record(now_ns, self._calibration, estimate.encode_estimate(item)))
+    def _add_outputs(self, rows: RowParts, number: int, work: Outputs) -> None:
+        now_ns, items = work
+        for item in items:
+            if isinstance(item, ImageAnswers):
+                rows.add_answers(number, now_ns, self._measured, item)
+            elif isinstance(item, POSED):
+                rows.add_pose(number, now_ns, self._pose, item)
+                fix = self._fix(now_ns, item)
+                if fix is not None:
+                    rows.add(number, Record(now_ns, self._location, fix))
+            elif isinstance(item, HeightSwitch):
+                rows.add(number, Record(now_ns, self._height, height.encode_height_switch(item)))
+            elif isinstance(item, SteadinessEstimate):
+                rows.add(number, Record(now_ns, self._steadiness, steadiness.encode_steadiness(item)))
+            elif isinstance(item, CalibrationEstimate):
+                rows.add(number, Record(now_ns, self._calibration, estimate.encode_estimate(item)))
 
-    def _add_fix(self, rows: "_Rows", number: int, now_ns: int, posed: Posed) -> None:
+    def _add_together(self, rows: RowParts, works: IntArray, now_ns: IntArray, images: AnsweredImages) -> None:
+        """The same of many images: of each a pose, now and then a position, and its answers."""
+        texts = [(self._pose, self._poses.encode_rows(images.poses))]
+        if images.answers is not None:
+            texts.append((self._measured, self._measurements.columns(images.answers)))
+        first = rows.reserve(_PER_IMAGE * len(works))
+        order = np.arange(first, first + _PER_IMAGE * len(works), _PER_IMAGE)
+        for number, (channel, own) in enumerate(texts):
+            rows.add_texts(channel, works, now_ns, own, order=order + 2 * number)
+        fixes: dict[int, bytes] = {}
+        row = self._next_due(now_ns, 0)
+        while row < len(works):
+            fix = self._fix(int(now_ns[row]), images.poses[row])
+            if fix is not None:
+                fixes[row] = fix
+            row = self._next_due(now_ns, row + 1)
+        at, found = np.array(list(fixes), dtype=np.int64), Texts.of(list(fixes.values()))
+        rows.add_texts(self._location, works[at], now_ns[at], found, order=order[at] + 1)
+
+    def _next_due(self, now_ns: IntArray, first: int) -> int:
+        """Which of the ticks ``(n,)`` from the first on is the next to have a position; behind them: none."""
+        due = np.flatnonzero(np.abs(now_ns[first:] - self._fixed_ns) >= _FIX_PERIOD_NS)
+        return first + int(due[0]) if len(due) else len(now_ns)
+
+    def _fix(self, now_ns: int, posed: Posed) -> bytes | None:
         """A few times a second a position for maps."""
         if abs(now_ns - self._fixed_ns) < _FIX_PERIOD_NS:
-            return
+            return None
         fix = location_fix(posed, self._frame)
-        if fix is not None:
-            self._fixed_ns = now_ns
-            rows.add(number, Record(now_ns, self._location, fix))
-
-
-class _Rows:
-    """Messages of some works, in any order."""
-
-    def __init__(self) -> None:
-        self.poses: list[Posed] = []
-        self.answers: list[ImageAnswers] = []
-        self._numbers: dict[int, int] = {}  # of channels, by identity
-        self._channels: list[Channel] = []
-        self._frames: list[_Part] = []
-        self._texts: list[bytes] = []
-        self._heads: tuple[list[_Head], list[_Head], list[_Head]] = ([], [], [])  # of texts, poses, answers
-        self._count = 0
-
-    def add(self, work: int, record: Record) -> None:
-        """Add one of a work."""
-        self._head(0, work, record.log_ns, record.channel, record.sequence)
-        self._texts.append(record.data)
-
-    def add_pose(self, work: int, log_ns: int, channel: Channel, posed: Posed) -> None:
-        """Add one that is yet to be written."""
-        self._head(1, work, log_ns, channel, 0)
-        self.poses.append(posed)
-
-    def add_answers(self, work: int, log_ns: int, channel: Channel, image: ImageAnswers) -> None:
-        """Likewise."""
-        self._head(2, work, log_ns, channel, 0)
-        self.answers.append(image)
-
-    def add_frames(self, channel: Channel, numbered: Sequence[tuple[int, RawBlock]]) -> None:
-        """Add the frames of one sender, by the works that they came in."""
-        works, blocks = zip(*numbered, strict=True)
-        block = joined_blocks(list(blocks))
-        work = np.repeat(works, [len(each.length) for each in blocks])
-        same = np.zeros(len(work), dtype=np.int64)
-        heads = np.stack([work, block.arrival_ns, same, same + self._number(channel), same])
-        self._frames.append((heads, Texts(block.data, block.offset, block.offset + block.length)))
-
-    def made(self, poses: Texts, answers: Texts) -> MessageRows:
-        """All messages in their order, with what poses and answers come to."""
-        parts = [
-            (np.array(each, dtype=np.int64).reshape(-1, 5).T, texts)
-            for each, texts in zip(self._heads, (Texts.of(self._texts), poses, answers), strict=True)
-        ]
-        heads = np.concatenate([head for head, _ in (*self._frames, *parts)], axis=1)
-        order = np.lexsort((heads[2], heads[1], heads[0]))
-        texts = Texts.joined([texts for _, texts in (*self._frames, *parts)], order)
-        _, log_ns, _, channel, sequence = heads[:, order]
-        return MessageRows(tuple(self._channels), channel, log_ns, sequence, texts)
-
-    def _head(self, part: int, work: int, log_ns: int, channel: Channel, sequence: int) -> None:
-        self._count += 1
-        self._heads[part].append((work, log_ns, self._count, self._number(channel), sequence))
-
-    def _number(self, channel: Channel) -> int:
-        number = self._numbers.get(id(channel))
-        if number is None:
-            number = self._numbers[id(channel)] = len(self._channels)
-            self._channels.append(channel)
-        return number
+        self._fixed_ns = self._fixed_ns if fix is None else now_ns
+        return fix

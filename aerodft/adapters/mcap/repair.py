@@ -16,6 +16,7 @@ from aerodft.adapters.mcap.layout import (
     RECORD_HEAD,
     BuiltChunk,
     ChunkBuffer,
+    compressor,
     encoded,
 )
 from aerodft.adapters.mcap.salvage import BadBytes, Definitions, GoodChunk, Salvage, definitions_in
@@ -219,4 +220,4 @@ def _built_again(item: GoodChunk, front: bytes, undefined: set[int]) -> BuiltChu
         channel_id, sequence, log_ns, _ = MESSAGE_HEAD.unpack_from(content, begin)
         if channel_id not in undefined:
             buffer.add(channel_id, log_ns, content[begin + MESSAGE_HEAD.size : end], sequence)
-    return buffer.built(compress=bool(item.built.compression))
+    return buffer.built(compressor() if item.built.compression else None)

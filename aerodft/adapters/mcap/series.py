@@ -13,9 +13,9 @@ import numpy as np
 
 from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.file import free_bytes, sync_folder
-from aerodft.adapters.mcap.layout import BuiltChunk, ChunkBuffer, Registry
+from aerodft.adapters.mcap.layout import BuiltChunk, ChunkBuffer, Registry, compressor
 from aerodft.adapters.mcap.message_rows import MessageRows
-from aerodft.adapters.mcap.records import Record
+from aerodft.adapters.mcap.row_parts import Record
 from aerodft.adapters.mcap.segment import Segment
 from aerodft.adapters.mcap.settings import SeriesSettings
 from aerodft.adapters.mcap.syncing import Syncing
@@ -52,12 +52,12 @@ class Series:
         self._registry = Registry()
         for channel in settings.channels:
             self._registry.register(channel)
+        self._compressor = compressor() if settings.compress else None
         self._buffer = ChunkBuffer()
         self._repeated = b""
         self._segments = self._done = self._own = self._lost = self._offered = 0
         self._retry_s = 0.0
-        self._room_bytes = _CHUNK_BYTES
-        self._until_ns = 0
+        self._room_bytes, self._until_ns = _CHUNK_BYTES, 0
         self._opened_for_ns: int | None = None
         self._flushed_s = time.monotonic()
         self._syncing = Syncing(settings.stem)
@@ -181,7 +181,7 @@ class Series:
         if not buffer.messages:
             return
         self._buffer, self._repeated = ChunkBuffer(self._repeated), b""
-        chunk = buffer.built(compress=self._settings.compress)
+        chunk = buffer.built(self._compressor)
         segment = self._segment or self._reopened()
         if segment is None:
             self._lost += chunk.messages
@@ -240,7 +240,7 @@ class Series:
                 if identity is None:
                     raise ValueError(f"{record.channel.topic} is not among the channels")
                 buffer.add(identity, record.log_ns, record.data, record.sequence)
-            chunk = buffer.built(compress=settings.compress)
+            chunk = buffer.built(self._compressor)
             segment.reserve(chunk.size_bytes)
             segment.append(chunk)
             segment.sync()

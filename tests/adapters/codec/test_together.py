@@ -1,23 +1,26 @@
 """Payloads that are written together are, byte by byte, what each is alone."""
 
 import math
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from aerodft.adapters.codec import wire
+from aerodft.adapters.codec.events import encode_image, encode_images, image_templates
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.codec.pose import encode_pose
 from aerodft.adapters.codec.pose_encoder import PoseEncoder
 from aerodft.adapters.codec.template import Templates
-from aerodft.dft.measure import Request, Setup, measure_images
+from aerodft.dft.measure import Request, Setup, measure_images, measure_rows
 from aerodft.dft.request import linked
 from aerodft.geometry.poses import camera_pose, pose_covariances
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera
+from aerodft.model.image import Image, StampClock
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.pose_columns import PoseColumns, PoseRow, sample_of
+from aerodft.model.pose_columns import PoseColumns, PoseRow, PoseRows, sample_of
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
@@ -117,6 +120,40 @@ def test_rows_of_columns_are_written_and_measured_as_their_samples() -> None:
     assert written == [MeasurementEncoder().image(image) for image in wanted]
 
 
+@pytest.mark.parametrize("limit_m", [None, 40.0])
+@pytest.mark.parametrize("origin", ORIGINS)
+def test_columns_of_images_are_written_as_these(origin: GeoOrigin | None, limit_m: float | None) -> None:
+    """Also a part of them, and where some have no number and some no plain answer."""
+    poses = rows(60, origin, has_place=origin is not None)
+    poses = PoseRows(poses[0].columns, np.array([posed.row for posed in poses])[::-1][:50])
+    probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
+    requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
+    indices = [None if k % 7 == 0 else 10**15 * k - 1 for k in range(len(poses))]
+    setup = Setup(camera=CAMERA, max_range_m=limit_m)
+    (images,) = measure_rows(setup, poses, requests, indices)
+    wanted = measure_images(setup, list(poses), requests, indices)
+    assert 0 < sum(images.is_plain) < len(images) or limit_m is None
+    assert images.statuses() == Counter(image.statuses for image in wanted)
+    alone = [MeasurementEncoder().image(image) for image in wanted]
+    assert MeasurementEncoder().columns(images).each() == alone
+    assert MeasurementEncoder().columns(images.rows(11, 37)).each() == alone[11:37]
+    assert PoseEncoder().encode_rows(poses).each() == [encode_pose(sample_of(each)) for each in poses]
+
+
+def test_stamps_of_images() -> None:
+    images = [
+        Image(
+            index=k,
+            stamp_ns=10**18 + 7**k,
+            arrival_ns=k,
+            clock=(StampClock.UTC, StampClock.HOST)[k % 3 == 1],
+            width_px=(None, 1920)[k % 5 == 2],
+        )
+        for k in range(20)
+    ]
+    assert encode_images(images, image_templates()).each() == list(map(encode_image, images))
+
+
 def test_poses() -> None:
     poses = samples(150)
     assert PoseEncoder().encode(poses).each() == [encode_pose(each) for each in poses]
@@ -147,13 +184,17 @@ def test_any_number_is_written_as_alone() -> None:
 
     def payload(item: tuple[str, list[float]]) -> wire.Json:
         first = item[1][0] if item[0] == "a" else round(min(item[1][0], 9.0) if item[1][0] > 0 else 0)
-        return {"word": len(item[0]), "x": [first], "rest": {"y": item[1][1:], "std_px": 2.5}}
+        whole = {"text": str(whole_of(item)), "whole": whole_of(item), "none": None}
+        return {**whole, "x": [first], "rest": {"y": item[1][1:], "std_px": 2.5}}
 
-    written = Templates(words=("word",), fixed=("std_px",)).written(
+    def whole_of(item: tuple[str, list[float]]) -> int:
+        return rows.index(item) * 23_058_430_092_136_939 - 2**62
+
+    written = Templates(whole=("text", "whole", "none"), fixed=("std_px",)).written(
         rows,
         key=lambda item: item[0],
         payload=payload,
-        words=lambda item: (b"%d" % len(item[0]),),
+        whole=lambda items: np.array([[whole_of(item)] * 2 for item in items]),
         numbers=lambda items: np.array([item[1] for item in items]),
     )
     assert written.each() == [wire.dump(payload(item)) for item in rows]

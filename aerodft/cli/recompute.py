@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
+from aerodft.cli.allocation import keep_little
 from aerodft.cli.collector import without_collector
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.output import progress_bar, say
@@ -103,6 +104,7 @@ def _measure_foreign(
 def _recompute_one(
     folder: Path, output: Path, config: Path | None, calibration: Path | None, *, vision: bool, as_json: bool
 ) -> None:
+    keep_little()
     with without_collector():
         ready = prepare(folder, config, calibration, vision=vision)
     gc.freeze()  # what is loaded stays: it need not be looked through again

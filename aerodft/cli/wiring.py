@@ -206,6 +206,7 @@ def _drive(
                 _hand_over(sink, batches, made)
             if on_tick is not None:
                 on_tick(int(batches.now_ns[-1]))
+            del made  # some megabytes, while the next is made
     else:
         for batch in feed.batches():
             outputs = pipeline.step(batch)

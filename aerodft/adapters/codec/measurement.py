@@ -75,8 +75,7 @@ class MeasurementEncoder:
         poses, columns = images.poses, self._poses.columns(images.poses.columns)
 
         def numbers() -> FloatArray:
-            answers = _block_numbers(images.answers, images.first + own)
-            return np.concatenate([columns.summary[poses.rows[own]], answers], axis=1)
+            return _block_numbers(images.answers, images.first + own, columns.summary[poses.rows[own]])
 
         def whole() -> IntArray:
             return _stamps_and_indices(poses.stamp_ns[own], [images.images[row] for row in own.tolist()])
@@ -134,9 +133,9 @@ def _stamps_and_indices(stamps_ns: IntArray, images: Sequence[int | None]) -> In
     return np.array([stamps_ns, images] if images[0] is not None else [stamps_ns], dtype=np.int64).T
 
 
-def _block_numbers(block: AnswerBlock, rows: IntArray) -> FloatArray:
-    """The numbers of some images' answers, as they stand in their payloads ``(n, m)``."""
-    parts = []
+def _block_numbers(block: AnswerBlock, rows: IntArray, *before: FloatArray) -> FloatArray:
+    """The numbers of some images' answers, as they stand in their payloads ``(n, m)``, behind others ``(n, k)``."""
+    parts = [*before]
     first, stop = int(rows[0]), int(rows[-1]) + 1
     which = slice(first, stop) if stop - first == len(rows) and np.all(np.diff(rows) == 1) else rows
     for column in block.columns:

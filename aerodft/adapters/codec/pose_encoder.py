@@ -18,7 +18,7 @@ from aerodft.model.pose import GeoOrigin, PoseSample
 from aerodft.model.pose_columns import HORIZONTAL, TIME, PoseColumns, Posed, PoseRow, PoseRows, by_columns, sample_of
 
 _REMEMBERED: Final = 1024  # summaries
-_REMEMBERED_COLUMNS: Final = 4
+_REMEMBERED_COLUMNS: Final = 2
 _ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
 _NOT_IN_SUMMARIES: Final = [HORIZONTAL, TIME]  # of the standard deviations
 

@@ -138,8 +138,8 @@ class Templates:
                 parts.append(Texts.of([wire.dump(group.payload(row)) for row in range(len(group.rows))]))
             else:
                 parts.append(template.texts(group.whole(), numbers))
-        if not parts:
-            return Texts.of([])
+        if len(parts) < 2:  # noqa: PLR2004 - one alone is in order
+            return parts[0] if parts else Texts.of([])
         return Texts.joined(parts, np.argsort(np.concatenate([group.rows for group in groups])))
 
     def _template(self, group: Alike, numbers: FloatArray) -> Template | None:

@@ -5,16 +5,18 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+import orjson
 import pytest
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.events import encode_image, encode_images, image_templates
+from aerodft.adapters.codec.events import decode_images, encode_image, encode_images, image_templates
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.codec.pose import encode_pose
 from aerodft.adapters.codec.pose_encoder import PoseEncoder
 from aerodft.adapters.codec.template import Templates
 from aerodft.dft.measure import Request, Setup, measure_images, measure_rows
 from aerodft.dft.request import linked
+from aerodft.errors import InputError
 from aerodft.geometry.poses import camera_pose, pose_covariances
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera
@@ -198,3 +200,13 @@ def test_any_number_is_written_as_alone() -> None:
         numbers=lambda items: np.array([item[1] for item in items]),
     )
     assert written.each() == [wire.dump(payload(item)) for item in rows]
+
+
+@pytest.mark.parametrize("index", [2**63, -(2**63), 1.0, True, None, "x"])
+def test_a_number_that_is_no_whole_one_of_64_bits_is_refused(index: object) -> None:
+    """Many are written as one array, which would cut them short without a word."""
+    good = encode_image(Image(index=7, stamp_ns=2**62, arrival_ns=5))
+    assert decode_images([good])[0].index == 7
+    for key in ("index", "stamp_ns", "arrival_ns"):
+        with pytest.raises(InputError, match="incomplete or wrong"):
+            decode_images([good, orjson.dumps({**orjson.loads(good), key: index})])

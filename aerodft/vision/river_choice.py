@@ -108,8 +108,7 @@ def otherwise_m(
     """
     most = np.zeros(len(stations_m))
     doubts = [(water.regions[0], each) for each in water.regions[1:]]
-    if water.less is not None:
-        doubts.append((water.water, water.less))
+    doubts += [(water.water, each) for each in (water.less, water.more) if each is not None]
     whole = features.without_planes()
     for region, other in doubts:
         copy = whole if region.shape == whole.shape else whole.halved()

@@ -36,6 +36,7 @@ class WaterMask:
         stayed: ``(height, width)``: what was taken off because it did not move; None where nothing was.
         trimmed: Whether bare ground along it was taken off.
         less: ``(height, width)``: the same without what may be bare ground; None where nothing may.
+        more: ``(height, width)``: the same with what may be water that mirrors a bank, or a beach; None likewise.
         regions: ``(height, width)`` each, of half the size: about the water, and what else nearly as clear may be it;
             empty where nothing else may.
         apart: How large the largest other piece is that looks like it, of its own area: another arm?
@@ -49,6 +50,7 @@ class WaterMask:
     stayed: BoolArray | None = None
     trimmed: bool = False
     less: BoolArray | None = None
+    more: BoolArray | None = None
     regions: tuple[BoolArray, ...] = ()
     apart: float = 0.0
     agreement: float = 1.0
@@ -68,7 +70,8 @@ def find_water(
     disc = disc_around(features.shape, seed_px) & ground
     about = cv2.resize(region.astype(np.uint8), features.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     drawn = cut(features.planes, about & ground, disc, ground)
-    water = whole = with_mirrored_banks(features, drawn, disc, ground)
+    whole, brighter = with_mirrored_banks(features, drawn, disc, ground)
+    water = whole
     along = margin(features.planes, water, disc, ground)
     for _ in range(_LOOKS):
         if not along.bare.any():
@@ -79,7 +82,8 @@ def find_water(
         water = shrunk
         along = margin(features.planes, water, disc, ground)
     outline, contrast = outline_contrast(features.planes, water, ground)
-    found = WaterMask(water, outline, contrast, trimmed=water is not whole)
+    more = None if brighter is None else water | (brighter & ~whole)
+    found = WaterMask(water, outline, contrast, trimmed=water is not whole, more=more)
     if not along.doubtful.any():
         return found
     doubtful = float(np.mean(along.doubtful[outline])) if outline.any() else 0.0

@@ -3,7 +3,7 @@
 Colour and lightness put such a strip on the land's side, for they are the bank's. What tells it from ground, and from
 what grows: there is no edge between it and the water, as there is where water ends; it has no more fine detail than
 water, and less than land; and it is darker than the water beside it. A beach fades into shallow water as well, but is
-brighter.
+brighter: what is brighter may be either.
 """
 
 from typing import Final
@@ -31,7 +31,9 @@ _COLOURS: Final = (RED_TO_GREEN, BLUE_TO_GREEN)
 _LOOKS: Final = (*_COLOURS, LIGHT)
 
 
-def with_mirrored_banks(features: WaterFeatures, water: BoolArray, disc: BoolArray, ground: BoolArray) -> BoolArray:
+def with_mirrored_banks(
+    features: WaterFeatures, water: BoolArray, disc: BoolArray, ground: BoolArray
+) -> tuple[BoolArray, BoolArray | None]:
     """The water, with the calm strips along it in which its banks are mirrored.
 
     Args:
@@ -39,8 +41,22 @@ def with_mirrored_banks(features: WaterFeatures, water: BoolArray, disc: BoolArr
         water: ``(height, width)``.
         disc: Part of it that is water surely.
         ground: What is looked at.
+
+    Returns:
+        The water with darker strips; and with brighter ones too, which may be beaches: None where there are none.
     """
-    strips = [each for each in _smooth_pieces(features, water, ground) if _mirrors(features, water, each, ground)]
+    found = [(each, _fades(features, water, each, ground)) for each in _smooth_pieces(features, water, ground)]
+    strips = [(each, lighter) for each, lighter in found if lighter is not None]
+    darker = [each for each, lighter in strips if lighter < _DARKER]
+    surely = _joined(features, water, darker, disc, ground)
+    if len(darker) == len(strips):
+        return surely, None
+    return surely, _joined(features, water, [each for each, _ in strips], disc, ground)
+
+
+def _joined(
+    features: WaterFeatures, water: BoolArray, strips: list[BoolArray], disc: BoolArray, ground: BoolArray
+) -> BoolArray:
     if not strips:
         return water
     mirrored = _along(features.planes, np.logical_or.reduce(strips), water, ground)
@@ -64,19 +80,20 @@ def _smooth_pieces(features: WaterFeatures, water: BoolArray, ground: BoolArray)
     return [np.asarray(labels == number) for number in range(1, count) if large[number] and beside[number]]
 
 
-def _mirrors(features: WaterFeatures, water: BoolArray, piece: BoolArray, ground: BoolArray) -> bool:
+def _fades(features: WaterFeatures, water: BoolArray, piece: BoolArray, ground: BoolArray) -> float | None:
+    """How much lighter a piece is than the water that it fades into, being as smooth; None where it does not."""
     beside = water & _around(piece, _BESIDE_PX)
     land = ground & ~water & ~piece
     if not beside.any() or not land.any():
-        return False
+        return None
     apart = features.planes[piece].mean(axis=0) - features.planes[beside].mean(axis=0)
     detail = float(np.median(features.detail[piece]))
-    return (
-        bool(apart[LIGHT] < _DARKER)
-        and detail < _CALM * float(np.median(features.detail[beside]))
+    is_water = (
+        detail < _CALM * float(np.median(features.detail[beside]))
         and detail < _NO_LAND * float(np.percentile(features.detail[land], _SMOOTHEST_PERCENT))
         and _fading_px(features.planes, water, piece, apart) > _FADES_PX
     )
+    return float(apart[LIGHT]) if is_water else None
 
 
 def _along(planes: Float32Image, strip: BoolArray, water: BoolArray, ground: BoolArray) -> BoolArray:

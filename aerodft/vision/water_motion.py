@@ -153,7 +153,7 @@ def without_still(
     water = around_seed(found.water & ~taken[candidates], still.shape, seed_px, ground)
     outline, contrast = outline_contrast(features.planes, water, ground)
     # Which of the outlines it is, and what along it is bare, has been told now.
-    told = {"stayed": taken[candidates], "less": None, "regions": (), "agreement": 1.0}
+    told = {"stayed": taken[candidates], "less": None, "more": None, "regions": (), "agreement": 1.0}
     return replace(found, water=water, outline=outline, contrast=contrast, **told)
 
 

@@ -64,3 +64,14 @@ def test_calm_water_that_mirrors_its_bank_is_water_and_a_dark_even_path_is_not(l
     print(f"{land}: {len(widths)} widths, {100 * np.median(error):+.2f} % in the median")
     assert abs(np.median(error)) < 0.01
     assert np.mean(np.abs(error) < 0.03) > 0.9
+
+
+@pytest.mark.parametrize(("land", "tilt_deg"), [("sand", 0.0), ("rock", 0.0), ("soil", 40.0)])
+def test_intervals_reach_to_where_calm_water_mirrors_a_bank_that_is_brighter_than_it(land, tilt_deg):
+    """It may as well be a beach in shallow water: the width is that without it, the interval contains that with it."""
+    scene = PaintedRiver(seed=3, water="blue", land=land, tilt_deg=tilt_deg, bend_m=3.0, look={"mirror": 0.3})
+    found, widths = measured(scene)
+    assert not isinstance(found, NoRiver)
+    width, std, true = widths.T
+    print(f"{land}: {100 * np.median(width / true - 1):+.1f} %, stated {100 * np.median(std / width):.1f} %")
+    assert np.mean(np.abs(width - true) <= 1.96 * std) > 0.9

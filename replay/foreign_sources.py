@@ -21,7 +21,7 @@ from aerodft.errors import InputError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image, StampClock
 from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.feed import first_arrival_ns
+from aerodft.service.arrivals import first_arrival_ns
 from replay.foreign import ForeignRecording
 
 if TYPE_CHECKING:

@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 
 from aerodft.model.image import Image
+from aerodft.model.image_rows import ImageRows
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock
 
 Event = RawBlock | Image | Observation
+Arrival = Event | ImageRows
+"""An event, or many images that are read together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

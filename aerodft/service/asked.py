@@ -7,6 +7,7 @@ from aerodft.dft.measure import measure_each, measure_images, measure_rows
 from aerodft.dft.request import Request, Setup
 from aerodft.model.arrays import IntArray
 from aerodft.model.image import Image
+from aerodft.model.image_rows import ImageRows
 from aerodft.model.pose_columns import Posed, PoseRows
 from aerodft.service.made import AnsweredImages, Made
 from aerodft.service.ports import Output
@@ -68,7 +69,7 @@ def _answered(setup: Setup, fixed: tuple[Request, ...], asked: AskedImages) -> S
     """Images as they are measured at once."""
     if not fixed:
         return [AnsweredImages(*asked, None)]
-    indices = [None if image.width_px is None else image.index for image in asked.images]
+    indices = _indices(asked.images)
     blocks: list[AnsweredImages] = []
     first = 0
     for answers in measure_rows(setup, asked.poses, fixed, indices):
@@ -76,6 +77,13 @@ def _answered(setup: Setup, fixed: tuple[Request, ...], asked: AskedImages) -> S
         blocks.append(AnsweredImages(asked.tick[own], asked.images[own], answers.poses, answers))
         first = own.stop
     return blocks
+
+
+def _indices(images: Sequence[Image]) -> list[int | None]:
+    """The numbers of images; None of a stamp alone."""
+    if not isinstance(images, ImageRows):
+        return [None if image.width_px is None else image.index for image in images]
+    return [None] * len(images) if images.width_px is None else list(images.indices.tolist())
 
 
 def measured(

@@ -9,8 +9,9 @@ from typing import TypeVar, overload
 import numpy as np
 
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Batch, Event
+from aerodft.model.batch import Arrival, Batch
 from aerodft.model.image import Image
+from aerodft.model.image_rows import ImageRows, joined_images
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
@@ -38,13 +39,13 @@ class Batches(Sequence[Batch]):
         """Batches as one."""
         if isinstance(batches, Batches):
             return batches
-        events: list[Event] = []
+        events: list[Arrival] = []
         for batch in batches:
             events += (*batch.raw, *batch.images, *batch.observations)
         return Batches.from_events(np.array([batch.now_ns for batch in batches], dtype=np.int64), events)
 
     @staticmethod
-    def from_events(now_ns: IntArray, events: Iterable[Event]) -> "Batches":
+    def from_events(now_ns: IntArray, events: Iterable[Arrival]) -> "Batches":
         """Events of ticks that end at ``now_ns (n,)``."""
         raw, images, observations = by_kind(events)
         return Batches(now_ns=now_ns, raw=tuple(raw), images=images, observations=observations)
@@ -106,21 +107,20 @@ class Batches(Sequence[Batch]):
         return np.concatenate([[np.iinfo(np.int64).min], self.now_ns])
 
 
-def by_kind(events: Iterable[Event]) -> tuple[list[RawBlock], list[Image], list[Observation]]:
+def by_kind(events: Iterable[Arrival]) -> tuple[list[RawBlock], Sequence[Image], list[Observation]]:
     """Events each kind in order of arrival, and those of one sender as one block."""
     senders: dict[tuple[WireProtocol, str], list[RawBlock]] = {}
-    images: list[Image] = []
+    images: list[Image | ImageRows] = []
     observations: list[Observation] = []
     for event in events:
         if isinstance(event, RawBlock):
             senders.setdefault((event.protocol, event.sender), []).append(event)
-        elif isinstance(event, Image):
+        elif isinstance(event, (Image, ImageRows)):
             images.append(event)
         else:
             observations.append(event)
-    images.sort(key=lambda image: image.arrival_ns)
     observations.sort(key=lambda observation: observation.arrival_ns)
-    return [joined_blocks(blocks) for blocks in senders.values()], images, observations
+    return [joined_blocks(blocks) for blocks in senders.values()], joined_images(images), observations
 
 
 def one_batch(now_ns: int, raw: list[RawBlock], images: Sequence[Image], observations: Sequence[Observation]) -> Batch:
@@ -170,4 +170,6 @@ def _cut(events: Sequence[Happened], edges_ns: IntArray) -> list[Sequence[Happen
 
 
 def _arrivals_ns(events: Sequence[Image] | Sequence[Observation]) -> IntArray:
+    if isinstance(events, ImageRows):
+        return events.arrival_ns
     return np.array([event.arrival_ns for event in events], dtype=np.int64)

@@ -7,6 +7,7 @@ import numpy as np
 
 from aerodft.model.arrays import IntArray
 from aerodft.model.image import Image, StampClock
+from aerodft.model.image_rows import ImageRows
 from aerodft.model.pose_columns import PoseRows
 from aerodft.service.batches import Batches, Happened
 from aerodft.service.timing import ClockMap
@@ -64,12 +65,16 @@ class Coming(NamedTuple):
 
 def _in_utc(events: Sequence[Happened], ticks: IntArray, clock: ClockMap) -> IntArray:
     """UTC of stamps ``(n,)``, as it was known at each event's tick."""
-    stamps_ns = np.array([event.stamp_ns for event in events], dtype=np.int64)
+    if isinstance(events, ImageRows):
+        stamps_ns, is_utc = events.stamp_ns.copy(), np.full(len(events), events.clock is StampClock.UTC)
+    else:
+        stamps_ns = np.array([event.stamp_ns for event in events], dtype=np.int64)
+        is_utc = np.array([event.clock is StampClock.UTC for event in events], dtype=np.bool_)
     last = -1
-    for row, (event, tick) in enumerate(zip(events, ticks.tolist(), strict=True)):
-        if event.clock is not StampClock.UTC:
-            if tick != last:
-                clock.see(tick)
-                last = tick
-            stamps_ns[row] = clock.host_to_utc(event.stamp_ns)
+    for row in np.flatnonzero(~is_utc).tolist():
+        tick = int(ticks[row])
+        if tick != last:
+            clock.see(tick)
+            last = tick
+        stamps_ns[row] = clock.host_to_utc(int(stamps_ns[row]))
     return stamps_ns

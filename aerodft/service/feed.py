@@ -16,12 +16,13 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Batch, Event
+from aerodft.model.batch import Arrival, Batch
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.arrivals import arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
 from aerodft.service.batches import Batches, by_kind, one_batch
-from aerodft.service.ports import Clock, Feed, Source
+from aerodft.service.ports import Clock, Feed, GatheredSource, Source
 
 _TICKS_AHEAD: Final = 64  # that are read where they are asked for one by one
 _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
@@ -30,11 +31,6 @@ _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
 def tick_after(arrival_ns: int, tick_ns: int) -> int:
     """The tick that an arrival belongs to: the first multiple of ``tick_ns`` that is not before it."""
     return -(-arrival_ns // tick_ns) * tick_ns
-
-
-def first_arrival_ns(event: Event) -> int:
-    """Arrival of an event, for a block of its first frame."""
-    return int(event.arrival_ns[0]) if isinstance(event, RawBlock) else event.arrival_ns
 
 
 def block_of(protocol: WireProtocol, sender: str, arrivals_ns: Sequence[int], frames: Sequence[bytes]) -> RawBlock:
@@ -52,37 +48,13 @@ def block_of(protocol: WireProtocol, sender: str, arrivals_ns: Sequence[int], fr
     )
 
 
-def batch_of(now_ns: int, events: Iterable[Event]) -> Batch:
+def batch_of(now_ns: int, events: Iterable[Arrival]) -> Batch:
     """Build the batch of one tick from its events, each kind in order of arrival.
 
     Blocks of one sender become one block; blocks stand in order of first arrival, then protocol and sender.
     """
     raw, images, observations = by_kind(events)
     return one_batch(now_ns, raw, images, observations)
-
-
-def arrivals_ns(events: Sequence[Event]) -> IntArray:
-    """All arrivals among some events ``(n,)``, in no order."""
-    blocks = [event.arrival_ns for event in events if isinstance(event, RawBlock)]
-    others = np.array([event.arrival_ns for event in events if not isinstance(event, RawBlock)], dtype=np.int64)
-    return np.concatenate([*blocks, others])
-
-
-def _cut_all(events: Sequence[Event], until_ns: int) -> tuple[list[Event], list[Event]]:
-    """What arrived by ``until_ns``, and the rest."""
-    parts = [_cut(event, until_ns) for event in events]
-    return [head for head, _ in parts if head is not None], [tail for _, tail in parts if tail is not None]
-
-
-def _cut(event: Event, until_ns: int) -> tuple[Event | None, Event | None]:
-    """The part of an event that arrived by ``until_ns``, and the rest."""
-    if not isinstance(event, RawBlock):
-        return (event, None) if event.arrival_ns <= until_ns else (None, event)
-    count = len(event.arrival_ns)
-    split = int(np.searchsorted(event.arrival_ns, until_ns, side="right"))
-    if split == count:
-        return event, None
-    return (event.rows(0, split) if split else None), event.rows(split, count)
 
 
 @runtime_checkable
@@ -127,15 +99,15 @@ class MergedFeed:
         Raises:
             ValueError: A source goes back to a tick that is over.
         """
-        streams = (filter(_has_rows, source.events()) for source in self._sources)
+        streams = (filter(is_any, _read(source)) for source in self._sources)
         events = Peekable(heapq.merge(*streams, key=first_arrival_ns))
-        begun: list[Event] = []  # blocks of which only a part has been due
+        begun: list[Arrival] = []  # of which only a part has been due
         last_ns: int | None = None
         while begun or events.next is not None:
             coming = begun if events.next is None else [*begun, events.next]
             first_ns = tick_after(min(map(first_arrival_ns, coming)), self._tick_ns)
             end_ns = self._collected(events, begun, first_ns, first_ns + longest_ns // self._tick_ns * self._tick_ns)
-            due, begun = _cut_all(begun, end_ns)
+            due, begun = cut_all(begun, end_ns)
             ticks_ns = np.unique(-(-arrivals_ns(due) // self._tick_ns)) * self._tick_ns
             yield Batches.from_events(self._with_lingering(last_ns, ticks_ns), due)
             last_ns = int(ticks_ns[-1])
@@ -143,9 +115,9 @@ class MergedFeed:
             count = self._linger_ns // self._tick_ns
             yield Batches.from_events(last_ns + self._tick_ns * np.arange(1, count + 1), ())
 
-    def _collected(self, events: "Peekable", begun: list[Event], first_ns: int, end_ns: int) -> int:
+    def _collected(self, events: "Peekable", begun: list[Arrival], first_ns: int, end_ns: int) -> int:
         """Add to ``begun`` what comes in ticks up to ``end_ns``, or to an earlier one, which is given back."""
-        subjects = 0
+        count = sum(map(subjects, begun))
         while events.next is not None:
             arrival_ns = first_arrival_ns(events.next)
             if arrival_ns > end_ns:
@@ -153,9 +125,9 @@ class MergedFeed:
             if arrival_ns <= first_ns - self._tick_ns:
                 raise ValueError(f"arrival {arrival_ns} ns in tick {first_ns} ns, must not go back")
             if not isinstance(events.next, RawBlock):
-                subjects += 1
+                count += subjects(events.next)
                 has_pixels = isinstance(events.next, Image) and events.next.pixels is not None
-                if has_pixels or subjects > _MOST_SUBJECTS:
+                if has_pixels or count > _MOST_SUBJECTS:
                     tick_ns = tick_after(arrival_ns, self._tick_ns)
                     if tick_ns > first_ns:
                         return tick_ns - self._tick_ns
@@ -178,19 +150,19 @@ class Peekable:
         next: It; None at the end.
     """
 
-    def __init__(self, events: Iterator[Event]) -> None:
+    def __init__(self, events: Iterator[Arrival]) -> None:
         self._events = events
         self.next = next(events, None)
 
-    def pop(self) -> Event:
+    def pop(self) -> Arrival:
         """Take it."""
         taken, self.next = self.next, next(self._events, None)
         assert taken is not None  # noqa: S101 - the callers' own condition, for the type checker
         return taken
 
 
-def _has_rows(event: Event) -> bool:
-    return not isinstance(event, RawBlock) or len(event.arrival_ns) > 0
+def _read(source: Source) -> Iterator[Arrival]:
+    return source.gathered() if isinstance(source, GatheredSource) else source.events()
 
 
 class Inbox:
@@ -205,7 +177,7 @@ class Inbox:
         self._max_images = max_images
         self._lock = threading.Lock()
         self._last_ns = 0
-        self._events: deque[Event] = deque()
+        self._events: deque[Arrival] = deque()
         self._images: deque[Image] = deque()
         self._dropped_images = 0
 
@@ -242,11 +214,11 @@ class Inbox:
 
     def take(self, until_ns: int) -> Batch:
         """Take all that arrived by ``until_ns``; what comes later is stamped later."""
-        due: list[Event] = []
+        due: list[Arrival] = []
         with self._lock:
             self._last_ns = max(self._last_ns, until_ns)
             while self._events:
-                head, tail = _cut(self._events[0], until_ns)
+                head, tail = cut(self._events[0], until_ns)
                 if head is not None:
                     due.append(head)
                 if tail is not None:

@@ -1,11 +1,11 @@
 """What the pipeline asks of the world: Protocols of one to three methods, wired together in ``cli``."""
 
 from collections.abc import Iterator, Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from aerodft.dft.answers import ImageAnswers
 from aerodft.dft.request import Setup
-from aerodft.model.batch import Batch, Event
+from aerodft.model.batch import Arrival, Batch, Event
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
@@ -35,6 +35,15 @@ class Source(Protocol):
 
     def events(self) -> Iterator[Event]:
         """All events, arrivals not decreasing."""
+        ...
+
+
+@runtime_checkable
+class GatheredSource(Source, Protocol):
+    """Recorded input that has many images at once, too."""
+
+    def gathered(self) -> Iterator[Arrival]:
+        """The same events, first arrivals not decreasing, images together where they can be."""
         ...
 
 

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 from aerodft.model.arrays import IntArray
 from aerodft.model.image import Image, StampClock
+from aerodft.model.image_rows import ImageRows
 from aerodft.model.observation import Observation
 from aerodft.model.pose_columns import Posed
 
@@ -77,6 +78,9 @@ class ImageMemory:
 
     def add_all(self, images: Sequence[Image], stamps_ns: IntArray) -> None:
         """Remember images with their stamps in UTC ``(n,)``, as far as they have pixels."""
+        if isinstance(images, ImageRows):  # all of them have pixels, or none
+            first = len(images) if images.width_px is None else -_REMEMBERED
+            images, stamps_ns = images[first:], stamps_ns[first:]
         stamped = zip(images, stamps_ns.tolist(), strict=True)
         known = [(image.index, stamp_ns, image.clock) for image, stamp_ns in stamped if image.width_px is not None]
         for each in known[-_REMEMBERED:]:

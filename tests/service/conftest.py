@@ -19,7 +19,8 @@ from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.pose_columns import PoseRow, sample_of
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import MergedFeed, block_of, first_arrival_ns
+from aerodft.service.arrivals import first_arrival_ns
+from aerodft.service.feed import MergedFeed, block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import HeightSettings, PipelineSettings, TelemetrySettings
 

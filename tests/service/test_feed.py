@@ -2,19 +2,23 @@
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.model.batch import Batch, Event
-from aerodft.model.image import Image
+from aerodft.model.batch import Arrival, Batch, Event
+from aerodft.model.image import Image, StampClock
+from aerodft.model.image_rows import ImageRows, joined_images
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service import feed
+from aerodft.service.arrivals import first_arrival_ns
 from aerodft.service.batches import Batches
 from aerodft.service.clock import VirtualClock, WallClock
-from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, batch_of, block_of, first_arrival_ns, tick_after
+from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, batch_of, block_of, tick_after
 
 TICK_NS = 50
 
@@ -25,6 +29,32 @@ class ListSource:
 
     def events(self) -> Iterator[Event]:
         return iter(self._events)
+
+
+class GatheredListSource(ListSource):
+    """Images that follow one another are given together, up to ``most``, and by their size."""
+
+    def __init__(self, events: list[Event], most: int) -> None:
+        super().__init__(events)
+        self._most = most
+
+    def gathered(self) -> Iterator[Arrival]:
+        found: list[Arrival] = []
+        for event in self._events:
+            rows = as_rows(event) if isinstance(event, Image) else None
+            before = found[-1] if found else None
+            if rows is None:
+                found.append(event)
+            elif isinstance(before, ImageRows) and before.common == rows.common and len(before) < self._most:
+                found[-1] = joined_images([before, rows])
+            else:
+                found.append(rows)
+        return iter(found)
+
+
+def as_rows(shot: Image) -> ImageRows:
+    columns = (np.array([value]) for value in (shot.index, shot.stamp_ns, shot.arrival_ns))
+    return ImageRows(*columns, shot.clock, shot.width_px, shot.height_px)
 
 
 def frames_of(block: RawBlock) -> list[tuple[int, bytes]]:
@@ -218,6 +248,39 @@ def test_recorded_batches_merge_back_into_the_live_ones() -> None:
     )
     replayed = [flat(batch) for batch in MergedFeed([ListSource(events)], TICK_NS, linger_ns=0).batches()]
     assert replayed == expected
+
+
+@given(EVENTS, st.integers(0, 400), st.integers(1, 5), st.integers(1, 9))
+def test_images_that_are_read_together_come_as_if_they_were_not(
+    given_events: list[tuple[int, str, int, bool]], longest_ns: int, together: int, most: int
+) -> None:
+    """Cut by ticks and by spans, of one size or of several, among frames and observations."""
+    events: list[Event] = []
+    for index, (at, kind, more, is_wide) in enumerate(sorted(given_events)):
+        if kind == "b":
+            events.append(block(kind, *((at + 40 * k, b"%d" % index) for k in range(more + 1))))
+        elif kind == "o":
+            events.append(observation(str(index), at))
+        else:
+            stamp = Image(index=9 * index, stamp_ns=at - 7, arrival_ns=at, clock=StampClock.HOST)
+            is_stamp = kind == "i" or not is_wide
+            events.append(stamp if is_stamp else replace(stamp, clock=StampClock.UTC, width_px=64, height_px=48))
+
+    def spans_of(source: ListSource) -> list[Batches]:
+        return list(MergedFeed([source], TICK_NS, linger_ns=0).spans(longest_ns))
+
+    def seen(batch: Batch) -> object:
+        return flat(batch), [(shot.stamp_ns, shot.clock, shot.width_px, shot.height_px) for shot in batch.images]
+
+    apart = [seen(batch) for span in spans_of(ListSource(events)) for batch in span]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(feed, "_MOST_SUBJECTS", most)
+        spans = spans_of(GatheredListSource(events, together))
+    assert [seen(batch) for span in spans for batch in span] == apart
+    for span in spans:
+        assert [seen(batch) for batch in span[1:]] == [seen(batch) for batch in list(span)[1:]]
+        subjects = [len(batch.images) + len(batch.observations) for batch in span]
+        assert len(subjects) == 1 or sum(subjects) <= most + 2 * together or subjects[0] > most
 
 
 def test_a_live_feed_ticks_on_the_grid_and_ends_after_the_batch_in_hand() -> None:

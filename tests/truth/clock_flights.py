@@ -15,7 +15,8 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image, StampClock
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import MergedFeed, block_of, first_arrival_ns
+from aerodft.service.arrivals import first_arrival_ns
+from aerodft.service.feed import MergedFeed, block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import HeightSettings, PipelineSettings, TelemetrySettings
 from aerodft.service.timing import ClockMap

@@ -6,10 +6,11 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.template import Templates
+from aerodft.adapters.codec.template import Alike, Templates
 from aerodft.adapters.texts import Texts
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.image import Image, StampClock
+from aerodft.model.image_rows import ImageRows
 from aerodft.model.observation import Box, Observation
 
 IMAGE_SCHEMA = "aerodft.image/1"
@@ -25,6 +26,12 @@ def encode_image(image: Image) -> bytes:
 
 def encode_images(images: Sequence[Image], templates: Templates) -> Texts:
     """The same of many, with the templates of ``image_templates``."""
+    if isinstance(images, ImageRows):
+        columns = np.stack([images.indices, images.stamp_ns, images.arrival_ns], axis=-1)
+        rows, nothing = np.arange(len(images)), np.empty((len(images), 0))
+        return templates.joined(
+            [Alike(rows, images.common, lambda row: _image_payload(images[row]), lambda: columns, lambda: nothing)]
+        )
     return templates.written(images, _image_key, _image_payload, _image_whole, _no_numbers)
 
 
@@ -67,9 +74,9 @@ def decode_image(data: bytes) -> Image:
     return wire.load(data, IMAGE_SCHEMA, _image)
 
 
-def decode_images(data: Sequence[bytes]) -> list[Image]:
-    """The same of many."""
-    return wire.load_all(data, IMAGE_SCHEMA, _image)
+def decode_images(data: Sequence[bytes]) -> Sequence[Image]:
+    """The same of many: ``ImageRows`` where they can be."""
+    return wire.load_all(data, IMAGE_SCHEMA, _image, _image_rows)
 
 
 def _image(payload: wire.Json) -> Image:
@@ -82,6 +89,21 @@ def _image(payload: wire.Json) -> Image:
         width_px=payload["width_px"],
         height_px=payload["height_px"],
     )
+
+
+def _image_rows(payloads: Sequence[wire.Json]) -> ImageRows | None:
+    """The same of many; None where they differ in more than whole numbers, or do not come in order of arrival."""
+    common = {(each["clock"], each["width_px"], each["height_px"]) for each in payloads}
+    kinds = {(type(each["width_px"]), type(each["height_px"])) for each in payloads}  # 1 and 1.0 are equal
+    if len(common) != 1 or len(kinds) != 1:
+        return None
+    names = ("index", "stamp_ns", "arrival_ns")
+    columns = [wire.whole(*(each[name] for each in payloads)) for name in names]
+    indices, stamp_ns, arrival_ns = np.array(columns, dtype=np.int64)
+    clock, width_px, height_px = common.pop()
+    if np.any(arrival_ns[1:] < arrival_ns[:-1]):
+        return None
+    return ImageRows(indices, stamp_ns, arrival_ns, _CLOCKS[clock], width_px, height_px)
 
 
 def encode_observation(observation: Observation) -> bytes:
@@ -114,7 +136,7 @@ def decode_observation(data: bytes) -> Observation:
     return wire.load(data, OBSERVATION_SCHEMA, _observation)
 
 
-def decode_observations(data: Sequence[bytes]) -> list[Observation]:
+def decode_observations(data: Sequence[bytes]) -> Sequence[Observation]:
     """The same of many."""
     return wire.load_all(data, OBSERVATION_SCHEMA, _observation)
 

@@ -5,7 +5,8 @@ Angles are degrees on the wire. A double survives JSON exactly; degrees and back
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NoReturn, TypeVar
+from contextlib import suppress
+from typing import Any, Final, NoReturn, TypeVar
 
 import orjson
 
@@ -17,6 +18,8 @@ DEGREES_RTOL = 4.5e-16  # two roundings: an angle comes back within two units in
 
 LATEST_NS = 2**63 - 1
 """Stamps are 64 bits with a sign."""
+
+_WRONG: Final = (KeyError, TypeError, ValueError, IndexError, AttributeError)
 
 T = TypeVar("T")
 Json = dict[str, Any]
@@ -47,8 +50,20 @@ def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
     return _built(schema, payload, build)
 
 
-def load_all(data: Sequence[bytes], schema: str, build: Callable[[Json], T]) -> list[T]:
-    """The values of many bytes, each as ``load`` tells it."""
+def load_all(
+    data: Sequence[bytes],
+    schema: str,
+    build: Callable[[Json], T],
+    build_all: Callable[[Sequence[Json]], Sequence[T] | None] = lambda _: None,
+) -> Sequence[T]:
+    """The values of many bytes, each as ``load`` tells it.
+
+    Args:
+        data: The payloads.
+        schema: As in ``load``.
+        build: Likewise.
+        build_all: Makes all values at once; gives None, or fails, where that cannot be done.
+    """
     try:
         payloads = orjson.loads(b"[%b]" % b",".join(data))
     except orjson.JSONDecodeError:
@@ -57,13 +72,17 @@ def load_all(data: Sequence[bytes], schema: str, build: Callable[[Json], T]) -> 
         isinstance(each, dict) and each.get("schema") == schema for each in payloads
     ):
         return [load(each, schema, build) for each in data]  # one of them says what it is
+    with suppress(*_WRONG):
+        found = build_all(payloads)
+        if found is not None:
+            return found
     return [_built(schema, each, build) for each in payloads]
 
 
 def _built(schema: str, payload: Json, build: Callable[[Json], T]) -> T:
     try:
         return build(payload)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except _WRONG as error:
         raise InputError(f"{schema} payload is incomplete or wrong", got=f"{type(error).__name__}: {error}") from error
 
 

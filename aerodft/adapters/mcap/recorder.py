@@ -35,6 +35,7 @@ from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
+from aerodft.model.image_rows import ImageRows
 from aerodft.model.packet import VideoPacket
 from aerodft.model.pose_columns import POSED
 from aerodft.model.steadiness import SteadinessEstimate
@@ -121,6 +122,8 @@ class McapRecorder:
         self._offer_images(batch.images)
 
     def _offer_images(self, images: Iterable[Image]) -> None:
+        if isinstance(images, ImageRows) and images.width_px is None:
+            return
         for image in images:
             if image.width_px is not None:  # a stamp alone has no picture
                 self._pictures.image(image)

@@ -21,6 +21,7 @@ from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
+from aerodft.model.image_rows import image_indices
 from aerodft.model.pose_columns import POSED, Posed
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
@@ -147,7 +148,7 @@ class Records:
             rows.add_frames(channel, works[np.searchsorted(batches.now_ns, block.arrival_ns)], block)
         if batches.images:
             texts = events.encode_images(batches.images, self._image_templates)
-            sequence = np.array([image_sequence(image.index) for image in batches.images])
+            sequence = image_indices(batches.images) & _SEQUENCE_MASK
             log_ns = batches.image_arrival_ns
             rows.add_texts(self._image, works[batches.image_tick], log_ns, texts, sequence=sequence)
         ticks = batches.observation_tick.tolist()

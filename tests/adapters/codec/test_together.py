@@ -21,6 +21,7 @@ from aerodft.geometry.poses import camera_pose, pose_covariances
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, StampClock
+from aerodft.model.image_rows import ImageRows
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.pose_columns import PoseColumns, PoseRow, PoseRows, sample_of
 from aerodft.model.probe import Probe, ProbeKind
@@ -200,6 +201,42 @@ def test_any_number_is_written_as_alone() -> None:
         numbers=lambda items: np.array([item[1] for item in items]),
     )
     assert written.each() == [wire.dump(payload(item)) for item in rows]
+
+
+@pytest.mark.parametrize("clock", StampClock)
+@pytest.mark.parametrize("size", [(None, None), (1920, 1080)])
+@pytest.mark.parametrize("count", [1, 3, 50])
+def test_images_that_differ_in_whole_numbers_only_are_columns(
+    clock: StampClock, size: tuple[int | None, int | None], count: int
+) -> None:
+    """Read and written without one object each, exact to the last nanosecond."""
+    stamps = [2**62 + k**5 for k in range(count)]
+    images = [
+        Image(index=2**40 + k, stamp_ns=at, arrival_ns=at + k % 2, clock=clock, width_px=size[0], height_px=size[1])
+        for k, at in enumerate(stamps)
+    ]
+    data = [encode_image(image) for image in images]
+    rows = decode_images(data)
+    assert isinstance(rows, ImageRows)
+    assert len(rows) == count
+    assert [encode_image(image) for image in rows] == data == [encode_image(rows[k]) for k in range(count)]
+    assert encode_images(rows, image_templates()).each() == data
+    assert encode_images(rows[1:2], image_templates()).each() == data[1:2]
+
+
+@pytest.mark.parametrize(
+    "change", [{"clock": "utc"}, {"width_px": 640}, {"width_px": 1920.0}, {"height_px": None}, {"arrival_ns": "3"}]
+)
+def test_images_that_differ_in_more_are_none(change: dict[str, object]) -> None:
+    shots = [
+        Image(index=k, stamp_ns=k, arrival_ns=9 + k, clock=StampClock.HOST, width_px=1920, height_px=1080)
+        for k in range(3)
+    ]
+    data = [encode_image(image) for image in shots]
+    data[1] = wire.dump({**orjson.loads(data[1]), **change})
+    found = decode_images(data)
+    assert not isinstance(found, ImageRows)
+    assert [encode_image(image) for image in found] == data
 
 
 @pytest.mark.parametrize("index", [2**63, -(2**63), 1.0, True, None, "x"])

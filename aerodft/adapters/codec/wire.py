@@ -96,8 +96,8 @@ def whole(*values: int | str) -> list[int]:
     Raises:
         ValueError: One is none, or takes more than 64 bits.
     """
-    found = [int(value) if isinstance(value, str) else value for value in values]
-    if any(type(value) is not int for value in found) or not -LATEST_NS <= min(found) <= max(found) <= LATEST_NS:
+    found = list(map(int, values)) if set(map(type, values)) <= {int, str} else []
+    if not found or not -LATEST_NS <= min(found) <= max(found) <= LATEST_NS:
         raise ValueError(f"{values!r:.60}: not whole numbers of 64 bits")
     return found
 

@@ -20,7 +20,7 @@ _MESSAGE: Final = int(Opcode.MESSAGE)
 _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
 _HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
 _CHANNELS: Final = 1 << 16  # their ids are of 16 bits
-_FEW: Final = 64  # records that are told apart as fast without the compiler
+_FEW: Final = 8  # records that are told apart as fast without the compiler
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,8 +24,8 @@ MOST = 0.6
 
 def one_flight(folder: Path, seconds: float) -> Path:
     """A recording of a hover, measured at 5 Hz, without images."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
-    from conftest import CAMERA, STATION, write_tlog  # noqa: PLC0415 - each worker imports this file first
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+    from tests.cli.conftest import CAMERA, STATION, write_tlog  # noqa: PLC0415 - each worker imports this file first
 
     (folder / "camera.toml").write_text(CAMERA)
     (folder / "station.toml").write_text(STATION)

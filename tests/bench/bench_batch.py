@@ -65,11 +65,11 @@ def timed(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]
     return wall, max(float(path.read_text()) for path in log.iterdir()), rows
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--recordings", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=600.0)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         flight = one_flight(folder, options.seconds)

@@ -12,6 +12,7 @@ HERE = Path(__file__).parent
 @pytest.mark.parametrize(
     ("script", "options", "says"),
     [
+        ("bench_batch.py", ["--recordings", "2", "--seconds", "2"], r"two workers take \d\.\d\d of the time of one"),
         ("bench_calibration.py", ["--landmarks", "20", "--runs", "1"], r"20 landmarks, .* ms; \d+\.\d+, \d+\.\d+"),
         ("bench_import.py", ["--seconds", "4", "--probes", "2", "--rate", "5"], r"recompute +.* times real time"),
         (

@@ -1,6 +1,7 @@
 """ArduPilot's on-board logs (.bin), message by message."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -10,9 +11,9 @@ from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mavlink.arrivals import following_stamps, settle_all
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE
-from aerodft.adapters.mavlink.files import LogFile, Piece, shift, wrong_type
+from aerodft.adapters.mavlink.files import LogFile, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
-from aerodft.adapters.mavlink.layout import STATE_SIZE
+from aerodft.adapters.mavlink.layout import STATE_SIZE, Bytes
 from aerodft.adapters.mavlink.loops import scan_dataflash
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
@@ -58,43 +59,22 @@ class DataflashSource:
         for block in self._scan():
             # What comes before the first stamp (the format's description) arrives with it.
             time_ns = np.maximum(block.arrival_ns, self._first_us * 1000)
-            yield RawBlock(
-                protocol=block.protocol,
-                sender=block.sender,
-                arrival_ns=time_ns + self._unix_minus_boot_ns,
-                offset=block.offset,
-                length=block.length,
-                data=block.data,
-            )
+            yield replace(block, arrival_ns=time_ns + self._unix_minus_boot_ns)
 
     def _scan(self, most: int = BLOCK_MESSAGES) -> Iterator[RawBlock]:
         """Blocks of at most so many, whose arrival is still the time since boot, 0 before the first stamp."""
-        self._state, self._types = _fresh()
-        rows = np.empty((3, most), dtype=np.int64)
-        at, last_us, piece = 0, 0, Piece(np.empty(0, dtype=np.uint8), 0, 0)
-        while at < self.size:
-            if at >= piece.stop:
-                last, piece = piece, self._log.piece(at)
-                shift(self._state, piece.first - last.first)
-            found, end = scan_dataflash(piece.data, at - piece.first, piece.limit, self._types, rows, self._state)
-            at = piece.first + end
-            if found:
-                stamps_us = rows[2, :found]
-                nexts_us = following_stamps(stamps_us)
-                settle_all(stamps_us, last_us, nexts_us.__getitem__)
-                last_us = int(stamps_us[-1])
-                yield self._block(piece, rows[:, :found])
+        state, types = self._state, self._types = _fresh()
+        last_us = 0
 
-    def _block(self, piece: Piece, rows: IntArray) -> RawBlock:
-        start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
-        return RawBlock(
-            protocol=WireProtocol.DATAFLASH,
-            sender=self._path.name,
-            arrival_ns=rows[2] * 1000,
-            offset=rows[0] - start,
-            length=rows[1].copy(),
-            data=piece.data[start:stop].tobytes(),
-        )
+        def scan(data: Bytes, start: int, limit: int, rows: IntArray) -> tuple[int, int]:
+            return scan_dataflash(data, start, limit, types, rows, state)
+
+        for piece, rows in self._log.scanned(scan, state, most, self.size):
+            stamps_us = rows[2]
+            nexts_us = following_stamps(stamps_us)
+            settle_all(stamps_us, last_us, nexts_us.__getitem__)
+            last_us = int(stamps_us[-1])
+            yield piece.block(rows, WireProtocol.DATAFLASH, self._path.name)
 
     def _tie(self) -> tuple[int, int, bool]:
         """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS.

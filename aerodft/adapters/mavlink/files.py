@@ -2,6 +2,7 @@
 
 import os
 import weakref
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,9 @@ from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mavlink.layout import AT_QUIET, AT_SYNC, Bytes
 from aerodft.errors import InputError
 from aerodft.model.arrays import IntArray
+from aerodft.model.telemetry import RawBlock, WireProtocol
+
+Scan = Callable[[Bytes, int, int, IntArray], tuple[int, int]]
 
 PIECE_BYTES: Final = 1 << 22
 _BEFORE, _AFTER = 1 << 10, 1 << 12  # bytes; scanners look back and ahead by less: what one message and a stamp take
@@ -35,6 +39,19 @@ class Piece:
     def stop(self) -> int:
         """Where the part ends in the log."""
         return self.first + self.limit
+
+    def block(self, rows: IntArray, protocol: WireProtocol, sender: str, *, checked: bool = False) -> RawBlock:
+        """What a scanner found in it: ``rows (3, n)`` of where in ``data``, how long, and when in us."""
+        start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
+        return RawBlock(
+            protocol=protocol,
+            sender=sender,
+            arrival_ns=rows[2] * 1000,
+            offset=rows[0] - start,
+            length=rows[1].copy(),
+            data=self.data[start:stop].tobytes(),
+            checked=checked,
+        )
 
 
 class LogFile:
@@ -100,10 +117,29 @@ class LogFile:
         stop = min(at + PIECE_BYTES, self.size)
         return Piece(np.frombuffer(self.read(first, stop + _AFTER), dtype=np.uint8), first, stop - first)
 
+    def scanned(self, scan: Scan, state: IntArray, most: int, stop: int) -> Iterator[tuple[Piece, IntArray]]:
+        """What a scanner finds before ``stop`` at least.
 
-def shift(state: IntArray, count: int) -> None:
-    """Tell a scanner's state ``(STATE_SIZE,)`` that its next bytes begin so many behind its last ones."""
-    state[[AT_SYNC, AT_QUIET]] -= count
+        Args:
+            scan: Of some bytes, from where, to where; fills ``rows`` as for ``Piece.block``; gives how many, and
+                where to go on.
+            state: ``(STATE_SIZE,)`` of it, at its beginning; its places are kept to the bytes of the piece.
+            most: So many at once.
+            stop: Nothing is looked for in pieces that begin there or behind.
+
+        Yields:
+            A piece, and the rows in it, valid until the next.
+        """
+        rows = np.empty((3, most), dtype=np.int64)
+        at, piece = 0, Piece(np.empty(0, dtype=np.uint8), 0, 0)
+        while at < stop:
+            if at >= piece.stop:
+                last, piece = piece, self.piece(at)
+                state[[AT_SYNC, AT_QUIET]] -= piece.first - last.first
+            found, end = scan(piece.data, at - piece.first, piece.limit, rows)
+            at = piece.first + end
+            if found:
+                yield piece, rows[:, :found]
 
 
 def wrong_type(path: Path, expected: str, *, got: str | None = None, hint: str = "") -> InputError:

@@ -8,10 +8,10 @@ import numpy as np
 
 from aerodft.adapters.filetype import content_looks_like
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.files import LogFile, Piece, shift, wrong_type
+from aerodft.adapters.mavlink.files import LogFile, Scan, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
 from aerodft.adapters.mavlink.kernels import probe
-from aerodft.adapters.mavlink.layout import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE
+from aerodft.adapters.mavlink.layout import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE, Bytes
 from aerodft.adapters.mavlink.loops import scan_tlog
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
@@ -57,42 +57,9 @@ class TlogSource:
 
     def _blocks(self) -> Iterator[RawBlock]:
         self._state = _fresh_state()
-        for piece, rows in self._scanned(self._state, BLOCK_FRAMES, self.size):
-            yield self._block(piece, rows)
-
-    def _scanned(self, state: IntArray, most: int, stop: int) -> Iterator[tuple[Piece, IntArray]]:
-        """Frames that begin before ``stop`` at least, at most so many at once.
-
-        Args:
-            state: Of the scan, at its beginning; updated.
-            most: So many.
-            stop: Nothing is looked for in pieces that begin there or behind.
-
-        Yields:
-            A piece, and ``rows`` of ``scan_tlog`` in it.
-        """
-        rows = np.empty((3, most), dtype=np.int64)
-        at, piece = 0, Piece(np.empty(0, dtype=np.uint8), 0, 0)
-        while at < stop:
-            if at >= piece.stop:
-                last, piece = piece, self._log.piece(at)
-                shift(state, piece.first - last.first)
-            found, end = scan_tlog(piece.data, at - piece.first, piece.limit, frame_table(), rows, state)
-            at = piece.first + end
-            if found:
-                yield piece, rows[:, :found]
-
-    def _block(self, piece: Piece, rows: IntArray) -> RawBlock:
-        start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
-        return RawBlock(
-            protocol=WireProtocol.MAVLINK,
-            sender=self._path.name,
-            arrival_ns=rows[2] * 1000,
-            offset=rows[0] - start,
-            length=rows[1].copy(),
-            data=piece.data[start:stop].tobytes(),
-            checked=True,
-        )
+        scanned = self._log.scanned(_scan_with(self._state), self._state, BLOCK_FRAMES, self.size)
+        for piece, rows in scanned:
+            yield piece.block(rows, WireProtocol.MAVLINK, self._path.name, checked=True)
 
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each kind of damage met so far; complete once ``events`` has ended."""
@@ -125,10 +92,18 @@ class TlogSource:
             raise wrong_type(
                 self._path, _EXPECTED, got="MAVLink frames without stamps", hint="record with time stamps (.tlog)"
             )
-        first = next(self._scanned(_fresh_state(), _FIRST_FRAMES, min(self.size, _PROBE_BYTES)), None)
+        state = _fresh_state()
+        first = next(self._log.scanned(_scan_with(state), state, _FIRST_FRAMES, min(self.size, _PROBE_BYTES)), None)
         if first is None:
             got = seen if seen != _STAMPED else "no valid MAVLink frame"
             raise wrong_type(self._path, _EXPECTED, got=got)
+
+
+def _scan_with(state: IntArray) -> Scan:
+    def scan(data: Bytes, start: int, limit: int, rows: IntArray) -> tuple[int, int]:
+        return scan_tlog(data, start, limit, frame_table(), rows, state)
+
+    return scan
 
 
 def _fresh_state() -> IntArray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import distorted_with_jacobian, rays_from_pixels
+from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, skew
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.camera import Camera
@@ -22,7 +23,6 @@ _STEPS: Final = 12
 _STILL_RAD: Final = 1e-10
 _CLOSE: Final = 0.02  # sine of the angle between two bearings that fix no roll
 _CUT: Final = 3.5  # robust standard deviations of a coordinate
-_NORMAL_MAD: Final = 1.4826
 _LEAST_STD_PX: Final = 0.05  # no tracker is better on real images
 _CUT_FLOOR_PX: Final = 0.3
 
@@ -151,7 +151,7 @@ def _agreeing(off_px: FloatArray, tolerance_px: float) -> BoolArray:
     near = distance <= tolerance_px
     if not np.any(near):
         return np.asarray(near)
-    spread = _NORMAL_MAD * float(np.median(np.abs(off_px[near])))
+    spread = robust_std(off_px[near])
     return np.asarray(distance <= min(max(_CUT * spread, _CUT_FLOOR_PX), tolerance_px))
 
 

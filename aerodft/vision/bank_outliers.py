@@ -4,12 +4,12 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import BoolArray, FloatArray
 
 _REACH: Final = 4  # neighbours to either side
 _LEAST: Final = 5  # neighbours without which nothing is said
 _STDS: Final = 4.0
-_ROBUST: Final = 1.4826  # from the median of absolute deviations to a standard deviation
 _FLOOR: Final = 0.004  # of the width: banks are no smoother
 
 
@@ -34,7 +34,7 @@ def stand_out(stations_m: FloatArray, offsets_m: FloatArray, std_m: FloatArray, 
     told = np.isfinite(rough)
     if np.count_nonzero(told) < _LEAST:
         return np.zeros(len(offsets_m), dtype=bool)
-    usual = _ROBUST * float(np.median(np.abs(rough[told]))) + _FLOOR * width_m
+    usual = robust_std(rough[told]) + _FLOOR * width_m
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(rough) > _STDS * np.hypot(usual, std_m))
 

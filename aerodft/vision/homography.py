@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 import cv2
 import numpy as np
 
+from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import FloatArray
 from aerodft.vision.matches import ImagePair, Matches
 from aerodft.vision.rotation import FREE, PlaneMotion
@@ -19,7 +20,6 @@ _NOISE_PX = 0.05  # what tracking is never better than
 _DRAWS, _CONFIDENCE = 500, 0.999
 _ROUNDS = 4
 _STUDENT = 5.0  # degrees of freedom of the residuals' t distribution
-_MAD_STD = 1.4826  # of a normal distribution, over its median absolute deviation
 
 
 def plane_motion(pairs: Iterable[ImagePair]) -> PlaneMotion:
@@ -67,7 +67,7 @@ def _refined(h: FloatArray, matches: Matches) -> tuple[FloatArray, FloatArray]:
     for _ in range(_ROUNDS):
         at, by = _carried(h, matches.earlier)
         off_px = (matches.later - at) / matches.px[:, None]
-        std_px = max(_MAD_STD * float(np.median(np.abs(off_px))), _NOISE_PX)
+        std_px = max(robust_std(off_px), _NOISE_PX)
         weight = (_STUDENT + 2) / (_STUDENT + np.sum(off_px**2, axis=-1) / std_px**2)
         jac = (by / matches.px[:, None, None]).reshape(-1, FREE)
         weighted = (jac * np.repeat(weight, 2)[:, None]).T

@@ -7,6 +7,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.vision.plane_errors import FREE, by_elements, change_between, changed
 from aerodft.vision.straight import carried
@@ -21,7 +22,6 @@ _CONFIDENCE: Final = 0.999
 _LEAST_STD_PX: Final = 0.05  # no tracker is better on real images
 _ROUNDS: Final = 4
 _STUDENT: Final = 5.0  # degrees of freedom of the residuals' t distribution
-_MAD_STD: Final = 1.4826  # of a normal distribution, over its median absolute deviation
 _ALIKE: Final = 3.0  # points whose windows overlap are off alike: so many say as much as one
 _UNKNOWN: Final = 1e4  # variance of elements that nothing is known of
 
@@ -125,7 +125,7 @@ def _refined(seen: Matched, start: FloatArray, rows: IntArray) -> PlaneGroup:
     for _ in range(_ROUNDS):
         at = carried(homography, then)
         off = now - at
-        std_px = max(_MAD_STD * float(np.median(np.abs(off))) * math.sqrt(_corrected(len(then))), _LEAST_STD_PX)
+        std_px = max(robust_std(off) * math.sqrt(_corrected(len(then))), _LEAST_STD_PX)
         weight = (_STUDENT + 2) / (_STUDENT + np.sum(off**2, axis=-1) / std_px**2) / (_ALIKE * std_px**2)
         jac = by_elements(unit, at).reshape(-1, FREE)
         weighted = (jac * np.repeat(weight, 2)[:, None]).T

@@ -6,6 +6,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.vision.outline import outline_contrast
 from aerodft.vision.river_status import NoRiver, RiverStatus
@@ -32,7 +33,6 @@ _EDGE_PX: Final = 9  # of the small copy: so near an outline the two sides' colo
 _STRAIGHT: Final = 0.006  # of the width: rms of bank points about a line
 _ONE_WIDTH: Final = 0.015  # relative spread of the widths
 _FEWEST: Final = 6  # bank points that tell whether a bank is straight
-_ROBUST: Final = 1.4826  # from the median of absolute deviations to a standard deviation
 
 
 def no_light(image: ImageArray) -> NoRiver | None:
@@ -112,7 +112,7 @@ def like_a_road(features: WaterFeatures, water: BoolArray, banks_en_m: FloatArra
     widths_m = np.linalg.norm(banks_en_m[:, 0] - banks_en_m[:, 1], axis=-1)
     width_m = float(np.median(widths_m))
     straight = max(_bend_m(banks_en_m[:, side]) for side in range(2)) < _STRAIGHT * width_m
-    if not straight and _ROBUST * float(np.median(np.abs(widths_m - width_m))) > _ONE_WIDTH * width_m:
+    if not straight and robust_std(widths_m - width_m) > _ONE_WIDTH * width_m:
         return None
     how = "between two straight edges" if straight else "and of one width"
     reason = f"where water is looked for it is even, {how}: a road? If it is water, click it (--seed)"
@@ -129,7 +129,7 @@ def _unevenness(features: WaterFeatures, water: BoolArray) -> float:
     trend = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
     light = features.planes[rows, columns, LIGHT].astype(np.float64)
     rest = light - trend @ np.linalg.lstsq(trend, light)[0]
-    return _ROBUST * float(np.median(np.abs(rest))) / LOGARITHM
+    return robust_std(rest) / LOGARITHM
 
 
 def _bend_m(points_en_m: FloatArray) -> float:

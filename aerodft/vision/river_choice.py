@@ -10,6 +10,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from aerodft.geometry.robust import middle_and_std
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.vision.outline import outline_contrast
 from aerodft.vision.river_checks import CLEAR, no_river
@@ -28,7 +29,6 @@ _APART: Final = 0.1
 _SAME_PX: Final = 2.0  # of the copy of half the size: so near two outlines are one
 _SAME: Final = 0.02  # of the width, likewise
 _LIKE: Final = 3.0  # standard deviations of the water's looks
-_ROBUST: Final = 1.4826  # from the median of absolute deviations to a standard deviation
 
 
 def likeliest_water(
@@ -71,10 +71,8 @@ def _apart(planes: Float32Image, water: BoolArray, ground: BoolArray) -> float:
 
     Lightness is not looked at.
     """
-    inside = planes[water]
-    middle = np.median(inside, axis=0)
-    spread = _ROBUST * np.median(np.abs(inside - middle), axis=0) + 1.0
-    far = np.abs(planes - middle) > _LIKE * spread
+    middle, std = middle_and_std(planes[water])
+    far = np.abs(planes - middle) > _LIKE * (std + 1.0)
     like = ~np.any(far[..., [RED_TO_GREEN, BLUE_TO_GREEN, TEXTURE]], axis=-1) & ground
     beside = cv2.dilate(water.astype(np.uint8), np.ones((9, 9), dtype=np.uint8)) > 0
     _, _, facts, _ = cv2.connectedComponentsWithStats(opened(like & ~beside).astype(np.uint8), connectivity=4)

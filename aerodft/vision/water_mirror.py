@@ -11,11 +11,11 @@ from typing import Final
 import cv2
 import numpy as np
 
+from aerodft.geometry.robust import middle_and_std, robust_std
 from aerodft.model.arrays import BoolArray
 from aerodft.vision.water_cut import cut, opened
 from aerodft.vision.water_features import BLUE_TO_GREEN, LIGHT, RED_TO_GREEN, TEXTURE, Float32Image, WaterFeatures
 
-_ROBUST: Final = 1.4826  # from the median of absolute deviations to a standard deviation
 _LEAST: Final = 0.001  # of the water's area
 _LEAST_SPREAD: Final = 3.0  # of twelve times the texture's logarithm: 28 %
 _GAP_PX: Final = 4  # to the water's outline at most: what the fading strip itself loses to neither
@@ -71,7 +71,7 @@ def _smooth_pieces(features: WaterFeatures, water: BoolArray, ground: BoolArray)
     texture = features.planes[..., TEXTURE]
     inside = texture[water]
     middle = float(np.median(inside))
-    spread = max(_ROBUST * float(np.median(np.abs(inside - middle))), _LEAST_SPREAD)
+    spread = max(robust_std(inside - middle), _LEAST_SPREAD)
     smooth = opened(ground & ~water & (texture <= middle + spread)).astype(np.uint8)
     near = _around(water, _GAP_PX)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(smooth, connectivity=4)
@@ -98,10 +98,8 @@ def _fades(features: WaterFeatures, water: BoolArray, piece: BoolArray, ground: 
 
 def _along(planes: Float32Image, strip: BoolArray, water: BoolArray, ground: BoolArray) -> BoolArray:
     """A strip with what runs on along the water in its looks, where it is too narrow for its texture to be seen."""
-    inside = planes[strip][:, _LOOKS]
-    middle = np.median(inside, axis=0)
-    spread = _ROBUST * np.median(np.abs(inside - middle), axis=0) + 1.0
-    like = np.all(np.abs(planes[..., _LOOKS] - middle) <= _LIKE * spread, axis=-1)
+    middle, std = middle_and_std(planes[strip][:, _LOOKS])
+    like = np.all(np.abs(planes[..., _LOOKS] - middle) <= _LIKE * (std + 1.0), axis=-1)
     from_water = cv2.distanceTransform(1 - water.astype(np.uint8), cv2.DIST_L2, 5)
     near = from_water <= float(from_water[strip].max())
     _, labels = cv2.connectedComponents(

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import FloatArray
 from calibration.lens.adjustment import Bundle, adjust, residuals_px
 from calibration.lens.determined import FEWEST_VIEWS
@@ -14,7 +15,6 @@ _OUTLYING = 2.5  # times the median view's residual: more than blur or a bent bo
 _MOST_LEFT_OUT = 0.25  # of all views
 _STRAY = 6.0  # robust stds: of a billion corners 15 would be left out without reason
 _MOST_STRAYS = 0.2  # of a view's corners: where more of them stray, it is the view that disagrees
-_MEDIAN_TO_STD = 1.4826  # of a normal distribution's absolute values
 
 
 def without_outliers(
@@ -56,7 +56,7 @@ def view_rms_px(off_px: FloatArray, corners: Corners) -> FloatArray:
 def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View, ...], Bundle]:
     corners = Corners.of(views)
     off = residuals_px(bundle, corners)
-    std = _MEDIAN_TO_STD * float(np.median(np.abs(off)))
+    std = robust_std(off)
     stray = np.linalg.norm(off, axis=-1) > _STRAY * std
     share = corners.per_view(stray.astype(np.float64)) / np.bincount(corners.view)
     stray &= (share <= _MOST_STRAYS)[corners.view]

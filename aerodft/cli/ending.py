@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from aerodft.model.batch import Batch
 from aerodft.service.batches import Batches
-from aerodft.service.feed import SpanFeed
+from aerodft.service.ports import SpanFeed
 
 Given = TypeVar("Given")
 

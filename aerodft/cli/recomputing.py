@@ -11,9 +11,9 @@ from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.geometry.jit import expect
-from aerodft.service.feed import MergedFeed, SpanFeed
+from aerodft.service.feed import MergedFeed
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Source
+from aerodft.service.ports import Source, SpanFeed
 from replay.recording import Recording
 from replay.seen_again import SeenAgain
 from replay.source import RecordingSource

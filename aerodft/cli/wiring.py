@@ -28,11 +28,10 @@ from aerodft.model.status import Status
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
-from aerodft.service.feed import SpanFeed
 from aerodft.service.made import Made, SpanSink
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Feed, ObjectTracker, Output, Sink, Source
+from aerodft.service.ports import Feed, ObjectTracker, Output, Sink, Source, SpanFeed
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
 from calibration.steadiness import SteadyCalibrator

@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Final, Protocol, runtime_checkable
+from typing import Final
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
 from aerodft.service.batches import Batches, by_kind, one_batch
-from aerodft.service.ports import Clock, Feed, GatheredSource, Source
+from aerodft.service.ports import Clock, GatheredSource, Source
 
 _TICKS_AHEAD: Final = 64  # that are read where they are asked for one by one
 _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
@@ -55,15 +55,6 @@ def batch_of(now_ns: int, events: Iterable[Arrival]) -> Batch:
     """
     raw, images, observations = by_kind(events)
     return one_batch(now_ns, raw, images, observations)
-
-
-@runtime_checkable
-class SpanFeed(Feed, Protocol):
-    """A feed that gives some ticks at once, too."""
-
-    def spans(self, longest_ns: int) -> Iterator[Batches]:
-        """``batches``, those of up to ``longest_ns`` together."""
-        ...
 
 
 class MergedFeed:

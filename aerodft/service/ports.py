@@ -14,6 +14,7 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.pose_columns import Posed
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, Track
+from aerodft.service.batches import Batches
 
 Estimate = CalibrationEstimate | SteadinessEstimate
 
@@ -52,6 +53,15 @@ class Feed(Protocol):
 
     def batches(self) -> Iterator[Batch]:
         """Batches with increasing ``now_ns``, empty ones included where time alone matters, until the end."""
+        ...
+
+
+@runtime_checkable
+class SpanFeed(Feed, Protocol):
+    """Recorded input that has the batches of some ticks at once, too."""
+
+    def spans(self, longest_ns: int) -> Iterator[Batches]:
+        """``batches``, those of up to ``longest_ns`` together."""
         ...
 
 

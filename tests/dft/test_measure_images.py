@@ -76,7 +76,7 @@ def samples(count):
     return found
 
 
-@pytest.mark.parametrize(
+on_every_ground = pytest.mark.parametrize(
     "setup",
     [
         Setup(camera=CAMERA, max_range_m=400.0),
@@ -85,6 +85,9 @@ def samples(count):
     ],
     ids=["level", "dft", "slope"],
 )
+
+
+@on_every_ground
 def test_answers_do_not_depend_on_the_images_beside(setup):
     poses, asked = samples(70 if setup.ground is None else 20), requests()
     alone = [encode_measurements(measure(setup, pose, asked, k)) for k, pose in enumerate(poses)]
@@ -99,15 +102,7 @@ def test_answers_do_not_depend_on_the_images_beside(setup):
     assert [len(image) for image in measure_images(setup, poses, (), range(len(poses)))] == [0] * len(poses)
 
 
-@pytest.mark.parametrize(
-    "setup",
-    [
-        Setup(camera=CAMERA, max_range_m=400.0),
-        Setup(camera=CAMERA, model=ProjectionModel.DFT),
-        Setup(camera=CAMERA, ground=Plane.sloping([0.0, 0.0, 0.0], 0.1, 1.0)),
-    ],
-    ids=["level", "dft", "slope"],
-)
+@on_every_ground
 @pytest.mark.parametrize("kind", list(PIXELS))
 def test_images_may_have_pixels_of_their_own(setup, kind):
     poses, rng = samples(70 if setup.ground is None else 20), np.random.default_rng(6)

@@ -1,4 +1,4 @@
-"""Stated standard deviations hold: errors of 2,000 random calibrations, and of some of which a fifth is wrong.
+"""Stated standard deviations hold: errors of 3,700 random calibrations, and of some of which a fifth is wrong.
 
 With ``AERODFT_FAULTS=full`` there are 5,600. The scenes are those of ``calibration_sets``: what people calibrate, from
 landmarks, ranges, sizes, lines, the horizon, guesses with stds, and mixtures of these. Truth is OpenCV's projection and
@@ -16,16 +16,16 @@ import pytest
 from .calibration_sets import DEG, POSE, TASKS, Task, drawn, landmarks, ranges, solved, together, with_outliers
 
 SCENES = {
-    "a pose from landmarks": 250,
-    "a lens from landmarks": 400,
-    "an unknown camera": 450,
-    "a pose from some of everything": 150,
-    "water of unknown level": 400,
-    "a laser rangefinder": 150,
-    "things of known size": 60,
-    "lines and horizon": 60,
-    "a building": 60,
-    "points from the foot": 60,
+    "a pose from landmarks": 400,
+    "a lens from landmarks": 700,
+    "an unknown camera": 700,
+    "a pose from some of everything": 200,
+    "water of unknown level": 1000,
+    "a laser rangefinder": 300,
+    "things of known size": 100,
+    "lines and horizon": 100,
+    "a building": 100,
+    "points from the foot": 100,
 }
 ALL = {
     "a pose from landmarks": 800,
@@ -40,9 +40,9 @@ ALL = {
     "points from the foot": 200,
 }
 IS_FULL = os.environ.get("AERODFT_FAULTS") == "full"
-OFF = 2.5
-"""Of the standard deviation of an unknown's errors in stated ones, in what so many scenes tell it to. In 400 scenes
-stds of one unknown alone that are 15 % too small are seen 94 times in 100, in 1,000 10 % 96 times, in 2,000 7 %."""
+NARROWEST, WIDEST, FEWEST = 0.95, 1.05, 700
+"""Of the standard deviation of errors in stated standard deviations, of each unknown over at least so many scenes. They
+tell it to 0.027: stds that are 10 % too small are seen 96 times in 100, in 2,000 7 %."""
 TIMES = 3 if IS_FULL else 1
 SURE = 4.0
 """Standard deviations that all unknowns of one kind of scene together may be off by. Their joint covariance says what
@@ -95,7 +95,8 @@ def test_errors_are_as_large_as_stated():
         print(f"{name:32s} {len(joint):6d} scenes, std {math.sqrt(np.mean(joint)):.3f}, told to {told:.3f}")
         assert math.sqrt(np.mean(joint)) == pytest.approx(1.0, abs=SURE * told), name
     for unknown, z in found.items():
-        assert np.std(z) == pytest.approx(1.0, abs=OFF / math.sqrt(2 * len(z))), unknown
+        assert len(z) >= FEWEST
+        assert NARROWEST <= np.std(z) <= WIDEST, unknown
         assert abs(np.mean(z)) <= 4 / math.sqrt(len(z)), unknown
 
 

@@ -24,8 +24,8 @@ from replay.recording import Recording
 from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory
 
 TILTS_DEG = (0.0, 30.0, 45.0, 60.0)
-FLIGHTS, ALLOWED = (800, 0.02) if os.environ.get("AERODFT_FAULTS") == "full" else (260, 0.025)
-"""They tell a coverage to 1.4 % (one std; 2.5 % are allowed): 89 % is seen 96 times in 100."""
+FLIGHTS = 800 if os.environ.get("AERODFT_FAULTS") == "full" else 400
+"""They tell a coverage to 1.1 % (one std; 2 % are allowed): 90 % is seen 98 times in 100."""
 BIASES = Biases(height_m=1.5, tilt_rad=math.radians(1.2))
 LEARNED = 20
 """Images in the first five seconds."""
@@ -94,7 +94,7 @@ def test_95_percent_intervals_hold_the_truth_in_95_percent_of_the_flights(name):
     print(f"{used} observations of markers used, {refused} refused")
     for kind, share in shares.items():
         assert len(held[kind]) > 0.95 * FLIGHTS, kind
-        assert share == pytest.approx(0.95, abs=ALLOWED), kind
+        assert 0.93 <= share <= 0.97, kind
 
 
 STATION = """

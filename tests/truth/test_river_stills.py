@@ -4,7 +4,6 @@ Straight, curved and braided; plain, muddy under foam, mirroring the sky in the 
 Truth is where the line through both bank pixels, as the true pose sees them, crosses the river's banks.
 """
 
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -36,7 +35,7 @@ LOOKS = {
     "shady": Waterside(water_bgr=(70.0, 76.0, 60.0), waves=0.15, mirror=0.12, shade_m=3.0, growth=1.6),
     "glittering": Waterside(water_bgr=(104.0, 86.0, 60.0), waves=0.15, mirror=0.05, glare=0.9, growth=1.2, foam=0.02),
 }
-SEEDS = (1, 2, 3) if os.environ.get("AERODFT_FAULTS") == "full" else (1, 2)
+SEEDS = (1, 2, 3)
 MEDIAN, P95 = 0.01, 0.03
 STD = PoseStd(height_agl_m=0.4, tilt_rad=0.004, pan_rad=0.004, roll_rad=0.004)
 FEWEST = 6
@@ -109,4 +108,4 @@ def test_widths_and_their_intervals(shape, camera):
         f" {100 * np.mean(posed):.1f} %"
     )
     assert held.mean() >= 0.90
-    assert np.mean(posed) >= 0.80  # of 10 drawn poses
+    assert np.mean(posed) >= 0.80  # of 15 drawn poses

@@ -13,6 +13,7 @@ from aerodft.adapters.mavlink.arrivals import settle, settle_all
 from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE
 from aerodft.adapters.mavlink.layout import BACK_US, JUMP_US, STATE_SIZE
 from aerodft.geometry.jit import load_compiler
+from tests.adapters.mavlink.spoiling import WAYS, spoil
 
 load_compiler()  # what is compared with is compiled
 CAPACITY = 50
@@ -59,17 +60,12 @@ def damaged_logs(draw: st.DrawFn) -> bytes:
         if len(body) > 12 and k % 3 == 0:
             body[-3:] = bytes((0xA3, 0x95, int(rng.choice([10, 11, 128]))))
         piece = bytearray(bytes((0xA3, 0x95, kind)) + body)
-        match draw(st.sampled_from(["whole"] * 5 + ["cut", "flipped", "noise", "declared"])):
-            case "cut":
-                del piece[int(rng.integers(len(piece))) :]
-            case "flipped":
-                piece[int(rng.integers(len(piece)))] ^= 1 << int(rng.integers(8))
-            case "noise":
-                piece += rng.bytes(int(rng.integers(0, 30)))
-            case "declared":
-                other = int(rng.choice([10, 11, 12, 13]))
-                columns = b"TimeUS,Roll" if k % 2 else b"Other,Roll"
-                piece += declared(other, SIZES[other] + (k % 5 == 0), columns)
+        way = draw(st.sampled_from([*WAYS, "declared"]))
+        spoil(piece, way, rng)
+        if way == "declared":
+            other = int(rng.choice([10, 11, 12, 13]))
+            columns = b"TimeUS,Roll" if k % 2 else b"Other,Roll"
+            piece += declared(other, SIZES[other] + (k % 5 == 0), columns)
         pieces.append(bytes(piece))
     return b"".join(pieces)
 

@@ -17,6 +17,7 @@ from aerodft.adapters.mavlink.dialect import frame_table
 from aerodft.adapters.mavlink.layout import TLOG_STATE
 from aerodft.adapters.mavlink.selection import SLOTS, Followed, fresh_state
 from aerodft.geometry.jit import load_compiler
+from tests.adapters.mavlink.spoiling import WAYS, spoil
 
 load_compiler()  # what is compared with is compiled
 SAMPLE = Path(__file__).parents[3] / "samples/copter.tlog"
@@ -58,18 +59,13 @@ def damaged_logs(draw: st.DrawFn) -> bytes:
         frame = bytes((text if k % 3 == 0 else angles).pack(mav, force_mavlink1=bool(k % 2)))
         stamp_us += int(rng.choice([0, 1000, 10**6, 10**9, -(2 * 10**6)], p=[0.1, 0.6, 0.2, 0.05, 0.05]))
         piece = bytearray(stamp_us.to_bytes(8, "big") + frame)
-        match draw(st.sampled_from(["whole"] * 5 + ["cut", "flipped", "noise", "alien", "bare"])):
-            case "cut":
-                del piece[int(rng.integers(len(piece))) :]
-            case "flipped":
-                piece[int(rng.integers(len(piece)))] ^= 1 << int(rng.integers(8))
-            case "noise":
-                piece += rng.bytes(int(rng.integers(0, 30)))
-            case "alien":
-                piece[8 + 5] ^= 0xFF
-                piece[8 + 9 : 8 + 10] = b"\x07"
-            case "bare":
-                del piece[:8]
+        way = draw(st.sampled_from([*WAYS, "alien", "bare"]))
+        spoil(piece, way, rng)
+        if way == "alien":
+            piece[8 + 5] ^= 0xFF
+            piece[8 + 9 : 8 + 10] = b"\x07"
+        elif way == "bare":
+            del piece[:8]
         pieces.append(bytes(piece))
     return b"".join(pieces)
 

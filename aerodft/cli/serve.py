@@ -23,6 +23,7 @@ from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mavlink.signing_words import signing_sentences
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
+from aerodft.cli.collector import keep_loaded
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import say
@@ -83,6 +84,7 @@ def serve(
         stack.callback(recorder.close)
         packets.recorder = recorder
         stack.enter_context(_stop_on_signal(feed, seconds))
+        keep_loaded()
         say(f"recording to {folder}; stop with Ctrl-C")
         receivers = (recorder,) if bus is None else (bus, recorder)
         status = _StatusEverySecond(station, pipeline, inbox, look, tally, bus, recorder, link)

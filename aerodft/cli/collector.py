@@ -23,7 +23,8 @@ def without_collector() -> Iterator[None]:
 def keep_loaded() -> None:
     """Have what is loaded by now never looked through again.
 
-    Among 100,000 objects a search for cyclic garbage, which comes when it likes, stopped a live service for 25 to 50 ms.
+    Among 100,000 objects a search for cyclic garbage, which comes when it likes, stopped a live service for 25 to
+    50 ms.
     """
     gc.collect()
     gc.freeze()

@@ -229,8 +229,9 @@ def _measured(
     other_m = otherwise_m(plane, features, water, line, found.stations_m)
     for row in np.flatnonzero(_unlike_neighbours(plane, found, edges, line.width_m)).tolist():
         status[row] = RiverStatus.UNLIKE_NEIGHBOURS if status[row] is RiverStatus.OK else status[row]
-    for row in np.flatnonzero(_ambiguous(other_m, line.width_m)).tolist():
-        status[row] = RiverStatus.AMBIGUOUS if status[row] is RiverStatus.OK else status[row]
+    rows = np.flatnonzero([each is RiverStatus.OK for each in status])
+    for row in rows[_ambiguous(other_m[rows], line.width_m)].tolist():
+        status[row] = RiverStatus.AMBIGUOUS
     rows = np.flatnonzero([each is RiverStatus.OK for each in status])
     if len(rows) == 0:
         worst = RiverStatus.TOO_COARSE if RiverStatus.TOO_COARSE in status else RiverStatus.OUT_OF_IMAGE

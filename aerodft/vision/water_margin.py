@@ -3,7 +3,7 @@
 The middle of the water says what water looks like, and the band along its outline is cut anew. What that takes away
 is ground where it has more texture than the water beside it, or is greener. Where it is neither it may be ground, if
 its edge is clear, and it is no shade or mirrored bank: those are darker than the water beside them. Glitter is far
-brighter.
+brighter, and foam is rough because of what is far brighter in it.
 """
 
 from dataclasses import dataclass
@@ -29,6 +29,9 @@ _NO_LIGHT: Final = np.array([1.0, 1.0, 0.0, 1.0], dtype=np.float32)
 _STRIP: Final = np.ones((11, 11), dtype=np.uint8)  # around a piece: the water next to it
 _DARKER: Final = -0.5  # forty times the logarithm of the lightness: about 1 %
 GLITTER: Final = 12.0  # about 35 % brighter than the water beside it
+_BRIGHTEST: Final = 97.0  # percent of a piece
+_FOAM: Final = 15.0  # likewise: its brightest, about 45 %
+_UNEVEN: Final = 2.2  # of the standard deviation of the water's lightness beside it; real banks here have up to 2.0
 _GREENER: Final = -1.5  # likewise of red to green: the colour of what grows there
 _NOT_BLUER: Final = 1.0  # likewise of blue to green: where the sky is mirrored it is more
 
@@ -70,7 +73,8 @@ def margin(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: Bool
         if share[number] < _LEAST or len(edge) == 0 or not beside.any():
             continue
         apart, clear = planes[piece].mean(axis=0) - planes[beside].mean(axis=0), float(np.median(edge))
-        if clear > _CLEAR and (_is_rougher(apart) or _is_greener(apart)):
+        is_rough = _is_rougher(apart) and not _is_foam(planes[piece][:, LIGHT], planes[beside][:, LIGHT])
+        if clear > _CLEAR and (is_rough or _is_greener(apart)):
             found.bare[near & water & ~inner] = True
         elif clear > _CLEAR and _may_be_ground(apart):
             found.doubtful[near & water & ~inner] = True
@@ -96,6 +100,12 @@ def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolAr
 def _is_rougher(apart: Float32Image) -> bool:
     """Whether a piece has more texture than the water next to it, ``apart (4,)`` of the planes; glitter has it too."""
     return bool(apart[TEXTURE] > _ROUGHER and apart[LIGHT] < GLITTER)
+
+
+def _is_foam(piece: Float32Image, beside: Float32Image) -> bool:
+    """Whether a piece's lightness ``(n,)`` is that of bright spots, far more uneven than the water's next to it."""
+    brightest = float(np.percentile(piece, _BRIGHTEST)) - float(beside.mean())
+    return brightest > _FOAM and float(piece.std()) > _UNEVEN * float(beside.std())
 
 
 def _is_greener(apart: Float32Image) -> bool:

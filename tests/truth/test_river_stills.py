@@ -109,3 +109,18 @@ def test_widths_and_their_intervals(shape, camera):
     )
     assert held.mean() >= 0.90
     assert np.mean(posed) >= 0.80  # of 15 drawn poses
+
+
+@pytest.mark.parametrize(
+    ("shape", "tilt_deg", "seed", "look"), [("curved", 65, 31, "glittering"), ("straight", 20, 32, "muddy")]
+)
+def test_foam_along_a_bank_is_no_bank(shape, tilt_deg, seed, look, camera):
+    """Spots of foam are rough where water is smooth; it was taken off as bare ground, 13 % of the width."""
+    scene = river_scene(shape, tilt_deg, seed)
+    image = Renderer(camera, scene.world, Imaging(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
+    found = find_river(image, Setup(camera=camera), scene.pose, RiverQuestion(spacing_m=2.0))
+    assert isinstance(found, River), found
+    width, std, true, _ = crossed(camera, scene, found)
+    assert len(width) >= FEWEST
+    assert np.median(np.abs(width / true - 1)) <= MEDIAN
+    assert np.mean(np.abs(width - true) <= 1.96 * std) >= 0.9

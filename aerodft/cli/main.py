@@ -4,7 +4,6 @@ Exit codes: 0 done, 1 a bug, 2 usage, 3 bad input or configuration, 4 no answer 
 a loss to report.
 """
 
-import atexit
 import gc
 import inspect
 import keyword
@@ -21,7 +20,7 @@ import typer
 from typer.exceptions import TyperException
 
 from aerodft import __version__
-from aerodft.cli.collector import without_collector
+from aerodft.cli.collector import end_at_once, without_collector
 from aerodft.cli.misuse import refuse_empty, usage_error
 from aerodft.cli.streams import ReaderGone, flush_stdout, guard_streams
 from aerodft.errors import AerodftError, UsageError
@@ -130,7 +129,7 @@ def _run(arguments: list[str]) -> NoReturn:
 
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
-    atexit.register(gc.freeze)  # else the interpreter looks through all of the libraries once more: half a second
+    end_at_once()
     guard_streams()
     try:
         with _ended_by_sigterm():

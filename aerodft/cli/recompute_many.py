@@ -11,6 +11,7 @@ import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.resolved import resolved_toml
+from aerodft.cli.collector import end_at_once
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.wiring import Tally, run
@@ -104,6 +105,7 @@ def _folders(recordings: Sequence[str], output: Path) -> list[Path]:
 
 def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
     """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
+    end_at_once()
     try:
         ready = prepare(job.folder, many.config, many.calibration)
         key = _key(ready)

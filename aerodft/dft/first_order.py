@@ -4,6 +4,7 @@ Left out is what misses the ground, is too far away, too uncertain, or must be d
 one, and says why.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,14 +19,14 @@ from aerodft.dft.limits import (
     NEAR_FOOT,
     NO_RAY_CODES,
 )
-from aerodft.dft.loops import joint_variances
+from aerodft.dft.loops import SharedErrors, joint_variances
 from aerodft.dft.points import ImagePoints, lat_lon_alt, to_ground_frame
 from aerodft.dft.polygons import crosses_itself
 from aerodft.dft.projection import Codes
 from aerodft.dft.quantities import SCALARS, Gradient, Sight, beside, foot_distance, gradient
 from aerodft.dft.record import UNITS
 from aerodft.dft.request import Request, Setup
-from aerodft.dft.seen import BY_DIRECTION, directions_with_jacobians, on_ground_count
+from aerodft.dft.seen import BY_DIRECTION, Directions, directions_with_jacobians, on_ground_count
 from aerodft.dft.uncertainty import Z95, ellipses95
 from aerodft.dft.values import SIGNED
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
@@ -74,7 +75,8 @@ def first_order_answers(
     nothing = np.zeros(count, dtype=np.bool_)
     columns = [AnswerColumn("m", nothing, {}, {})] * len(requests)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # misses
-        found = [_Answers(setup, group, points) for group in _groups(setup, requests)]
+        errors = SharedErrors.of(points.shared_cov)
+        found = [_Answers(setup, group, points, errors) for group in _groups(setup, requests)]
         places = _places(points, [answers.shown_m for answers in found])
         for answers, shown in zip(found, places, strict=True):
             for member, column in zip(answers.members, answers.columns(shown), strict=True):
@@ -126,9 +128,9 @@ class _Answers:
         shown_m: ``(n, g, q, 3)`` the points in ENU that it is shown with; none of a ray's bearing.
     """
 
-    def __init__(self, setup: Setup, group: _Group, points: ImagePoints) -> None:
+    def __init__(self, setup: Setup, group: _Group, points: ImagePoints, errors: SharedErrors) -> None:
         self.members = group.members
-        self._setup, self._group, self._points = setup, group, points
+        self._setup, self._group, self._points, self._errors = setup, group, points, errors
         self._status = points.ground.status[:, group.columns]
         self._enu_m = points.ground.points_enu_m[:, group.columns]
         self._cov = points.spread.cov_enu_m2[:, group.columns[:, 0]]
@@ -175,20 +177,18 @@ class _Answers:
             pixels_px = self._points.pixels_px[..., self._group.columns, :]
             of_each = pixels_px.ndim > self._group.columns.ndim + 1
             rays = directions_with_jacobians(self._setup.camera, self._points.pose, pixels_px, of_each=of_each)
-            jacobians = self._jacobians(rays.jac_shared, rays.jac_px)
             sight = Sight(self._camera_m, rays.directions_enu, self._enu_m)
         else:
-            jacobians = self._jacobians()
-            sight = Sight(self._camera_m, np.zeros_like(self._enu_m), self._enu_m)
+            rays, sight = None, Sight(self._camera_m, np.zeros_like(self._enu_m), self._enu_m)
         value = SCALARS[kind](sight)
-        scalars = _Scalars(value, self._std(gradient(kind, sight), jacobians))
+        scalars = _Scalars(value, self._std(gradient(kind, sight), rays))
         if kind is ProbeKind.BEARING:
             self._is_open &= scalars.std <= MAX_BEARING_STD_RAD / 3
         elif kind is ProbeKind.HEIGHT:
             aside, by = beside(sight)
-            self._close_heights(scalars, np.abs(aside), self._std(by, jacobians))
+            self._close_heights(scalars, np.abs(aside), self._std(by, rays))
             away, by = foot_distance(sight)
-            self._is_open &= self._std(by, jacobians) <= NEAR_FOOT * away
+            self._is_open &= self._std(by, rays) <= NEAR_FOOT * away
         return scalars
 
     def _close_heights(self, scalars: _Scalars, aside_m: FloatArray, aside_std_m: FloatArray) -> None:
@@ -199,24 +199,16 @@ class _Answers:
             aside_m <= np.maximum(np.abs(scalars.value), LEANING_STDS * aside_std_m)
         )
 
-    def _jacobians(self, *of_rays: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        ground, columns = self._points.ground, self._group.columns
-        shared, own = ground.jac_shared[:, columns], ground.jac_px[:, columns]
-        ray_shared, ray_own = of_rays or (shared, own)
-        return shared, own, ray_shared, ray_own
-
-    def _std(self, by: Gradient, jacobians: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> FloatArray:
-        points, first = self._points, self._group.columns[:, 0]
-        elevation_var, pixel_var = np.square(points.elevation_std_m[first]), np.square(points.std_px[first])
+    def _std(self, by: Gradient, rays: Directions | None) -> FloatArray:
+        """Standard deviations ``(n, g)`` of scalars with such derivatives, those by directions of rays."""
+        points, columns = self._points, self._group.columns
+        of_points = points.ground.jac_shared, points.ground.jac_px, columns
+        of_rays = of_points if rays is None else _one_behind_the_other(rays)
+        first = columns[:, 0]
+        own_var = np.square(np.stack([points.elevation_std_m[first], points.std_px[first]], axis=-1))
         variance = np.empty(by.by_camera.shape[:-1])
-        joint_variances(
-            (by.by_camera, by.by_directions, by.by_points),
-            jacobians,
-            points.shared_cov,
-            elevation_var,
-            pixel_var,
-            variance,
-        )
+        gradients = by.by_camera, by.by_directions, by.by_points
+        joint_variances(gradients, of_points, of_rays, self._errors, own_var, variance)
         return np.sqrt(np.maximum(variance, 0.0))
 
     def _shown_m(self) -> FloatArray:
@@ -243,6 +235,14 @@ class _Answers:
         ellipse = {"ellipse95": ellipses95(self._cov)} if kind is ProbeKind.POSITION else {}
         numbers |= {**ellipse, **places, "cov_enu_m2": self._cov}
         return {name: numbers[name] for name in NUMBERS if name in numbers}
+
+
+def _one_behind_the_other(rays: Directions) -> tuple[FloatArray, FloatArray, IntArray]:
+    """The derivatives of rays ``(n, g, q)`` as those of ``(n, k)``, and where in these each is ``(g, q)``."""
+    count, *shape = rays.directions_enu.shape[:-1]
+    size = math.prod(shape)
+    shared, own = (each.reshape(count, size, *each.shape[-2:]) for each in (rays.jac_shared, rays.jac_px))
+    return shared, own, np.arange(size).reshape(shape)
 
 
 def _is_one_of(codes: Codes, wanted: Sequence[int]) -> BoolArray:

@@ -1,13 +1,37 @@
 """The loops from derivatives to covariances: as written for a point or two, over whole arrays, compiled for many."""
 
+from typing import NamedTuple
+
+import numpy as np
+
 from aerodft.dft import propagation, propagation_arrays
 from aerodft.geometry.jit import expect, is_loaded
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 
 # Steps of the compiler's reckoning that go without it: for all of a call, and for each point in it.
 _DEPEND, _DEPEND_POINT = 40, 1
 _SPREAD, _SPREAD_POINT, _SPREAD_WRITTEN = 350, 4, 260
 _JOINT, _JOINT_SCALAR, _JOINT_WRITTEN = 200, 3, 140
+
+
+class SharedErrors(NamedTuple):
+    """Errors that all points of an image have in common; most of them vary with few others, and many not at all.
+
+    Attributes:
+        cov: ``(n, s, s)`` of ``n`` images.
+        partners: ``(s, s)`` for each error first those that it varies with in any image, in order.
+        partner_count: ``(s,)`` how many these are.
+    """
+
+    cov: FloatArray
+    partners: IntArray
+    partner_count: IntArray
+
+    @staticmethod
+    def of(cov: FloatArray) -> "SharedErrors":
+        """Errors with covariances ``(n, s, s)``."""
+        vary = np.any(cov != 0.0, axis=0)
+        return SharedErrors(cov, np.argsort(~vary, axis=1, kind="stable"), vary.sum(axis=1))
 
 
 def depend(
@@ -28,7 +52,7 @@ def depend(
 
 def spread(
     jacobians: tuple[FloatArray, FloatArray],
-    shared_cov: FloatArray,
+    errors: SharedErrors,
     elevation_var: FloatArray,
     pixel_var: FloatArray,
     sight: FloatArray,
@@ -39,19 +63,19 @@ def spread(
     together, written = _SPREAD + _SPREAD_POINT * range_var.size, _SPREAD_WRITTEN * range_var.size
     expect(min(together, written))
     module = propagation if written < together or is_loaded() else propagation_arrays
-    module.spread(jacobians, shared_cov, elevation_var, pixel_var, sight, cov, range_var)
+    module.spread(jacobians, errors, elevation_var, pixel_var, sight, cov, range_var)
 
 
 def joint_variances(
     gradient: tuple[FloatArray, FloatArray, FloatArray],
-    jacobians: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    shared_cov: FloatArray,
-    elevation_var: FloatArray,
-    pixel_var: FloatArray,
+    points: tuple[FloatArray, FloatArray, IntArray],
+    rays: tuple[FloatArray, FloatArray, IntArray],
+    errors: SharedErrors,
+    own_var: FloatArray,
     out: FloatArray,
 ) -> None:
     """``propagation.joint_variances``."""
     together, written = _JOINT + _JOINT_SCALAR * out.size, _JOINT_WRITTEN * out.size
     expect(min(together, written))
     module = propagation if written < together or is_loaded() else propagation_arrays
-    module.joint_variances(gradient, jacobians, shared_cov, elevation_var, pixel_var, out)
+    module.joint_variances(gradient, points, rays, errors, own_var, out)

@@ -9,7 +9,7 @@ and nothing is fused, so that an image's numbers are the same to the last bit wh
 import numpy as np
 
 from aerodft.geometry.jit import njit_late
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 
 _POSITION, _ROTATION, _ELEVATION, _INTRINSICS = 0, 3, 6, 7
 
@@ -62,7 +62,7 @@ def depend(
 @njit_late
 def spread(
     jacobians: tuple[FloatArray, FloatArray],
-    shared_cov: FloatArray,
+    errors: tuple[FloatArray, IntArray, IntArray],
     elevation_var: FloatArray,
     pixel_var: FloatArray,
     sight: FloatArray,
@@ -73,7 +73,7 @@ def spread(
 
     Args:
         jacobians: What ``depend`` writes: ``(n, k, 3, s)`` and ``(n, k, 3, 2)``.
-        shared_cov: ``(n, s, s)``; 0 for the elevation, which each point has its own of.
+        errors: As ``loops.SharedErrors``; 0 for the elevation, which each point has its own of.
         elevation_var: ``(k,)``.
         pixel_var: ``(k,)`` of each coordinate.
         sight: ``(n, k, 3)`` unit vectors from the camera.
@@ -81,12 +81,17 @@ def spread(
         range_var: ``(n, k)``, written.
     """
     shared, own = jacobians
+    shared_cov, partners, count = errors
     cov[:], range_var[:] = 0.0, 0.0
+    by = np.empty(shared.shape[3])
     for n in range(shared.shape[0]):
+        of_image = shared_cov[n], partners, count
         for k in range(shared.shape[1]):
             unit = sight[n, k]
-            _add_shared(shared[n, k], shared_cov[n], elevation_var[k], cov[n, k])
-            range_var[n, k] = _range_variance(shared[n, k], shared_cov[n], elevation_var[k], unit)
+            _add_shared(shared[n, k], of_image, elevation_var[k], cov[n, k])
+            for a in range(len(by)):
+                by[a] = _along(shared[n, k], unit, a)
+            range_var[n, k] = _range_variance(by, of_image, elevation_var[k])
             for b in range(2):
                 p0, p1, p2 = own[n, k, 0, b], own[n, k, 1, b], own[n, k, 2, b]
                 along = unit[0] * p0 + unit[1] * p1 + unit[2] * p2
@@ -98,12 +103,16 @@ def spread(
 
 
 @njit_late
-def _add_shared(shared: FloatArray, shared_cov: FloatArray, elevation_var: float, cov: FloatArray) -> None:
+def _add_shared(
+    shared: FloatArray, errors: tuple[FloatArray, IntArray, IntArray], elevation_var: float, cov: FloatArray
+) -> None:
     """Add what the shared errors make of a point's covariance."""
+    shared_cov, partners, count = errors
     for a in range(shared.shape[1]):
         var = elevation_var if a == _ELEVATION else 0.0
         s0, s1, s2 = var * shared[0, a], var * shared[1, a], var * shared[2, a]
-        for b in range(shared.shape[1]):
+        for at in range(count[a]):
+            b = partners[a, at]
             c = shared_cov[a, b]
             if c != 0.0:
                 s0 += c * shared[0, b]
@@ -125,13 +134,14 @@ def _along(shared: FloatArray, unit: FloatArray, a: int) -> float:
 
 
 @njit_late
-def _range_variance(shared: FloatArray, shared_cov: FloatArray, elevation_var: float, unit: FloatArray) -> float:
-    total, by = 0.0, np.empty(shared.shape[1])
-    for a in range(len(by)):
-        by[a] = _along(shared, unit, a)
+def _range_variance(by: FloatArray, errors: tuple[FloatArray, IntArray, IntArray], elevation_var: float) -> float:
+    """Of a slant range with derivatives ``by (s,)``."""
+    shared_cov, partners, count = errors
+    total = 0.0
     for a in range(len(by)):
         row = 0.0
-        for b in range(len(by)):
+        for at in range(count[a]):
+            b = partners[a, at]
             if shared_cov[a, b] != 0.0:
                 row += shared_cov[a, b] * by[b]
         if a == _ELEVATION:
@@ -143,10 +153,10 @@ def _range_variance(shared: FloatArray, shared_cov: FloatArray, elevation_var: f
 @njit_late
 def joint_variances(
     gradient: tuple[FloatArray, FloatArray, FloatArray],
-    jacobians: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    shared_cov: FloatArray,
-    elevation_var: FloatArray,
-    pixel_var: FloatArray,
+    points: tuple[FloatArray, FloatArray, IntArray],
+    rays: tuple[FloatArray, FloatArray, IntArray],
+    errors: tuple[FloatArray, IntArray, IntArray],
+    own_var: FloatArray,
     out: FloatArray,
 ) -> None:
     """Variances of scalars that depend on several points and rays: shared errors add up before they are squared.
@@ -154,28 +164,33 @@ def joint_variances(
     Args:
         gradient: Derivatives of ``g`` scalars by the camera ``(n, g, 3)``, and by ``q`` directions and ``q`` points
             ``(n, g, q, 3)`` each.
-        jacobians: Of the points, ``(n, g, q, 3, s)`` and ``(n, g, q, 3, 2)``; and of the directions.
-        shared_cov: ``(n, s, s)``; 0 for the elevation.
-        elevation_var: ``(g,)``.
-        pixel_var: ``(g,)``.
+        points: What ``depend`` writes of ``k`` points, ``(n, k, 3, s)`` and ``(n, k, 3, 2)``, and which of these the
+            scalars depend on, ``(g, q)``.
+        rays: The same of directions.
+        errors: As ``loops.SharedErrors``; 0 for the elevation.
+        own_var: ``(g, 2)`` of each one's elevation and pixels.
         out: ``(n, g)``, written.
     """
     by_camera, by_directions, by_points = gradient
-    shared, own, ray_shared, ray_own = jacobians
-    total = np.zeros(shared.shape[4])
+    shared, own, columns = points
+    ray_shared, ray_own, ray_columns = rays
+    shared_cov, partners, count = errors
+    total = np.zeros(shared.shape[3])
     for n in range(out.shape[0]):
         for g in range(out.shape[1]):
             total[:] = 0.0
             total[_POSITION:_ROTATION] = by_camera[n, g]
             variance = 0.0
             for q in range(by_points.shape[2]):
-                point = _add_along(by_points[n, g, q], shared[n, g, q], own[n, g, q], total)
-                ray = _add_along(by_directions[n, g, q], ray_shared[n, g, q], ray_own[n, g, q], total)
+                k, r = columns[g, q], ray_columns[g, q]
+                point = _add_along(by_points[n, g, q], shared[n, k], own[n, k], total)
+                ray = _add_along(by_directions[n, g, q], ray_shared[n, r], ray_own[n, r], total)
                 pixel_u, pixel_v = point[0] + ray[0], point[1] + ray[1]
-                variance += pixel_var[g] * (pixel_u * pixel_u + pixel_v * pixel_v)
+                variance += own_var[g, 1] * (pixel_u * pixel_u + pixel_v * pixel_v)
             for a in range(len(total)):
-                row = elevation_var[g] * total[a] if a == _ELEVATION else 0.0
-                for b in range(len(total)):
+                row = own_var[g, 0] * total[a] if a == _ELEVATION else 0.0
+                for at in range(count[a]):
+                    b = partners[a, at]
                     if shared_cov[n, a, b] != 0.0:
                         row += shared_cov[n, a, b] * total[b]
                 variance += total[a] * row

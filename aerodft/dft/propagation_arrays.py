@@ -5,7 +5,7 @@ Every sum runs in the order in which the loops add it up, and what they leave ou
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 
 _ROTATION, _ELEVATION, _INTRINSICS = 3, 6, 7
 
@@ -35,7 +35,7 @@ def depend(
 
 def spread(
     jacobians: tuple[FloatArray, FloatArray],
-    shared_cov: FloatArray,
+    errors: tuple[FloatArray, IntArray, IntArray],
     elevation_var: FloatArray,
     pixel_var: FloatArray,
     sight: FloatArray,
@@ -43,21 +43,21 @@ def spread(
     range_var: FloatArray,
 ) -> None:
     """As ``propagation.spread``."""
-    shared, own = jacobians
+    (shared, own), (shared_cov, _, _) = jacobians, errors
     cov[:], range_var[:] = 0.0, 0.0
     by_error = np.ascontiguousarray(np.moveaxis(shared, -1, 0))  # (s, n, k, 3)
     with np.errstate(all="ignore"):
         rows = 0.0 * by_error
         rows[_ELEVATION] = elevation_var[:, None] * by_error[_ELEVATION]
-        for errors, row in zip(by_error, _added(rows, shared_cov, by_error), strict=True):
-            cov += errors[..., None] * row[..., None, :]
+        for values, row in zip(by_error, _added(rows, shared_cov, by_error), strict=True):
+            cov += values[..., None] * row[..., None, :]
         by = _along(sight[..., None], shared)
         by[..., :_ROTATION] -= sight
         by = np.ascontiguousarray(np.moveaxis(by, -1, 0))
         rows = _added(np.zeros(by.shape), shared_cov, by)
         rows[_ELEVATION] += elevation_var * by[_ELEVATION]
-        for errors, row in zip(by, rows, strict=True):
-            range_var += errors * row
+        for values, row in zip(by, rows, strict=True):
+            range_var += values * row
         along = _along(sight[..., None], own)
         for b in range(2):
             range_var += pixel_var * along[..., b] * along[..., b]
@@ -66,15 +66,17 @@ def spread(
 
 def joint_variances(
     gradient: tuple[FloatArray, FloatArray, FloatArray],
-    jacobians: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    shared_cov: FloatArray,
-    elevation_var: FloatArray,
-    pixel_var: FloatArray,
+    points: tuple[FloatArray, FloatArray, IntArray],
+    rays: tuple[FloatArray, FloatArray, IntArray],
+    errors: tuple[FloatArray, IntArray, IntArray],
+    own_var: FloatArray,
     out: FloatArray,
 ) -> None:
     """As ``propagation.joint_variances``."""
     by_camera, by_directions, by_points = gradient
-    shared, own, ray_shared, ray_own = jacobians
+    shared, own = points[0][:, points[2]], points[1][:, points[2]]
+    ray_shared, ray_own = rays[0][:, rays[2]], rays[1][:, rays[2]]
+    (shared_cov, _, _), (elevation_var, pixel_var) = errors, own_var.T
     total = np.zeros((*out.shape, shared.shape[4]))
     total[..., :_ROTATION] = by_camera
     out[:] = 0.0
@@ -86,8 +88,8 @@ def joint_variances(
         by = np.ascontiguousarray(np.moveaxis(total, -1, 0))
         rows = np.zeros(by.shape)
         rows[_ELEVATION] = elevation_var * by[_ELEVATION]
-        for errors, row in zip(by, _added(rows, shared_cov, by), strict=True):
-            out += errors * row
+        for values, row in zip(by, _added(rows, shared_cov, by), strict=True):
+            out += values * row
 
 
 def _along(vector: FloatArray, matrix: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.loops import spread
+from aerodft.dft.loops import SharedErrors, spread
 from aerodft.dft.projection import ELEVATION, INTRINSICS, GroundPoints, shared_count
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.model.arrays import FloatArray, FloatLike
@@ -75,9 +75,9 @@ def point_spread(
     sight = ground.points_enu_m - camera_enu_m[:, None]
     range_m = np.sqrt(sight[..., 0] ** 2 + sight[..., 1] ** 2 + sight[..., 2] ** 2)
     cov, variance = np.empty((*range_m.shape, 3, 3)), np.empty(range_m.shape)
-    jacobians = ground.jac_shared, ground.jac_px
+    jacobians, errors = (ground.jac_shared, ground.jac_px), SharedErrors.of(shared_cov)
     unit = sight / range_m[..., None]
-    spread(jacobians, shared_cov, np.square(elevation_std_m), np.square(std_px), unit, cov, variance)
+    spread(jacobians, errors, np.square(elevation_std_m), np.square(std_px), unit, cov, variance)
     return PointSpread(cov, range_m, np.sqrt(np.maximum(variance, 0.0)))
 
 

@@ -20,7 +20,7 @@ from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.health import HealthSources
 from aerodft.service.height import Height, HeightSources
 from aerodft.service.places import Place, Places
-from aerodft.service.pose_ahead import PosesAhead, by_tick
+from aerodft.service.pose_ahead import PosesAhead, by_tick, each_once
 from aerodft.service.pose_making import Parts, PoseMaker, missed
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
@@ -141,9 +141,8 @@ class PoseSource:
         last, first = (
             by_tick(asked, [each.newest_by_tick() for each in streams]) for streams in (self._streams(), needed)
         )
-        pairs = np.unique(np.concatenate([last, first]), axis=0)  # many may be of one image
-        if len(pairs):
-            ticks, stamps_ns = pairs.T
+        ticks, stamps_ns = each_once(np.concatenate([last, first]))  # many may be of one image
+        if len(ticks):
             self._ahead.prepare(stamps_ns, ticks)
         if self.clock.is_plain and (self._zoom is None or not self._zoom.has_begun):
             self._ahead.complete(self.clock)

@@ -114,16 +114,27 @@ def _unreached(
     slew_radps: float,
     found: IntArray,
 ) -> int:
-    """How many demands a camera may not have left behind: most it has. In ``found (2, m)`` their stamps and rows."""
+    """How many demands a camera may be farthest from: of each stamp one, or some that are nearly as far.
+
+    In ``found (2, m)`` their stamps and rows, in order.
+    """
     since_ns, stamps_ns = times
+    left = np.empty(max(np.max(stop - first), 0) if len(first) else 0)
     count = 0
     for n in range(len(first)):
+        most = 0.0
         for k in range(first[n], stop[n]):
             done_rad = slew_radps * max(stamps_ns[n] - since_ns[k], 0) / SECOND_NS
             along = 0.0
             for i in range(4):
                 along += reported_wxyz[k, i] * now_wxyz[n, i]
-            if 2 * math.acos(min(abs(along), 1.0)) > done_rad - _ROUNDING_RAD:
+            cosine = min(abs(along), 1.0)  # of half an angle whose square is no more than ten times what it lacks of 1
+            left[k - first[n]] = -1.0
+            if done_rad < _ROUNDING_RAD or 10.0 * (1.0 - cosine) > (done_rad - _ROUNDING_RAD) ** 2:
+                left[k - first[n]] = 2 * math.acos(cosine) - done_rad + _ROUNDING_RAD
+                most = max(most, left[k - first[n]])
+        for k in range(first[n], stop[n]):
+            if left[k - first[n]] > max(most - 2 * _ROUNDING_RAD, 0.0):
                 found[0, count], found[1, count] = n, k
                 count += 1
     return count
@@ -138,7 +149,7 @@ def _unreached_together(
     slew_radps: float,
     found: IntArray,
 ) -> int:
-    """As ``_unreached``; angles may differ by their rounding, which the limit has room for."""
+    """As ``_unreached``, with all that a camera may not have reached."""
     since_ns, stamps_ns = times
     sizes = np.maximum(stop - first, 0)
     of_stamp = np.repeat(np.arange(len(sizes)), sizes)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from aerodft.dft import propagation, propagation_arrays
+from aerodft.dft.loops import SharedErrors
 from aerodft.geometry.jit import load_compiler
 from aerodft.model.arrays import FloatArray
 
@@ -56,7 +57,7 @@ def test_points(images: int, points: int, wild: bool, of_each: bool) -> None:  #
     sight, spreads = some(rng, *shape, 3, wild=wild), []
     for module in (propagation_arrays, propagation):
         out = np.empty((*shape, 3, 3)), np.empty(shape)
-        module.spread(both[0], cov, elevation_var, pixel_var, sight, *out)
+        module.spread(both[0], SharedErrors.of(cov), elevation_var, pixel_var, sight, *out)
         spreads.append(out)
     assert_same_bits(spreads[0][0], spreads[1][0])
     assert_same_bits(spreads[0][1], spreads[1][1])
@@ -70,9 +71,24 @@ def test_scalars_of_several_points(images: int, scalars: int, of: int, wild: boo
     shape = images, scalars
     gradient = some(rng, *shape, 3), some(rng, *shape, of, 3, wild=wild), some(rng, *shape, of, 3, wild=wild)
     gradient[1][..., 0] = 0.0  # a horizontal length does not depend on everything
-    jacobians = tuple(some(rng, *shape, of, 3, size, wild=wild) for _ in range(2) for size in (ERRORS, 2))
-    cov, elevation_var, pixel_var = covariances(rng, images), some(rng, scalars) ** 2, some(rng, scalars) ** 2
+    points, rays = (
+        (*(some(rng, images, 9, 3, size, wild=wild) for size in (ERRORS, 2)), rng.integers(0, 9, (scalars, of)))
+        for _ in range(2)
+    )
+    errors, own_var = SharedErrors.of(covariances(rng, images)), some(rng, scalars, 2) ** 2
     ours, theirs = np.empty(shape), np.empty(shape)
-    propagation_arrays.joint_variances(gradient, jacobians, cov, elevation_var, pixel_var, ours)
-    propagation.joint_variances(gradient, jacobians, cov, elevation_var, pixel_var, theirs)
+    propagation_arrays.joint_variances(gradient, points, rays, errors, own_var, ours)
+    propagation.joint_variances(gradient, points, rays, errors, own_var, theirs)
     assert_same_bits(ours, theirs)
+
+
+def test_errors_that_vary_together_in_no_image_are_left_out() -> None:
+    """By the definition: a sum over all pairs, of which only zeros are left out."""
+    rng = np.random.default_rng(5)
+    cov = covariances(rng, 3)
+    errors = SharedErrors.of(cov)
+    for one in range(ERRORS):
+        partners = errors.partners[one, : errors.partner_count[one]].tolist()
+        assert partners == [other for other in range(ERRORS) if cov[:, one, other].any()]
+    assert errors.partner_count[6] == 0, "the elevation varies with nothing"
+    assert errors.partner_count.max() < ERRORS

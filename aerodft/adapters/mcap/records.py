@@ -196,9 +196,10 @@ class Records:
         rows.add_texts(self._location, works[at], now_ns[at], found, order=order[at] + 1)
 
     def _next_due(self, now_ns: IntArray, first: int) -> int:
-        """Which of the ticks ``(n,)`` from the first on is the next to have a position; behind them: none."""
-        due = np.flatnonzero(np.abs(now_ns[first:] - self._fixed_ns) >= _FIX_PERIOD_NS)
-        return first + int(due[0]) if len(due) else len(now_ns)
+        """Which of the ticks ``(n,)``, from the first on, is the next to have a position; behind them: none."""
+        if first < len(now_ns) and now_ns[first] <= self._fixed_ns - _FIX_PERIOD_NS:
+            return first
+        return max(first, int(now_ns.searchsorted(self._fixed_ns + _FIX_PERIOD_NS)))
 
     def _fix(self, now_ns: int, posed: Posed) -> bytes | None:
         """A few times a second a position for maps."""

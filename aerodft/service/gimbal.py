@@ -35,7 +35,7 @@ class Gimbal:
         self.reports = self._repeats = 0
         self._last_wxyz: FloatArray | None = None
         self._unweighed = self._detector.evidence
-        self._verdicts: list[tuple[int, FrameEvidence]] = []  # and from which whole second on they hold
+        self._verdicts: list[tuple[int, FrameEvidence]] = []  # other ones, and from which whole second on they hold
         self._ticks: IntArray = np.empty((0, 2), dtype=np.int64)  # reports and repeats at each of those that came last
 
     def append(self, track: GimbalTrack, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
@@ -147,15 +147,8 @@ class Gimbal:
         last_ns = self._passed_ns(vehicle)
         if self._weighed_ns is not None and last_ns <= self._weighed_ns:
             return
-        second_ns = None  # the one that is weighed
-        for stamp_ns, moment in moments(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last_ns):
-            end_ns = tick_after(stamp_ns, SECOND_NS)
-            if second_ns is not None and end_ns > second_ns:
-                self._verdicts.append((second_ns, self._detector.evidence))
-            second_ns = end_ns
-            if moment is None:
-                self._detector.break_off()
-            else:
-                self._detector.weigh(moment)
+        found = moments(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last_ns)
+        if found is not None:
+            for stamp_ns, evidence in self._detector.weigh_all(found):
+                self._verdicts.append((tick_after(stamp_ns, SECOND_NS), evidence))
         self._weighed_ns = last_ns
-        self._verdicts.append((second_ns or last_ns, self._detector.evidence))

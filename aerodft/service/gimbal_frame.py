@@ -9,18 +9,18 @@ of the range counts little, and the demand of a camera that is not stabilised, w
 """
 
 import math
-from bisect import bisect_left, insort
 from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import repeat
+from itertools import pairwise, repeat
 from typing import Final
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.gravity import LAGS_NS, Moment
+from aerodft.service.gravity import LAGS_NS, Moment, Moments
 
 PRIOR_BODY: Final = 0.25
 """Before any evidence: servo mounts, and most senders of the older messages, report against the vehicle."""
@@ -30,6 +30,7 @@ CERTAIN: Final = 1e4
 
 _WINDOW_NS = 2 * SECOND_NS  # a motion is over within it: slower ones may as well be commands
 _LEAST_MOTION_RAD = math.radians(2)  # ten times the error of an autopilot's own attitude
+_ROUNDING_RAD = 1e-9
 _LEAST_MOTION_STDS = 8  # the noise of twenty attitudes reaches six
 _NOISE_WINDOW = 300  # reports
 _ENOUGH_NOISE = 15  # reports
@@ -73,8 +74,7 @@ class FrameDetector:
 
     def __init__(self) -> None:
         self._recent: deque[Moment] = deque()
-        self._bends_rad: deque[float] = deque()
-        self._ordered_rad: list[float] = []  # the same, for their median
+        self._bends_rad: deque[float] = deque(maxlen=_NOISE_WINDOW)
         self._range_rad = (math.inf, -math.inf)  # pitches reported so far
         self._log_ratios = np.zeros(len(LAGS_NS))  # body against earth, were reports this late
         self._at_limit = np.zeros(len(LAGS_NS))  # the part of it that a servo at its limit could explain
@@ -94,32 +94,72 @@ class FrameDetector:
         self._range_rad = min(low, moment.reported_pitch_rad), max(high, moment.reported_pitch_rad)
         while self._recent and moment.stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
             self._recent.popleft()
-        noise_rad = self._noise_rad(moment)
-        if self._recent and noise_rad is not None:
-            turns = list(map(math.dist, repeat(moment.down_body), [before.down_body for before in self._recent]))
-            farthest = turns.index(max(turns))
-            if turns[farthest] >= max(_LEAST_MOTION_RAD, _LEAST_MOTION_STDS * noise_rad):
-                self._learn(self._recent[farthest], moment, turns[farthest])
-                self._recent.clear()
-        self._recent.append(moment)
-
-    def _noise_rad(self, moment: Moment) -> float | None:
-        """Standard deviation of the vehicle's reported tilt, or a bit more where it turns fast; None at the start."""
         if len(self._recent) > 1:
             first, second = self._recent[-2], self._recent[-1]
             downs = zip(moment.down_body, second.down_body, first.down_body, strict=True)
             bend_rad = math.hypot(*(now - 2 * before + earlier for now, before, earlier in downs))
-            self._note_bend(max(bend_rad, moment.bend_rad))
-        count = len(self._ordered_rad)
-        if count <= _ENOUGH_NOISE:
-            return None
-        return (self._ordered_rad[(count - 1) // 2] + self._ordered_rad[count // 2]) / 2 * _NOISE_OF_BEND
+            self._bends_rad.append(max(bend_rad, moment.bend_rad))
+        if self._recent and len(self._bends_rad) > _ENOUGH_NOISE:
+            turns = list(map(math.dist, repeat(moment.down_body), [before.down_body for before in self._recent]))
+            farthest = turns.index(max(turns))
+            if turns[farthest] >= _LEAST_MOTION_RAD and turns[farthest] >= _LEAST_MOTION_STDS * self._noise_rad():
+                self._learn(self._recent[farthest], moment, turns[farthest])
+                self._recent.clear()
+        self._recent.append(moment)
 
-    def _note_bend(self, bend_rad: float) -> None:
-        if len(self._bends_rad) == _NOISE_WINDOW:
-            del self._ordered_rad[bisect_left(self._ordered_rad, self._bends_rad.popleft())]
-        self._bends_rad.append(bend_rad)
-        insort(self._ordered_rad, bend_rad)
+    def weigh_all(self, moments: Moments) -> Iterator[tuple[int, FrameEvidence]]:
+        """Take in reports as ``weigh`` does one after the other, most of which end no motion; gaps break off.
+
+        Returns:
+            Stamps of those that something was learned from, and what is known then.
+        """
+        is_calm = moments.is_known & ~self._may_turn(moments)
+        ends = [0, *(np.flatnonzero(np.diff(is_calm)) + 1).tolist(), len(moments)]
+        for first, stop in pairwise(ends):
+            if is_calm[first]:
+                self._pass_by(moments.rows(slice(first, stop)))
+                continue
+            for row in range(first, stop):
+                before = self.evidence
+                if moments.is_known[row]:
+                    self.weigh(moments.row(row))
+                else:
+                    self.break_off()
+                if self.evidence is not before:
+                    yield int(moments.stamp_ns[row]), self.evidence
+
+    def _may_turn(self, moments: Moments) -> BoolArray:
+        """Which of the reports ``(n,)`` may end a motion: the vehicle is far from what it was within its time."""
+        stamps, downs = _behind(self._recent, moments)
+        squared = np.zeros(len(stamps))
+        for ago in range(1, len(stamps)):
+            is_near = stamps[ago:] - stamps[:-ago] <= _WINDOW_NS
+            if not np.any(is_near):
+                break
+            away = downs[ago:] - downs[:-ago]
+            squared[ago:] = np.maximum(squared[ago:], np.where(is_near, (away * away).sum(axis=1), 0.0))
+        return np.asarray(squared[len(self._recent) :] >= (_LEAST_MOTION_RAD - _ROUNDING_RAD) ** 2)
+
+    def _pass_by(self, moments: Moments) -> None:
+        """Take in reports that end no motion."""
+        low, high = self._range_rad
+        pitches = moments.reported_pitch_rad
+        self._range_rad = min(low, float(pitches.min())), max(high, float(pitches.max()))
+        stamps, downs = _behind(list(self._recent)[-2:], moments)
+        bends = downs[2:] - 2 * downs[1:-1] + downs[:-2]
+        is_near = stamps[2:] - stamps[:-2] <= _WINDOW_NS
+        own = moments.bend_rad[len(moments) - len(bends) :]
+        lengths = map(math.hypot, *bends[is_near].T.tolist())
+        self._bends_rad.extend(map(max, lengths, own[is_near].tolist()))
+        first = int(np.searchsorted(moments.stamp_ns, moments.stamp_ns[-1] - _WINDOW_NS))
+        self._recent.extend(moments.row(row) for row in range(first, len(moments)))
+        while self._recent[-1].stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
+            self._recent.popleft()
+
+    def _noise_rad(self) -> float:
+        """Standard deviation of the vehicle's reported tilt, or a bit more where it turns fast."""
+        ordered = sorted(self._bends_rad)
+        return (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2 * _NOISE_OF_BEND
 
     def _learn(self, start: Moment, end: Moment, turn_rad: float) -> None:
         reported = np.linalg.norm(end.down_if_earth - start.down_if_earth)
@@ -175,6 +215,13 @@ class FrameDetector:
         """Body against earth, when every lag is as likely as the others."""
         most = float(np.max(self._log_ratios))
         return most + math.log(float(np.mean(np.exp(self._log_ratios - most))))
+
+
+def _behind(recent: Sequence[Moment], moments: Moments) -> tuple[IntArray, FloatArray]:
+    """Stamps ``(n,)``, and where down is for the vehicle ``(n, 3)``, of some reports and others behind them."""
+    stamps = np.array([each.stamp_ns for each in recent], dtype=np.int64)
+    downs = np.array([each.down_body for each in recent]).reshape(-1, 3)
+    return np.concatenate([stamps, moments.stamp_ns]), np.concatenate([downs, moments.down_body])
 
 
 def _log_density(turns: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Where down is at a gimbal's reports: for the vehicle, and for the camera by either reading of the report."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -38,36 +38,64 @@ class Moment:
     bend_rad: float = 0.0
 
 
-def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> list[tuple[int, Moment | None]]:
-    """The reports after a stamp and up to another, at most one in each tenth of a second.
+@dataclass(frozen=True, slots=True, eq=False)
+class Moments:
+    """Those of ``n`` reports, in order, as columns.
 
-    Returns:
-        Their stamps, in order; with None where the vehicle's attitude is not known on both sides, and for the longest
-        lag before.
+    Attributes:
+        is_known: ``(n,)`` whether the vehicle's attitude is known on both sides, and for the longest lag before.
+        stamp_ns: ``(n,)``, see ``Moment`` for this and all others.
+        reported_pitch_rad: ``(n,)``.
+        down_body: ``(n, 3)``.
+        down_if_earth: ``(n, 3)``.
+        down_if_body: ``(n, lags, 3)``.
+        bend_rad: ``(n,)``.
     """
+
+    is_known: BoolArray
+    stamp_ns: IntArray
+    reported_pitch_rad: FloatArray
+    down_body: FloatArray
+    down_if_earth: FloatArray
+    down_if_body: FloatArray
+    bend_rad: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def rows(self, rows: slice) -> "Moments":
+        """Some of them."""
+        return Moments(*(getattr(self, each.name)[rows] for each in fields(self)))
+
+    def row(self, row: int) -> Moment:
+        """One of them."""
+        return Moment(
+            int(self.stamp_ns[row]),
+            float(self.reported_pitch_rad[row]),
+            self.down_body[row].tolist(),
+            self.down_if_earth[row],
+            self.down_if_body[row],
+            float(self.bend_rad[row]),
+        )
+
+
+def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> Moments | None:
+    """The reports after a stamp and up to another, at most one in each tenth of a second; None where there are none."""
     rows = _rows(gimbal.stamps_ns, after_ns, until_ns)
     if not len(rows) or vehicle.last_ns is None:
-        return []
+        return None
     stamps = gimbal.stamps_ns[rows]
     reported = matrix(gimbal.column("wxyz")[rows])
     attitudes = vehicle.column("wxyz")
     before = np.stack([stamps - lag_ns for lag_ns in LAGS_NS], axis=-1)
     own_downs = matrix(attitudes)[:, 2]
     downs, known = _between(vehicle, own_downs, before)
-    bends = _bends(own_downs)[np.searchsorted(vehicle.stamps_ns, stamps, side="right") - 1].tolist()
+    bends = _bends(own_downs)[np.searchsorted(vehicle.stamps_ns, stamps, side="right") - 1]
     latest = np.clip(np.searchsorted(vehicle.stamps_ns, stamps), 0, len(attitudes) - 1)
     yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(attitudes[latest])[0], 0.0)
     against_body = matrix(from_yaw_pitch_roll(-yaws, 0.0, 0.0)) @ reported
-    if_body = downs @ against_body
-    own = downs[:, 0].tolist()
-    pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1].tolist()
-    return [
-        (
-            stamp_ns,
-            Moment(stamp_ns, pitches[k], own[k], reported[k, 2], if_body[k], bends[k]) if known[k] else None,
-        )
-        for k, stamp_ns in enumerate(stamps.tolist())
-    ]
+    pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1]
+    return Moments(known, stamps, pitches, downs[:, 0], reported[:, 2], downs @ against_body, bends)
 
 
 def _bends(downs: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ from aerodft.model.telemetry import (
     VehicleTrack,
 )
 from aerodft.service.health_settings import HealthSettings
-from aerodft.service.health_verdict import Facts, Verdicts, verdict_on
+from aerodft.service.health_verdict import Facts, Verdicts, is_calm, verdict_on
 from aerodft.service.lately import HeardLately
 from aerodft.service.streams import Stream
 
@@ -173,7 +173,23 @@ class HealthSources:
         estimator, gps = (stream.last_before(stamps_ns, ticks) for stream in (self._estimator, self._gps))
         estimator_ns, gps_ns = (_ages_ns(stream, stamps_ns, ticks) for stream in (self._estimator, self._gps))
         late = (estimator >= 0) & (estimator_ns > limits.heartbeat_ns), (gps >= 0) & (gps_ns > limits.gps_ns)
-        return silent, estimator, late[0], gps, late[1]
+        return silent, self._telling(estimator), late[0], self._first_alike(gps), late[1]
+
+    def _telling(self, rows: IntArray) -> IntArray:
+        """Rows of the estimator ``(n,)``, -1 also for those that nothing follows from."""
+        if len(rows) <= 1 or self._estimator.is_empty:
+            return rows
+        ratios, has_attitude = (self._estimator.all_of(name)[rows] for name in ("ratios", "has_attitude"))
+        return np.where(is_calm(ratios, has_attitude, self._settings), -1, rows)
+
+    def _first_alike(self, rows: IntArray) -> IntArray:
+        """Rows of GPS ``(n,)``, of those one after the other that say the same the first."""
+        if len(rows) <= 1 or self._gps.is_empty:
+            return rows
+        said = [self._gps.all_of(name)[rows] for name in ("fix", "horizontal_std_m", "vertical_std_m")]
+        is_other = np.any(np.diff(np.nan_to_num([*said, rows < 0])) != 0, axis=0)
+        first = np.where(np.concatenate([[True], is_other]), np.arange(len(rows)), 0)
+        return np.asarray(rows[np.maximum.accumulate(first)])
 
     def _facts(self, row: "_Row", failures: tuple[str, ...], rivals: tuple[str, ...]) -> Facts:
         estimator, gps = row.estimator, row.gps

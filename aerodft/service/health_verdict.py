@@ -131,6 +131,11 @@ def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:
     )
 
 
+def is_calm(ratios: FloatArray, has_attitude: FloatArray, limits: HealthSettings) -> BoolArray:
+    """Where nothing follows from what estimators said: test ratios ``(n, k)``, and whether there is an attitude."""
+    return np.asarray((has_attitude != 0) & ~np.any(ratios >= _WARNING_SHARE * limits.max_ratio, axis=1))
+
+
 def _faults(facts: Facts, limits: HealthSettings) -> tuple[Status, list[str]]:
     """Why there can be no answer, in sentences; and the status of that."""
     faults = []

@@ -1,6 +1,7 @@
 """Verdicts on what a gimbal reports against: when there is one, when it changes, and when there can be none."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.gimbal_frame import PRIOR_BODY, FrameDetector
-from aerodft.service.gravity import LAGS_NS, Moment, moments
+from aerodft.service.gravity import LAGS_NS, Moment, Moments, moments
 from aerodft.service.streams import Stream
 
 STEP_NS = 100_000_000
@@ -92,9 +93,48 @@ def test_what_a_slow_noisy_attitude_does_is_no_motion():
     reports = np.tile(from_yaw_pitch_roll(0.0, math.radians(-45), 0.0), (1000, 1))
     gimbal.append(10**9 + np.arange(1000) * STEP_NS, wxyz=reports, yaw_in_earth=np.zeros(1000))
     detector = FrameDetector()
-    for _, moment in moments(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9):
-        detector.weigh(moment)
+    found = moments(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9)
+    assert len(found) > 900
+    assert list(detector.weigh_all(found)) == []
     assert detector.evidence.motions == 0
+
+
+def flown(rng, count):
+    """A vehicle that rocks at times, with a camera that holds its pitch, and gaps in what is known of it."""
+    elapsed_ns = np.cumsum(rng.choice([STEP_NS, STEP_NS, STEP_NS, 3 * STEP_NS, 30 * STEP_NS], count))
+    rocks = np.repeat(rng.random(count // 50 + 1) < 0.4, 50)[:count]
+    sways = np.where(rocks, SWAY_RAD, SWAY_RAD / 50) * np.sin(elapsed_ns / 1e9 * 2) + 1e-3 * rng.standard_normal(count)
+    reports = math.radians(-40) - rng.choice([0.0, 1.0]) * sways
+    if_body = np.array([[down(report + sway)] * len(LAGS_NS) for report, sway in zip(reports, sways, strict=True)])
+    own, seen = (np.array([down(each) for each in angles]) for angles in (sways, reports))
+    stamps_ns, bends = 1_795_000_000 * 10**9 + elapsed_ns, 1e-4 * rng.random(count)
+    return Moments(rng.random(count) > 0.01, stamps_ns, reports, own, seen, if_body, bends)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_reports_may_be_weighed_together_or_one_by_one(seed):
+    """What is known, and from when on, is the same however they are cut."""
+    rng = np.random.default_rng(seed)
+    found = flown(rng, 2000)
+    alone, together = FrameDetector(), FrameDetector()
+    wanted = []
+    for row in range(len(found)):
+        before = alone.evidence
+        if found.is_known[row]:
+            alone.weigh(found.row(row))
+        else:
+            alone.break_off()
+        if alone.evidence is not before:
+            wanted.append((int(found.stamp_ns[row]), alone.evidence))
+    cuts = [0, *np.sort(rng.choice(2000, 20, replace=False)).tolist(), 2000]
+    got = [each for a, b in pairwise(cuts) if b > a for each in together.weigh_all(found.rows(slice(a, b)))]
+    assert got == wanted
+    assert len(wanted) > 20
+    after = flown(rng, 300).rows(slice(0, 1)).row(0)
+    later = replace(after, stamp_ns=int(found.stamp_ns[-1]) + STEP_NS)
+    alone.weigh(later)
+    together.weigh(later)
+    assert alone.evidence == together.evidence
 
 
 def test_the_parts_of_one_motion_are_no_verdict():

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from aerodft.model.health import EstimatorTrack, GpsTrack
 from aerodft.model.status import Status
+from aerodft.service.health import HealthSources
 from aerodft.service.health_settings import HealthSettings
 
 MS = 1_000_000
@@ -196,3 +198,24 @@ def test_a_failure_that_passes_is_a_remark(fly):
 def test_remarks_are_the_same_in_image_after_image(fly):
     poses = fly([*_every(500, _gps(), until_ms=2001), *_every(500, _ekf(), until_ms=2001), (0, _heartbeat())])
     assert len({each.reasons for ms, each in poses.items() if ms > 8000}) == 1
+
+
+def test_verdicts_on_many_poses_are_those_on_each():
+    """Whatever was said again and again, or gives no cause to say anything, is gone through once."""
+    rng = np.random.default_rng(3)
+    sources, count = HealthSources(HealthSettings()), 400
+    stamps_ns = np.cumsum(rng.choice([100, 200, 7000], count, p=[0.6, 0.38, 0.02])) * MS
+    ratios = rng.choice([0.1, 0.85, 1.2, np.nan], (count, 4), p=[0.9, 0.05, 0.03, 0.02])
+    known = {"arrival_ns": stamps_ns, "boot_ns": stamps_ns}
+    sources.append(EstimatorTrack(**known, ratios=ratios, has_attitude=rng.random(count) > 0.1), stamps_ns)
+    fixes, same = np.repeat(rng.choice([2, 3, 4], count // 8), 8), np.repeat(rng.random(count // 8) * 9, 8)
+    satellites, unknown = np.full(count, 12), np.where(rng.random(count) < 0.1, np.nan, 1.5)
+    gps = GpsTrack(**known, fix=fixes, satellites=satellites, horizontal_std_m=same, vertical_std_m=unknown)
+    sources.append(gps, stamps_ns)
+    asked = np.sort(rng.integers(0, stamps_ns[-1], 900))
+    ticks = np.zeros(len(asked), dtype=np.int64)
+    together = sources.verdicts(asked, ticks)
+    alone = [sources.verdicts(asked[row : row + 1], ticks[:1]).of(0) for row in range(len(asked))]
+    assert [together.of(row) for row in range(len(asked))] == alone
+    assert len({each.remarks for each in alone}) > 20
+    assert len(together.each) < 400

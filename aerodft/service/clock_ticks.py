@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track, joined
 from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
 from aerodft.service.delayed_line import DelayedLine
@@ -83,18 +84,39 @@ class KnownRows:
         return np.asarray(is_least[np.searchsorted(is_least, starts)])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class LineTable:
-    """A clock's line at each of several ticks."""
+    """A clock's line at each of several ticks, as columns.
 
-    def __init__(self, lines: list[Line]) -> None:
-        self._at_ns = np.array([line.at_ns for line in lines], dtype=np.int64)
-        self._offset_ns = np.array([line.offset_ns for line in lines], dtype=np.int64)
-        self._drift = np.array([line.drift for line in lines])
+    Attributes:
+        at_ns: ``(ticks,)`` as in ``Line``.
+        offset_ns: Likewise.
+        drift: Likewise.
+    """
+
+    at_ns: IntArray
+    offset_ns: IntArray
+    drift: FloatArray
+
+    @classmethod
+    def of(cls, lines: Sequence[Line], from_tick: Sequence[int], count: int) -> "LineTable":
+        """Of ``count`` ticks: the first of some lines, and each other one from its tick on."""
+        which = np.searchsorted(from_tick, np.arange(count), side="right")
+        at_ns, offset_ns = (np.array([getattr(each, name) for each in lines]) for name in ("at_ns", "offset_ns"))
+        return cls(at_ns[which], offset_ns[which], np.array([each.drift for each in lines])[which])
+
+    def line(self, tick: int) -> Line:
+        """That of one tick."""
+        return Line(int(self.at_ns[tick]), int(self.offset_ns[tick]), float(self.drift[tick]))
 
     def offset(self, own_ns: IntArray, tick: IntArray) -> IntArray:
         """As ``Line.offset`` at times ``(n,)``, each by the line of its tick ``(n,)``."""
-        gained: IntArray = np.rint(self._drift[tick] * (own_ns - self._at_ns[tick])).astype(np.int64)
-        return self._offset_ns[tick] + gained
+        gained: IntArray = np.rint(self.drift[tick] * (own_ns - self.at_ns[tick])).astype(np.int64)
+        return self.offset_ns[tick] + gained
+
+    def own(self, other_ns: IntArray, tick: IntArray) -> IntArray:
+        """Times ``(n,)`` of this clock by those of the other, likewise."""
+        return other_ns - self.offset(other_ns - self.offset_ns[tick], tick)
 
 
 class TickLines:
@@ -104,19 +126,19 @@ class TickLines:
         stated: UTC minus time since boot, after the last tick.
         host_minus_boot: After the last tick.
         host_minus_utc: After the last tick.
-        host: Its line after each tick.
+        host: Its line after each tick; None before it is learned.
     """
 
     def __init__(self, stated: StatedLine, host_minus_boot: DelayedLine, host_minus_utc: DelayedLine) -> None:
         self.stated, self.host_minus_boot, self.host_minus_utc = stated, host_minus_boot, host_minus_utc
-        self.host: list[Line] = []
+        self.host: LineTable | None = None
 
     def learn(self, tracks: tuple[Track, ...], ticks: Ticks, last_boot_ns: int) -> bool:
         """Learn from rows of one clock that goes on; False where a clock jumps, as ``ClockMap.update`` sees it."""
         before, stated = self.stated.line, self._stated_lines(tracks, ticks)
         if before is None or stated is None:
             return False
-        self._utc = LineTable(stated)
+        self._utc = stated
         known = KnownRows.of(tracks, ticks)
         newest = np.full(ticks.count, last_boot_ns)
         np.maximum.at(newest, known.tick, known.boot_ns)
@@ -128,38 +150,39 @@ class TickLines:
         """UTC stamps ``(n,)`` of a track's rows, each by what was known at its ``tick (n,)``."""
         bare = track.boot_ns == NO_BOOT_TIME
         stamps: IntArray = track.boot_ns + self._utc.offset(track.boot_ns, tick)
-        if not np.any(bare):
+        if self.host is None or not np.any(bare):
             return stamps
-        by_arrival = track.arrival_ns - LineTable(self.host).offset(track.arrival_ns, tick)
+        by_arrival = track.arrival_ns - self.host.offset(track.arrival_ns, tick)
         return np.where(bare, by_arrival, stamps)
 
-    def _stated_lines(self, tracks: tuple[Track, ...], ticks: Ticks) -> list[Line] | None:
+    def _stated_lines(self, tracks: tuple[Track, ...], ticks: Ticks) -> LineTable | None:
         """Learn what the vehicle says of UTC; its line at each tick, None where it says something else than before."""
-        said: list[list[tuple[int, int]]] = [[] for _ in range(ticks.count)]
+        said: list[tuple[int, int, int]] = []
         for track, edges in zip(tracks, ticks.edges, strict=True):
             if isinstance(track, ClockTrack):
-                rows = zip(ticks.tick_of(edges).tolist(), track.boot_ns.tolist(), track.unix_ns.tolist(), strict=True)
-                for tick, boot_ns, unix_ns in rows:
-                    if boot_ns != NO_BOOT_TIME:
-                        said[tick].append((boot_ns, unix_ns - boot_ns))
-        lines = []
-        for samples in said:
-            for boot_ns, offset_ns in samples:
-                line = self.stated.line
-                if line is None or abs(offset_ns - line.offset_at(boot_ns)) > JUMP_NS:
-                    return None
-                self.stated.learn(boot_ns, offset_ns)
-            if self.stated.line is None:
+                offsets_ns = (track.unix_ns - track.boot_ns).tolist()
+                said += zip(ticks.tick_of(edges).tolist(), track.boot_ns.tolist(), offsets_ns, strict=True)
+        line, changes = self.stated.line, list[int]()
+        if line is None:
+            return None
+        lines = [line]
+        for tick, boot_ns, offset_ns in sorted(said, key=itemgetter(0)):  # of one tick as they came
+            if boot_ns == NO_BOOT_TIME:
+                continue
+            if abs(offset_ns - lines[-1].offset_at(boot_ns)) > JUMP_NS:
                 return None
-            lines.append(self.stated.line)
-        return lines
+            self.stated.learn(boot_ns, offset_ns)
+            if self.stated.line is not None and self.stated.line is not lines[-1]:
+                lines.append(self.stated.line)
+                changes.append(tick)
+        return LineTable.of(lines, changes, ticks.count)
 
     def _learn_host(self, known: KnownRows, ticks: Ticks) -> bool:
         before = self.host_minus_utc.line
         if before is None:
             return False
         if not len(known.tick):
-            self.host = [before] * ticks.count
+            self.host = LineTable.of([before], [], ticks.count)
             return True
         utc_ns = known.boot_ns + self._utc.offset(known.boot_ns, known.tick)
         by_boot, by_utc = known.fastest(known.boot_ns), known.fastest(utc_ns)
@@ -172,10 +195,9 @@ class TickLines:
         then = np.concatenate([[first], learned.offset_of_host(arrived_ns[1:], rows[:-1])])
         if np.any(np.abs(after - then) > JUMP_NS) or np.any(learned.is_unsettled):
             return False
-        lines = zip(learned.at_ns.tolist(), learned.offset_ns.tolist(), learned.drift.tolist(), strict=True)
-        known_lines = [before, *(Line(*each) for each in lines)]
         came = np.cumsum(np.bincount(known.tick[by_utc], minlength=ticks.count))
-        self.host = [known_lines[number] for number in came.tolist()]
+        columns = (learned.at_ns, before.at_ns), (learned.offset_ns, before.offset_ns), (learned.drift, before.drift)
+        self.host = LineTable(*(np.concatenate([[first], then])[came] for then, first in columns))
         return True
 
 

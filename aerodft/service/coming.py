@@ -70,11 +70,6 @@ def _in_utc(events: Sequence[Happened], ticks: IntArray, clock: ClockMap) -> Int
     else:
         stamps_ns = np.array([event.stamp_ns for event in events], dtype=np.int64)
         is_utc = np.array([event.clock is StampClock.UTC for event in events], dtype=np.bool_)
-    last = -1
-    for row in np.flatnonzero(~is_utc).tolist():
-        tick = int(ticks[row])
-        if tick != last:
-            clock.see(tick)
-            last = tick
-        stamps_ns[row] = clock.host_to_utc(int(stamps_ns[row]))
+    by_host = np.flatnonzero(~is_utc)
+    stamps_ns[by_host] = clock.hosts_to_utc(stamps_ns[by_host], ticks[by_host])
     return stamps_ns

@@ -15,8 +15,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, SyncTrack, Track
 from aerodft.service.boot_clock import BootClock
-from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
-from aerodft.service.clock_ticks import TickLines, Ticks
+from aerodft.service.clock_line import JUMP_NS, StatedLine
+from aerodft.service.clock_ticks import LineTable, TickLines, Ticks
 from aerodft.service.delayed_line import DelayedLine
 
 HOST_STD_S = 0.1
@@ -70,7 +70,7 @@ class ClockMap:
         self._host_minus_boot = DelayedLine()
         self._host_minus_utc = DelayedLine()  # goes on through reboots
         self._jumps_ns: list[int] = []
-        self._host_lines: list[Line] = []  # at each of the ticks that were taken in together last
+        self._host_lines: LineTable | None = None  # at each of the ticks that were taken in together last
 
     @property
     def is_utc_known(self) -> bool:
@@ -136,12 +136,12 @@ class ClockMap:
 
     def see(self, tick: int) -> None:
         """Look at what was known at one of the ticks that were taken in together last."""
-        if self._host_lines:
-            self._host_minus_utc.line = self._host_lines[tick]
+        if self._host_lines is not None:
+            self._host_minus_utc.line = self._host_lines.line(tick)
 
     def settle(self) -> None:
         """All ticks so far are over."""
-        self._host_lines = []
+        self._host_lines = None
 
     def update_ticks(self, ticks: Ticks) -> tuple[tuple[Track, ...], TickLines] | None:
         """Learn from several ticks' tracks at once, as ``update`` does from one after the other.
@@ -169,6 +169,12 @@ class ClockMap:
         """UTC of a stamp of this machine's clock; the same as long as the vehicle has not said what UTC is."""
         line = self._host_minus_utc.line
         return host_ns if line is None else host_ns - line.offset_at(host_ns - line.offset_ns)
+
+    def hosts_to_utc(self, host_ns: IntArray, ticks: IntArray) -> IntArray:
+        """The same of stamps ``(n,)``, each as it was known at a tick ``(n,)`` of those taken in together last."""
+        if self._host_lines is not None:
+            return self._host_lines.own(host_ns, ticks)
+        return np.array([self.host_to_utc(each) for each in host_ns.tolist()], dtype=np.int64)
 
     def to_utc(self, track: Track) -> IntArray:
         """UTC stamps ``(n,)`` of a track's rows, as ``update`` gave it back."""

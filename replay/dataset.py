@@ -41,23 +41,34 @@ class Part:
     metadata: dict[str, str]
 
 
-def input_key(segments: Sequence[Path], texts: Sequence[str]) -> InputKey:
-    """The key of a recording's data segments and of the texts that they are computed with, by this software.
+def recording_hash(segments: Sequence[Path]) -> str:
+    """``sha256:...`` of a recording's data: of its segments' SHA-256 digests, one behind the other.
 
     Raises:
         InputError: A segment cannot be read.
     """
-    data, whole = hashlib.sha256(), hashlib.sha256(SOFTWARE.encode())
+    data = hashlib.sha256()
     for path in segments:
         try:
             with path.open("rb") as file:
                 data.update(hashlib.file_digest(file, "sha256").digest())
         except OSError as error:
             raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
-    whole.update(data.digest())
+    return f"sha256:{data.hexdigest()}"
+
+
+def input_key(segments: Sequence[Path], texts: Sequence[str]) -> InputKey:
+    """The key of a recording's data segments and of the texts that they are computed with, by this software.
+
+    Raises:
+        InputError: A segment cannot be read.
+    """
+    recording = recording_hash(segments)
+    whole = hashlib.sha256(SOFTWARE.encode())
+    whole.update(bytes.fromhex(recording.removeprefix("sha256:")))
     for text in texts:
         whole.update(hashlib.sha256(text.encode()).digest())
-    return InputKey(recording=f"sha256:{data.hexdigest()}", all=f"sha256:{whole.hexdigest()}")
+    return InputKey(recording=recording, all=f"sha256:{whole.hexdigest()}")
 
 
 @dataclass(frozen=True, slots=True)

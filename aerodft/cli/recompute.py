@@ -11,6 +11,7 @@ import typer
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.cli.allocation import keep_little
 from aerodft.cli.collector import without_collector
+from aerodft.cli.computed_from import COMPUTED_FROM, computed_from, computed_from_toml
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.recompute_many import Many, are_many, recompute_many
@@ -22,6 +23,7 @@ from aerodft.errors import InputError, UsageError
 from replay.opening import is_foreign
 from replay.recording import Recording
 
+_SAID = ("recording", "recording_sha256", "config", "calibration")
 _FROM_IMAGE_TO_IMAGE = {"objects": "[objects]", "tracked": "tracked probes"}
 
 
@@ -108,18 +110,19 @@ def _recompute_one(
     with without_collector():
         ready = prepare(folder, config, calibration, vision=vision)
     gc.freeze()  # what is loaded stays: it need not be looked through again
-    old, tally = ready.recording, Tally()
-    recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0)
+    old, tally, source = ready.recording, Tally(), computed_from(ready)
+    texts = {COMPUTED_FROM: computed_from_toml(source)}
+    recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
         span_ns = 0 if vision else RECORDED_SPAN_NS
         run(Interruptible(ready.feed), ready.pipeline, (recorder, tally), progress, span_ns=span_ns)
     if next(old.image_messages(), None) is not None:
         _copy_images(old, output)
-    seen: dict[str, object] = {}
+    seen: dict[str, object] = {"computed_from": {key: source[key] for key in _SAID if key in source}}
     warnings: tuple[str, ...] = ()
     if ready.again is not None:
         moved = ready.again.moved
-        seen = {**ready.eyes.report(ready.again.counts), "vision": moved.document()}
+        seen |= {**ready.eyes.report(ready.again.counts), "vision": moved.document()}
         say(moved.sentence())
         warnings = _of_few_images(ready.eyes.names, moved.kept)
     report(recorder.totals, tally, ready.pipeline.counts, as_json=as_json, warnings=warnings, seen=seen)

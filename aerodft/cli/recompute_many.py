@@ -118,6 +118,7 @@ def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
                 "recording_folder": str(job.folder),
                 "recording_sha256": key.recording,
                 "recorded_config": ready.was.pipeline.config_id,
+                "recorded_calibration": None if ready.was.calibration is None else ready.was.calibration.id,
             }
             with ParquetRows(part.path, constants=constants, metadata=part.metadata) as rows:
                 run(ready.feed, ready.pipeline, (_RowSink(rows), tally))

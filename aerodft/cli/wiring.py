@@ -1,7 +1,7 @@
 """Where ports meet adapters: pipelines, recorders and feeds out of a station's configuration."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -61,11 +61,19 @@ def _tracker(settings: ObjectSettings) -> ObjectTracker:
 
 
 def build_recorder(
-    station: StationConfig, folder: Path, *, started_ns: int, lossless: bool, image_hz: float | None = None
+    station: StationConfig,
+    folder: Path,
+    *,
+    started_ns: int,
+    lossless: bool,
+    image_hz: float | None = None,
+    texts: Mapping[str, str] | None = None,
 ) -> McapRecorder:
     """A recorder into a new folder; the configuration is written beside the segments, complete in itself.
 
     An elevation model travels with it, where it is one file of moderate size; its name there is in the configuration.
+
+    ``image_hz`` takes the place of the configuration's; ``texts`` are further files, by name, that go with it.
     """
     settings = RecorderSettings(
         station=station.pipeline.station,
@@ -80,7 +88,7 @@ def build_recorder(
     terrain = station.ground if isinstance(station.ground, TerrainGround) else None
     copied = terrain is not None and travels(terrain)
     text = resolved_toml(station, terrain_file=COPY_NAME if copied else None)
-    recorder = McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": text})
+    recorder = McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": text, **(texts or {})})
     if terrain is not None and not copied:
         say(f"aerodft: {terrain.path} is not copied into the recording, which needs it to be computed anew")
     elif terrain is not None:

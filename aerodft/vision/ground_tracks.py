@@ -57,6 +57,7 @@ class GroundTrack:
     Attributes:
         state: Where it is.
         seen_ns: Stamp of the last image in which its foot was seen.
+        shown_ns: Stamp of the last image in which anything of it was seen.
         sight: What was seen then.
         looks: In how many its foot was seen.
         number: From 1, once it is confirmed; 0 before.
@@ -66,6 +67,7 @@ class GroundTrack:
 
     state: GroundState
     seen_ns: int
+    shown_ns: int
     sight: Sight
     looks: int = 1
     number: int = 0
@@ -216,7 +218,7 @@ class GroundTracks:
         return sights
 
     def _take(self, track: GroundTrack, sight: Sight, place: Place, stamp_ns: int, *, has_foot: bool) -> None:
-        track.state = updated(track.state, *place)
+        track.state, track.shown_ns = updated(track.state, *place), stamp_ns
         if not has_foot:
             track.hidden = "its foot is hidden"
             return
@@ -230,7 +232,7 @@ class GroundTracks:
         for sight in sights:
             state = begun(sight.place_en_m, sight.cov_m2, self._settings.speed_mps)
             first = Begun(stamp_ns, sight.place_en_m, self._camera_enu_m)
-            track = GroundTrack(state, stamp_ns, sight, begun=first)
+            track = GroundTrack(state, stamp_ns, stamp_ns, sight, begun=first)
             track.remember_size(sight)
             self._tracks.append(track)
 
@@ -241,11 +243,11 @@ class GroundTracks:
         self._tracks = [
             track
             for track in self._tracks
-            if track.seen_ns == stamp_ns
+            if track.shown_ns == stamp_ns
             or (
                 track.number
-                and stamp_ns - track.seen_ns
-                <= min(max(_CARRIED * (track.seen_ns - track.begun.stamp_ns), least_ns), most_ns)
+                and stamp_ns - track.shown_ns
+                <= min(max(_CARRIED * (track.shown_ns - track.begun.stamp_ns), least_ns), most_ns)
             )
         ]
 

@@ -10,10 +10,11 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.request import Setup
 from aerodft.dft.silhouette import standing_outline
 from aerodft.model.image import Image
+from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.objects import ObjectSettings
+from aerodft.service.objects import OBJECTS, ObjectSettings
 from aerodft.vision.moving import MovingObjects
 from aerodft.vision.object_tracks import ObjectTracks
 from tests.truth import walkers as yard
@@ -143,3 +144,31 @@ def test_speeds_and_distances_are_true_within_their_intervals(followed) -> None:
     assert len(distances) > 60
     assert np.mean(speeds) >= 0.9  # the third turns round three times
     assert np.mean(distances) >= 0.93
+
+
+def outline(foot_enu_m: np.ndarray, from_m: float, stamp_ns: int) -> Observation:
+    """Somebody of 1.8 m by 0.5 m, of whom only what is above a height is seen."""
+    corners = [
+        foot_enu_m + [east, 0.0, up] for east, up in ((-0.25, from_m), (0.25, from_m), (0.25, 1.8), (-0.25, 1.8))
+    ]
+    contour = tuple((u, v) for u, v in yard.pixels_of(np.array(corners)).tolist())
+    return Observation(name=OBJECTS, stamp_ns=stamp_ns, arrival_ns=stamp_ns, pixels=(), contour=contour)
+
+
+def test_who_is_seen_from_the_hips_up_is_not_forgotten() -> None:
+    """For 9 s behind a long wall; nobody is given up while something of him is seen."""
+    settings = ObjectSettings()
+    tracks, setup = ObjectTracks(settings), Setup(camera=yard.CAMERA)
+    for k in range(140):
+        stamp_ns, hidden = k * SECOND_NS // 10, 20 <= k < 110
+        foot = np.array([4.0 - 0.06 * k, 16.0, 0.0])
+        sample = PoseSample(stamp_ns=stamp_ns, status=Status.OK, pose=yard.POSE, std=yard.STD)
+        seen = (outline(foot, 1.1 if hidden else 0.0, stamp_ns),)
+        made = [each for answer in tracks.follow(setup, sample, seen, k) for each in answer]
+        if k < settings.confirm:
+            continue
+        (track,) = made
+        assert track.name == "object-1"
+        assert track.status is (Status.OCCLUDED if hidden else Status.OK)
+        off = np.array(track.enu_m[0][:2]) - foot[:2]
+        assert off @ np.linalg.solve(np.array(track.cov_enu_m2)[:2, :2], off) < 9.2

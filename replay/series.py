@@ -14,6 +14,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.codec import events
+from aerodft.dft.record import UNITS
 from aerodft.errors import InputError, located
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.probe import ProbeKind
@@ -130,7 +131,7 @@ def _row(row: Item, where: Path) -> _Row:
         InputError: It is no measurement.
     """
     try:
-        key = ProbeKey(row["name"], row["kind"], row["unit"])
+        key = ProbeKey(row["name"], row["kind"], _unit(row))
         image = row["image"]
         return _Row(
             key,
@@ -143,6 +144,12 @@ def _row(row: Item, where: Path) -> _Row:
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError("a measurement is none", where=where, got=f"{type(error).__name__}: {error}") from error
+
+
+def _unit(row: Item) -> str:
+    """The unit of a measurement; where early recordings have metres for want of a number, that of its kind."""
+    unit: str = row["unit"]
+    return UNITS.get(row["kind"], (unit,))[0] if row["value"] in {None, ""} else unit
 
 
 def _place(row: Item) -> tuple[float, ...]:

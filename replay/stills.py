@@ -20,14 +20,17 @@ _QUALITY: Final = 75
 
 
 class VideoStills:
-    """Decodes one recording's packets in order."""
+    """Decodes one recording's packets in order; where their times go back it begins anew, as a loop does."""
 
     def __init__(self) -> None:
         self._decoder: PacketDecoder | None = None
-        self._next_ns = 0
+        self._last_ns = self._next_ns = 0
 
     def still(self, message: ReadMessage) -> bytes | None:
         """A packet's image as JPEG; None where none is due, or where it cannot be decoded."""
+        if message.log_ns < self._last_ns:  # what was seen last is no reference for what comes now
+            self._decoder, self._next_ns = None, 0
+        self._last_ns = message.log_ns
         try:
             packet = CompressedVideo.FromString(message.data)
             self._decoder = self._decoder or decoder_of(packet.format)

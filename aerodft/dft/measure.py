@@ -13,7 +13,7 @@ from aerodft.dft.object_top import ObjectTop, object_top
 from aerodft.dft.one_answer import blocked, measure_one, seen_in
 from aerodft.dft.points import ImagePoints, ProbePoints, image_points
 from aerodft.dft.projection import project
-from aerodft.dft.record import UNITS, Record
+from aerodft.dft.record import UNITS, Record, no_answer
 from aerodft.dft.request import Request, Setup
 from aerodft.dft.uncertainty import point_spread, shared_covariance
 from aerodft.dft.zoomed import zoomed
@@ -99,7 +99,7 @@ def _is_one_by_one(setup: Setup) -> bool:
 
 
 def _missed(posed: Posed, requests: tuple[Request, ...]) -> list[Answer]:
-    return [Answer(posed.status, posed.reasons)] * len(requests)
+    return [no_answer(request.probe, posed.status, posed.reasons) for request in requests]
 
 
 def _alike(setup: Setup, poses: Sequence[Posed]) -> Iterator[tuple[list[int], Setup]]:

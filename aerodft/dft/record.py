@@ -13,11 +13,17 @@ from aerodft.dft.uncertainty import Z95, ellipses95
 from aerodft.dft.values import Value
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import ProbeKind
+from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import CODES, Status
 
 UNITS = {ProbeKind.AREA: ("m2", 1.0), ProbeKind.BEARING: ("deg", math.degrees(1.0))}
 """Unit of a value, and what an SI value is multiplied with, where it is not in metres."""
+
+
+def no_answer(probe: Probe, status: Status, reasons: tuple[str, ...]) -> Answer:
+    """There is no number, in the unit that it would have."""
+    unit, _ = UNITS.get(probe.kind, ("m", 1.0))
+    return Answer(status, reasons, unit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +36,7 @@ class Record:
 
     def miss(self, status: Status, *reasons: str) -> Answer:
         """There is no answer."""
-        return Answer(status, reasons)
+        return no_answer(self.request.probe, status, reasons)
 
     def answer(self, pose: Pose, points: ProbePoints, value: Value | None, cov_enu_m2: FloatArray) -> Answer:
         """The value, if its kind has one, and the points, if all of them are on the ground."""

@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.answers import Answer, ImageAnswers
-from aerodft.dft.record import UNITS
+from aerodft.dft.answers import ImageAnswers
+from aerodft.dft.record import no_answer
 from aerodft.dft.request import Request, Setup
 from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline
 from aerodft.model.arrays import FloatArray
@@ -38,11 +38,10 @@ def can_answer(probe: Probe, observation: Observation) -> bool:
 
 def unseen(setup: Setup, sample: PoseSample, probe: Probe, observation: Observation) -> ImageAnswers:
     """What is measured of a probe that was looked for and not seen: nothing, and why."""
-    unit, _ = UNITS.get(probe.kind, ("m", 1.0))
-    answer = Answer(sample.status, sample.reasons, unit)
+    answer = no_answer(probe, sample.status, sample.reasons)
     if sample.status is Status.OK:
         status = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
-        answer = Answer(status, (observation.unseen or _UNSEEN[status], *sample.reasons), unit)
+        answer = no_answer(probe, status, (observation.unseen or _UNSEEN[status], *sample.reasons))
     request = Request(probe=probe, pixels=(), std_px=probe.std_px)
     return ImageAnswers.of(setup, sample, observation.image, (request,), (answer,))
 

@@ -15,6 +15,7 @@ from aerodft.model.image import Image
 from aerodft.service.feed import batch_of
 from replay.recording import Recording
 from replay.source import RecordingSource
+from replay.stills import VideoStills
 from tests.cli.test_foreign_recordings import h264
 
 START_NS, STEP_NS = 1_795_221_278_000_000_000, 200_000_000
@@ -61,3 +62,10 @@ def test_a_packet_that_is_damaged_is_refused_and_no_other(recording: Path) -> No
     assert pixels is not None
     with pytest.raises(InputError, match="cannot be read"):
         pixels()
+
+
+def test_a_replay_that_loops_has_its_stills_in_every_round(recording: Path) -> None:
+    stills, messages = VideoStills(), list(Recording(recording).image_messages())
+    rounds = [[stills.still(message) for message in messages] for _ in range(3)]
+    assert [each is not None for each in rounds[0]] == [k % 3 == 0 for k in range(COUNT)]  # every half second
+    assert rounds[0] == rounds[1] == rounds[2]

@@ -75,7 +75,7 @@ class Form:
         """``count`` texts.
 
         Args:
-            first: What goes into the first ``firsts`` holes of each, all with a comma between.
+            first: What goes into the first ``firsts`` holes of each, as a JSON list of numbers.
             then: What goes into the others, likewise.
             count: How many.
             firsts: How many holes of each take of the first.
@@ -83,9 +83,9 @@ class Form:
         expect(count * len(self.stop) // _TEXTS_A_STEP)
         if not is_loaded():
             return self._joined(first, then, count, firsts)
-        out = np.empty(count * len(self.data) + len(first) + len(then), dtype=np.uint8)
+        sources = np.frombuffer(first, dtype=np.uint8)[1:-1], np.frombuffer(then, dtype=np.uint8)[1:-1]
+        out = np.empty(count * len(self.data) + sum(map(len, sources)), dtype=np.uint8)
         stop = np.empty(count, dtype=np.int64)
-        sources = np.frombuffer(first, dtype=np.uint8), np.frombuffer(then, dtype=np.uint8)
         _fill(self.data, self.stop, sources, firsts, out, stop)
         used = int(stop[-1]) if count else 0
         return Texts(out[:used].data, np.concatenate([[0], stop[:-1]])[:count], stop)
@@ -99,7 +99,8 @@ class Form:
             parts[2 * hole :: step] = [content[start:stop]] * count
         holes = len(ends) - 1
         firsts = min(firsts, holes)
-        for source, begin, size in ((first.split(b","), 0, firsts), (then.split(b","), firsts, holes - firsts)):
+        for values, begin, size in ((first, 0, firsts), (then, firsts, holes - firsts)):
+            source = values[1:-1].split(b",")
             for hole in range(size):
                 parts[2 * (begin + hole) + 1 :: step] = source[hole::size]
         sizes = np.fromiter(map(len, parts), dtype=np.int64, count=len(parts))

@@ -72,7 +72,7 @@ class Template:
     def texts(self, whole: IntArray, numbers: FloatArray) -> Texts:
         """Payloads with their whole numbers ``(n, k)`` and others ``(n, m)``."""
         first, then = (orjson.dumps(each.ravel(), option=orjson.OPT_SERIALIZE_NUMPY) for each in (whole, numbers))
-        return self._form.filled(first[1:-1], then[1:-1], *whole.shape)
+        return self._form.filled(first, then, *whole.shape)
 
     def _hollow(self, value: Any, fixed: frozenset[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
         """A value with holes for its numbers, which are noted in their order."""

@@ -34,6 +34,7 @@ _COUNT = struct.Struct("<I")
 _SIZE = struct.Struct("<Q")
 # A third of the time of the usual level 3, and no larger for numbers as text; a window of 256 kB stays in the cache.
 _ZSTD = zstandard.ZstdCompressionParameters.from_level(1, window_log=18)
+_USUAL_BYTES = 1 << 20  # of a chunk: pages that are never written to take no memory
 Compressor: TypeAlias = zstandard.ZstdCompressor
 
 
@@ -81,50 +82,61 @@ class ChunkBuffer:
 
     Args:
         definitions: Schemas and channels to begin with.
+
+    Attributes:
+        content_bytes: Uncompressed.
+        messages: How many were added.
     """
 
     def __init__(self, definitions: bytes = b"") -> None:
-        self._content = bytearray(definitions)
+        self.content_bytes = 0
+        self.messages = 0
+        self._memory = memoryview(bytearray())
         self._indexes: dict[int, bytearray] = {}
         self._start_ns = self._end_ns = 0
-        self.messages = 0
-
-    @property
-    def content_bytes(self) -> int:
-        """Uncompressed."""
-        return len(self._content)
+        self.define(definitions)
 
     def define(self, definition: bytes) -> None:
         """Add a schema or a channel, before its first message."""
-        self._content += definition
+        self.more(len(definition))[:] = definition
+
+    def more(self, size: int) -> memoryview:
+        """So many bytes more of the content, which are then to be written."""
+        begin, end = self.content_bytes, self.content_bytes + size
+        if end > len(self._memory):
+            grown = np.empty(max(end, 2 * len(self._memory), _USUAL_BYTES), dtype=np.uint8).data
+            grown[:begin] = self._memory[:begin]
+            self._memory = grown
+        self.content_bytes = end
+        return self._memory[begin:end]
 
     def add(self, channel_id: int, log_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add a message."""
-        content = self._content
         index = self._indexes.get(channel_id)
         if index is None:
             index = self._indexes[channel_id] = bytearray()
-        index += _ENTRY.pack(log_ns, len(content))
-        content += _MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD.size + len(data), channel_id, sequence, log_ns, log_ns)
-        content += data
+        index += _ENTRY.pack(log_ns, self.content_bytes)
+        record = self.more(_MESSAGE.size + len(data))
+        _MESSAGE.pack_into(
+            record, 0, Opcode.MESSAGE, MESSAGE_HEAD.size + len(data), channel_id, sequence, log_ns, log_ns
+        )
+        record[_MESSAGE.size :] = data
         if not self.messages or log_ns < self._start_ns:
             self._start_ns = log_ns
         self._end_ns = max(self._end_ns, log_ns)
         self.messages += 1
 
-    def add_rows(self, records: memoryview, channel_ids: IntArray, log_ns: IntArray, offset: IntArray) -> None:
-        """Add ``n`` messages.
+    def add_rows(self, channel_ids: IntArray, log_ns: IntArray, offset: IntArray) -> None:
+        """Add ``n`` messages that were written into ``more`` of the content.
 
         Args:
-            records: Them, one behind the other.
             channel_ids: ``(n,)`` theirs.
             log_ns: ``(n,)`` likewise.
-            offset: ``(n,)`` where each begins.
+            offset: ``(n,)`` where each begins in the content.
         """
-        entries = np.stack([log_ns, offset + len(self._content)], axis=-1).astype("<u8", copy=False)
+        entries = np.stack([log_ns, offset], axis=-1).astype("<u8", copy=False)
         for channel_id in dict.fromkeys(channel_ids.tolist()):  # as they appear: recovery builds them in that order
             self._indexes.setdefault(channel_id, bytearray()).extend(entries[channel_ids == channel_id].tobytes())
-        self._content += records
         first_ns, last_ns = int(log_ns.min()), int(log_ns.max())
         self._start_ns = min(self._start_ns, first_ns) if self.messages else first_ns
         self._end_ns = max(self._end_ns, last_ns)
@@ -132,9 +144,10 @@ class ChunkBuffer:
 
     def built(self, compressor: Compressor | None) -> BuiltChunk:
         """The chunk with what was added so far; not compressed without a compressor."""
-        data = self._content if compressor is None else compressor.compress(self._content)
+        content = self._memory[: self.content_bytes]
+        data = content if compressor is None else compressor.compress(content)
         data = bytes(memoryview(data))  # copied: the library's own bytes keep four times what they hold
-        head = CHUNK_HEAD.pack(self._start_ns, self._end_ns, len(self._content), zlib.crc32(self._content))
+        head = CHUNK_HEAD.pack(self._start_ns, self._end_ns, len(content), zlib.crc32(content))
         return built_chunk(head, b"" if compressor is None else b"zstd", data, self._indexes)
 
 

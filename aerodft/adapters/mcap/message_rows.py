@@ -61,17 +61,17 @@ class MessageRows:
         rows = slice(first, stop)
         sizes, channel_ids, log_ns = self.sizes[rows], ids[self.channel[rows]], self.log_ns[rows]
         expect(len(sizes))
-        if not is_loaded():
-            joined, offset = self._joined(rows, channel_ids)
-            buffer.add_rows(joined, channel_ids, log_ns, offset)
-            return
-        out = np.empty(int(sizes.sum()) + (_RECORD_HEAD + _MESSAGE_HEAD) * len(sizes), dtype=np.uint8)
-        offset = np.empty(len(sizes), dtype=np.int64)
-        heads = np.stack([channel_ids, self.sequence[rows], log_ns, self.texts.start[rows], sizes])
-        _lay(np.frombuffer(self.texts.data, dtype=np.uint8), heads, out, offset)
-        buffer.add_rows(out.data, channel_ids, log_ns, offset)
+        begin = buffer.content_bytes
+        out = buffer.more(int(sizes.sum()) + (_RECORD_HEAD + _MESSAGE_HEAD) * len(sizes))
+        if is_loaded():
+            offset = np.empty(len(sizes), dtype=np.int64)
+            heads = np.stack([channel_ids, self.sequence[rows], log_ns, self.texts.start[rows], sizes])
+            _lay(np.frombuffer(self.texts.data, dtype=np.uint8), heads, np.frombuffer(out, dtype=np.uint8), offset)
+        else:
+            out[:], offset = self._joined(rows, channel_ids)
+        buffer.add_rows(channel_ids, log_ns, begin + offset)
 
-    def _joined(self, rows: slice, channel_ids: IntArray) -> tuple[memoryview, IntArray]:
+    def _joined(self, rows: slice, channel_ids: IntArray) -> tuple[bytes, IntArray]:
         """Their records, and where each begins: without the compiler."""
         texts, log_ns = self.texts, self.log_ns[rows]
         starts, stops = texts.start[rows], texts.stop[rows]
@@ -83,13 +83,13 @@ class MessageRows:
         parts[::2] = heads.view(f"V{_HEADS.itemsize}").tolist()
         parts[1::2] = [texts.text(row) for row in range(rows.start, rows.stop)]
         sizes = stops - starts + _HEADS.itemsize
-        return memoryview(b"".join(parts)), np.cumsum(sizes) - sizes
+        return b"".join(parts), np.cumsum(sizes) - sizes
 
 
 def warm_up() -> None:
     """Load and compile now what would hold up the first messages of something live."""
     load_compiler()
-    texts = Form.of([b"[", b",", b"]"]).filled(b"1", b"2", 1, 1)
+    texts = Form.of([b"[", b",", b"]"]).filled(b"[1]", b"[2]", 1, 1)
     one = np.ones(1, dtype=np.int64)
     MessageRows((raw_channel(WireProtocol.MAVLINK, ""),), one - 1, one, one, texts).lay(0, 1, one, ChunkBuffer())
 

@@ -8,7 +8,7 @@ and nothing is fused, so that an image's numbers are the same to the last bit wh
 
 import numpy as np
 
-from aerodft.geometry.jit import njit_late
+from aerodft.geometry.jit import njit_late, njit_late_inline
 from aerodft.model.arrays import FloatArray, IntArray
 
 _POSITION, _ROTATION, _ELEVATION, _INTRINSICS = 0, 3, 6, 7
@@ -102,7 +102,7 @@ def spread(
                     cov[n, k, i, 2] += pixel_var[k] * own[n, k, i, b] * p2
 
 
-@njit_late
+@njit_late_inline
 def _add_shared(
     shared: FloatArray, errors: tuple[FloatArray, IntArray, IntArray], elevation_var: float, cov: FloatArray
 ) -> None:
@@ -124,7 +124,7 @@ def _add_shared(
             cov[i, 2] += shared[i, a] * s2
 
 
-@njit_late
+@njit_late_inline
 def _along(shared: FloatArray, unit: FloatArray, a: int) -> float:
     """Derivative of a slant range by one shared error; the camera's own place counts the other way."""
     by: float = unit[0] * shared[0, a] + unit[1] * shared[1, a] + unit[2] * shared[2, a]
@@ -133,7 +133,7 @@ def _along(shared: FloatArray, unit: FloatArray, a: int) -> float:
     return by
 
 
-@njit_late
+@njit_late_inline
 def _range_variance(by: FloatArray, errors: tuple[FloatArray, IntArray, IntArray], elevation_var: float) -> float:
     """Of a slant range with derivatives ``by (s,)``."""
     shared_cov, partners, count = errors
@@ -197,7 +197,7 @@ def joint_variances(
             out[n, g] = variance
 
 
-@njit_late
+@njit_late_inline
 def _add_along(by: FloatArray, shared: FloatArray, own: FloatArray, total: FloatArray) -> tuple[float, float]:
     """Add the shared errors' part of what depends on a point or ray; gives back the part of its own pixel."""
     pixel_u, pixel_v = 0.0, 0.0

@@ -98,6 +98,11 @@ def njit_late(function: Function) -> Function:
     return cast("Function", Late(function, is_patient=True)) if COMPILES else function
 
 
+def njit_late_inline(function: Function) -> Function:
+    """As ``njit_late``, for what is compiled into whoever calls it, as by ``njit_inline``."""
+    return cast("Function", Late(function, is_patient=True, forceinline=True)) if COMPILES else function
+
+
 def njit_ieee(function: Function) -> Function:
     """As ``njit`` for dense arrays: a division by zero is infinite, products and sums may be fused.
 

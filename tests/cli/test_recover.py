@@ -3,9 +3,13 @@
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
+from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from aerodft.adapters.mcap.layout import MAGIC
@@ -174,6 +178,55 @@ def test_the_recording_of_another_tool_is_left_alone(aerodft, tmp_path):
         f"aerodft: {path}: the file cannot be recovered: got one made by other 1.0, expected a recording of aerodft"
     )
     assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_a_recording_that_was_written_again_without_chunks_stays_as_it_is(aerodft, flight, is_cut):
+    """Its messages are readable, and have no checksums: nothing could be made better."""
+    folder, data = flight
+    held = without_chunks(data)
+    if is_cut:
+        cut(data, data.stat().st_size // 2)
+        with data.open("rb") as file:
+            whole = frames_so_far(file)
+        assert 0 < len(whole) < len(held)
+        held = whole
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    done = aerodft("recover", folder, "--json")
+    assert done.code == (5 if is_cut else 0)
+    segment = done.json["segments"][0]
+    assert (segment["state"], segment["messages"]) == ("unfinished" if is_cut else "sound", len(held))
+    assert len(segment["losses"]) == is_cut
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def without_chunks(path):
+    """Write a segment again as the stock writer does without chunks; returns its messages."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        records, metadata = list(reader.iter_messages(log_time_order=False)), list(reader.iter_metadata())
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start(profile="x-aerodft")
+        for each in metadata:
+            writer.add_metadata(each.name, each.metadata)
+        ids = {}
+        for schema, channel, message in records:
+            if channel.topic not in ids:
+                number = 0 if schema is None else writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            writer.add_message(ids[channel.topic], message.log_time, message.data, message.log_time)
+        writer.finish()
+    return [(message.log_time, message.data) for _, _, message in records]
+
+
+def frames_so_far(file):
+    """What the stock reader reads before it fails."""
+    found = []
+    with suppress(McapError):
+        messages = (record for record in StreamReader(file).records if isinstance(record, Message))
+        found.extend((message.log_time, message.data) for message in messages)
+    return found
 
 
 @pytest.mark.parametrize("made", ["nothing", "an empty folder", "a file"])

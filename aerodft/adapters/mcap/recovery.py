@@ -16,7 +16,9 @@ from pathlib import Path
 from aerodft.adapters.filetype import check_is_no_pipe
 from aerodft.adapters.mcap.file import sync_folder
 from aerodft.adapters.mcap.layout import MAGIC
+from aerodft.adapters.mcap.reading import ChunkReader
 from aerodft.adapters.mcap.repair import Loss, Survey, survey, write_whole
+from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError
 
 SERIES = ("data", "images")
@@ -32,8 +34,8 @@ class SegmentRecovery:
 
     Attributes:
         name: Of the file.
-        state: ``sound`` (not touched), ``completed`` (now ends as it should), ``unreadable`` (not touched) or
-            ``missing``.
+        state: ``sound`` (not touched), ``completed`` (now ends as it should), ``unfinished`` (not touched: its
+            messages are in no chunks), ``unreadable`` (not touched) or ``missing``.
         messages: In it now.
         start_ns: Earliest log time; None where there is no message.
         end_ns: Latest.
@@ -147,12 +149,45 @@ def _recover_segment(path: Path) -> SegmentRecovery:
             made_by = f"one made by {found.library or 'another tool'}"
             expected = "a recording of aerodft"
             raise InputError("the file cannot be recovered", where=path, got=made_by, expected=expected)
+        if not found.chunks and (bare := _without_chunks(path)) is not None:
+            return bare
         lost_bytes = sum(loss.length for loss in found.losses)
         if not found.chunks and not (_is_beginning(descriptor) and lost_bytes <= _BEGINNING_BYTES):
             loss = Loss(what="nothing in it can be read", offset=0, length=os.fstat(descriptor).st_size)
             return SegmentRecovery(name=path.name, state="unreadable", losses=(loss,))
         _replace(path, descriptor, found)
         return _outcome(path, "completed", found)
+
+
+def _without_chunks(path: Path) -> SegmentRecovery | None:
+    """A segment that another tool wrote again without chunks, as it is; None where no message stands outside of one.
+
+    There is no checksum that tells a damaged message from a sound one: it is read as far as it is whole, not rewritten.
+    """
+    try:
+        scan = scan_segment(path)
+    except InputError:  # not even its first bytes are those of one
+        return None
+    bare = [place for place in scan.chunks if place.is_bare]
+    messages = sum(1 for _ in ChunkReader(scan.channels.copy()).messages(bare))
+    if not messages:
+        return None
+    end_ns = max(place.end_ns for place in bare)
+    read_to = bare[-1].offset + bare[-1].length
+    torn = Loss(
+        what="it does not end as it should; without chunks there is nothing to make whole",
+        from_ns=end_ns,
+        offset=read_to,
+        length=path.stat().st_size - read_to,
+    )
+    return SegmentRecovery(
+        name=path.name,
+        state="sound" if scan.is_whole else "unfinished",
+        messages=messages,
+        start_ns=min(place.start_ns for place in bare),
+        end_ns=end_ns,
+        losses=() if scan.is_whole else (torn,),
+    )
 
 
 def _is_beginning(descriptor: int) -> bool:

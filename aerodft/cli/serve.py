@@ -28,6 +28,7 @@ from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import say
 from aerodft.cli.recover import recovering_beside
+from aerodft.cli.rehearsal import rehearse
 from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
 from aerodft.cli.times import MOST_SECONDS
@@ -66,6 +67,7 @@ def serve(
     clock, tally, pipeline = WallClock(), Tally(), build_pipeline(station)
     load_compiler()
     pipeline.warm_up()
+    rehearse(station)
     eyes = build_eyes(station, pipeline, config)
     inbox = Inbox(clock)
     feed = LiveFeed(inbox, clock, settings.tick_ns)

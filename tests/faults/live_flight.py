@@ -37,6 +37,7 @@ class Flight:
     tables: dict[str, object] = field(default_factory=dict)
     sent: list[tuple[int, int]] = field(default_factory=list)  # number, host time
     port: int = field(default_factory=free_port)
+    program: tuple[str, ...] = ("-m", "aerodft")
 
     def __post_init__(self) -> None:
         self.folder.mkdir()
@@ -60,7 +61,7 @@ class Flight:
     @contextmanager
     def served(self, recording: Path) -> Iterator[tuple[subprocess.Popen[bytes], Callable[[], None]]]:
         """The service, and what ends the telemetry that comes to it."""
-        line = [sys.executable, "-m", "aerodft", "serve", self.folder / "station.toml", "-o", recording, "--json"]
+        line = [sys.executable, *self.program, "serve", self.folder / "station.toml", "-o", recording, "--json"]
         out = (self.folder / "summary.json").open("wb")
         with out, (self.folder / "said").open("wb") as said, subprocess.Popen(line, stderr=said, stdout=out) as process:
             stop = threading.Event()

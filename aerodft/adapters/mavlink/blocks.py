@@ -27,5 +27,5 @@ def payload_rows(block: RawBlock, places: IntArray, dtype: np.dtype[np.void]) ->
         dtype: What a whole payload is made of.
     """
     raw = np.zeros((places.shape[1], dtype.itemsize), dtype=np.uint8)
-    gather(np.frombuffer(block.data, dtype=np.uint8), places, raw)
+    gather(np.frombuffer(block.data, dtype=np.uint8), np.ascontiguousarray(places), raw)
     return raw.view(dtype)[:, 0]

@@ -89,9 +89,10 @@ class MessageRows:
 def warm_up() -> None:
     """Load and compile now what would hold up the first messages of something live."""
     load_compiler()
-    texts = Form.of([b"[", b",", b"]"]).filled(b"[1]", b"[2]", 1, 1)
+    made = Form.of([b"[", b",", b"]"]).filled(b"[1]", b"[2]", 1, 1)
     one = np.ones(1, dtype=np.int64)
-    MessageRows((raw_channel(WireProtocol.MAVLINK, ""),), one - 1, one, one, texts).lay(0, 1, one, ChunkBuffer())
+    for texts in (made, Texts(bytes(made.data), made.start, made.stop)):  # as they are made, and as they came
+        MessageRows((raw_channel(WireProtocol.MAVLINK, ""),), one - 1, one, one, texts).lay(0, 1, one, ChunkBuffer())
 
 
 @njit

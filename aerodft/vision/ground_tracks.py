@@ -17,6 +17,7 @@ from aerodft.vision.sights import Sight
 
 _SIZES: Final = 15  # sights that tell how large an object is
 _SHRUNK: Final = 0.75  # lower than this share of itself: its foot is hidden; narrower: one of its sides is
+_PART: Final = 0.15  # a smaller share of it is nothing to know it by
 _GROWN: Final = 1.4  # wider: there is somebody beside it
 _ALIKE: Final = 0.2
 _ASTRAY: Final = 4.0  # times the gate: what nobody else has claimed, and what is as high, is the one that was lost
@@ -84,6 +85,10 @@ class GroundTrack:
     def shrunk(self, sight: Sight) -> bool:
         """Whether only the upper part of it can be seen."""
         return sight.height_m < _SHRUNK * self.height_m
+
+    def may_show(self, sight: Sight) -> bool:
+        """Whether that may be its upper part, and is enough of it."""
+        return self.shrunk(sight) and sight.height_m > _PART * self.height_m
 
     def is_like(self, sight: Sight) -> bool:
         """Whether it is as high as this."""
@@ -201,7 +206,7 @@ class GroundTracks:
             return None if track.shrunk(sight) else (sight.place_en_m, sight.blurred_aside(track.aside_px(sight)))
 
         def upper_part(track: GroundTrack, sight: Sight) -> Place | None:
-            return below(sight, track.height_m) if track.number and track.shrunk(sight) else None
+            return below(sight, track.height_m) if track.number and track.may_show(sight) else None
 
         def astray(track: GroundTrack, sight: Sight) -> Place | None:
             return whole(track, sight) if track.number and track.is_like(sight) else None

@@ -172,3 +172,19 @@ def test_who_is_seen_from_the_hips_up_is_not_forgotten() -> None:
         assert track.status is (Status.OCCLUDED if hidden else Status.OK)
         off = np.array(track.enu_m[0][:2]) - foot[:2]
         assert off @ np.linalg.solve(np.array(track.cov_enu_m2)[:2, :2], off) < 9.2
+
+
+def test_a_speck_is_nobody_s_head() -> None:
+    """One image shows 0.1 m of something at the wall's edge, 2.5 m from where somebody is behind it."""
+    tracks, setup = ObjectTracks(ObjectSettings()), Setup(camera=yard.CAMERA)
+    for k in range(60):
+        stamp_ns = k * SECOND_NS // 10
+        foot = np.array([4.0 - 0.1 * k, 16.0, 0.0])
+        sample = PoseSample(stamp_ns=stamp_ns, status=Status.OK, pose=yard.POSE, std=yard.STD)
+        seen = () if k >= 25 else (outline(foot, 0.0, stamp_ns),)
+        if k == 50:
+            seen = (outline(np.array([foot[0] - 2.5, 16.0, 0.0]), 1.72, stamp_ns),)
+        made = [each for answer in tracks.follow(setup, sample, seen, k) for each in answer]
+    (track,) = made
+    assert track.status is Status.OCCLUDED
+    assert np.linalg.norm(np.array(track.enu_m[0][:2]) - foot[:2]) < 0.5

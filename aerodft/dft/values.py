@@ -152,7 +152,8 @@ def _scatter(draws_enu_m: FloatArray, centre_enu_m: FloatArray) -> FloatArray:
     if np.count_nonzero(np.isinf(far)) > 0.05 * len(far):
         return np.full((3, 3), np.inf)  # no ellipse holds them; the point is refused for its range anyway
     near = far <= np.sort(far)[int(0.95 * len(far)) - 1]
-    moment = away[near].T @ away[near] / np.count_nonzero(near)
+    nearest = away[near]
+    moment = nearest.T @ nearest.copy() / len(nearest)  # of one array with itself it would differ in the last bits
     squared = np.einsum("ni,ij,nj->n", away[:, :2], np.linalg.pinv(moment[:2, :2]), away[:, :2])
     scale = np.sort(np.where(np.isnan(squared), np.inf, squared))[int(np.ceil(0.95 * len(far))) - 1] / CHI2_2D_95
     return np.asarray(moment * scale)

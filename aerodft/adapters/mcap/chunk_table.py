@@ -20,6 +20,7 @@ _MESSAGE: Final = int(Opcode.MESSAGE)
 _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
 _HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
 _CHANNELS: Final = 1 << 16  # their ids are of 16 bits
+_USUAL_BYTES: Final = 64  # of a record, at least; of shorter ones the table is made once more
 _FEW: Final = 8  # records that are told apart as fast without the compiler
 
 
@@ -74,11 +75,13 @@ def record_table(content: bytes) -> RecordTable:
         expect(2 * len(few.opcode))
         return few
     data = np.frombuffer(content, dtype=np.uint8)
-    nothing = np.empty((0, 3), dtype=np.int64)
-    count, _ = _walk(data, nothing)
-    table = np.empty((count, 3), dtype=np.int64)
-    _, is_whole = _walk(data, table)
-    return RecordTable(table[:, 0], table[:, 1], table[:, 2], is_whole)
+    table = np.empty((len(content) // _USUAL_BYTES, 3), dtype=np.int64)
+    count, is_whole = _walk(data, table)
+    if count > len(table):
+        table = np.empty((count, 3), dtype=np.int64)
+        _walk(data, table)
+    opcode, start, stop = np.ascontiguousarray(table[:count].T)
+    return RecordTable(opcode, start, stop, is_whole)
 
 
 def message_table(content: bytes, channels: dict[int, ReadChannel], records: RecordTable) -> ChunkTable:

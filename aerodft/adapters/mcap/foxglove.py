@@ -1,5 +1,7 @@
 """The messages of a recording that viewers know: Foxglove's protobuf schemas."""
 
+import math
+
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -58,9 +60,9 @@ def location_fix(posed: Posed, frame: str) -> bytes | None:
     message = LocationFix(
         timestamp=_timestamp(posed.stamp_ns),
         frame_id=frame,
-        latitude=np.degrees(lat_rad),
-        longitude=np.degrees(lon_rad),
-        altitude=np.nan if alt_msl_m is None else alt_msl_m,
+        latitude=math.degrees(lat_rad),
+        longitude=math.degrees(lon_rad),
+        altitude=math.nan if alt_msl_m is None else alt_msl_m,
     )
     if posed.cov is not None:
         message.position_covariance.extend(posed.cov[:3, :3].ravel().tolist())

@@ -49,7 +49,7 @@ class Outcome:
         recording: Its name.
         state: Whether it was computed.
         statuses: Measurements by status.
-        sentence: Why it failed.
+        sentence: Why it failed; of one that was computed, what of it could not be read.
     """
 
     recording: str

@@ -112,7 +112,7 @@ def _by_time(segments: list[SegmentScan], totals: Merged) -> Iterator[ReadMessag
 
 def _sorted(segment: SegmentScan, totals: Merged) -> Iterator[ReadMessage]:
     """One segment's messages by log time, else as they were written; chunks that overlap are held together."""
-    reader = ChunkReader(segment.channels.copy(), named=segment.named)
+    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
     starts = [chunk.start_ns for chunk in segment.chunks]
     later = [*list(accumulate(reversed(starts), min))[-2::-1], None]
     held: list[tuple[int, int, ReadMessage]] = []

@@ -39,6 +39,6 @@ def open_recording(path: Path, topics: Topics | None = None) -> Recording | Fore
 
 def _is_own(path: Path) -> bool:
     segment = scan_segment(path)
-    segment.named.update(chunk.offset for chunk in segment.chunks)  # whoever reads on says what is damaged
+    segment.left_out.update(chunk.offset for chunk in segment.chunks)  # whoever reads on says what is damaged
     channels = channels_of(segment).values()
     return any(channel.schema.startswith(OWN_SCHEMAS) for channel in channels)

@@ -161,7 +161,7 @@ def _pictures(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) 
 def _messages_at(segment: SegmentScan, place: ChunkPlace) -> Iterator[ReadMessage]:
     """The messages of one chunk; where no index names the channels, the first chunk does."""
     first = segment.chunks[0]
-    reader = ChunkReader(segment.channels.copy(), named=segment.named)
+    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
     if not segment.is_indexed and place.offset != first.offset:
         for _ in reader.messages((first,)):
             pass

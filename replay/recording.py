@@ -54,8 +54,9 @@ class Recording:
         if self._is_file and not is_mcap(folder):
             expected = "a recording's folder, or an MCAP file"
             raise InputError("there is no recording", where=folder, got=looks_like(folder), expected=expected)
-        self.data = (scan_segment(folder),) if self._is_file else _segments(folder, "data")
-        self.images = self.data if self._is_file else _segments(folder, "images")
+        self._missing = {"data": 0, "images": 0}
+        self.data = (scan_segment(folder),) if self._is_file else self._segments("data")
+        self.images = self.data if self._is_file else self._segments("images")
         chunks = [chunk for segment in self.data for chunk in segment.chunks]
         if not chunks:
             raise NoAnswerError("the recording holds nothing", where=folder)
@@ -69,11 +70,22 @@ class Recording:
         for schema in sorted({one.schema for each in self.data for one in each.channels.by_id.values()}):
             self._meet(schema)
 
+    def _segments(self, stem: str) -> tuple[SegmentScan, ...]:
+        paths = _paths(self.folder, stem)
+        self._missing[stem] = _say_missing(self.folder, stem, [path.stem for path in paths])
+        return _each_once(self.folder, tuple(map(scan_segment, paths)))
+
     def _meet(self, schema: str) -> None:
         """Warn once of payloads whose schema this version does not have: a newer one's, or damage."""
         self._met.add(schema)
         if schema.startswith(_OWN) and schema not in SCHEMAS:
             _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, schema, SOFTWARE)
+
+    def left_out(self, *, images: bool = False) -> dict[str, int]:
+        """``damaged_chunks`` that were met so far and ``missing_segments``; where asked, of the images too."""
+        segments = {id(each): each for each in (*self.data, *(self.images if images else ()))}.values()
+        missing = self._missing["data"] + (self._missing["images"] if images else 0)
+        return {"damaged_chunks": sum(len(each.left_out) for each in segments), "missing_segments": missing}
 
     def text(self, name: str) -> str | None:
         """A file beside the segments (``config.toml`` and the like); None where there is none.
@@ -133,7 +145,8 @@ def _is_picture(channel: ReadChannel) -> bool:
     return channel.schema in PICTURE_SCHEMAS
 
 
-def _segments(folder: Path, stem: str) -> tuple[SegmentScan, ...]:
+def _paths(folder: Path, stem: str) -> list[Path]:
+    """The segments of a series, in order."""
     if not folder.is_dir():
         got = "a file" if folder.exists() else "nothing"
         raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
@@ -150,8 +163,7 @@ def _segments(folder: Path, stem: str) -> tuple[SegmentScan, ...]:
             got=f"{found} and no data_*.mcap" if found else "an empty folder",
             expected="a folder with data_000.mcap",
         )
-    _say_missing(folder, stem, [path.stem for path in paths])
-    return _each_once(folder, tuple(map(scan_segment, paths)))
+    return paths
 
 
 def _each_once(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[SegmentScan, ...]:
@@ -165,11 +177,12 @@ def _each_once(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[Segment
     return tuple(first.values())
 
 
-def _say_missing(folder: Path, stem: str, names: list[str]) -> None:
-    """Warn of numbers that are left out: a segment was lost or not copied."""
+def _say_missing(folder: Path, stem: str, names: list[str]) -> int:
+    """Warn of numbers that are left out: a segment was lost or not copied; returns how many."""
     numbers = [int(name.removeprefix(f"{stem}_")) for name in names if name.removeprefix(f"{stem}_").isdecimal()]
     gone = sorted(set(range(max(numbers, default=-1) + 1)) - set(numbers))
     if gone:
         shown = ", ".join(f"{stem}_{number:03d}.mcap" for number in gone[:_SHOWN])
         more = f" and {len(gone) - _SHOWN} more" if len(gone) > _SHOWN else ""
         _log.warning("%s: without %s%s; read as far as it is there", folder, shown, more)
+    return len(gone)

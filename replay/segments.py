@@ -53,7 +53,7 @@ def messages_of(
         return (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
 
     for segment in segments:
-        reader = ChunkReader(segment.channels.copy(), named=segment.named)
+        reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
         # Not a loop over them, which would hold on to the last one: an image of megabytes.
         yield from filter(in_time, reader.messages(_places(segment, from_ns, to_ns, wanted), wanted))
 
@@ -63,7 +63,7 @@ def tables_of(
 ) -> Iterator[ChunkTable]:
     """The same messages as columns, chunk after chunk; arguments as in ``messages_of``."""
     for segment in segments:
-        reader = ChunkReader(segment.channels.copy(), named=segment.named)
+        reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
         for table in reader.tables(_places(segment, from_ns, to_ns, wanted)):
             rows = is_one_of(table.channel, [number for number, each in table.channels.items() if wanted(each)])
             if from_ns is not None:
@@ -100,7 +100,7 @@ def channels_of(segment: SegmentScan) -> dict[int, ReadChannel]:
     """
     if segment.is_indexed:
         return segment.channels.by_id
-    reader = ChunkReader(segment.channels.copy(), named=segment.named)
+    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
     seen = set(segment.channels.by_id)
     for place in segment.chunks:
         if place.channels is None or not place.channels <= seen:

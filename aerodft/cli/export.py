@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.whole_file import whole_file
+from aerodft.cli.gaps import end_with_gaps
 from aerodft.cli.output import print_json, say
 from aerodft.errors import NoAnswerError, UsageError, located
 from replay.export import ExportFormat, export_text
@@ -30,8 +31,8 @@ class Format(StrEnum):
     MP4 = "mp4"
 
 
-_LOSS = 5
 _TEXT = frozenset(map(str, ExportFormat))
+_WITH_IMAGES = frozenset({Format.MCAP, Format.MP4})
 
 
 def export(
@@ -53,7 +54,7 @@ def export(
     r"""Write a recording's measurements as a table or a map, its segments as one file, or its images as a video.
 
     docs/tables.md says what the columns are. One MCAP file holds all messages by time, and what lies beside the
-    segments as attachments; exit 5 where damaged parts are not in it.
+    segments as attachments. Exit 5 where damaged or missing parts of the recording are not in it.
 
     \b
     Example:
@@ -69,23 +70,24 @@ def export(
     if output is None:
         with located(recording):
             sys.stdout.writelines(export_text(_measurements(source), ExportFormat(form)))
+        end_with_gaps(source.left_out())
         return
     with whole_file(output, overwrite=overwrite) as partial, located(recording):
         written = _write(source, form, partial)
+    left_out = source.left_out(images=form in _WITH_IMAGES)
     if json:
-        print_json({"file": str(output), "format": form, **written})
+        print_json({"file": str(output), "format": form, **written, **left_out})
     else:
         said = ", ".join(f"{count} {what.replace('_', ' ')}" for what, count in written.items() if count)
         say(f"{output}: {said}")
-    if written.get("damaged_chunks"):
-        raise typer.Exit(_LOSS)
+    end_with_gaps(left_out)
 
 
 def _write(source: Recording, form: Format, path: Path) -> dict[str, int]:
     """Write the file; returns what is in it, for people and programs."""
     if form is Format.MCAP:
         merged = merge_segments(source, path)
-        return {"messages": merged.messages, "attachments": merged.attachments, "damaged_chunks": merged.damaged}
+        return {"messages": merged.messages, "attachments": merged.attachments}
     if form is Format.MP4:
         return asdict(write_video(source, path))
     payloads = _measurements(source)

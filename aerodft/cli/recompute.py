@@ -58,7 +58,8 @@ def recompute(
 
     With the recording's own configuration the measurements are identical to the byte on the same machine. Images are
     copied, not encoded again. It starts from the recorded observations; with --vision what aerodft itself saw is found
-    again in the recorded images, and how far it is from where it was is said.
+    again in the recorded images, and how far it is from where it was is said. Exit 5 where damaged or missing parts of
+    the recording are left out.
 
     Of many recordings (several, a pattern, or with --scheduler) one row per measurement goes into a Parquet dataset,
     which docs/batch.md describes: ./recomputed without --output. One that fails is reported, the others go on (exit 5);
@@ -125,7 +126,8 @@ def _recompute_one(
         seen |= {**ready.eyes.report(ready.again.counts), "vision": moved.document()}
         say(moved.sentence())
         warnings = _of_few_images(ready.eyes.names, moved.kept)
-    report(recorder.totals, tally, ready.pipeline.counts, as_json=as_json, warnings=warnings, seen=seen)
+    counts, left_out = ready.pipeline.counts, old.left_out(images=vision)
+    report(recorder.totals, tally, counts, as_json=as_json, warnings=warnings, seen=seen, left_out=left_out)
 
 
 def _of_few_images(names: tuple[str, ...], kept: int) -> tuple[str, ...]:

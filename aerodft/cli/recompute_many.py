@@ -12,6 +12,7 @@ import typer
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.cli.collector import end_at_once
+from aerodft.cli.gaps import gaps
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.wiring import Tally, run
@@ -64,7 +65,7 @@ def recompute_many(
     Raises:
         UsageError: The scheduler is neither.
         InputError: There is no such recording, the scheduler cannot be reached, or the dataset cannot be written.
-        Exit: With 5, where a recording failed.
+        Exit: With 5, where a recording failed, or is not whole.
     """
     if scheduler != "processes" and "://" not in scheduler:
         raise UsageError("--scheduler", got=scheduler, expected="processes or tcp://host:port")
@@ -81,7 +82,7 @@ def recompute_many(
         for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0))):
             outcomes[outcome.recording] = outcome
             progress(len(outcomes))
-            if outcome.state is State.FAILED:
+            if outcome.sentence:
                 say(f"aerodft: {outcome.sentence}")
     _report([outcomes[job.recording] for job in jobs], output, as_json=as_json)
 
@@ -125,10 +126,15 @@ def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
                 if not rows.count:
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")
                 rows.describe(dataset.statuses_text(tally.measurements))
-        return Outcome(recording=job.recording, state=State.DONE, statuses=dict(tally.measurements))
+        return _done(job, tally, gaps(ready.recording.left_out()))
     except AerodftError as error:
         sentence = str(error) if str(job.folder) in str(error) else f"{job.folder}: {error}"
         return Outcome(recording=job.recording, state=State.FAILED, sentence=sentence)
+
+
+def _done(job: Job, tally: Tally, left_out: str) -> Outcome:
+    sentence = f"{job.folder}: {left_out}" if left_out else ""
+    return Outcome(recording=job.recording, state=State.DONE, statuses=dict(tally.measurements), sentence=sentence)
 
 
 def _key(ready: Recomputation) -> InputKey:
@@ -166,7 +172,7 @@ def _report(outcomes: list[Outcome], output: Path, *, as_json: bool) -> None:
     """Say what became of all of them.
 
     Raises:
-        Exit: With 5, where one failed.
+        Exit: With 5, where one failed, or is not whole.
     """
     if as_json:
         print_json({"dataset": str(output), "recordings": [asdict(outcome) for outcome in outcomes]})
@@ -176,5 +182,5 @@ def _report(outcomes: list[Outcome], output: Path, *, as_json: bool) -> None:
         f"{output}: {count[State.DONE]} recordings computed, {count[State.SKIPPED]} were done before,"
         f" {count[State.FAILED]} failed; {rows} measurements"
     )
-    if count[State.FAILED]:
+    if any(outcome.sentence for outcome in outcomes):
         raise typer.Exit(_LOSS)

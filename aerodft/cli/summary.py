@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import typer
 
 from aerodft.adapters.mcap.totals import RecordingTotals
+from aerodft.cli.gaps import end_with_gaps
 from aerodft.cli.output import print_json, say
 from aerodft.cli.watching import steadiness_document, steadiness_sentence
 from aerodft.cli.wiring import Tally
@@ -23,6 +24,7 @@ def report(
     warnings: tuple[str, ...] = (),
     live: bool = False,
     seen: Mapping[str, object] | None = None,
+    left_out: Mapping[str, int] | None = None,
 ) -> None:
     """Say what a run made.
 
@@ -34,10 +36,11 @@ def report(
         warnings: What was wrong with the input, one sentence each.
         live: Whether it may have ended before its first image.
         seen: What became of looking at the images, where somebody did.
+        left_out: What of the input could not be read, by what it is.
 
     Raises:
         NoAnswerError: Not one pose had an answer, or there was no image.
-        Exit: With 5, where the recording is incomplete.
+        Exit: With 5, where the recording is incomplete, or what it was made of.
     """
     missing = totals.lost + totals.shed_messages
     if as_json:
@@ -49,6 +52,7 @@ def report(
                 "measurements": dict(tally.measurements),
                 "reasons": tally.reasons,
                 "warnings": warnings,
+                **(left_out or {}),
                 "lost": missing,
                 "recorded": totals.counts,
                 **_landmarks(tally),
@@ -72,6 +76,7 @@ def report(
         say("nothing was measured: no image came")
     else:
         _refuse_emptiness(totals, tally)
+    end_with_gaps(left_out or {})
     if missing:
         raise typer.Exit(_LOSS)
 

@@ -200,7 +200,8 @@ def test_export_writes_the_file_or_says_why_not(tmp_path: Path, command: Command
     empty = record(tmp_path / "empty", [])
     target = tmp_path / "out.geojson"
     done = command("export", a, "--format", "geojson", "-o", target, "--json")
-    assert orjson.loads(done.out) == {"file": str(target), "format": "geojson", "measurements": 1}
+    whole = {"damaged_chunks": 0, "missing_segments": 0}
+    assert orjson.loads(done.out) == {"file": str(target), "format": "geojson", "measurements": 1, **whole}
     assert len(orjson.loads(target.read_bytes())["features"]) == 1
     assert command("export", a).out.startswith("time_utc,stamp_ns,name")
     nothing = command("export", empty, "-o", tmp_path / "no.csv")

@@ -94,7 +94,7 @@ class SegmentScan:
         texts: The configuration that it carries: files by name; empty where it carries none.
         channels: Those that are known before a chunk is read: all of them where ``is_indexed``.
         is_indexed: Whether the file's own index was used.
-        named: Where damaged chunks begin that were named already; readers share it.
+        left_out: Where damaged chunks begin that were met so far; readers share it.
     """
 
     path: Path
@@ -104,4 +104,4 @@ class SegmentScan:
     channels: Channels = field(default_factory=Channels)
     is_indexed: bool = False
     texts: dict[str, str] = field(default_factory=dict)
-    named: set[int] = field(default_factory=set, compare=False, repr=False)
+    left_out: set[int] = field(default_factory=set, compare=False, repr=False)

@@ -21,6 +21,7 @@ from aerodft.errors import InputError
 
 _DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 _MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
+_MOST_KEPT: Final = 100_000
 _DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
 
 Wanted = Callable[[ReadChannel], bool]
@@ -44,12 +45,12 @@ class ChunkReader:
     Attributes:
         channels: Known so far.
         damaged: Chunks that were left out.
-        named: Where those begin that were named already; may be shared with who reads the same file again.
+        left_out: Where those begin, each named once; may be shared with who reads the same file again.
     """
 
     channels: Channels = field(default_factory=Channels)
     damaged: int = 0
-    named: set[int] = field(default_factory=set)
+    left_out: set[int] = field(default_factory=set)
 
     def messages(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ReadMessage]:
         """The messages of chunks of one file; a damaged chunk is left out, counted and logged.
@@ -90,11 +91,12 @@ class ChunkReader:
 
     def _leave_out(self, place: ChunkPlace, why: object) -> None:
         self.damaged += 1
-        is_said = place.offset in self.named or len(self.named) == _MOST_NAMED
-        if is_said or not _log.isEnabledFor(logging.WARNING):
+        if place.offset in self.left_out or len(self.left_out) == _MOST_KEPT:
             return
-        self.named.add(place.offset)
-        more = "; further ones are left out and not named" if len(self.named) == _MOST_NAMED else ""
+        self.left_out.add(place.offset)
+        if len(self.left_out) > _MOST_NAMED:
+            return
+        more = "; further ones are left out and not named" if len(self.left_out) == _MOST_NAMED else ""
         _log.warning("%s: damaged chunk at byte %d left out: %s%s", place.path, place.offset, why, more)
 
     def _records(self, content: bytes, wanted: Wanted | None) -> Iterator[ReadMessage]:

@@ -178,8 +178,8 @@ def joint_variances(
     total = np.zeros(shared.shape[3])
     for n in range(out.shape[0]):
         for g in range(out.shape[1]):
-            total[:] = 0.0
-            total[_POSITION:_ROTATION] = by_camera[n, g]
+            for a in range(len(total)):
+                total[a] = by_camera[n, g, a] if a < _ROTATION else 0.0
             variance = 0.0
             for q in range(by_points.shape[2]):
                 k, r = columns[g, q], ray_columns[g, q]

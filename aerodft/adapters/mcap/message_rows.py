@@ -111,7 +111,9 @@ def _lay(data: ImageArray, heads: IntArray, out: ImageArray, offset: IntArray) -
         _put(out, at + 6, 8, log_ns)
         _put(out, at + 14, 8, log_ns)
         at += _MESSAGE_HEAD
-        out[at : at + size] = data[start : start + size]
+        payload, text = out[at : at + size], data[start : start + size]
+        for k in range(size):  # in a tenth of the time that one part takes for the other
+            payload[k] = text[k]
         position = at + size
 
 

@@ -23,6 +23,8 @@ from aerodft.vision.river_reach import Reach
 
 _MUCH: Final = 1.5
 """Times as much as they state, from which images' scatter is told."""
+_FAR_TOO_MUCH: Final = 10.0
+"""Likewise, from which poses are not those of these images: stamps that are 2 s off come to 85."""
 
 
 def refused_reach(found: NoRiver, views: Views) -> dict[str, Any]:
@@ -40,13 +42,21 @@ def reach_document(found: Reach, views: Views) -> dict[str, Any]:
     document["width_m"] = width_summary(found.found.widths, used)
     ratio = found.found.scatter_ratio
     document["reasons"] = [
-        *([f"images scatter {ratio:.1f} times as much as they state: the stds contain it"] if ratio > _MUCH else []),
+        *_scattered(ratio),
         *doubts([look.water for look in seen]),
         *bounds(document["transects"]),
     ]
     counted = _counts(views) | {"used": len(seen), "used_share": len(seen) / len(views.views), "scatter_ratio": ratio}
     document["images"] = counted | {"each": [_image(found, views, row) for row in range(len(views.views))]}
     return document
+
+
+def _scattered(ratio: float) -> list[str]:
+    """What to think of images that tell other widths than they should."""
+    if ratio <= _MUCH:
+        return []
+    far = "; are their stamps those of the telemetry? aerodft sync tells" if ratio > _FAR_TOO_MUCH else ""
+    return [f"images scatter {ratio:.1f} times as much as they state: the stds contain it{far}"]
 
 
 def _counts(views: Views) -> dict[str, Any]:

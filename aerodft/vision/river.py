@@ -264,7 +264,7 @@ def _ambiguous(other_m: FloatArray, width_m: float) -> BoolArray:
         width_m: Of the river.
     """
     far = np.abs(other_m) > _AMBIGUOUS * width_m
-    return far & (float(np.mean(far)) < 0.5)  # noqa: PLR2004 - most
+    return far & (2 * np.count_nonzero(far) < len(far))
 
 
 def _by_motion(plane: WaterPlane, features: WaterFeatures, water: WaterMask, found: Transects) -> BoolArray:

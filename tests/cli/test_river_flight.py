@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from dataclasses import replace
+from datetime import datetime, timedelta
 from fractions import Fraction
 
 import av
@@ -81,6 +82,19 @@ def test_widths_of_a_flight_hold_the_truth_and_what_its_telemetry_is_off_by(flig
     assert np.median(std / width) > HEIGHT_BIAS_M / 45
     low, high = document["width_m"]["ci95"]
     assert low <= np.median(truth) <= high
+
+
+def test_stamps_that_are_not_the_telemetry_s_are_suspected(flight, measured, aerodft, tmp_path):
+    source = flight[1].parent
+    late = (datetime.fromisoformat(START) + timedelta(seconds=2)).isoformat()
+    done = aerodft(
+        *("import", source / "flight.tlog", "--video", source / "video.mp4", "--video-start", late),
+        *("-c", source / "station.toml", "-o", tmp_path / "late"),
+    )
+    assert done.code == 0, done.err
+    said = aerodft("river", tmp_path / "late", "--spacing", 2, "-o", tmp_path / "river", "--json").json["reasons"]
+    assert any("aerodft sync" in each for each in said), said
+    assert not any("aerodft sync" in each for each in measured[0]["reasons"])
 
 
 def test_left_is_left_looking_downstream_and_files_say_what_the_document_says(measured):

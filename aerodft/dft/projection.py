@@ -132,7 +132,8 @@ def _pinhole(
     direction = turned(_over(rotation, pixels[0] if of_each else pixels, 2), rays.rays_cam)
     depression = np.arctan2(-direction[..., 2], np.hypot(direction[..., 0], direction[..., 1]))
     met = _level(pose, direction, elevation) if ground is None else _uneven(pose, direction, elevation, ground)
-    shared, own = _dependence(camera, rotation, pixels, rays, met, of_each=of_each)
+    by = met.by_direction, met.by_position, met.by_elevation
+    shared, own = dependence_of_rays(camera, rotation, pixels, rays, by, of_each=of_each)
     return GroundPoints(met.points_enu_m, shared, own, met.status, depression)
 
 
@@ -142,11 +143,27 @@ def _over(values: FloatArray, pixels: FloatArray, trailing: int) -> FloatArray:
     return values.reshape(*lead, *([1] * (pixels.ndim - 1)), *values.shape[values.ndim - trailing :])
 
 
-def _dependence(
-    camera: Camera, rotation: FloatArray, pixels: FloatArray, rays: Rays, met: _Met, *, of_each: bool
+def dependence_of_rays(
+    camera: Camera,
+    rotation: FloatArray,
+    pixels: FloatArray,
+    rays: Rays,
+    by: tuple[FloatArray, FloatArray, FloatArray],
+    *,
+    of_each: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """``GroundPoints.jac_shared`` and ``jac_px``."""
-    shape, images = met.points_enu_m.shape[:-1], rotation.size // 9
+    """``GroundPoints.jac_shared`` and ``jac_px`` of what depends on rays.
+
+    Args:
+        camera: The camera.
+        rotation: ``(..., 3, 3)`` from its axes to ENU.
+        pixels: ``(..., 2)``, as in ``project``.
+        rays: Theirs.
+        by: What depends on them, by their direction, the camera's position ``(..., 3, 3)``, and elevation ``(..., 3)``.
+        of_each: As in ``project``.
+    """
+    by_direction, by_position, by_elevation = by
+    shape, images = by_elevation.shape[:-1], rotation.size // 9
     seen = (images if of_each else 1, pixels[..., 0].size // (images if of_each else 1))
     by_intrinsics = rays_by_intrinsics(camera, pixels)
     size = INTRINSICS.start + by_intrinsics.shape[-1]
@@ -154,9 +171,9 @@ def _dependence(
     flat = (images, seen[1])
     depend(
         (
-            met.by_direction.reshape(*flat, 3, 3),
-            met.by_position.reshape(*flat, 3, 3),
-            met.by_elevation.reshape(*flat, 3),
+            by_direction.reshape(*flat, 3, 3),
+            by_position.reshape(*flat, 3, 3),
+            by_elevation.reshape(*flat, 3),
         ),
         rotation.reshape(-1, 3, 3),
         np.array(rays.rays_cam).reshape(*seen, 3),

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.projection import INTRINSICS, POSITION, GroundPoints
+from aerodft.dft.projection import POSITION, GroundPoints, dependence_of_rays
 from aerodft.dft.quantities import Gradient, Sight
 from aerodft.geometry.ground import Ground
-from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.geometry.rotation import matrix, turned
 from aerodft.model.arrays import FloatArray
@@ -110,15 +109,9 @@ def directions_with_jacobians(
     With ``of_each`` each of them has its own of ``(n, ..., 2)``.
     """
     rays, rotation = rays_with_jacobian(camera, pixels_px), matrix(pose.wxyz)
-    by_intrinsics = rays_by_intrinsics(camera, pixels_px)
-    rotation = rotation.reshape(*rotation.shape[:-2], *([1] * (pixels_px.ndim - 1 - of_each)), 3, 3)
-    directions = turned(rotation, rays.rays_cam)
-    shared = np.zeros((*directions.shape, INTRINSICS.start + by_intrinsics.shape[-1]))
-    x, y, z = (rays.rays_cam[..., None, column] for column in range(3))
-    shared[..., 3] = rotation[..., 2] * y - rotation[..., 1] * z
-    shared[..., 4] = rotation[..., 0] * z - rotation[..., 2] * x
-    shared[..., 5] = rotation[..., 1] * x - rotation[..., 0] * y
-    for column in range(by_intrinsics.shape[-1]):
-        shared[..., INTRINSICS.start + column] = turned(rotation, by_intrinsics[..., column])
-    own = np.stack([turned(rotation, rays.jac_px[..., column]) for column in range(2)], axis=-1)
-    return Directions(directions, shared, own)
+    over = rotation.reshape(*rotation.shape[:-2], *([1] * (pixels_px.ndim - 1 - of_each)), 3, 3)
+    directions = turned(over, rays.rays_cam)
+    itself, none = np.zeros((*directions.shape, 3)), np.zeros((*directions.shape, 3))
+    itself[..., 0, 0] = itself[..., 1, 1] = itself[..., 2, 2] = 1.0
+    by = itself, none, np.zeros(directions.shape)
+    return Directions(directions, *dependence_of_rays(camera, rotation, pixels_px, rays, by, of_each=of_each))

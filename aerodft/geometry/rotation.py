@@ -179,8 +179,10 @@ def gimbal_from_camera(enu_wxyz_cam: FloatArray) -> FloatArray:
 def turned(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     """``rotations (..., 3, 3)`` times ``vectors (..., 3)``, broadcast; each the same to the last bit in any batch."""
     x, y, z = _columns(vectors)
-    rows = [rotations[..., row, 0] * x + rotations[..., row, 1] * y + rotations[..., row, 2] * z for row in range(3)]
-    return np.stack(rows, axis=-1)
+    found = np.empty((*np.broadcast_shapes(rotations.shape[:-2], x.shape), 3))
+    for row in range(3):
+        found[..., row] = rotations[..., row, 0] * x + rotations[..., row, 1] * y + rotations[..., row, 2] * z
+    return found
 
 
 def cross(one: FloatArray, other: FloatArray) -> FloatArray:

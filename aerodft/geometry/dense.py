@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry.jit import njit_ieee
+from aerodft.geometry.jit import njit_ieee, njit_late_ieee
 from aerodft.model.arrays import FloatArray
 
 Float32Array: TypeAlias = npt.NDArray[np.float32]
@@ -26,6 +26,9 @@ _STEPS = 16
 _CONVERGED, _ACCEPTED = 1e-14, 1e-11  # in units of the focal length, as in ``lens``
 _FIRST_STEPS = 5
 _SETTLED = 1e-8  # a step of Newton's that leaves an error of the order of its square
+PIXEL_STEPS = 40
+"""Of ``undistort`` without the compiler, for each pixel, as ``jit.expect`` counts."""
+
 _BLOCK = 512  # pixels that stay in the nearest cache from one loop to the next
 
 RAY_ROWS = 11
@@ -121,7 +124,7 @@ def normalise(pixels_px: FloatArray, intrinsics: tuple[float, ...], out: FloatAr
         found[2 * k], found[2 * k + 1] = (given[2 * k] - cx) * per_x, (given[2 * k + 1] - cy) * per_y
 
 
-@njit_ieee
+@njit_late_ieee
 def brown(coefficients: tuple[float, ...], x: float, y: float) -> tuple[float, float, float, float, float]:
     """Brown's distortion, and its derivatives: xd, yd; d xd / dx, d xd / dy = d yd / dx, d yd / dy."""
     k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
@@ -137,7 +140,7 @@ def brown(coefficients: tuple[float, ...], x: float, y: float) -> tuple[float, f
     return xd, yd, xx, xy, yy
 
 
-@njit_ieee
+@njit_late_ieee
 def _newton(coefficients: tuple[float, ...], xd: float, yd: float, x: float, y: float) -> tuple[float, float, bool]:
     """Newton's step from ``x, y`` towards the inverse of ``xd, yd``, and whether the model is upright there."""
     got_x, got_y, xx, xy, yy = brown(coefficients, x, y)
@@ -146,9 +149,11 @@ def _newton(coefficients: tuple[float, ...], xd: float, yd: float, x: float, y: 
     return (yy * miss_x - xy * miss_y) / det, (xx * miss_y - xy * miss_x) / det, det > 0.0
 
 
-@njit_ieee
+@njit_late_ieee
 def undistort(distorted: FloatArray, coefficients: tuple[float, ...], limit: float, out: FloatArray) -> None:
-    """Invert Brown's distortion by Newton's method.
+    """Invert Brown's distortion by Newton's method, alike to the last bit with the compiler and without.
+
+    A camera's few pixels are measured without: it takes 110 MB. Fused products would be a fifth quicker.
 
     Args:
         distorted: ``(n, 2)`` in units of the focal length.
@@ -171,10 +176,10 @@ def undistort(distorted: FloatArray, coefficients: tuple[float, ...], limit: flo
             found[2 * k], found[2 * k + 1] = _undistort_surely(given[2 * k], given[2 * k + 1], coefficients, limit)
 
 
-@njit_ieee
+@njit_late_ieee
 def _undistort_surely(xd: float, yd: float, coefficients: tuple[float, ...], limit: float) -> tuple[float, float]:
     """As ``undistort``, started where the radial part alone has its inverse."""
-    radius_d = math.hypot(xd, yd)
+    radius_d = math.sqrt(xd * xd + yd * yd)
     scale = _radius(radius_d, coefficients, limit) / radius_d if radius_d > 0.0 else 1.0
     x, y = xd * scale, yd * scale
     for _ in range(_STEPS):
@@ -184,12 +189,12 @@ def _undistort_surely(xd: float, yd: float, coefficients: tuple[float, ...], lim
             break
     got_x, got_y, xx, xy, yy = brown(coefficients, x, y)
     near = abs(got_x - xd) < _ACCEPTED and abs(got_y - yd) < _ACCEPTED
-    if near and math.hypot(x, y) <= limit and xx * yy > xy * xy:
+    if near and x * x + y * y <= limit * limit and xx * yy > xy * xy:
         return x, y
     return math.nan, math.nan
 
 
-@njit_ieee
+@njit_late_ieee
 def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> float:
     """Approximate radius in [0, limit] that is distorted to ``radius_d``; the limit where that is beyond it."""
     k1, k2, _, _, k3, k4, k5, k6 = coefficients

@@ -103,6 +103,11 @@ def njit_late_inline(function: Function) -> Function:
     return cast("Function", Late(function, is_patient=True, forceinline=True)) if COMPILES else function
 
 
+def njit_late_ieee(function: Function) -> Function:
+    """As ``njit_late``, but a division by zero is infinite; arrays' numbers then warn where it runs as written."""
+    return cast("Function", Late(function, is_patient=True, error_model="numpy")) if COMPILES else function
+
+
 def njit_ieee(function: Function) -> Function:
     """As ``njit`` for dense arrays: a division by zero is infinite, products and sums may be fused.
 

@@ -179,8 +179,9 @@ def test_large_images_and_the_video_that_is_made_of_them(folder: Path, tmp_path:
         ("compare", FROZEN, FROZEN),
         ("export", FROZEN, "--format", "mcap", "-o", "OUT/all.mcap"),
         ("export", FROZEN, "--format", "parquet", "-o", "OUT/all.parquet"),
+        ("recompute", FROZEN, "-o", "OUT/again"),  # seen through a lens that bends
     ],
-    ids=["replay", "recover", "compare", "mcap", "parquet"],
+    ids=["replay", "recover", "compare", "mcap", "parquet", "recompute"],
 )
 def test_our_own_recordings(tmp_path: Path, arguments: tuple[object, ...]) -> None:
     line = [str(each).replace("OUT", str(tmp_path)) for each in arguments]

@@ -13,6 +13,7 @@ from aerodft.service.streams import Stream
 LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """How much older than its stamp a report may be: each is tried."""
 
+_NEIGHBOURS = 3  # samples that a stamp's values are made of, those before it
 _STEP_NS = 100_000_000  # reports closer than this tell nothing new
 
 
@@ -86,12 +87,13 @@ def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) ->
         return None
     stamps = gimbal.stamps_ns[rows]
     reported = matrix(gimbal.column("wxyz")[rows])
-    attitudes = vehicle.column("wxyz")
+    first = max(int(np.searchsorted(vehicle.stamps_ns, stamps[0] - max(LAGS_NS))) - _NEIGHBOURS, 0)
+    samples_ns, attitudes = vehicle.stamps_ns[first:], vehicle.column("wxyz")[first:]
     before = np.stack([stamps - lag_ns for lag_ns in LAGS_NS], axis=-1)
     own_downs = matrix(attitudes)[:, 2]
-    downs, known = _between(vehicle, own_downs, before)
-    bends = _bends(own_downs)[np.searchsorted(vehicle.stamps_ns, stamps, side="right") - 1]
-    latest = np.clip(np.searchsorted(vehicle.stamps_ns, stamps), 0, len(attitudes) - 1)
+    downs, known = _between(samples_ns, own_downs, before, vehicle.max_gap_ns)
+    bends = _bends(own_downs)[np.searchsorted(samples_ns, stamps, side="right") - 1]
+    latest = np.clip(np.searchsorted(samples_ns, stamps), 0, len(attitudes) - 1)
     yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(attitudes[latest])[0], 0.0)
     against_body = matrix(from_yaw_pitch_roll(-yaws, 0.0, 0.0)) @ reported
     pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1]
@@ -111,15 +113,16 @@ def _rows(stamps_ns: IntArray, after_ns: int, until_ns: int) -> IntArray:
     return np.flatnonzero(fresh) + int(first)
 
 
-def _between(vehicle: Stream, values: FloatArray, stamps_ns: IntArray) -> tuple[FloatArray, BoolArray]:
+def _between(
+    samples_ns: IntArray, values: FloatArray, stamps_ns: IntArray, max_gap_ns: int
+) -> tuple[FloatArray, BoolArray]:
     """The vehicle's ``values (m, 3)`` at ``stamps_ns (n, lags)`` and which rows ``(n,)`` are known, for all lags.
 
     Returns:
         ``(n, lags, 3)`` linear between samples, and ``(n,)``.
     """
-    samples = vehicle.stamps_ns
-    after = np.clip(np.searchsorted(samples, stamps_ns), 1, len(samples) - 1)
-    gap = samples[after] - samples[after - 1]
-    weight = (stamps_ns - samples[after - 1]) / np.maximum(gap, 1)
-    known = (weight >= 0) & (weight <= 1) & (gap <= vehicle.max_gap_ns) & (gap > 0)
+    after = np.clip(np.searchsorted(samples_ns, stamps_ns), 1, len(samples_ns) - 1)
+    gap = samples_ns[after] - samples_ns[after - 1]
+    weight = (stamps_ns - samples_ns[after - 1]) / np.maximum(gap, 1)
+    known = (weight >= 0) & (weight <= 1) & (gap <= max_gap_ns) & (gap > 0)
     return values[after - 1] + weight[..., None] * (values[after] - values[after - 1]), np.all(known, axis=-1)

@@ -11,12 +11,13 @@ from aerodft.dft.request import Request, Setup, linked
 from aerodft.dft.sampling import standard_draws
 from aerodft.dft.zoomed import zoomed
 from aerodft.geometry.poses import camera_pose
+from aerodft.model.camera import Camera
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.pose_columns import Posed, PoseRows, sample_of
-from aerodft.model.probe import PixelSource
+from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, takes_pixels
 from aerodft.model.status import Status
 from aerodft.service.asked import Asked
 from aerodft.service.objects import OBJECTS
@@ -103,10 +104,11 @@ class Answering:
         self._height_source: HeightSource | None = None
 
     def warm_up(self) -> None:
-        """Load and compile what answers are made with."""
+        """Load and compile what answers are made with, whatever may be asked."""
         standard_draws(shared_count(self._setup.camera) + 2)
-        down = camera_pose(height_agl_m=10.0, tilt_rad=0.5)
-        measure(self._setup, PoseSample(stamp_ns=0, status=Status.OK, pose=down), self.fixed)
+        down = PoseSample(stamp_ns=0, status=Status.OK, pose=camera_pose(height_agl_m=10.0, tilt_rad=0.5))
+        measure(self._setup, down, self.fixed)
+        measure(self._setup, down, _one_of_each_kind(self._setup.camera))
 
     def uses(self, observation: Observation) -> Uses:
         """What an observation is good for."""
@@ -196,3 +198,14 @@ class Answering:
             return observation
         index = self._images.nearest(observation.stamp_ns, self._match_tolerance_ns)
         return observation if index is None else replace(observation, image=index)
+
+
+def _one_of_each_kind(camera: Camera) -> tuple[Request, ...]:
+    """A request of every kind, around the image's middle."""
+    across, down = camera.width_px / 4, camera.height_px / 4
+    corners = ((across, down), (3 * across, down), (3 * across, 3 * down), (across, 3 * down))
+    pixels = {kind: next(n for n in range(1, 5) if takes_pixels(kind, n)) for kind in ASKED_KINDS}
+    return tuple(
+        Request(probe=Probe(name=kind, kind=kind, source=PixelSource.OBSERVED), pixels=corners[:count], std_px=1.0)
+        for kind, count in pixels.items()
+    )

@@ -22,7 +22,6 @@ from aerodft.adapters.mcap.syncing import Syncing
 from aerodft.conventions import SECOND_NS
 
 FLUSH_S = 0.25  # chunks are closed at least every 0.5 s, also where whoever calls `tend` comes late
-SYNC_S = 1.0
 RETRY_S = 1.0
 _CHUNK_BYTES = 1 << 20
 _LEAST_CHUNK_BYTES = 4096  # with less room than that a segment is full
@@ -128,13 +127,11 @@ class Series:
 
     def tend(self) -> None:
         """Flush, sync and roll over where it is time; to be called at least every 0.1 s."""
-        now_s = time.monotonic()
         self._check_sync(wait=False)
-        if self._buffer.messages and now_s >= self._flushed_s + FLUSH_S:
+        if self._buffer.messages and time.monotonic() >= self._flushed_s + FLUSH_S:
             self._flush()
-        segment = self._segment
-        if segment is not None and segment.unsynced and now_s >= self._syncing.began_s + SYNC_S:
-            self._syncing.begin(segment)
+        if self._segment is not None and self._segment.unsynced:
+            self._syncing.begin_where_due(self._segment)
 
     def close(self) -> None:
         """Finish the last segment."""

@@ -6,26 +6,28 @@ from contextlib import suppress
 
 from aerodft.adapters.mcap.segment import Segment
 
+SYNC_S = 1.0
+_MUCH_BYTES = 8 << 20  # chunks that the disk may not have are kept: of a flight computed again 30 MB a second
+
 
 class Syncing:
     """Syncs one segment at a time.
-
-    Attributes:
-        began_s: When the last sync began, or this was made, by the monotonic clock.
 
     Args:
         stem: What the thread is called after.
     """
 
     def __init__(self, stem: str) -> None:
-        self.began_s = time.monotonic()
+        self._began_s = time.monotonic()  # of the last sync; before that of this
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"sync-{stem}")
         self._running: tuple[Future[None], int, int] | None = None
 
-    def begin(self, segment: Segment) -> None:
-        """Sync a segment, unless the last sync still goes on."""
-        if self._running is None:
-            self.began_s = time.monotonic()
+    def begin_where_due(self, segment: Segment) -> None:
+        """Sync a segment where it is time, or much of it is not synced yet, unless the last sync still goes on."""
+        now_s = time.monotonic()
+        is_due = now_s >= self._began_s + SYNC_S or segment.unsynced_bytes > _MUCH_BYTES
+        if is_due and self._running is None:
+            self._began_s = now_s
             self._running = (self._thread.submit(segment.sync), *segment.place)
 
     def ended(self, *, wait: bool) -> tuple[int, int] | None:

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
-from aerodft.service.clock_line import JUMP_NS, StatedLine
+from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
+from aerodft.service.clock_ticks import LineTable
 from aerodft.service.timing import ClockMap
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -231,3 +232,16 @@ def test_what_a_jump_ahead_never_said_is_known():
     # Three samples confirm it; until then it is still taken for what it was.
     assert (back.repeated_ns, ahead.repeated_ns) == ([(25 * SECOND, 32 * SECOND)], [])
     assert back.copy().repeated_ns == back.repeated_ns
+
+
+def test_lines_of_many_ticks_are_each_as_it_is_alone():
+    rng = np.random.default_rng(6)
+    lines = [Line(UTC0 + k * SECOND, HOST0 - UTC0 + k * MS, 1e-5 * k) for k in range(4)]
+    table = LineTable.of(lines, [3, 3, 8], 12)
+    own_ns, ticks = UTC0 + rng.integers(0, 100 * SECOND, 60), rng.integers(0, 12, 60)
+    wanted = [lines[0 if tick < 3 else 2 if tick < 8 else 3] for tick in ticks.tolist()]
+    offsets = [line.offset_at(each) for line, each in zip(wanted, own_ns.tolist(), strict=True)]
+    assert table.offset(own_ns, ticks).tolist() == offsets
+    assert [table.line(tick) for tick in ticks.tolist()] == wanted
+    off_ns = np.abs(table.own(own_ns + offsets, ticks) - own_ns)
+    assert off_ns.max() <= 3e-5**2 * 100 * SECOND, "the drift over what it gained itself"

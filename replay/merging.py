@@ -25,6 +25,8 @@ from aerodft.errors import InputError
 from replay.recording import Recording
 
 _CHUNK_BYTES: Final = 1 << 20
+_MOST_HELD_BYTES: Final = 64 << 20
+_MESSAGE_BYTES: Final = 300  # what a message takes in memory besides its payload
 _MOST_BYTES: Final = 256 << 20
 _HEAD: Final = struct.Struct("<BQ")
 _DAMAGED: Final = (McapError, struct.error, UnicodeDecodeError, OverflowError)
@@ -37,18 +39,17 @@ class Merged:
     Attributes:
         messages: Of all segments.
         attachments: Of the segments, and files beside them.
-        damaged: Chunks that could not be read, and are not in it.
     """
 
     messages: int = 0
     attachments: int = 0
-    damaged: int = 0
 
 
 def merge_segments(recording: Recording, path: Path) -> Merged:
     """Write all messages, metadata and attachments of a recording as one file, with chunks, checksums and an index.
 
-    At a time it holds those chunks that overlap in time, and one attachment.
+    At a time it holds those chunks that overlap in time, and one attachment. What is not in it, ``recording.left_out``
+    says afterwards.
 
     Args:
         recording: The recording.
@@ -67,7 +68,7 @@ def merge_segments(recording: Recording, path: Path) -> Merged:
         ids: dict[int, int] = {}
         known: dict[str, int] = {}
         kept: list[ReadChannel] = []  # an id stays one object's as long as the object is kept
-        for message in _by_time(segments, totals):
+        for message in _by_time(segments):
             channel = ids.get(id(message.channel))
             if channel is None:
                 channel = ids[id(message.channel)] = _registered(writer, message.channel, known)
@@ -90,7 +91,7 @@ def _registered(writer: Writer, channel: ReadChannel, known: dict[str, int]) -> 
     return known[key]
 
 
-def _by_time(segments: list[SegmentScan], totals: Merged) -> Iterator[ReadMessage]:
+def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
     """The messages of all segments by log time; of the same time, in order of the segments. Opens each when due."""
     waiting: list[tuple[int, int, ReadMessage | None]] = [
         (min(chunk.start_ns for chunk in segment.chunks), number, None)
@@ -98,7 +99,7 @@ def _by_time(segments: list[SegmentScan], totals: Merged) -> Iterator[ReadMessag
         if segment.chunks
     ]
     heapq.heapify(waiting)
-    streams = [_sorted(segment, totals) for segment in segments]
+    streams = [_sorted(segment) for segment in segments]
     while waiting:
         _, number, message = waiting[0]
         if message is not None:
@@ -110,20 +111,48 @@ def _by_time(segments: list[SegmentScan], totals: Merged) -> Iterator[ReadMessag
             heapq.heapreplace(waiting, (following.log_ns, number, following))
 
 
-def _sorted(segment: SegmentScan, totals: Merged) -> Iterator[ReadMessage]:
-    """One segment's messages by log time, else as they were written; chunks that overlap are held together."""
+def _sorted(segment: SegmentScan) -> Iterator[ReadMessage]:
+    """One segment's messages by log time, else as they were written; chunks that overlap are held together.
+
+    Where these are too much to be held, what is earliest of it goes out: a file need not be in order.
+    """
     reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
     starts = [chunk.start_ns for chunk in segment.chunks]
     later = [*list(accumulate(reversed(starts), min))[-2::-1], None]
-    held: list[tuple[int, int, ReadMessage]] = []
-    count = 0
+    held = _Held()
     for chunk, limit_ns in zip(segment.chunks, later, strict=True):
         for message in reader.messages((chunk,)):
-            heapq.heappush(held, (message.log_ns, count, message))
-            count += 1
-        while held and (limit_ns is None or held[0][0] < limit_ns):
-            yield heapq.heappop(held)[2]
-    totals.damaged += reader.damaged
+            held.add(message)
+            while held.is_full:
+                yield held.pop()
+        while held.is_due(limit_ns):
+            yield held.pop()
+
+
+class _Held:
+    """Messages by log time, of the same time in the order in which they came."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[int, int, ReadMessage]] = []
+        self._count = self._bytes = 0
+
+    @property
+    def is_full(self) -> bool:
+        return self._bytes > _MOST_HELD_BYTES
+
+    def is_due(self, limit_ns: int | None) -> bool:
+        """Whether there is one from before the limit."""
+        return bool(self._heap) and (limit_ns is None or self._heap[0][0] < limit_ns)
+
+    def add(self, message: ReadMessage) -> None:
+        heapq.heappush(self._heap, (message.log_ns, self._count, message))
+        self._count += 1
+        self._bytes += len(message.data) + _MESSAGE_BYTES
+
+    def pop(self) -> ReadMessage:
+        message = heapq.heappop(self._heap)[2]
+        self._bytes -= len(message.data) + _MESSAGE_BYTES
+        return message
 
 
 def _write_extras(writer: Writer, recording: Recording, segments: list[SegmentScan], totals: Merged) -> None:

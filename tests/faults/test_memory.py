@@ -1,14 +1,18 @@
 """What commands take of memory with other tools' files, damaged ones and such as claim too much: libraries included."""
 
 import os
+import shutil
+import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import zstandard
+from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
+from aerodft.adapters.mcap.layout import MAGIC, RECORD_HEAD
 from tests.peak import CAN_MEASURE, Taken, taken_by
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign
 
@@ -204,3 +208,33 @@ def test_as_many_channels_as_a_file_may_claim(tmp_path: Path) -> None:
     taken = taken_by("doctor", path, timeout_s=250)
     checked(taken, MOST_MB, {3}, f"doctor {CHANNELS} channels")
     assert f"MAVLink is looked for in 500 of {CHANNELS} topics" in taken.err
+
+
+@pytest.mark.parametrize("record", [bytes(9), b"\x07" + bytes(8)], ids=["zeros", "empty"])
+def test_chunks_that_unpack_to_millions_of_records(tmp_path: Path, record: bytes) -> None:
+    """Each is below the limit of a chunk and has the right checksum; some 30 kB of them took 680 MB."""
+    folder = tmp_path / "bombs"
+    shutil.copytree(FROZEN, folder)
+    path = folder / "data_000.mcap"
+    path.write_bytes(with_chunks(path.read_bytes(), record * ((31 << 20) // len(record))))
+    for arguments in (
+        ("recompute", folder, "-o", tmp_path / "out"),
+        ("export", folder, "--format", "mcap", "-o", tmp_path / "all.mcap"),
+        ("replay", folder, *QUIETLY),
+        ("recover", folder),
+    ):
+        checked(taken_by(*arguments, timeout_s=120), MOST_MB, {0, 5}, f"{arguments[0]} of bombs")
+
+
+def with_chunks(data: bytes, content: bytes) -> bytes:
+    """A recording whose index is lost, with chunks of the content before its second one."""
+    end = len(MAGIC)
+    chunks: list[int] = []
+    while data[end] != Opcode.DATA_END:
+        chunks += [end] if data[end] == Opcode.CHUNK else []
+        end += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, end)[1]
+    packed = zstandard.compress(content)
+    times = data[chunks[1] + RECORD_HEAD.size :][:16]
+    head = times + len(content).to_bytes(8, "little") + zlib.crc32(content).to_bytes(4, "little")
+    chunk = head + (4).to_bytes(4, "little") + b"zstd" + len(packed).to_bytes(8, "little") + packed
+    return data[: chunks[1]] + 3 * (RECORD_HEAD.pack(Opcode.CHUNK, len(chunk)) + chunk) + data[chunks[1] : end]

@@ -1,6 +1,6 @@
 """The messages of a chunk as columns, for who reads nearly all of them: where each is, of which channel and when."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from mcap.opcode import Opcode
 
-from aerodft.adapters.mcap.layout import MESSAGE_HEAD, RECORD_HEAD
+from aerodft.adapters.mcap.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.geometry.jit import expect, is_loaded, njit
 from aerodft.model.arrays import BoolArray, ImageArray, IntArray
@@ -20,7 +20,8 @@ _MESSAGE: Final = int(Opcode.MESSAGE)
 _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
 _HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
 _CHANNELS: Final = 1 << 16  # their ids are of 16 bits
-_USUAL_BYTES: Final = 64  # of a record, at least; of shorter ones the table is made once more
+_USUAL_BYTES: Final = 64  # of a record, at least; of shorter ones there are several tables
+_MOST: Final = 1 << 16  # records of a table: some kilobytes of zeros unpack to millions of empty ones
 _FEW: Final = 8  # records that are told apart as fast without the compiler
 
 
@@ -53,35 +54,44 @@ class ChunkTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordTable:
-    """All records of a chunk, up to the first that is damaged.
+    """Records of a chunk, one after the other.
 
     Attributes:
         opcode: ``(n,)``.
         start: ``(n,)`` where contents begin.
         stop: ``(n,)`` where they end.
-        is_whole: Whether there is nothing behind them.
+        rest: Where others begin; None where there are none, or the next is damaged.
+        is_damaged: Whether the next one is.
     """
 
     opcode: IntArray
     start: IntArray
     stop: IntArray
-    is_whole: bool
+    rest: int | None
+    is_damaged: bool
 
 
-def record_table(content: bytes) -> RecordTable:
-    """The records of a chunk's content."""
-    few = _few_records(content, _FEW if is_loaded() else len(content))
-    if few is not None:
-        expect(2 * len(few.opcode))
+def record_tables(content: bytes) -> Iterator[RecordTable]:
+    """The records of a chunk's content up to the first that is damaged, thousands at a time."""
+    position: int | None = 0
+    while position is not None:
+        table = _record_table(content, position)
+        yield table
+        position = table.rest
+
+
+def _record_table(content: bytes, position: int) -> RecordTable:
+    few = _few_records(content, position, _FEW if is_loaded() else _MOST)
+    if few.rest is None or not is_loaded():
+        expect(2 * int(np.count_nonzero(few.opcode == _MESSAGE)))  # a bomb of zeros is not worth the compiler
         return few
     data = np.frombuffer(content, dtype=np.uint8)
-    table = np.empty((len(content) // _USUAL_BYTES, 3), dtype=np.int64)
-    count, is_whole = _walk(data, table)
-    if count > len(table):
-        table = np.empty((count, 3), dtype=np.int64)
-        _walk(data, table)
+    table = np.empty((min(max(len(content) // _USUAL_BYTES, _FEW), _MOST), 3), dtype=np.int64)
+    count, position = _walk(data, table, position)
     opcode, start, stop = np.ascontiguousarray(table[:count].T)
-    return RecordTable(opcode, start, stop, is_whole)
+    is_at_end = position == len(content)
+    is_full = count == len(table) and not is_at_end
+    return RecordTable(opcode, start, stop, position if is_full else None, not is_full and not is_at_end)
 
 
 def message_table(content: bytes, channels: dict[int, ReadChannel], records: RecordTable) -> ChunkTable:
@@ -102,37 +112,39 @@ def is_one_of(channel: IntArray, ids: Iterable[int]) -> BoolArray:
     return wanted[channel]
 
 
-def _few_records(content: bytes, most: int) -> RecordTable | None:
-    """As ``_walk``, for a few records; None where there are more."""
+def _few_records(content: bytes, position: int, most: int) -> RecordTable:
+    """As ``_walk``, for a few records."""
     rows: list[tuple[int, int, int]] = []
-    position = 0
+    is_full = False
     while position + _HEAD <= len(content):
-        if len(rows) == most:
-            return None
+        is_full = len(rows) == most
+        if is_full:
+            break
         opcode, length = RECORD_HEAD.unpack_from(content, position)
         start = position + _HEAD
-        if length > len(content) - start or (opcode == _MESSAGE and length < _MESSAGE_HEAD):
+        is_message = opcode == _MESSAGE
+        if opcode == NO_OPCODE or length > len(content) - start or (is_message and length < _MESSAGE_HEAD):
             break
         position = start + length
         rows.append((opcode, start, position))
     table = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    is_whole = position == len(content)
-    return RecordTable(table[:, 0], table[:, 1], table[:, 2], is_whole)
+    is_damaged = not is_full and position < len(content)
+    return RecordTable(table[:, 0], table[:, 1], table[:, 2], position if is_full else None, is_damaged)
 
 
 @njit
-def _walk(content: ImageArray, table: IntArray) -> tuple[int, bool]:
-    """How many records there are, and whether the content ends there; in ``table (n, 3)`` their opcodes and places."""
-    position, count, end = np.int64(0), 0, len(content)
-    while position + _HEAD <= end:
+def _walk(content: ImageArray, table: IntArray, first: int) -> tuple[int, int]:
+    """How many records there are, ``n`` at most, and where others begin; in ``table (n, 3)`` opcodes and places."""
+    position, count, end = np.int64(first), 0, len(content)
+    while position + _HEAD <= end and count < len(table):
         opcode, length = np.int64(content[position]), np.uint64(0)
         for k in range(_HEAD - 1, 0, -1):
             length = (length << np.uint64(8)) | np.uint64(content[position + k])
         start = position + _HEAD
-        if length > np.uint64(end - start) or (opcode == _MESSAGE and length < np.uint64(_MESSAGE_HEAD)):
-            return count, False
+        is_message = opcode == _MESSAGE
+        if opcode == NO_OPCODE or length > np.uint64(end - start) or (is_message and length < np.uint64(_MESSAGE_HEAD)):
+            break
         position = start + np.int64(length)
-        if count < len(table):
-            table[count, 0], table[count, 1], table[count, 2] = opcode, start, position
+        table[count, 0], table[count, 1], table[count, 2] = opcode, start, position
         count += 1
-    return count, position == end
+    return count, int(position)

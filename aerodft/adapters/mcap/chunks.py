@@ -8,7 +8,7 @@ from typing import NamedTuple
 import lz4.frame
 import zstandard
 
-from aerodft.adapters.mcap.layout import CHUNK_HEAD, RECORD_HEAD
+from aerodft.adapters.mcap.layout import CHUNK_HEAD, NO_OPCODE, RECORD_HEAD
 
 MAX_CHUNK_BYTES = 32 << 20
 """A few kilobytes of zstd can claim gigabytes; the recorder's own chunks are of a megabyte, or of one image."""
@@ -108,7 +108,7 @@ def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
     """Opcode, begin and end of each record of a chunk's content.
 
     Raises:
-        ValueError: A record ends outside of it.
+        ValueError: A record ends outside of it, or is none.
     """
     position, end = 0, len(content)
     while position < end:
@@ -116,6 +116,8 @@ def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
             raise ValueError("ends within a record")
         opcode, length = RECORD_HEAD.unpack_from(content, position)
         position += RECORD_HEAD.size
+        if opcode == NO_OPCODE:
+            raise ValueError("a record of no kind")
         if position + length > end:
             raise ValueError("ends within a record")
         yield opcode, position, position + length

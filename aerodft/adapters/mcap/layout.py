@@ -22,6 +22,7 @@ from aerodft.adapters.mcap.channels import Channel
 from aerodft.model.arrays import IntArray
 
 MAGIC = b"\x89MCAP0\r\n"
+NO_OPCODE = 0  # which the format forbids: zeros are no records
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
 CHUNK_HEAD = struct.Struct("<QQQI")  # earliest and latest log time, size and CRC of the content
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time

@@ -13,7 +13,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from aerodft.adapters.mcap.chunk_table import ChunkTable, message_table, record_table
+from aerodft.adapters.mcap.chunk_table import ChunkTable, message_table, record_tables
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head, records_in
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD
 from aerodft.adapters.mcap.places import Channels, ChunkPlace, ReadChannel
@@ -80,12 +80,12 @@ class ChunkReader:
         for place in chunks:
             try:
                 content = _content(place)
-                records = record_table(content)
-                for row in np.flatnonzero(np.isin(records.opcode, _DEFINITIONS)).tolist():
-                    self._define(int(records.opcode[row]), content[records.start[row] : records.stop[row]])
-                yield message_table(content, self.channels.by_id, records)
-                if not records.is_whole:
-                    self._leave_out(place, "ends within a record")
+                for records in record_tables(content):
+                    for row in np.flatnonzero(np.isin(records.opcode, _DEFINITIONS)).tolist():
+                        self._define(int(records.opcode[row]), content[records.start[row] : records.stop[row]])
+                    yield message_table(content, self.channels.by_id, records)
+                    if records.is_damaged:
+                        self._leave_out(place, "ends within a record, or in none")
             except _DAMAGED as error:
                 self._leave_out(place, error)
 

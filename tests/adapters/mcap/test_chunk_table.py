@@ -2,12 +2,13 @@
 
 import random
 import struct
-from itertools import takewhile
+from itertools import chain, takewhile
 
 import pytest
 
 from aerodft.adapters.mcap import chunk_table
-from aerodft.adapters.mcap.chunk_table import message_table, record_table
+from aerodft.adapters.mcap.chunk_table import message_table, record_tables
+from aerodft.adapters.mcap.chunks import records_in
 
 MESSAGE, FEW = 5, 64
 KNOWN = dict.fromkeys(range(40_000))
@@ -18,6 +19,15 @@ def record(dice: random.Random) -> bytes:
     content = dice.randbytes(dice.choice([22, 30, 300]))
     claimed = len(content) if dice.random() < 0.99 else dice.choice([0, 10, 10**4, 2**63, 2**64 - 1])
     return struct.pack("<BQ", opcode, claimed) + content
+
+
+def test_zeros_are_no_records() -> None:
+    """The format forbids opcode 0; a few kilobytes unpack to millions of these."""
+    one = struct.pack("<BQ", MESSAGE, 22) + bytes(22)
+    (table,) = record_tables(one + bytes(1 << 20))
+    assert (table.opcode.tolist(), table.rest, table.is_damaged) == ([MESSAGE], None, True)
+    with pytest.raises(ValueError, match="of no kind"):
+        list(records_in(one + bytes(1 << 20)))
 
 
 def expected(data: bytes) -> list[tuple[int, int, int]]:
@@ -31,22 +41,28 @@ def expected(data: bytes) -> list[tuple[int, int, int]]:
 
 
 @pytest.mark.parametrize("is_loaded", [False, True])
+@pytest.mark.parametrize("most", [FEW, 1 << 16])
 @pytest.mark.parametrize("count", [0, 1, FEW - 1, FEW, FEW + 1, 300])
 def test_records_and_messages_are_those_of_the_format(
-    count: int, monkeypatch: pytest.MonkeyPatch, *, is_loaded: bool
+    count: int, most: int, monkeypatch: pytest.MonkeyPatch, *, is_loaded: bool
 ) -> None:
+    monkeypatch.setattr(chunk_table, "_MOST", most)
     monkeypatch.setattr(chunk_table, "is_loaded", lambda: is_loaded)
     dice = random.Random(count)  # noqa: S311 - damage, no secrets
     for turn in range(60):
         data = b"".join(record(dice) for _ in range(count))
         data = data[: dice.randrange(len(data) + 1)] if turn % 3 == 0 else data
         rows = expected(data)
-        records = record_table(data)
-        assert list(zip(records.opcode, records.start, records.stop, strict=True)) == rows
-        assert records.is_whole == ((rows[-1][2] if rows else 0) == len(data))
-        found = message_table(data, KNOWN, records)
+        tables = list(record_tables(data))
+        told = [row for each in tables for row in zip(each.opcode, each.start, each.stop, strict=True)]
+        assert told == rows
+        assert tables[-1].is_damaged == ((rows[-1][2] if rows else 0) < len(data))
+        assert not any(each.is_damaged for each in tables[:-1])
+        assert all(len(each.opcode) <= most for each in tables)
+        found = [message_table(data, KNOWN, each) for each in tables]
         heads = [
             (*struct.unpack_from("<HIQ", data, start), start, stop) for kind, start, stop in rows if kind == MESSAGE
         ]
         wanted = [(channel, log_ns, start + 22, stop) for channel, _, log_ns, start, stop in heads if channel in KNOWN]
-        assert list(zip(found.channel, found.log_ns, found.start, found.stop, strict=True)) == wanted
+        parts = (zip(each.channel, each.log_ns, each.start, each.stop, strict=True) for each in found)
+        assert list(chain.from_iterable(parts)) == wanted

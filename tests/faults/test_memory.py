@@ -234,7 +234,7 @@ def with_chunks(data: bytes, content: bytes) -> bytes:
         chunks += [end] if data[end] == Opcode.CHUNK else []
         end += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, end)[1]
     packed = zstandard.compress(content)
-    times = data[chunks[1] + RECORD_HEAD.size :][:16]
+    times = bytes(8) + data[chunks[1] + RECORD_HEAD.size :][8:16]  # from 1970 on
     head = times + len(content).to_bytes(8, "little") + zlib.crc32(content).to_bytes(4, "little")
     chunk = head + (4).to_bytes(4, "little") + b"zstd" + len(packed).to_bytes(8, "little") + packed
     return data[: chunks[1]] + 3 * (RECORD_HEAD.pack(Opcode.CHUNK, len(chunk)) + chunk) + data[chunks[1] : end]

@@ -72,6 +72,7 @@ def export(
             sys.stdout.writelines(export_text(_measurements(source), ExportFormat(form)))
         end_with_gaps(source.left_out())
         return
+    _check_is_beside(output, recording)
     with whole_file(output, overwrite=overwrite) as partial, located(recording):
         written = _write(source, form, partial)
     left_out = source.left_out(images=form in _WITH_IMAGES)
@@ -81,6 +82,17 @@ def export(
         said = ", ".join(f"{count} {what.replace('_', ' ')}" for what, count in written.items() if count)
         say(f"{output}: {said}")
     end_with_gaps(left_out)
+
+
+def _check_is_beside(output: Path, recording: Path) -> None:
+    """Refuse a file that would be read as one of the recording's segments from then on.
+
+    Raises:
+        UsageError: It would.
+    """
+    if output.suffix == ".mcap" and output.resolve().parent == recording.resolve():
+        what = f"{output.name} among the recording's own segments"
+        raise UsageError("--output", got=what, expected="a file elsewhere", hint="it would be read as one of them")
 
 
 def _write(source: Recording, form: Format, path: Path) -> dict[str, int]:

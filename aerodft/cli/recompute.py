@@ -119,6 +119,7 @@ def _recompute_one(
         run(Interruptible(ready.feed), ready.pipeline, (recorder, tally), progress, span_ns=span_ns)
     if next(old.image_messages(), None) is not None:
         _copy_images(old, output)
+        say(f"images: {len(old.images)} segments copied as they are")
     seen: dict[str, object] = {"computed_from": {key: source[key] for key in _SAID if key in source}}
     warnings: tuple[str, ...] = ()
     if ready.again is not None:

@@ -155,3 +155,16 @@ def test_measurements_stay_with_their_image(aerodft, flight_recording, tmp_path)
     }
     measured = [orjson.loads(payload)["image"] for payload in Recording(flight_recording).measurements()]
     assert done.json["measurements"] == sum(image in indexes for image in measured) > 0
+
+
+@pytest.mark.parametrize("name", ["data_099.mcap", "all.mcap"])
+def test_a_file_among_its_own_segments_is_refused(aerodft, flight_recording, tmp_path, name):
+    """It would be read as one of them: the recording would then go back in time."""
+    folder = tmp_path / "flight"
+    shutil.copytree(flight_recording, folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for extra in ((), ("--overwrite",)):
+        done = aerodft("export", folder, "--format", "mcap", "-o", folder / name, *extra)
+        assert (done.code, f"{name} among the recording's own segments" in done.last) == (2, True)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert aerodft("export", folder, "-o", folder / "widths.csv").code == 0

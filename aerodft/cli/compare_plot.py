@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 
 _MOST_PROBES: Final = 8
 _MOST_POINTS: Final = 4000
+_GAP_STEPS: Final = 5  # usual steps from one pair to the next
 _FORMATS: Final = frozenset({"png", "svg", "pdf"})
 _STDS: Final = np.linspace(0, 4, 41)
 
@@ -71,13 +72,21 @@ def _over_time(panel: Axes, pairs: Pairs, start_ns: int) -> None:
     change, combined = pairs.apart.change[known], pairs.apart.combined[known]
     rows = _thinned(change)
     panel.axhline(0, color="black", linewidth=0.8)
-    panel.fill_between(seconds[rows], -combined[rows], combined[rows], alpha=0.25, linewidth=0, label="1 combined std")
+    at_s, std = with_gaps(seconds[rows], combined[rows])
+    panel.fill_between(at_s, -std, std, alpha=0.25, linewidth=0, label="1 combined std")
     panel.plot(seconds[rows], change[rows], ".", markersize=3, label="difference")
     panel.grid(alpha=0.3)
     if len(rows):
         panel.legend(loc="upper right", fontsize="small")
     else:
         panel.text(0.5, 0.6, "no two numbers to compare", ha="center", transform=panel.transAxes)
+
+
+def with_gaps(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Times and values ``(n,)`` with NaN where nothing was measured for long: no band is drawn across that."""
+    steps = np.diff(seconds)
+    behind = np.flatnonzero(steps > _GAP_STEPS * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=np.int64)
+    return np.insert(seconds, behind, seconds[behind]), np.insert(values, behind, np.nan)
 
 
 def _thinned(change: FloatArray) -> IntArray:

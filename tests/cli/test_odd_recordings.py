@@ -5,9 +5,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from aerodft.adapters.mcap.layout import MAGIC, RECORD_HEAD
 from aerodft.adapters.whole_file import whole_file
 from aerodft.adapters.zenoh.session import free_endpoint
 from aerodft.errors import InputError
@@ -213,3 +215,22 @@ def test_a_file_that_somebody_made_meanwhile_is_not_overwritten(tmp_path: Path) 
     with whole_file(path, overwrite=True) as mine:
         mine.write_text("mine")
     assert path.read_text() == "mine"
+
+
+def test_what_lies_behind_a_large_record_of_metadata_is_read(aerodft, tmp_path: Path) -> None:
+    """Somebody's own metadata of 5 MB, in a file without an index: there seemed to be nothing behind it."""
+    folder = tmp_path / "flight"
+    shutil.copytree(FROZEN, folder)
+    data = (folder / "data_000.mcap").read_bytes()
+    front = len(MAGIC) + RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, len(MAGIC))[1]  # behind the header
+    end = front
+    while data[end] != Opcode.DATA_END:
+        end += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, end)[1]
+    name, value = b"\x04\0\0\0mine", (5 << 20).to_bytes(4, "little") + bytes(5 << 20)
+    pair = b"\x01\0\0\0x" + value
+    content = name + len(pair).to_bytes(4, "little") + pair
+    large = RECORD_HEAD.pack(Opcode.METADATA, len(content)) + content
+    (folder / "data_000.mcap").write_bytes(data[:front] + large + data[front:end])
+    done = aerodft("export", folder, "--format", "jsonl")
+    assert (done.code, done.out) == (0, aerodft("export", FROZEN, "--format", "jsonl").out)
+    assert done.out

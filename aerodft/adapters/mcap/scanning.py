@@ -148,6 +148,8 @@ class _Scan:
             return self._take_message(position, length)
         if opcode == Opcode.MESSAGE_INDEX:
             return self._take_index(length)
+        if opcode == Opcode.METADATA and length > _MAX_SMALL_RECORD:
+            return True  # nobody's configuration: what lies behind it is read
         if opcode in {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA}:
             return length <= _MAX_SMALL_RECORD and self._take_small(opcode, self._file.read(length))
         return True

@@ -17,6 +17,7 @@ from replay.parquet import parquet_metadata
 
 _KEY = "aerodft.key"
 _STATUSES = "aerodft.statuses"
+_LEFT_OUT = "aerodft.left_out"
 _NAME_DIGITS = 16
 
 
@@ -143,9 +144,13 @@ class Dataset:
             _remove_if_empty(path.parent)
 
     @staticmethod
-    def statuses_text(statuses: Mapping[str, int]) -> dict[str, str]:
-        """What a part's footer says of its rows, as ``done`` reads it."""
-        return {_STATUSES: orjson.dumps(dict(statuses)).decode()}
+    def statuses_text(statuses: Mapping[str, int], left_out: str = "") -> dict[str, str]:
+        """What a part's footer says of its rows, and of the recording's parts that are not in them."""
+        return {_STATUSES: orjson.dumps(dict(statuses)).decode(), _LEFT_OUT: left_out}
+
+    def left_out(self, recording: str, key: InputKey) -> str:
+        """What a part that is done says of what is not in it; empty where that is nothing."""
+        return (parquet_metadata(self._path(recording, key)) or {}).get(_LEFT_OUT, "")
 
     def _path(self, recording: str, key: InputKey) -> Path:
         digits = key.all.removeprefix("sha256:")[:_NAME_DIGITS]

@@ -2,7 +2,7 @@
 
 import glob
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -112,7 +112,7 @@ def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
         key = _key(ready)
         done = dataset.done(job.recording, key)
         if done is not None:
-            return Outcome(recording=job.recording, state=State.SKIPPED, statuses=done)
+            return _outcome(job, State.SKIPPED, done, dataset.left_out(job.recording, key))
         tally = Tally()
         with dataset.part(job.recording, key, overwrite=many.overwrite) as part:
             constants = {
@@ -125,16 +125,17 @@ def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
                 run(ready.feed, ready.pipeline, (_RowSink(rows), tally))
                 if not rows.count:
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")
-                rows.describe(dataset.statuses_text(tally.measurements))
-        return _done(job, tally, gaps(ready.recording.left_out()))
+                left_out = gaps(ready.recording.left_out())
+                rows.describe(dataset.statuses_text(tally.measurements, left_out))
+        return _outcome(job, State.DONE, tally.measurements, left_out)
     except AerodftError as error:
         sentence = str(error) if str(job.folder) in str(error) else f"{job.folder}: {error}"
         return Outcome(recording=job.recording, state=State.FAILED, sentence=sentence)
 
 
-def _done(job: Job, tally: Tally, left_out: str) -> Outcome:
+def _outcome(job: Job, state: State, statuses: Mapping[str, int], left_out: str) -> Outcome:
     sentence = f"{job.folder}: {left_out}" if left_out else ""
-    return Outcome(recording=job.recording, state=State.DONE, statuses=dict(tally.measurements), sentence=sentence)
+    return Outcome(recording=job.recording, state=state, statuses=dict(statuses), sentence=sentence)
 
 
 def _key(ready: Recomputation) -> InputKey:

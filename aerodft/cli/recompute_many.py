@@ -27,6 +27,7 @@ from replay.dataset import Dataset, InputKey, input_key
 from replay.parquet import ParquetRows
 
 _LOSS = 5
+_READY = "aerodft.cli.recompute_ready"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +80,7 @@ def recompute_many(
     work = partial(recompute_rows, dataset=dataset, many=settled)
     outcomes: dict[str, Outcome] = {}
     with progress_bar("recomputing", 0, len(jobs)) as progress:
-        for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0))):
+        for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0)), ready=_READY):
             outcomes[outcome.recording] = outcome
             progress(len(outcomes))
             if outcome.sentence:

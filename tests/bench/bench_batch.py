@@ -6,8 +6,10 @@ The wall's ratio needs two cores that nobody else uses; that of the busiest work
 """
 
 import argparse
+import json
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -20,6 +22,7 @@ from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset
 
 MOST = 0.6
+READY = "aerodft.cli.recompute_ready"
 
 
 def one_flight(folder: Path, seconds: float) -> Path:
@@ -56,7 +59,7 @@ def timed(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]
         each.mkdir(parents=True)
     start = time.perf_counter()
     jobs = jobs_of(sorted(flights.iterdir()))
-    outcomes = list(run_batch(jobs, partial(work, out=out, log=log), "processes", workers))
+    outcomes = list(run_batch(jobs, partial(work, out=out, log=log), "processes", workers, ready=READY))
     wall = time.perf_counter() - start
     assert {outcome.state for outcome in outcomes} == {State.DONE}
     import pyarrow.dataset as ds  # noqa: PLC0415 - as above
@@ -65,19 +68,32 @@ def timed(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]
     return wall, max(float(path.read_text()) for path in log.iterdir()), rows
 
 
+def alone(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]:
+    """The same in a process of its own: what workers are forked from starts and ends with it."""
+    line = [sys.executable, __file__, "--flights", flights, "--into", folder, "--workers", str(workers)]
+    wall, busiest, rows = json.loads(subprocess.run(line, check=True, stdout=subprocess.PIPE).stdout)
+    return wall, busiest, rows
+
+
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--recordings", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--flights", type=Path, help="only once, of these, for whoever reads JSON")
+    parser.add_argument("--into", type=Path)
+    parser.add_argument("--workers", type=int)
     options = parser.parse_args(arguments)
+    if options.flights:
+        print(json.dumps(timed(options.flights, options.into, options.workers)))
+        return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         flight = one_flight(folder, options.seconds)
         flights = folder / "flights"
         for number in range(options.recordings):
             shutil.copytree(flight, flights / f"flight-{number:02d}")
-        timed(flights, folder / "warm", 2)  # compiled functions are cached from here on
-        runs = {workers: timed(flights, folder / str(workers), workers) for workers in (1, 2)}
+        alone(flights, folder / "warm", 2)  # compiled functions are cached from here on
+        runs = {workers: alone(flights, folder / str(workers), workers) for workers in (1, 2)}
     for workers, (wall, busiest, rows) in runs.items():
         print(f"{workers} at once: {wall:6.1f} s, busiest worker {busiest:6.1f} s of a processor, {rows} rows")
     wall, busiest = (runs[2][which] / runs[1][which] for which in (0, 1))

@@ -42,7 +42,7 @@ def reach_document(found: Reach, views: Views) -> dict[str, Any]:
     document["width_m"] = width_summary(found.found.widths, used)
     ratio = found.found.scatter_ratio
     document["reasons"] = [
-        *_scattered(ratio),
+        *scatter_remarks(ratio),
         *doubts([look.water for look in seen]),
         *bounds(document["transects"]),
     ]
@@ -51,7 +51,7 @@ def reach_document(found: Reach, views: Views) -> dict[str, Any]:
     return document
 
 
-def _scattered(ratio: float) -> list[str]:
+def scatter_remarks(ratio: float) -> list[str]:
     """What to think of images that tell other widths than they should."""
     if ratio <= _MUCH:
         return []

@@ -21,7 +21,8 @@ FROZEN = Path(__file__).parents[1] / "cli/frozen-0.1"
 MOST_MB, MOST_VIDEO_MB = 200, 210
 LONG_LOG, MOST_LOG_MB = 60 << 20, 150
 QUIETLY = ("--rate", "max", "--listen", "tcp/127.0.0.1:0")
-CHANNELS = 60_000 if os.environ.get("AERODFT_FAULTS") == "full" else 6_000
+IS_FULL = os.environ.get("AERODFT_FAULTS") == "full"
+CHANNELS = 60_000 if IS_FULL else 6_000
 STATION = """
 [station]
 name = "far"
@@ -217,12 +218,13 @@ def test_chunks_that_unpack_to_millions_of_records(tmp_path: Path, record: bytes
     shutil.copytree(FROZEN, folder)
     path = folder / "data_000.mcap"
     path.write_bytes(with_chunks(path.read_bytes(), record * ((31 << 20) // len(record))))
-    for arguments in (
+    commands = (
         ("recompute", folder, "-o", tmp_path / "out"),
         ("export", folder, "--format", "mcap", "-o", tmp_path / "all.mcap"),
         ("replay", folder, *QUIETLY),
         ("recover", folder),
-    ):
+    )
+    for arguments in commands if IS_FULL else commands[:1]:  # what takes the most; 9 s each
         checked(taken_by(*arguments, timeout_s=120), MOST_MB, {0, 5}, f"{arguments[0]} of bombs")
 
 

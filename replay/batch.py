@@ -89,7 +89,7 @@ def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int, *, 
         scheduler: ``processes`` for processes of this machine, else a scheduler's address. Whoever owns that can run
             anything on the workers and here: it must be trusted.
         workers: Processes of this machine.
-        ready: Name of a module that loads what ``work`` needs.
+        ready: Name of a module that loads what ``work`` needs, for processes of this machine.
 
     Raises:
         InputError: The extra is not installed.

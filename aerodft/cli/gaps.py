@@ -7,7 +7,8 @@ import typer
 
 from aerodft.cli.output import say
 
-_LOSS: Final = 5
+LOSS: Final = 5
+"""Exit code of what is done, and not whole."""
 
 
 def end_with_gaps(left_out: Mapping[str, int]) -> None:
@@ -18,7 +19,7 @@ def end_with_gaps(left_out: Mapping[str, int]) -> None:
     """
     if any(left_out.values()):
         say(f"aerodft: {gaps(left_out)}")
-        raise typer.Exit(_LOSS)
+        raise typer.Exit(LOSS)
 
 
 def gaps(left_out: Mapping[str, int]) -> str:

@@ -12,7 +12,7 @@ import typer
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.cli.collector import end_at_once
-from aerodft.cli.gaps import gaps
+from aerodft.cli.gaps import LOSS, gaps
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.wiring import Tally, run
@@ -26,8 +26,8 @@ from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset, InputKey, input_key
 from replay.parquet import ParquetRows
 
-_LOSS = 5
-_READY = "aerodft.cli.recompute_ready"
+READY = "aerodft.cli.recompute_ready"
+"""Loads what ``recompute_rows`` needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +80,7 @@ def recompute_many(
     work = partial(recompute_rows, dataset=dataset, many=settled)
     outcomes: dict[str, Outcome] = {}
     with progress_bar("recomputing", 0, len(jobs)) as progress:
-        for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0)), ready=_READY):
+        for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0)), ready=READY):
             outcomes[outcome.recording] = outcome
             progress(len(outcomes))
             if outcome.sentence:
@@ -185,4 +185,4 @@ def _report(outcomes: list[Outcome], output: Path, *, as_json: bool) -> None:
         f" {count[State.FAILED]} failed; {rows} measurements"
     )
     if any(outcome.sentence for outcome in outcomes):
-        raise typer.Exit(_LOSS)
+        raise typer.Exit(LOSS)

@@ -13,10 +13,9 @@ import typer
 from aerodft.adapters.mcap.recovery import Recovery, SegmentRecovery, is_recording, recordings_in, recover_folder
 from aerodft.adapters.mcap.repair import Loss
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.cli.gaps import LOSS
 from aerodft.cli.output import print_json, say
 from aerodft.errors import InputError, NoAnswerError
-
-_LOSS = 5
 
 
 def recover(
@@ -42,7 +41,7 @@ def recover(
     if recoveries and not any(recovery.messages for recovery in recoveries):
         raise NoAnswerError("nothing can be recovered", where=folder, got="no whole message in any segment")
     if any(recovery.is_lossy for recovery in recoveries):
-        raise typer.Exit(_LOSS)
+        raise typer.Exit(LOSS)
 
 
 @contextmanager

@@ -5,14 +5,12 @@ from collections.abc import Mapping
 import typer
 
 from aerodft.adapters.mcap.totals import RecordingTotals
-from aerodft.cli.gaps import end_with_gaps
+from aerodft.cli.gaps import LOSS, end_with_gaps
 from aerodft.cli.output import print_json, say
 from aerodft.cli.watching import steadiness_document, steadiness_sentence
 from aerodft.cli.wiring import Tally
 from aerodft.errors import NoAnswerError
 from aerodft.service.counts import Counts
-
-_LOSS = 5
 
 
 def report(
@@ -78,7 +76,7 @@ def report(
         _refuse_emptiness(totals, tally)
     end_with_gaps(left_out or {})
     if missing:
-        raise typer.Exit(_LOSS)
+        raise typer.Exit(LOSS)
 
 
 def _landmarks(tally: Tally) -> dict[str, object]:

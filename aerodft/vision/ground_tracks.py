@@ -59,7 +59,7 @@ class GroundTrack:
         state: Where it is.
         seen_ns: Stamp of the last image in which its foot was seen.
         shown_ns: Stamp of the last image in which anything of it was seen.
-        sight: What was seen then.
+        sight: What was seen in the last image with its foot.
         looks: In how many its foot was seen.
         number: From 1, once it is confirmed; 0 before.
         hidden: Why it is not seen in the newest image; empty where it is.

@@ -17,12 +17,11 @@ from functools import partial
 from pathlib import Path
 
 from aerodft.cli.main import main as aerodft
-from aerodft.cli.recompute_many import Many, recompute_rows
+from aerodft.cli.recompute_many import READY, Many, recompute_rows
 from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset
 
 MOST = 0.6
-READY = "aerodft.cli.recompute_ready"
 
 
 def one_flight(folder: Path, seconds: float) -> Path:

@@ -3,36 +3,36 @@
 import heapq
 import mimetypes
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
-from mcap.writer import CompressionType, Writer
 
-from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.mcap.layout import MAGIC
-from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
+from aerodft.adapters.mcap.places import SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage
-from aerodft.adapters.mcap.segment import PROFILE
 from aerodft.errors import InputError
+from replay.merged_file import MergedFile
 from replay.recording import Recording
 
-_CHUNK_BYTES: Final = 1 << 20
-_MOST_HELD_BYTES: Final = 64 << 20
+_MOST_HELD_BYTES: Final = 48 << 20  # while a chunk is unpacked
+_MOST_WAITING_BYTES: Final = 16 << 20  # while something is written
 _MESSAGE_BYTES: Final = 300  # what a message takes in memory besides its payload
 _MOST_BYTES: Final = 256 << 20
 _HEAD: Final = struct.Struct("<BQ")
 _DAMAGED: Final = (McapError, struct.error, UnicodeDecodeError, OverflowError)
 
+_Record = TypeVar("_Record")
 
-@dataclass(slots=True)
+
+@dataclass(frozen=True, slots=True)
 class Merged:
     """What went into the file.
 
@@ -41,8 +41,8 @@ class Merged:
         attachments: Of the segments, and files beside them.
     """
 
-    messages: int = 0
-    attachments: int = 0
+    messages: int
+    attachments: int
 
 
 def merge_segments(recording: Recording, path: Path) -> Merged:
@@ -60,35 +60,13 @@ def merge_segments(recording: Recording, path: Path) -> Merged:
         OSError: The file cannot be written.
     """
     segments = [*recording.data, *(each for each in recording.images if each not in recording.data)]
-    totals = Merged()
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
-        writer.start(profile=PROFILE, library=SOFTWARE)
-        _write_extras(writer, recording, segments, totals)
-        ids: dict[int, int] = {}
-        known: dict[str, int] = {}
-        kept: list[ReadChannel] = []  # an id stays one object's as long as the object is kept
+    with path.open("wb") as file, MergedFile(file, _metadata(segments)) as merged:
+        for attachment in _attachments(recording, segments):
+            merged.attach(attachment)
         for message in _by_time(segments):
-            channel = ids.get(id(message.channel))
-            if channel is None:
-                channel = ids[id(message.channel)] = _registered(writer, message.channel, known)
-                kept.append(message.channel)
-            writer.add_message(channel, message.log_ns, message.data, message.log_ns, message.sequence)
-            totals.messages += 1
-        writer.finish()  # type: ignore[no-untyped-call]  # annotated in part
-    return totals
-
-
-def _registered(writer: Writer, channel: ReadChannel, known: dict[str, int]) -> int:
-    """The file's number of a channel; segments that have the same one share it."""
-    schema_key = repr((channel.schema, channel.schema_encoding, channel.schema_data))
-    key = repr((channel.topic, channel.encoding, sorted(channel.metadata.items()), schema_key))
-    if key not in known:
-        if channel.schema and schema_key not in known:
-            known[schema_key] = writer.register_schema(channel.schema, channel.schema_encoding, channel.schema_data)
-        schema = known[schema_key] if channel.schema else 0
-        known[key] = writer.register_channel(channel.topic, channel.encoding, schema, dict(channel.metadata))
-    return known[key]
+            merged.add(message)
+            del message  # of megabytes: not to be held while the next one is read
+    return Merged(merged.messages, merged.attachments)
 
 
 def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
@@ -101,14 +79,15 @@ def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
     heapq.heapify(waiting)
     streams = [_sorted(segment) for segment in segments]
     while waiting:
-        _, number, message = waiting[0]
+        due_ns, number, message = waiting[0]
         if message is not None:
+            waiting[0] = (due_ns, number, None)
             yield message
-        following = next(streams[number], None)
-        if following is None:
+        message = next(streams[number], None)
+        if message is None:
             heapq.heappop(waiting)
         else:
-            heapq.heapreplace(waiting, (following.log_ns, number, following))
+            heapq.heapreplace(waiting, (message.log_ns, number, message))
 
 
 def _sorted(segment: SegmentScan) -> Iterator[ReadMessage]:
@@ -123,9 +102,10 @@ def _sorted(segment: SegmentScan) -> Iterator[ReadMessage]:
     for chunk, limit_ns in zip(segment.chunks, later, strict=True):
         for message in reader.messages((chunk,)):
             held.add(message)
-            while held.is_full:
+            del message
+            while held.bytes > _MOST_HELD_BYTES:
                 yield held.pop()
-        while held.is_due(limit_ns):
+        while held.is_due(limit_ns) or held.bytes > _MOST_WAITING_BYTES:
             yield held.pop()
 
 
@@ -134,11 +114,7 @@ class _Held:
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, ReadMessage]] = []
-        self._count = self._bytes = 0
-
-    @property
-    def is_full(self) -> bool:
-        return self._bytes > _MOST_HELD_BYTES
+        self._count = self.bytes = 0
 
     def is_due(self, limit_ns: int | None) -> bool:
         """Whether there is one from before the limit."""
@@ -147,25 +123,27 @@ class _Held:
     def add(self, message: ReadMessage) -> None:
         heapq.heappush(self._heap, (message.log_ns, self._count, message))
         self._count += 1
-        self._bytes += len(message.data) + _MESSAGE_BYTES
+        self.bytes += len(message.data) + _MESSAGE_BYTES
 
     def pop(self) -> ReadMessage:
         message = heapq.heappop(self._heap)[2]
-        self._bytes -= len(message.data) + _MESSAGE_BYTES
+        self.bytes -= len(message.data) + _MESSAGE_BYTES
         return message
 
 
-def _write_extras(writer: Writer, recording: Recording, segments: list[SegmentScan], totals: Merged) -> None:
-    """Metadata, each once; attachments; and the files beside the segments as attachments."""
-    seen: set[str] = set()
+def _metadata(segments: list[SegmentScan]) -> list[tuple[str, dict[str, str]]]:
+    """The metadata of all segments, each once."""
+    found: dict[str, tuple[str, dict[str, str]]] = {}
     for segment in segments:
-        for record in _extras(segment.path):
-            if isinstance(record, Attachment):
-                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-                totals.attachments += 1
-            elif (key := repr((record.name, sorted(record.metadata.items())))) not in seen:
-                seen.add(key)
-                writer.add_metadata(record.name, record.metadata)
+        for record in _records(segment.path, Opcode.METADATA, Metadata.read):
+            found.setdefault(repr((record.name, sorted(record.metadata.items()))), (record.name, record.metadata))
+    return list(found.values())
+
+
+def _attachments(recording: Recording, segments: list[SegmentScan]) -> Iterator[Attachment]:
+    """Those of the segments, and the files beside them."""
+    for segment in segments:
+        yield from _records(segment.path, Opcode.ATTACHMENT, Attachment.read)
     if not recording.folder.is_dir():
         return
     for path in sorted(recording.folder.iterdir()):
@@ -175,13 +153,12 @@ def _write_extras(writer: Writer, recording: Recording, segments: list[SegmentSc
             except OSError as error:
                 raise InputError("the file cannot be read", where=path, got=error.strerror) from error
             kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-            writer.add_attachment(recording.start_ns, recording.start_ns, path.name, kind, data)
-            totals.attachments += 1
+            at_ns = recording.start_ns
+            yield Attachment(create_time=at_ns, log_time=at_ns, name=path.name, media_type=kind, data=data)
 
 
-def _extras(path: Path) -> Iterator[Metadata | Attachment]:
-    """The metadata and attachments of a file, as far as it is whole."""
-    kinds: dict[int, type[Metadata | Attachment]] = {Opcode.METADATA: Metadata, Opcode.ATTACHMENT: Attachment}
+def _records(path: Path, kind: Opcode, read: Callable[[ReadDataStream], _Record]) -> Iterator[_Record]:
+    """The records of a kind of a file, as far as it is whole."""
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
@@ -191,12 +168,12 @@ def _extras(path: Path) -> Iterator[Metadata | Attachment]:
                 end = file.tell() + length
                 if end > size:
                     return
-                kind = kinds.get(opcode)
-                if kind is not None and length <= _MOST_BYTES:
+                if opcode == kind and length <= _MOST_BYTES:
                     try:
-                        yield kind.read(ReadDataStream(BytesIO(file.read(length))))
+                        record = read(ReadDataStream(BytesIO(file.read(length))))
                     except _DAMAGED:
                         return
+                    yield record
                 file.seek(end)
     except OSError as error:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from aerodft.adapters.mcap.chunk_table import ChunkTable, is_one_of
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
+from aerodft.geometry.jit import expect
+
+_STEPS: Final = 2  # of a message that is found without the compiler
 
 
 def numbered(path: Path) -> tuple[list[int], str]:
@@ -62,15 +66,20 @@ def tables_of(
     segments: Sequence[SegmentScan], *, from_ns: int | None, to_ns: int | None, wanted: Wanted
 ) -> Iterator[ChunkTable]:
     """The same messages as columns, chunk after chunk; arguments as in ``messages_of``."""
+
+    def wanted_of(table: ChunkTable) -> ChunkTable:
+        rows = is_one_of(table.channel, [number for number, each in table.channels.items() if wanted(each)])
+        if from_ns is not None:
+            rows &= table.log_ns >= np.uint64(from_ns)
+        if to_ns is not None:
+            rows &= table.log_ns < np.uint64(to_ns)
+        found = table.rows(rows).kept()
+        expect(_STEPS * int(np.count_nonzero(found.stop > found.start)))  # millions of empty ones are a bomb
+        return found
+
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
-        for table in reader.tables(_places(segment, from_ns, to_ns, wanted)):
-            rows = is_one_of(table.channel, [number for number, each in table.channels.items() if wanted(each)])
-            if from_ns is not None:
-                rows &= table.log_ns >= np.uint64(from_ns)
-            if to_ns is not None:
-                rows &= table.log_ns < np.uint64(to_ns)
-            yield table.rows(rows)
+        yield from map(wanted_of, reader.tables(_places(segment, from_ns, to_ns, wanted)))
 
 
 def _places(

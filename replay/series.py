@@ -203,7 +203,7 @@ def _add(builders: dict[ProbeKey, _Builder], row: _Row, where: Path) -> None:
 
 def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
     """Stamp and arrival of the first images, by index."""
-    messages = (message for message in recording.messages() if message.channel.schema == events.IMAGE_SCHEMA)
+    messages = recording.messages(wanted=lambda channel: channel.schema == events.IMAGE_SCHEMA)
     images = (events.decode_image(message.data) for message in islice(messages, _HEAD_IMAGES))
     return {image.index: (image.stamp_ns, image.arrival_ns) for image in images}
 

@@ -10,6 +10,7 @@ import orjson
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError, Message
 
+from aerodft.adapters import bounded_json
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.conventions import SECOND_NS
@@ -89,7 +90,7 @@ def _shift_message(message: Message, shift_ns: int) -> None:
 
 def _shift_json(data: bytes, shift_ns: int) -> bytes:
     try:
-        item = orjson.loads(data)
+        item = bounded_json.loads(data)
     except orjson.JSONDecodeError:
         return data
     return shifted(orjson.dumps(_moved(item, shift_ns)), shift_ns)

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import orjson
 
+from aerodft.adapters import bounded_json
 from aerodft.errors import InputError
 from aerodft.model.probe import ProbeKind
 
@@ -94,7 +95,7 @@ def parsed(payload: bytes) -> Item:
         InputError: It is no JSON object.
     """
     try:
-        item = orjson.loads(payload)
+        item = bounded_json.loads(payload)
     except orjson.JSONDecodeError as error:
         raise _not_a_measurement(payload) from error
     if not isinstance(item, dict):

@@ -17,7 +17,6 @@ from aerodft.errors import NoAnswerError, UsageError, located
 from replay.export import ExportFormat, export_text
 from replay.merging import merge_segments
 from replay.recording import Recording
-from replay.video import write_video
 
 
 class Format(StrEnum):
@@ -101,6 +100,8 @@ def _write(source: Recording, form: Format, path: Path) -> dict[str, int]:
         merged = merge_segments(source, path)
         return {"messages": merged.messages, "attachments": merged.attachments}
     if form is Format.MP4:
+        from replay.video import write_video  # noqa: PLC0415 - 40 MB and 0.1 s that tables and maps do without
+
         return asdict(write_video(source, path))
     payloads = _measurements(source)
     if form is Format.PARQUET:

@@ -18,7 +18,7 @@ from replay.recording import Recording
 from replay.seen_again import SeenAgain
 from replay.source import RecordingSource
 
-_LEAST_BYTES_A_SECOND: Final = 500  # of telemetry; a damaged chunk may say that it is of 1970
+_LONGEST_CHUNK_NS: Final = 300 * SECOND_NS  # a megabyte of telemetry; a damaged chunk may say that it is of 1970
 _STEPS_A_SECOND: Final = 300  # without the compiler, for each probe at 30 Hz
 
 
@@ -62,8 +62,8 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
     """
     recording = Recording(folder)
     was, station = stations_of(recording, config, calibration)
-    held_bytes = sum(chunk.length for segment in recording.data for chunk in segment.chunks)
-    seconds = min((recording.end_ns - recording.start_ns) / SECOND_NS, held_bytes / _LEAST_BYTES_A_SECOND)
+    spans_ns = (chunk.end_ns - chunk.start_ns for segment in recording.data for chunk in segment.chunks)
+    seconds = sum(span_ns for span_ns in spans_ns if span_ns <= _LONGEST_CHUNK_NS) / SECOND_NS
     probes = len(station.pipeline.probes)
     expect(round(_STEPS_A_SECOND * seconds) * probes)  # a long one begins with the compiler loaded
     pipeline = build_pipeline(station)

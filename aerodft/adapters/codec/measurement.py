@@ -27,6 +27,7 @@ SCHEMA = "aerodft.measurement/1"
 IMAGE_SCHEMA = "aerodft.measurements/1"
 
 _LIST = "measurements"
+_MOST_SPLIT_BYTES: Final = 32 << 20  # what the measurements of an image share, once for each
 _ANGLES: Final = {"ellipse95": slice(2, 3), "geo": slice(0, 2)}  # which of the numbers
 
 
@@ -193,6 +194,8 @@ def split_measurements(data: bytes) -> list[tuple[str, bytes]]:
 
 def _split(payload: wire.Json) -> list[tuple[str, bytes]]:
     shared: dict[str, Any] = {key: value for key, value in payload.items() if key not in {"schema", _LIST}}
+    if len(wire.dump(shared)) * len(payload[_LIST]) > _MOST_SPLIT_BYTES:
+        raise ValueError(f"{len(payload[_LIST])} measurements that share too much")
     return [(own["name"], wire.dump({"schema": SCHEMA, **own, **shared})) for own in payload[_LIST]]
 
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import orjson
 
+from aerodft.adapters import bounded_json
 from aerodft.adapters.codec import wire
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
@@ -92,7 +93,7 @@ def _observation(line: bytes, where: str, source: str, image_stamps_ns: Mapping[
 
 def _object(data: bytes, where: str) -> dict[str, Any]:
     try:
-        payload = orjson.loads(data)
+        payload = bounded_json.loads(data)
     except orjson.JSONDecodeError as error:
         raise InputError("the observation is not JSON", where=where, got=error, expected=_EXAMPLE) from error
     if not isinstance(payload, dict):

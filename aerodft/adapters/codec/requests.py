@@ -6,6 +6,7 @@ from typing import Any
 
 import orjson
 
+from aerodft.adapters import bounded_json
 from aerodft.adapters.codec import wire
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
@@ -106,7 +107,7 @@ def encode_error(sentence: str) -> bytes:
 
 def _object(data: bytes, where: str) -> dict[str, Any]:
     try:
-        payload = orjson.loads(data)
+        payload = bounded_json.loads(data)
     except orjson.JSONDecodeError as error:
         raise InputError("the question is not JSON", where=where, got=error, expected=_EXAMPLE) from error
     if not isinstance(payload, dict):

@@ -11,6 +11,7 @@ from typing import Any, Final, NoReturn, TypeVar
 import orjson
 
 from aerodft import __version__
+from aerodft.adapters import bounded_json
 from aerodft.errors import InputError
 
 SOFTWARE = f"aerodft {__version__}"
@@ -42,7 +43,7 @@ def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
         InputError: Not JSON, another schema, a key missing or of the wrong type.
     """
     try:
-        payload = orjson.loads(data)
+        payload = bounded_json.loads(data)
     except orjson.JSONDecodeError as error:
         _refuse(schema, data, error)
     if not isinstance(payload, dict) or payload.get("schema") != schema:
@@ -65,7 +66,7 @@ def load_all(
         build_all: Makes all values at once; gives None, or fails, where that cannot be done.
     """
     try:
-        payloads = orjson.loads(b"[%b]" % b",".join(data))
+        payloads = bounded_json.loads(b"[%b]" % b",".join(data))
     except orjson.JSONDecodeError:
         payloads = []
     if len(payloads) != len(data) or not all(

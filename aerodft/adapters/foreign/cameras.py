@@ -6,6 +6,7 @@ import orjson
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from google.protobuf.message import DecodeError
 
+from aerodft.adapters import bounded_json
 from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import JSON, PROTOBUF, ROS1, type_of
 from aerodft.adapters.mcap.places import ReadChannel
@@ -35,7 +36,7 @@ def _values(channel: ReadChannel, data: bytes) -> tuple[Any, ...]:
         message = CameraCalibration.FromString(data)
         return message.width, message.height, message.distortion_model, message.D, message.K
     if channel.encoding == JSON:
-        item = orjson.loads(data)
+        item = bounded_json.loads(data)
         matrix = item.get("K") or item.get("k") or []
         return item["width"], item["height"], item.get("distortion_model", ""), item.get("D") or item.get("d"), matrix
     fields = Fields(data, is_ros1=channel.encoding == ROS1)

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
-import orjson
 
+from aerodft.adapters import bounded_json
 from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import JSON, ROS1, type_of
 from aerodft.adapters.foreign.mavlink_json import JsonPacker
@@ -75,7 +75,7 @@ class FrameReader:
         return data
 
     def _of_json(self, data: bytes) -> bytes:
-        item = orjson.loads(data)
+        item = bounded_json.loads(data)
         if isinstance(item, dict) and isinstance(item.get("message"), dict):
             return self._packer.pack(item)
         return b"".join(_bytes_in(item, _DEPTH))

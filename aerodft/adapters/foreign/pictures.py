@@ -10,6 +10,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
+from aerodft.adapters import bounded_json
 from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
 from aerodft.adapters.mcap.places import ReadChannel
@@ -75,7 +76,7 @@ def _of_protobuf(channel: ReadChannel, data: bytes) -> Picture:
 
 def _of_json(data: bytes) -> Picture:
     try:
-        item = orjson.loads(data)
+        item = bounded_json.loads(data, bounded_json.MOST_PICTURE_BYTES)
         header = item.get("header") or {}
         stamp = item.get("timestamp") or header.get("stamp")
         return _picture(json_stamp_ns(stamp), base64.b64decode(item["data"], validate=True), item.get("format", ""))

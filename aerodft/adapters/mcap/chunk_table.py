@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
 from aerodft.adapters.mcap.places import ReadChannel
-from aerodft.geometry.jit import expect, is_loaded, njit
+from aerodft.geometry.jit import is_loaded, njit
 from aerodft.model.arrays import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
@@ -22,6 +22,8 @@ _HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<
 _CHANNELS: Final = 1 << 16  # their ids are of 16 bits
 _USUAL_BYTES: Final = 64  # of a record, at least; of shorter ones there are several tables
 _MOST: Final = 1 << 16  # records of a table: some kilobytes of zeros unpack to millions of empty ones
+_MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
+_LEAST_KEPT: Final = 0.5  # of a larger one
 _FEW: Final = 8  # records that are told apart as fast without the compiler
 
 
@@ -50,6 +52,17 @@ class ChunkTable:
         return ChunkTable(
             self.content, self.channels, self.channel[rows], self.log_ns[rows], self.start[rows], self.stop[rows]
         )
+
+    def kept(self) -> "ChunkTable":
+        """The same, without the rest of a large content: a few of its messages would keep it in memory."""
+        length = self.stop - self.start
+        if len(self.content) <= _MOST_KEPT_BYTES or length.sum() > _LEAST_KEPT * len(self.content):
+            return self
+        content = b"".join(
+            [self.content[start:stop] for start, stop in zip(self.start.tolist(), self.stop.tolist(), strict=True)]
+        )
+        stop = np.cumsum(length)
+        return ChunkTable(content, self.channels, self.channel, self.log_ns, stop - length, stop)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +96,6 @@ def record_tables(content: bytes) -> Iterator[RecordTable]:
 def _record_table(content: bytes, position: int) -> RecordTable:
     few = _few_records(content, position, _FEW if is_loaded() else _MOST)
     if few.rest is None or not is_loaded():
-        expect(2 * int(np.count_nonzero(few.opcode == _MESSAGE)))  # a bomb of zeros is not worth the compiler
         return few
     data = np.frombuffer(content, dtype=np.uint8)
     table = np.empty((min(max(len(content) // _USUAL_BYTES, _FEW), _MOST), 3), dtype=np.int64)

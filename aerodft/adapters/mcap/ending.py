@@ -5,8 +5,9 @@ from collections import Counter
 from collections.abc import Iterable
 
 from mcap.opcode import Opcode
-from mcap.records import Channel as ChannelRecord
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     ChunkIndex,
     DataEnd,
     Footer,
@@ -17,6 +18,7 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
+from mcap.records import Channel as ChannelRecord
 
 from aerodft.adapters.mcap.layout import INDEX_ENTRY_BYTES, INDEX_HEAD_BYTES, MAGIC, BuiltChunk, encoded
 
@@ -49,6 +51,7 @@ class Summary:
         self._indexes: list[ChunkIndex] = []
         self._counts: list[dict[int, int]] = []
         self._metadata_indexes: list[MetadataIndex] = []
+        self._attachment_indexes: list[AttachmentIndex] = []
         self.messages = 0
         self.beginning = MAGIC + encoded(Header(profile=profile, library=library))
         for name, values in metadata:
@@ -68,6 +71,20 @@ class Summary:
         self._bytes += _CHUNK_SUMMARY_BYTES + _CHANNEL_SUMMARY_BYTES * len(chunk.counts)
         self.messages += chunk.messages
 
+    def attach(self, offset: int, length: int, attachment: Attachment) -> None:
+        """Take note of an attachment that is in the file, in a record of so many bytes."""
+        self._attachment_indexes.append(
+            AttachmentIndex(
+                offset=offset,
+                length=length,
+                log_time=attachment.log_time,
+                create_time=attachment.create_time,
+                data_size=len(attachment.data),
+                name=attachment.name,
+                media_type=attachment.media_type,
+            )
+        )
+
     def forget(self, from_offset: int) -> None:
         """Forget the chunks from an offset on: they are cut off."""
         while self._indexes and self._indexes[-1].chunk_start_offset >= from_offset:
@@ -83,6 +100,7 @@ class Summary:
             (Opcode.CHANNEL, encoded(*self._channels.values())),
             (Opcode.STATISTICS, encoded(self._statistics())),
             (Opcode.CHUNK_INDEX, encoded(*self._indexes)),
+            (Opcode.ATTACHMENT_INDEX, encoded(*self._attachment_indexes)),
             (Opcode.METADATA_INDEX, encoded(*self._metadata_indexes)),
         ]
         content, offsets = b"", b""
@@ -101,7 +119,7 @@ class Summary:
         for counts in self._counts:
             totals.update(counts)
         return Statistics(
-            attachment_count=0,
+            attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=totals,
             chunk_count=len(self._indexes),

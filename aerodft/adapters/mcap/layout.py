@@ -147,7 +147,8 @@ class ChunkBuffer:
         """The chunk with what was added so far; not compressed without a compressor."""
         content = self._memory[: self.content_bytes]
         data = content if compressor is None else compressor.compress(content)
-        data = bytes(memoryview(data))  # copied: the library's own bytes keep four times what they hold
+        if not isinstance(data, bytes) or len(data) < len(content) // 2:
+            data = bytes(memoryview(data))  # copied: the library's own bytes keep what the content takes
         head = CHUNK_HEAD.pack(self._start_ns, self._end_ns, len(content), zlib.crc32(content))
         return built_chunk(head, b"" if compressor is None else b"zstd", data, self._indexes)
 
@@ -201,12 +202,12 @@ class Registry:
         self.channels: dict[int, ChannelRecord] = {}
         self._schema_ids: dict[tuple[str, bytes], int] = {}
         self._ids: dict[Channel, int] = {}
-        self._definitions = b""
+        self._definitions = bytearray()
 
     @property
     def definitions(self) -> bytes:
         """All of them, as they stand in a chunk."""
-        return self._definitions
+        return bytes(self._definitions)
 
     def find(self, channel: Channel) -> int | None:
         """A channel's id; None where it is new."""

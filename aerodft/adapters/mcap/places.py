@@ -5,6 +5,8 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
+from aerodft.adapters.mcap.definitions import with_defined
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadChannel:
@@ -37,26 +39,40 @@ class Channels:
 
     by_id: dict[int, ReadChannel] = field(default_factory=dict)
     _schemas: dict[int, Schema] = field(default_factory=dict)
+    _bytes: int = 0
 
     def add_schema(self, schema: Schema) -> None:
-        """Take a schema record."""
-        self._schemas[schema.id] = schema
+        """Take a schema record.
+
+        Raises:
+            TooMuchDefinedError: It is one too many.
+        """
+        if schema != self._schemas.get(schema.id):
+            self._bytes = with_defined(self._bytes, schema)
+            self._schemas[schema.id] = schema
 
     def add(self, channel: Channel) -> None:
-        """Take a channel record; its schema came before it."""
+        """Take a channel record; its schema came before it.
+
+        Raises:
+            TooMuchDefinedError: It is one too many.
+        """
         schema = self._schemas.get(channel.schema_id)
-        self.by_id[channel.id] = ReadChannel(
+        found = ReadChannel(
             topic=channel.topic,
             encoding=channel.message_encoding,
             schema="" if schema is None else schema.name,
-            metadata=dict(channel.metadata),
+            metadata=channel.metadata,
             schema_encoding="" if schema is None else schema.encoding,
             schema_data=b"" if schema is None else schema.data,
         )
+        if found != self.by_id.get(channel.id):
+            self._bytes = with_defined(self._bytes, channel)
+            self.by_id[channel.id] = found
 
     def copy(self) -> "Channels":
         """The same, to be added to."""
-        return Channels(dict(self.by_id), dict(self._schemas))
+        return Channels(dict(self.by_id), dict(self._schemas), self._bytes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

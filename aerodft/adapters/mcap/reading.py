@@ -15,6 +15,7 @@ from mcap.records import Channel, Schema
 
 from aerodft.adapters.mcap.chunk_table import ChunkTable, message_table, record_tables
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head, records_in
+from aerodft.adapters.mcap.definitions import TooMuchDefinedError
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD
 from aerodft.adapters.mcap.places import Channels, ChunkPlace, ReadChannel
 from aerodft.errors import InputError
@@ -63,10 +64,11 @@ class ChunkReader:
             InputError: The file cannot be read.
         """
         for place in chunks:
+            before = self.channels.copy()
             try:
                 yield from self._records(_content(place), wanted)
             except _DAMAGED as error:
-                self._leave_out(place, error)
+                self._leave_out(place, error, before)
 
     def tables(self, chunks: Iterable[ChunkPlace]) -> Iterator[ChunkTable]:
         """The same messages, each chunk's as columns: quicker where nearly all of them are wanted.
@@ -78,19 +80,26 @@ class ChunkReader:
             InputError: The file cannot be read.
         """
         for place in chunks:
+            before = self.channels.copy()
             try:
-                content = _content(place)
-                for records in record_tables(content):
-                    for row in np.flatnonzero(np.isin(records.opcode, _DEFINITIONS)).tolist():
-                        self._define(int(records.opcode[row]), content[records.start[row] : records.stop[row]])
-                    yield message_table(content, self.channels.by_id, records)
-                    if records.is_damaged:
-                        self._leave_out(place, "ends within a record, or in none")
+                yield from self._tables(place)
             except _DAMAGED as error:
-                self._leave_out(place, error)
+                self._leave_out(place, error, before)
 
-    def _leave_out(self, place: ChunkPlace, why: object) -> None:
+    def _tables(self, place: ChunkPlace) -> Iterator[ChunkTable]:
+        """Those of one chunk; its content goes with the generator, before the next chunk is unpacked."""
+        content = _content(place)
+        for records in record_tables(content):
+            for row in np.flatnonzero(np.isin(records.opcode, _DEFINITIONS)).tolist():
+                self._define(int(records.opcode[row]), content[records.start[row] : records.stop[row]])
+            yield message_table(content, self.channels.by_id, records)
+            if records.is_damaged:
+                raise ValueError("ends within a record, or in none")
+
+    def _leave_out(self, place: ChunkPlace, why: Exception, before: Channels) -> None:
         self.damaged += 1
+        if isinstance(why, TooMuchDefinedError):  # what others define must have room
+            self.channels = before
         if place.offset in self.left_out or len(self.left_out) == _MOST_KEPT:
             return
         self.left_out.add(place.offset)

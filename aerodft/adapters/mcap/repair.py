@@ -9,6 +9,7 @@ from mcap.opcode import Opcode
 
 from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.mcap.chunks import records_in
+from aerodft.adapters.mcap.definitions import Definitions
 from aerodft.adapters.mcap.ending import Summary
 from aerodft.adapters.mcap.file import SegmentFile
 from aerodft.adapters.mcap.layout import (
@@ -19,7 +20,7 @@ from aerodft.adapters.mcap.layout import (
     compressor,
     encoded,
 )
-from aerodft.adapters.mcap.salvage import BadBytes, Definitions, GoodChunk, Salvage, definitions_in
+from aerodft.adapters.mcap.salvage import BadBytes, GoodChunk, Salvage
 from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE
 
 RECOVERED_NAME = "recovered"
@@ -91,9 +92,10 @@ def survey(descriptor: int) -> Survey:
     """
     salvage, found = Salvage(descriptor), Survey()
     used: Counter[int] = Counter()
+    defined: set[int] = set()
     for item in salvage.items():
         if isinstance(item, GoodChunk):
-            _add(found, item, used)
+            _add(found, item, used, defined)
             continue
         found.is_sound = False
         is_beginning = item.offset == 0 and not item.is_torn
@@ -102,8 +104,7 @@ def survey(descriptor: int) -> Survey:
             found.losses.append(Loss(what=_words(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
     if not salvage.has_end and not any(loss.to_ns is None for loss in found.losses):
         found.losses.append(Loss(what=_UNFINISHED, from_ns=found.end_ns))
-    for record in (*salvage.at_end.schemas.values(), *salvage.at_end.channels.values()):
-        found.definitions.add(record)
+    found.definitions = salvage.definitions
     if salvage.stated_messages is not None:
         found.losses = _counted(found.losses, salvage.stated_messages - found.messages)
     _leave_undefined(found, used)
@@ -118,11 +119,10 @@ def _words(bad: BadBytes) -> str:
     return f"a damaged chunk ({bad.why})" if bad.is_chunk else f"damaged bytes ({bad.why})"
 
 
-def _add(found: Survey, item: GoodChunk, used: Counter[int]) -> None:
+def _add(found: Survey, item: GoodChunk, used: Counter[int], defined: set[int]) -> None:
     built = item.built
-    for record in definitions_in(item.content):
-        found.definitions.add(record)
-    found.lacks_definitions |= not built.counts.keys() <= found.definitions.channels.keys()
+    defined |= item.defines
+    found.lacks_definitions |= not built.counts.keys() <= defined
     found.is_sound &= item.is_as_built
     found.messages += built.messages
     found.chunks += 1

@@ -8,16 +8,17 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from io import BytesIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Header, McapRecord, Metadata, Schema, Statistics
+from mcap.records import Channel, Footer, Header, Metadata, Statistics
 
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, ChunkHead, chunk_content, chunk_head, records_in
+from aerodft.adapters.mcap.definitions import Definitions, definitions_in
 from aerodft.adapters.mcap.layout import (
     CHUNK_HEAD,
     MAGIC,
@@ -35,11 +36,6 @@ _CANDIDATE_BYTES = RECORD_HEAD.size + HEAD_BYTES
 _DATA_END_BYTES = RECORD_HEAD.size + 4
 _FOOTER_CHECKED_BYTES = RECORD_HEAD.size + 16
 _TAIL_BYTES = _FOOTER_CHECKED_BYTES + 4 + len(MAGIC)
-_READ: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-    Opcode.SCHEMA: Schema.read,
-    Opcode.CHANNEL: Channel.read,
-    Opcode.STATISTICS: Statistics.read,
-}
 _UNREADABLE = (McapError, struct.error, UnicodeDecodeError, OverflowError)
 
 
@@ -51,12 +47,14 @@ class GoodChunk:
         offset: Of the record.
         built: It, with the times and the message indexes that its messages give.
         content: Its records.
+        defines: Ids of the channels that it defines.
         is_as_built: Whether the file has the same bytes there, indexes included.
     """
 
     offset: int
     built: BuiltChunk
     content: bytes
+    defines: frozenset[int]
     is_as_built: bool
 
 
@@ -79,28 +77,13 @@ class BadBytes:
     is_torn: bool = False
 
 
-@dataclass(slots=True)
-class Definitions:
-    """Schemas and channels by id."""
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-
-    def add(self, record: McapRecord) -> None:
-        """Take a schema or a channel."""
-        if isinstance(record, Schema):
-            self.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self.channels[record.id] = record
-
-
 class Salvage:
     """Walks through one file.
 
     Attributes:
         header: The file's; None where it is missing or damaged.
         metadata: Names and values.
-        at_end: What the summary defines; nothing where its checksum is not right.
+        definitions: By the chunks so far, and from the beginning by the summary, if its checksum is right.
         stated_messages: How many messages there are by the summary; None likewise.
         has_end: Whether the data is known to end where the file says so.
         is_whole: Whether the file ends as it should, with a sound summary and nothing behind it.
@@ -117,7 +100,8 @@ class Salvage:
         self._size = os.fstat(descriptor).st_size
         self.header: Header | None = None
         self.metadata: list[Metadata] = []
-        self.at_end = Definitions()
+        self.definitions = Definitions()
+        self._metadata_bytes = 0
         self.stated_messages: int | None = None
         self._position = 0
         summary_start = self._summary_start()
@@ -164,8 +148,11 @@ class Salvage:
         try:
             if opcode == Opcode.HEADER:
                 self.header = Header.read(stream)
-            else:
+            elif (total := self._metadata_bytes + len(content)) <= _MAX_SMALL_BYTES:
                 self.metadata.append(Metadata.read(stream))
+                self._metadata_bytes = total
+            else:
+                return False
         except _UNREADABLE:
             return False
         return stream.count == len(content)
@@ -183,6 +170,7 @@ class Salvage:
         try:
             content = chunk_content(head, data)
             built = _rebuilt(head, data, content)
+            defines = self._define(content)
         except ValueError as error:
             return BadBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
         is_as_built = self._read(start, len(built.head)) == built.head
@@ -190,7 +178,24 @@ class Salvage:
             self._position += len(built.indexes)
         else:
             is_as_built = False
-        return GoodChunk(offset=start, built=built, content=content, is_as_built=is_as_built)
+        return GoodChunk(offset=start, built=built, content=content, defines=defines, is_as_built=is_as_built)
+
+    def _define(self, content: bytes) -> frozenset[int]:
+        """Take a chunk's schemas and channels, all or none; returns the ids of the channels.
+
+        Raises:
+            ValueError: One is damaged, or they are too much.
+        """
+        definitions, ids = self.definitions.copy(), set()
+        try:
+            for record in definitions_in(content):
+                definitions.add(record)
+                if isinstance(record, Channel):
+                    ids.add(record.id)
+        except _UNREADABLE as error:
+            raise ValueError("a damaged definition") from error
+        self.definitions = definitions
+        return frozenset(ids)
 
     def _lost(self, start: int, why: str) -> BadBytes:
         """Go on where something makes sense again."""
@@ -228,34 +233,16 @@ class Salvage:
             data = self._read(start, size)
             if zlib.crc32(tail[:_FOOTER_CHECKED_BYTES], zlib.crc32(data)) != footer.summary_crc:
                 return None
-            for record in _known_in(data):
-                self.at_end.add(record)
-                if isinstance(record, Statistics):
-                    self.stated_messages = record.message_count
+            self._define(data)
+            for opcode, begin, end in records_in(data):
+                if opcode == Opcode.STATISTICS:
+                    self.stated_messages = Statistics.read(ReadDataStream(BytesIO(data[begin:end]))).message_count
         except (*_UNREADABLE, ValueError):
             return None
         return int(start)
 
     def _read(self, offset: int, length: int) -> bytes:
         return os.pread(self._descriptor, length, offset)
-
-
-def definitions_in(content: bytes) -> list[McapRecord]:
-    """The schemas and channels of a chunk.
-
-    Raises:
-        ValueError: One is damaged.
-    """
-    try:
-        return list(_known_in(content))
-    except _UNREADABLE as error:
-        raise ValueError("a damaged definition") from error
-
-
-def _known_in(content: bytes) -> Iterator[McapRecord]:
-    for opcode, begin, end in records_in(content):
-        if opcode in _READ:
-            yield _READ[opcode](ReadDataStream(BytesIO(content[begin:end])))
 
 
 def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
@@ -275,6 +262,5 @@ def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
         start_ns = min(start_ns, log_ns) if indexes else log_ns
         end_ns = max(end_ns, log_ns)
         indexes.setdefault(channel_id, bytearray()).extend(index_entry(log_ns, begin - RECORD_HEAD.size))
-    definitions_in(content)
     times = CHUNK_HEAD.pack(start_ns, end_ns, head.content_bytes, head.crc)
     return built_chunk(times, head.compression, data, indexes)

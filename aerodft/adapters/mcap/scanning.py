@@ -29,7 +29,7 @@ _CHANNEL_ID = struct.Struct("<H")
 _MESSAGE_HEAD = struct.Struct("<HIQ")
 _MAX_SMALL_RECORD = 4 << 20
 _BARE_BYTES = 1 << 20  # messages without a chunk are read so many at a time
-_DAMAGED = (McapError, struct.error, UnicodeDecodeError, OverflowError)
+_DAMAGED = (McapError, struct.error, ValueError, OverflowError)
 
 _log = logging.getLogger(__name__)
 

@@ -1,0 +1,100 @@
+"""The one MCAP file that a recording's segments are put together in: chunks, checksums, attachments and an index."""
+
+from collections.abc import Iterable
+from types import TracebackType
+from typing import BinaryIO, Final, Self
+
+from mcap.records import Attachment
+
+from aerodft.adapters.codec.wire import SOFTWARE
+from aerodft.adapters.mcap.channels import Channel
+from aerodft.adapters.mcap.ending import Summary
+from aerodft.adapters.mcap.layout import ChunkBuffer, Registry, compressor, encoded
+from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.reading import ReadMessage
+from aerodft.adapters.mcap.segment import PROFILE
+
+_CHUNK_BYTES: Final = 1 << 20
+
+
+class MergedFile:
+    """Writes the file; it is whole once the context is left.
+
+    The recorder's own layout: the stock writer holds a large image five times.
+
+    Args:
+        file: Empty, open for writing.
+        metadata: Keys and values, by name.
+
+    Attributes:
+        messages: Written so far.
+        attachments: Likewise.
+
+    Raises:
+        OSError: From all methods: the file cannot be written.
+    """
+
+    def __init__(self, file: BinaryIO, metadata: Iterable[tuple[str, dict[str, str]]]) -> None:
+        self.messages = self.attachments = 0
+        self._file = file
+        self._registry = Registry()
+        self._summary = Summary(PROFILE, SOFTWARE, metadata, self._registry.schemas, self._registry.channels)
+        self._compressor = compressor()
+        self._buffer = ChunkBuffer()
+        self._ids: dict[int, int] = {}
+        self._kept: list[ReadChannel] = []  # an id stays one object's as long as the object is kept
+        file.write(self._summary.beginning)
+
+    def attach(self, attachment: Attachment) -> None:
+        """Write an attachment; before the first message."""
+        offset, record = self._file.tell(), encoded(attachment)
+        self._file.write(record)
+        self._summary.attach(offset, len(record), attachment)
+        self.attachments += 1
+
+    def add(self, message: ReadMessage) -> None:
+        """Add a message; segments that have the same channel share it."""
+        channel = self._ids.get(id(message.channel))
+        if channel is None:
+            channel = self._ids[id(message.channel)] = self._registered(message.channel)
+            self._kept.append(message.channel)
+        if self._buffer.messages and len(message.data) > _CHUNK_BYTES:
+            self._close_chunk()
+        self._buffer.add(channel, message.log_ns, message.data, message.sequence)
+        self.messages += 1
+        if self._buffer.content_bytes > _CHUNK_BYTES:
+            self._close_chunk()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            if self._buffer.messages:
+                self._close_chunk()
+            self._file.write(self._summary.ending(self._file.tell()))
+
+    def _registered(self, found: ReadChannel) -> int:
+        channel = Channel(
+            topic=found.topic,
+            encoding=found.encoding,
+            schema_name=found.schema,
+            schema_encoding=found.schema_encoding,
+            schema=found.schema_data,
+            metadata=tuple(sorted(found.metadata.items())),
+        )
+        identity = self._registry.find(channel)
+        if identity is None:
+            self._buffer.define(self._registry.register(channel))
+            identity = len(self._registry.channels)
+        return identity
+
+    def _close_chunk(self) -> None:
+        chunk = self._buffer.built(self._compressor)
+        self._buffer = ChunkBuffer()
+        offset = self._file.tell()
+        for part in (chunk.head, chunk.content, chunk.indexes):
+            self._file.write(part)
+        self._summary.add(offset, chunk)

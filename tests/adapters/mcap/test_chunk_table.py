@@ -66,3 +66,18 @@ def test_records_and_messages_are_those_of_the_format(
         wanted = [(channel, log_ns, start + 22, stop) for channel, _, log_ns, start, stop in heads if channel in KNOWN]
         parts = (zip(each.channel, each.log_ns, each.start, each.stop, strict=True) for each in found)
         assert list(chain.from_iterable(parts)) == wanted
+
+
+@pytest.mark.parametrize("share", [0.01, 0.9])
+def test_a_few_messages_do_not_keep_a_large_chunk(share: float) -> None:
+    payload = bytes(range(250)) * 4
+    size = 6 << 20
+    wanted = int(share * size) // len(payload)
+    one = struct.pack("<BQHIQQ", MESSAGE, 22 + len(payload), 1, 0, 5, 5) + payload
+    data = one * wanted + struct.pack("<BQ", 7, size - len(one) * wanted) + bytes(size - len(one) * wanted)
+    (records,) = record_tables(data)
+    table = message_table(data, KNOWN, records)
+    kept = table.kept()
+    assert [kept.content[a:b] for a, b in zip(kept.start, kept.stop, strict=True)] == [payload] * wanted
+    assert (kept.channel.tolist(), kept.log_ns.tolist()) == (table.channel.tolist(), table.log_ns.tolist())
+    assert (len(kept.content) < size / 10) == (share < 0.1)

@@ -1,0 +1,84 @@
+"""Files that define more than is believed: what does costs itself, and nothing that follows."""
+
+from pathlib import Path
+
+import pytest
+from mcap.records import Channel, Schema
+
+from aerodft.adapters.mcap.definitions import MOST_DEFINED_BYTES, Definitions, TooMuchDefinedError
+from aerodft.adapters.mcap.ending import Summary
+from aerodft.adapters.mcap.layout import ChunkBuffer, encoded
+from aerodft.adapters.mcap.places import Channels
+from aerodft.adapters.mcap.reading import ChunkReader
+from aerodft.adapters.mcap.recovery import recover_folder
+from aerodft.adapters.mcap.scanning import scan_segment
+from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE
+
+BIG = MOST_DEFINED_BYTES // 3
+
+
+def schema(number: int, size: int) -> Schema:
+    return Schema(id=number, name=f"s{number}", encoding="x", data=bytes(size))
+
+
+def channel(number: int, schema_id: int = 0) -> Channel:
+    return Channel(id=number, topic=f"/{number}", message_encoding="x", schema_id=schema_id, metadata={})
+
+
+def unfinished(folder: Path, *chunks: tuple[bytes, int]) -> Path:
+    """A segment of ours whose recorder was killed; of each chunk what it defines, and its message's channel."""
+    path = folder / "data_000.mcap"
+    with path.open("wb") as file:
+        file.write(Summary(PROFILE, "ours", [(METADATA_NAME, {"station": "a"})], {}, {}).beginning)
+        for second, (definitions, identity) in enumerate(chunks, start=1):
+            buffer = ChunkBuffer(definitions)
+            buffer.add(identity, second * 10**9, b"payload")
+            built = buffer.built(None)
+            file.writelines((built.head, built.content, built.indexes))
+    return path
+
+
+@pytest.fixture
+def greedy(tmp_path: Path) -> Path:
+    too_much = encoded(*(schema(100 + k, BIG) for k in range(4)), channel(2))
+    ours = encoded(channel(1)), 1
+    return unfinished(tmp_path, ours, (too_much, 2), ours, (encoded(schema(5, 1000), channel(3, 5)), 3))
+
+
+@pytest.mark.parametrize("as_tables", [False, True])
+def test_a_chunk_that_defines_too_much_is_left_out_and_others_are_read(
+    greedy: Path, caplog: pytest.LogCaptureFixture, *, as_tables: bool
+) -> None:
+    scan = scan_segment(greedy)
+    reader = ChunkReader()
+    if as_tables:
+        seconds = [at // 10**9 for table in reader.tables(scan.chunks) for at in table.log_ns.tolist()]
+    else:
+        seconds = [each.log_ns // 10**9 for each in reader.messages(scan.chunks)]
+    assert seconds == [1, 3, 4]
+    assert reader.damaged == 1
+    assert "schemas and channels of more than 16 MB" in caplog.text
+    assert reader.channels.by_id.keys() == {1, 3}
+
+
+def test_recovery_drops_it_and_says_so(greedy: Path) -> None:
+    (segment,) = recover_folder(greedy.parent).segments
+    assert segment.messages == 3
+    assert any("schemas and channels of more than 16 MB" in loss.what for loss in segment.losses)
+    scan = scan_segment(greedy)
+    assert scan.is_indexed
+    assert [each.log_ns // 10**9 for each in ChunkReader(scan.channels).messages(scan.chunks)] == [1, 3, 4]
+
+
+def test_what_is_defined_again_takes_nothing_and_what_is_replaced_is_not_given_back() -> None:
+    channels, definitions = Channels(), Definitions()
+    for _ in range(100):  # as the recorder repeats them
+        for taker in (channels.add_schema, definitions.add):
+            taker(schema(1, BIG))
+        for taken in (channels.add, definitions.add):
+            taken(channel(1, 1))
+    assert channels.by_id[1].schema_data == bytes(BIG)
+    for taker in (channels.add_schema, definitions.add):
+        taker(Schema(id=1, name="another", encoding="x", data=bytes(BIG)))  # a channel may have kept the one before
+        with pytest.raises(TooMuchDefinedError):
+            taker(schema(1, BIG))

@@ -4,12 +4,13 @@ from collections.abc import Iterable
 from types import TracebackType
 from typing import BinaryIO, Final, Self
 
+import zstandard
 from mcap.records import Attachment
 
 from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.ending import Summary
-from aerodft.adapters.mcap.layout import ChunkBuffer, Registry, compressor, encoded
+from aerodft.adapters.mcap.layout import ChunkBuffer, Registry, encoded
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.segment import PROFILE
@@ -39,7 +40,7 @@ class MergedFile:
         self._file = file
         self._registry = Registry()
         self._summary = Summary(PROFILE, SOFTWARE, metadata, self._registry.schemas, self._registry.channels)
-        self._compressor = compressor()
+        self._compressor = zstandard.ZstdCompressor()  # nobody waits for it: a sixth smaller than what is recorded live
         self._buffer = ChunkBuffer()
         self._ids: dict[int, int] = {}
         self._kept: list[ReadChannel] = []  # an id stays one object's as long as the object is kept

@@ -144,13 +144,24 @@ def _fly(output: Path, ports: _Ports, duration_s: float, seed: int) -> None:
     service = ("-m", "aerodft", "serve", output / "station.toml", "-o", output / "recording")
     listener = ("-m", "aerodft.cli.demo_listener", ports.endpoint, _STATION, output / "received.jsonl")
     with _process(output, "listener", listener):
-        with _process(output, "serve", service):
+        with _process(output, "serve", service) as serving:
+            _wait_until_recording(output / "serve.log", serving)
             say("rendering the flight, then flying it: MAVLink and H.264 over UDP on loopback ...")
             with _process(output, "simulator", simulator) as flying:
                 if flying.wait(_PATIENCE_S + 10 * duration_s) != 0:
                     raise _failure(output, "simulator")
             time.sleep(1.0)  # what is under way arrives
         time.sleep(0.5)  # and what the service says as it ends
+
+
+def _wait_until_recording(log: Path, service: subprocess.Popen[bytes]) -> None:
+    """Wait for the service's word: after an installation its functions are compiled first."""
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while service.poll() is None and time.monotonic() < deadline_s:
+        if any(line.startswith("recording to") for line in _lines(log)):
+            return
+        time.sleep(0.05)
+    raise _failure(log.parent, "serve")
 
 
 def _replay(output: Path, recording: Path) -> list[str]:

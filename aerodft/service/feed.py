@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -177,6 +178,13 @@ class Inbox:
         """Images dropped since the start."""
         return self._dropped_images
 
+    @property
+    def oldest_ns(self) -> int | None:
+        """The first arrival of all that waits; None where nothing does."""
+        with self._lock:
+            firsts = [first_arrival_ns(each) for each in (*islice(self._events, 1), *islice(self._images, 1))]
+        return min(firsts, default=None)
+
     def put_frames(self, protocol: WireProtocol, sender: str, frames: Sequence[bytes]) -> None:
         """Leave whole frames, in the order in which they were received."""
         if not frames:
@@ -238,8 +246,14 @@ class LiveFeed:
         self._last_ns = 0
 
     def batches(self) -> Iterator[Batch]:
-        """Batches, each at its tick or later where the reader is late, until ``stop``."""
+        """Batches, each at its tick or later where the reader is late, until ``stop``.
+
+        The first is that of what waits: links may be open long before, and a recording of it begins there as well.
+        """
         now_ns = tick_after(self._clock.now_ns(), self._tick_ns)
+        oldest_ns = self._inbox.oldest_ns
+        if oldest_ns is not None:
+            now_ns = min(now_ns, tick_after(oldest_ns, self._tick_ns))
         while True:
             self._clock.sleep_until(now_ns)
             stopping = self._stopping.is_set()

@@ -296,6 +296,27 @@ def test_a_live_feed_ticks_on_the_grid_and_ends_after_the_batch_in_hand() -> Non
     assert list(ticks) == []
 
 
+def test_what_came_before_the_first_batch_is_on_the_grid_as_well() -> None:
+    """A service opens its links some ticks before it runs: what it recorded then gives the same batches again."""
+    clock = VirtualClock(110)
+    inbox = Inbox(clock)
+    came: list[Event] = []
+    for at_ns in (110, 140, 220, 310):
+        clock.sleep_until(at_ns)
+        if at_ns == 140:
+            came.append(image(0, at_ns))
+            inbox.put_image(image(0, 0))
+        else:
+            came.append(block_of(WireProtocol.MAVLINK, "a", [at_ns], [b"%d" % at_ns]))
+            inbox.put_frames(WireProtocol.MAVLINK, "a", [b"%d" % at_ns])
+    clock.sleep_until(320)
+    ticks = LiveFeed(inbox, clock, TICK_NS).batches()
+    live = [flat(next(ticks)) for _ in range(5)]
+    assert [now_ns for now_ns, *_ in live] == [150, 200, 250, 300, 350]
+    recorded = [flat(batch) for batch in MergedFeed([ListSource(came)], TICK_NS, linger_ns=0).batches()]
+    assert [each for each in live if any(each[1:])] == recorded
+
+
 def test_arrivals_stay_unique_when_many_threads_put() -> None:
     inbox = Inbox(WallClock(), max_images=10_000)
 

@@ -5,7 +5,16 @@ A broken contract between functions is a ``ValueError``; a point without an answ
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from typing import ClassVar, Final
+
+_MOST_LETTERS: Final = 2000  # of a sentence: names that files claim may be of megabytes
+
+
+def printable(sentence: str) -> str:
+    """A sentence as people can read it, whatever is quoted in it: in one line, and not endless."""
+    if len(sentence) > _MOST_LETTERS:
+        sentence = f"{sentence[: _MOST_LETTERS // 2]} ... {sentence[-_MOST_LETTERS // 2 :]}"
+    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in sentence)
 
 
 class AerodftError(Exception):
@@ -35,7 +44,7 @@ class AerodftError(Exception):
         facts = ", ".join(part for part in parts if part)
         sentence = f"{head}: {facts}" if facts else head
         sentence = f"{sentence}; {self.hint}" if self.hint else sentence
-        return "".join(each if each.isprintable() else repr(each)[1:-1] for each in sentence)
+        return printable(sentence)
 
 
 class UsageError(AerodftError):

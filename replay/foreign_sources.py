@@ -21,7 +21,7 @@ from aerodft.errors import InputError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image, StampClock
 from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.arrivals import first_arrival_ns
+from aerodft.service.arrivals import Pace, first_arrival_ns
 from replay.foreign import ForeignRecording
 
 if TYPE_CHECKING:
@@ -79,23 +79,25 @@ class _Topic:
 
     def blocks(self) -> Iterator[RawBlock]:
         self._reader, self._backwards = FrameReader(self._recording.channels[self._topic]), 0
-        last_ns = 0
-        for messages in _batches(self._recording.messages(self._topic)):
+        last_ns, pace = 0, Pace()
+        batches = _batches(self._recording.messages(self._topic))
+        while messages := next(batches, None):
             stamps_ns = np.array([message.log_ns for message in messages], dtype=np.int64)
             arrivals_ns = np.maximum(np.maximum.accumulate(stamps_ns), last_ns)
             self._backwards += int(np.count_nonzero(stamps_ns < np.concatenate([[last_ns], arrivals_ns[:-1]])))
             last_ns = int(arrivals_ns[-1])
-            cut, message = self._reader.cut([message.data for message in messages])
-            if len(message):
-                yield RawBlock(
-                    protocol=WireProtocol.MAVLINK,
-                    sender=self._topic,
-                    arrival_ns=arrivals_ns[message],
-                    offset=cut.offset,
-                    length=cut.length,
-                    data=cut.data,
-                    checked=True,
-                )
+            for cut, message in self._reader.cuts([message.data for message in messages]):
+                if len(message):
+                    yield RawBlock(
+                        protocol=WireProtocol.MAVLINK,
+                        sender=self._topic,
+                        arrival_ns=pace.kept(arrivals_ns[message]),
+                        offset=cut.offset,
+                        length=cut.length,
+                        data=cut.data,
+                        checked=True,
+                    )
+            del messages  # not to be held while the next ones are read
 
     def warnings(self) -> Iterator[str]:
         where, counts = f"{self._recording.path}, {self._topic}", self.counts
@@ -119,6 +121,7 @@ def _batches(messages: Iterable[ReadMessage]) -> Iterator[list[ReadMessage]]:
     for message in messages:
         batch.append(message)
         size += len(message.data)
+        del message
         if len(batch) >= _BATCH or size >= _BATCH_BYTES:
             yield batch
             batch, size = [], 0

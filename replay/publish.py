@@ -169,7 +169,9 @@ class Republisher:
         try:
             picture = read_picture(item.message.channel, data)
         except ValueError as error:
-            _log.warning("%s: %s", item.message.channel.topic, error)
+            if not self.published.damaged:
+                _log.warning("%s: images that are none: %s", item.message.channel.topic, error)
+            self.published.damaged += 1
             return
         stamp_ns = picture.stamp_ns or item.log_ns + shift_ns
         image = Image(

@@ -168,6 +168,8 @@ def _paths(folder: Path, stem: str) -> list[Path]:
 
 def _each_once(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[SegmentScan, ...]:
     """The segments without those that are there a second time, under another name: that is said."""
+    if len(segments) == 1:
+        return segments
     first: dict[object, SegmentScan] = {}
     for segment in segments:
         held = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)

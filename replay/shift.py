@@ -16,7 +16,7 @@ from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.conventions import SECOND_NS
 
 Shift = Callable[[bytes, int], bytes]
-_STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d+)(")')
+_STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d{1,20})(")')
 _INSTANT: Final = re.compile(rb"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(\.\d{1,9})?Z")
 _TIMESTAMP: Final = "google.protobuf.Timestamp"
 _WHOLE: Final = ("sec", "secs", "seconds")
@@ -69,9 +69,9 @@ def _protobuf_shift(channel: ReadChannel) -> Shift | None:
     def shift(data: bytes, shift_ns: int) -> bytes:
         try:
             message = kind.FromString(data)
-        except DecodeError:
+            _shift_message(message, shift_ns)
+        except (DecodeError, ValueError):  # the latter: a stamp that cannot be moved so far
             return data
-        _shift_message(message, shift_ns)
         return bytes(message.SerializeToString())
 
     return shift
@@ -90,10 +90,9 @@ def _shift_message(message: Message, shift_ns: int) -> None:
 
 def _shift_json(data: bytes, shift_ns: int) -> bytes:
     try:
-        item = bounded_json.loads(data)
-    except orjson.JSONDecodeError:
+        return shifted(orjson.dumps(_moved(bounded_json.loads(data), shift_ns)), shift_ns)
+    except (ValueError, TypeError, RecursionError):  # no JSON, or values beyond what it can hold once they are moved
         return data
-    return shifted(orjson.dumps(_moved(item, shift_ns)), shift_ns)
 
 
 def _moved(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON holds
@@ -124,6 +123,8 @@ def _ros_shift(channel: ReadChannel) -> Shift | None:
             return data
         whole, rest = stamp.unpack_from(data, start)
         moved = divmod(whole * SECOND_NS + rest + shift_ns, SECOND_NS)
+        if not 0 <= moved[0] < 1 << 32:
+            return data
         return data[:start] + stamp.pack(*moved) + data[start + _STAMP_BYTES :]
 
     return shift

@@ -111,7 +111,7 @@ def row_of(item: Item) -> dict[str, object]:
     """
     try:
         return _row(item)
-    except (KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
+    except (KeyError, TypeError, IndexError, ValueError, OverflowError, OSError) as error:  # the last: of a far year
         raise _not_a_measurement(orjson.dumps(dict(item), default=str)) from error
 
 

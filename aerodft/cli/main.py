@@ -23,7 +23,7 @@ from aerodft import __version__
 from aerodft.cli.collector import end_at_once, without_collector
 from aerodft.cli.misuse import refuse_empty, usage_error
 from aerodft.cli.streams import ReaderGone, flush_stdout, guard_streams
-from aerodft.errors import AerodftError, UsageError
+from aerodft.errors import AerodftError, UsageError, printable
 
 _INTERRUPTED = 130  # what a shell says of a program that a signal ended: 128 and its number
 _PIPE_CLOSED = 141
@@ -51,6 +51,13 @@ COMMANDS: Final = {
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
 
 
+class _Sentences(logging.Formatter):
+    """What is logged, as errors are said."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - the library's own
+        return printable(super().formatMessage(record))
+
+
 def _options(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
@@ -62,7 +69,9 @@ def _options(
         raise typer.Exit
     if context.invoked_subcommand is None:
         raise UsageError("no command", expected=f"one of {', '.join(COMMANDS)}", hint="see aerodft --help")
-    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="aerodft: %(message)s")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Sentences("aerodft: %(message)s"))
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])
     logging.getLogger("aerodft").setLevel(logging.DEBUG if verbose else logging.INFO)
 
 

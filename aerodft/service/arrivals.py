@@ -5,12 +5,14 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Arrival
 from aerodft.model.image_rows import ImageRows
 from aerodft.model.telemetry import RawBlock
 
 _MANY: Final = (RawBlock, ImageRows)
+_MOST_FRAMES: Final = 5000  # a second: ten and more vehicles
 
 
 def first_arrival_ns(event: Arrival) -> int:
@@ -52,3 +54,23 @@ def cut(event: Arrival, until_ns: int) -> tuple[Arrival | None, Arrival | None]:
     if split == count:
         return event, None
     return (event.rows(0, split) if split else None), event.rows(split, count)
+
+
+class Pace:
+    """Arrivals of a link's frames, no more of them in a second than a link gives.
+
+    Where a clock steps back by an hour the arrival is held: all of that hour would be in one tick, and in memory.
+    """
+
+    def __init__(self) -> None:
+        self._last_ns = np.full(_MOST_FRAMES, -SECOND_NS, dtype=np.int64)
+
+    def kept(self, arrival_ns: IntArray) -> IntArray:
+        """Arrivals ``(n,)`` that follow those before, none earlier than given, and not decreasing."""
+        kept_ns: IntArray = np.maximum(arrival_ns, self._last_ns[-1])
+        for first in range(0, len(kept_ns), _MOST_FRAMES):
+            part = kept_ns[first : first + _MOST_FRAMES]
+            due_ns = np.maximum(part, self._last_ns[: len(part)] + SECOND_NS)
+            part[:] = np.maximum.accumulate(np.maximum(due_ns, self._last_ns[-1]))
+            self._last_ns = np.concatenate([self._last_ns[len(part) :], part])
+        return kept_ns

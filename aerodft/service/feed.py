@@ -27,6 +27,7 @@ from aerodft.service.ports import Clock, GatheredSource, Source
 
 _TICKS_AHEAD: Final = 64  # that are read where they are asked for one by one
 _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
+_MOST_FRAMES: Final = 50_000  # four minutes of a link's
 
 
 def tick_after(arrival_ns: int, tick_ns: int) -> int:
@@ -109,14 +110,19 @@ class MergedFeed:
 
     def _collected(self, events: "Peekable", begun: list[Arrival], first_ns: int, end_ns: int) -> int:
         """Add to ``begun`` what comes in ticks up to ``end_ns``, or to an earlier one, which is given back."""
-        count = sum(map(subjects, begun))
+        count, frames = sum(map(subjects, begun)), 0
         while events.next is not None:
             arrival_ns = first_arrival_ns(events.next)
             if arrival_ns > end_ns:
                 break
             if arrival_ns <= first_ns - self._tick_ns:
                 raise ValueError(f"arrival {arrival_ns} ns in tick {first_ns} ns, must not go back")
-            if not isinstance(events.next, RawBlock):
+            if isinstance(events.next, RawBlock):
+                frames += len(events.next.arrival_ns)
+                tick_ns = tick_after(arrival_ns, self._tick_ns)
+                if frames > _MOST_FRAMES and tick_ns > first_ns:
+                    return tick_ns - self._tick_ns
+            else:
                 count += subjects(events.next)
                 has_pixels = isinstance(events.next, Image) and events.next.pixels is not None
                 if has_pixels or count > _MOST_SUBJECTS:

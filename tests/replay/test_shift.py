@@ -26,6 +26,8 @@ def test_every_stamp_of_ours_is_moved_and_all_else_is_the_same_to_the_byte() -> 
     ) % (STAMP_NS + HOUR_NS, STAMP_NS - 7 + HOUR_NS)
     assert shifted(shifted(payload, HOUR_NS), -HOUR_NS) == payload
     assert shifted(payload, 0) is payload
+    endless = b'{"stamp_ns":"%s"}' % (b"9" * 5000)
+    assert shifted(endless, HOUR_NS) == endless
 
 
 @pytest.mark.parametrize(
@@ -69,3 +71,30 @@ def test_stamps_of_other_tools_are_moved_where_their_schema_says_they_are() -> N
         assert ros(stamped, 1) == before + struct.pack(f"{order}II", 11, 0) + b"rest"
     assert shift_of(channel("cdr", "a/B", b"float64 x\n")) is None
     assert shift_of(channel("flatbuffer")) is None
+
+
+FARTHEST = b"\xff" * 8  # of a ROS header: the last second that its 32 bits hold
+NESTED = b'{"a":' * 900 + b"1" + b"}" * 900
+
+
+@pytest.mark.parametrize(
+    ("made", "payload"),
+    [
+        (channel("json"), NESTED),
+        (channel("json"), b"[" * 300 + b"]" * 300),
+        (channel("json"), b'{"sec":18446744073709551615,"nsec":0}'),
+        (channel("cdr", data=b"std_msgs/Header header"), b"\0\1\0\0" + FARTHEST),
+        (channel("ros1", data=b"Header header"), b"\0\0\0\0" + FARTHEST),
+        (
+            channel(
+                "protobuf", "foxglove.CompressedImage", build_file_descriptor_set(CompressedImage).SerializeToString()
+            ),
+            CompressedImage(timestamp=Timestamp(seconds=2**63 - 1)).SerializeToString(),
+        ),
+    ],
+    ids=["nested", "list", "json", "ros2", "ros1", "protobuf"],
+)
+def test_what_cannot_be_moved_so_far_stays_as_it_was(made: ReadChannel, payload: bytes) -> None:
+    move = shift_of(made)
+    assert move is not None
+    assert move(payload, HOUR_NS) == payload

@@ -13,6 +13,7 @@ from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.model.camera import Camera, LensModel
 
 _BROWN = {"plumb_bob": 5, "rational_polynomial": 8, "": 0}
+_MOST = 100  # numbers that are looked at: megabytes of them are four times as much as a tuple
 _FISHEYE = {"fisheye_opencv", "kannala_brandt", "equidistant", "fisheye"}
 
 
@@ -34,7 +35,7 @@ def _values(channel: ReadChannel, data: bytes) -> tuple[Any, ...]:
     """Width, height, model, distortion, matrix."""
     if channel.encoding == PROTOBUF:
         message = CameraCalibration.FromString(data)
-        return message.width, message.height, message.distortion_model, message.D, message.K
+        return message.width, message.height, message.distortion_model, message.D[:_MOST], message.K[:_MOST]
     if channel.encoding == JSON:
         item = bounded_json.loads(data)
         matrix = item.get("K") or item.get("k") or []

@@ -8,6 +8,8 @@ from aerodft.conventions import SECOND_NS
 _PLAIN_CDR: Final = (0, 1)
 _PLAIN_CDR2: Final = (6, 7)
 _ENCAPSULATION_BYTES: Final = 4
+_MOST_NUMBERS: Final = 1000  # of a sequence that is read as numbers: a lens has a dozen
+_MOST_TEXT_BYTES: Final = 1 << 16
 
 
 class Fields:
@@ -42,7 +44,10 @@ class Fields:
 
     def floats(self, count: int | None = None) -> tuple[float, ...]:
         """So many doubles; None for a sequence, which says itself how many."""
-        return self._numbers("d", self.integer() if count is None else count)
+        count = self.integer() if count is None else count
+        if count > _MOST_NUMBERS:
+            raise ValueError(f"a sequence of {count} numbers")
+        return self._numbers("d", count)
 
     def raw(self, item_bytes: int = 1) -> bytes:
         """A sequence of numbers as its bytes."""
@@ -53,7 +58,10 @@ class Fields:
 
     def text(self) -> str:
         """A string."""
-        return self._take(self.integer()).rstrip(b"\0").decode(errors="replace")
+        size = self.integer()
+        if size > _MOST_TEXT_BYTES:
+            raise ValueError(f"a text of {size} bytes")
+        return self._take(size).rstrip(b"\0").decode(errors="replace")
 
     def time_ns(self) -> int:
         """Seconds and nanoseconds."""

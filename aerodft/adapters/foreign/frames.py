@@ -22,6 +22,8 @@ _V2_HEAD: Final = struct.Struct("<BBBBBBB")
 _GOOD: Final = 1  # mavros: the frame's checksum was right
 _DEPTH: Final = 3
 _BYTE: Final = 255
+_PIECE_BYTES: Final = 1 << 18
+_MOST_BYTES: Final = 4 << 20  # of a message: a link's are of kilobytes
 
 
 class FrameReader:
@@ -55,15 +57,23 @@ class FrameReader:
         unwrapped = self.unwrapped(data)
         return self._framer.push(unwrapped) if unwrapped else []
 
-    def cut(self, messages: Sequence[bytes]) -> tuple[Cut, IntArray]:
-        """The frames that are complete with these messages; and of each the message with which it is, ``(n,)``."""
+    def cuts(self, messages: Sequence[bytes]) -> Iterator[tuple[Cut, IntArray]]:
+        """The frames that are complete with these messages; and of each the message with which it is, ``(n,)``.
+
+        In pieces: for each byte that could begin a frame a place is held.
+        """
         unwrapped = [self.unwrapped(data) for data in messages]
         ends = np.cumsum(np.fromiter(map(len, unwrapped), dtype=np.int64, count=len(unwrapped)))
-        cut = self._framer.cut(b"".join(unwrapped))
-        return cut, np.searchsorted(ends, cut.offset + cut.length - cut.known)
+        joined = b"".join(unwrapped)
+        for first in range(0, len(joined), _PIECE_BYTES):
+            cut = self._framer.cut(joined[first : first + _PIECE_BYTES])
+            yield cut, np.searchsorted(ends, first + cut.offset + cut.length - cut.known)
 
     def unwrapped(self, data: bytes) -> bytes:
         """What a message holds of a link's bytes; nothing where it cannot be read."""
+        if len(data) > _MOST_BYTES:
+            self.unreadable += 1
+            return b""
         try:
             if self._is_mavros:
                 return _of_mavros(Fields(data, is_ros1=self._is_ros1))

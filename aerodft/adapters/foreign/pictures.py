@@ -18,6 +18,9 @@ from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 
 _OLDEST_NS: Final = 946_684_800 * SECOND_NS  # the year 2000: before it nobody set the clock
+_LATEST_NS: Final = 2**63 - 1
+_MOST_LETTERS: Final = 100  # of a format's name
+_MOST_BESIDE: Final = 1 << 20  # bytes of a message that are not its image
 _STILL_MAGICS: Final = (b"\xff\xd8\xff", b"\x89PNG")
 
 
@@ -70,8 +73,10 @@ def _of_protobuf(channel: ReadChannel, data: bytes) -> Picture:
         message = parser.FromString(data)
     except DecodeError as error:
         raise ValueError(str(error)) from error
-    stamp_ns = message.timestamp.seconds * SECOND_NS + message.timestamp.nanos
-    return _picture(stamp_ns, message.data, message.format)
+    stamp_ns, picture = message.timestamp.seconds * SECOND_NS + message.timestamp.nanos, message.data
+    if len(data) - len(picture) > _MOST_BESIDE:
+        raise ValueError("more than an image in the message")
+    return _picture(stamp_ns, picture, message.format)
 
 
 def _of_json(data: bytes) -> Picture:
@@ -103,4 +108,8 @@ def json_stamp_ns(stamp: Any) -> int | None:  # noqa: ANN401 - whatever somebody
 
 
 def _picture(stamp_ns: int | None, data: bytes, name: str) -> Picture:
-    return Picture(stamp_ns if stamp_ns is not None and stamp_ns >= _OLDEST_NS else None, data, name.lower())
+    if len(name) > _MOST_LETTERS:
+        raise ValueError(f"a format whose name has {len(name)} letters")
+    return Picture(
+        stamp_ns if stamp_ns is not None and _OLDEST_NS <= stamp_ns <= _LATEST_NS else None, data, name.lower()
+    )

@@ -1,6 +1,7 @@
 """Telemetry logs as ground stations write them: an 8-byte big-endian host stamp (us, UTC), then the frame."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +17,7 @@ from aerodft.adapters.mavlink.loops import scan_tlog
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.arrivals import Pace
 
 BLOCK_FRAMES: Final = 1 << 15
 _FIRST_FRAMES: Final = 1 << 10
@@ -58,8 +60,10 @@ class TlogSource:
     def _blocks(self) -> Iterator[RawBlock]:
         self._state = _fresh_state()
         scanned = self._log.scanned(_scan_with(self._state), self._state, BLOCK_FRAMES, self.size)
+        pace = Pace()
         for piece, rows in scanned:
-            yield piece.block(rows, WireProtocol.MAVLINK, self._path.name, checked=True)
+            block = piece.block(rows, WireProtocol.MAVLINK, self._path.name, checked=True)
+            yield replace(block, arrival_ns=pace.kept(block.arrival_ns))
 
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each kind of damage met so far; complete once ``events`` has ended."""

@@ -1,11 +1,15 @@
 """What an MCAP file holds, and where: found without reading its messages."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 from mcap.records import Channel, Schema
 
-from aerodft.adapters.mcap.definitions import with_defined
+from aerodft.adapters.mcap.definitions import Ledger
+
+_MOST_IDS: Final = 500_000  # of channels, in the sets that chunks have: these are megabytes in a claimed index
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,11 +39,12 @@ class Channels:
 
     Attributes:
         by_id: So far.
+        ledger: Of what they take.
     """
 
     by_id: dict[int, ReadChannel] = field(default_factory=dict)
+    ledger: Ledger = field(default_factory=Ledger)
     _schemas: dict[int, Schema] = field(default_factory=dict)
-    _bytes: int = 0
 
     def add_schema(self, schema: Schema) -> None:
         """Take a schema record.
@@ -48,8 +53,7 @@ class Channels:
             TooMuchDefinedError: It is one too many.
         """
         if schema != self._schemas.get(schema.id):
-            self._bytes = with_defined(self._bytes, schema)
-            self._schemas[schema.id] = schema
+            self.ledger.put(self._schemas, schema, schema)
 
     def add(self, channel: Channel) -> None:
         """Take a channel record; its schema came before it.
@@ -67,12 +71,27 @@ class Channels:
             schema_data=b"" if schema is None else schema.data,
         )
         if found != self.by_id.get(channel.id):
-            self._bytes = with_defined(self._bytes, channel)
-            self.by_id[channel.id] = found
+            self.ledger.put(self.by_id, found, channel)
 
     def copy(self) -> "Channels":
         """The same, to be added to."""
-        return Channels(dict(self.by_id), dict(self._schemas), self._bytes)
+        return Channels(dict(self.by_id), replace(self.ledger, _changes=[]), dict(self._schemas))
+
+
+@dataclass(slots=True)
+class ChannelSets:
+    """The sets of channels that chunks have: few that differ, each of which is kept once."""
+
+    _known: dict[frozenset[int], frozenset[int]] = field(default_factory=dict)
+    _ids: int = 0
+
+    def of(self, ids: Iterable[int]) -> frozenset[int] | None:
+        """The set of these ids; None, for what is not known, where there are none, or more than can be held."""
+        found = frozenset(ids)
+        if found not in self._known and self._ids + len(found) <= _MOST_IDS:
+            self._known[found] = found
+            self._ids += len(found)
+        return self._known.get(found) or None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

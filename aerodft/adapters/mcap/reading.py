@@ -64,11 +64,11 @@ class ChunkReader:
             InputError: The file cannot be read.
         """
         for place in chunks:
-            before = self.channels.copy()
+            self.channels.ledger.begin()
             try:
                 yield from self._records(_content(place), wanted)
             except _DAMAGED as error:
-                self._leave_out(place, error, before)
+                self._leave_out(place, error)
 
     def tables(self, chunks: Iterable[ChunkPlace]) -> Iterator[ChunkTable]:
         """The same messages, each chunk's as columns: quicker where nearly all of them are wanted.
@@ -80,11 +80,11 @@ class ChunkReader:
             InputError: The file cannot be read.
         """
         for place in chunks:
-            before = self.channels.copy()
+            self.channels.ledger.begin()
             try:
                 yield from self._tables(place)
             except _DAMAGED as error:
-                self._leave_out(place, error, before)
+                self._leave_out(place, error)
 
     def _tables(self, place: ChunkPlace) -> Iterator[ChunkTable]:
         """Those of one chunk; its content goes with the generator, before the next chunk is unpacked."""
@@ -96,10 +96,10 @@ class ChunkReader:
             if records.is_damaged:
                 raise ValueError("ends within a record, or in none")
 
-    def _leave_out(self, place: ChunkPlace, why: Exception, before: Channels) -> None:
+    def _leave_out(self, place: ChunkPlace, why: Exception) -> None:
         self.damaged += 1
         if isinstance(why, TooMuchDefinedError):  # what others define must have room
-            self.channels = before
+            self.channels.ledger.undo()
         if place.offset in self.left_out or len(self.left_out) == _MOST_KEPT:
             return
         self.left_out.add(place.offset)

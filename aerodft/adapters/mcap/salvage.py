@@ -186,15 +186,19 @@ class Salvage:
         Raises:
             ValueError: One is damaged, or they are too much.
         """
-        definitions, ids = self.definitions.copy(), set()
+        ids: set[int] = set()
+        self.definitions.ledger.begin()
         try:
             for record in definitions_in(content):
-                definitions.add(record)
+                self.definitions.add(record)
                 if isinstance(record, Channel):
                     ids.add(record.id)
         except _UNREADABLE as error:
+            self.definitions.ledger.undo()
             raise ValueError("a damaged definition") from error
-        self.definitions = definitions
+        except ValueError:
+            self.definitions.ledger.undo()
+            raise
         return frozenset(ids)
 
     def _lost(self, start: int, why: str) -> BadBytes:

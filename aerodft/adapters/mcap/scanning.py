@@ -6,6 +6,7 @@ Works on files without an index too: a recorder that was killed leaves whole chu
 import logging
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -19,7 +20,7 @@ from aerodft.adapters.filetype import check_is_no_pipe
 from aerodft.adapters.mcap.channels import STATION_KEY
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.layout import RECORD_HEAD as HEAD
-from aerodft.adapters.mcap.places import Channels, ChunkPlace, SegmentScan
+from aerodft.adapters.mcap.places import Channels, ChannelSets, ChunkPlace, SegmentScan
 from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
 from aerodft.adapters.mcap.summary import indexed_segment
 from aerodft.errors import InputError
@@ -29,6 +30,7 @@ _CHANNEL_ID = struct.Struct("<H")
 _MESSAGE_HEAD = struct.Struct("<HIQ")
 _MAX_SMALL_RECORD = 4 << 20
 _BARE_BYTES = 1 << 20  # messages without a chunk are read so many at a time
+_MOST_CHUNKS = 300_000  # without an index; each takes 230 bytes
 _DAMAGED = (McapError, struct.error, ValueError, OverflowError)
 
 _log = logging.getLogger(__name__)
@@ -93,8 +95,9 @@ class _Scan:
         self._file = file
         self._size = size
         self._places: list[ChunkPlace] = []
-        self._ids: list[set[int]] = []
-        self._known: dict[frozenset[int], frozenset[int]] = {}
+        self._ids: set[int] = set()  # of the last place
+        self._sets = ChannelSets()
+        self._left_out: set[int] = set()
         self._channels = Channels()
         self._station: str | None = None
         self._texts: dict[str, str] = {}
@@ -105,7 +108,7 @@ class _Scan:
         while len(head := self._file.read(HEAD.size)) == HEAD.size:
             opcode, length = HEAD.unpack(head)
             position += HEAD.size
-            if position + length > self._size:
+            if position + length > self._size or self._is_full(opcode, position):
                 break
             if not self._take(opcode, position, length):
                 break
@@ -114,7 +117,8 @@ class _Scan:
                 is_whole = self._size - position == len(MAGIC)
                 break
             self._file.seek(position)
-        places = list(map(self._with_channels, self._places, self._ids))
+        self._settle()
+        places = self._places
         if not all(place.is_bare for place in places) and any(place.is_bare for place in places):
             # No recorder mixes the two: what looks like a message between chunks is a damaged record.
             _log.warning("%s: messages outside its chunks are left out", self._path)
@@ -126,19 +130,22 @@ class _Scan:
             is_whole=is_whole,
             channels=self._channels,
             texts=self._texts,
+            left_out=self._left_out,
         )
 
-    def _with_channels(self, place: ChunkPlace, ids: set[int]) -> ChunkPlace:
-        frozen = frozenset(ids)
-        return ChunkPlace(
-            path=place.path,
-            offset=place.offset,
-            length=place.length,
-            start_ns=place.start_ns,
-            end_ns=place.end_ns,
-            channels=self._known.setdefault(frozen, frozen) or None,
-            is_bare=place.is_bare,
-        )
+    def _is_full(self, opcode: int, position: int) -> bool:
+        """Whether there are more chunks than can be held; what lies behind them is left out."""
+        if opcode != Opcode.CHUNK or len(self._places) < _MOST_CHUNKS:
+            return False
+        self._left_out.add(position)
+        _log.warning("%s: more than %d chunks and no index; what follows them is left out", self._path, _MOST_CHUNKS)
+        return True
+
+    def _settle(self) -> None:
+        """Say of the last place which channels it has."""
+        if self._places:
+            self._places[-1] = replace(self._places[-1], channels=self._sets.of(self._ids))
+        self._ids = set()
 
     def _take(self, opcode: int, position: int, length: int) -> bool:
         """Look at one record; False where it is damaged."""
@@ -164,8 +171,7 @@ class _Scan:
     def _take_index(self, length: int) -> bool:
         if length < _CHANNEL_ID.size:
             return False
-        if self._ids:
-            self._ids[-1].add(*_CHANNEL_ID.unpack(self._file.read(_CHANNEL_ID.size)))
+        self._ids.update(_CHANNEL_ID.unpack(self._file.read(_CHANNEL_ID.size)))
         return True
 
     def _take_message(self, position: int, length: int) -> bool:
@@ -176,21 +182,19 @@ class _Scan:
         start = position - HEAD.size
         last = self._places[-1] if self._places else None
         if last is not None and last.is_bare and last.offset + last.length == start and last.length < _BARE_BYTES:
-            self._places.pop()
             start_ns, end_ns = min(last.start_ns, log_ns), max(last.end_ns, log_ns)
-            ids = self._ids.pop()
-            self._add(last.offset, position + length - last.offset, start_ns, end_ns, is_bare=True)
-            self._ids[-1] |= ids
+            grown = position + length - last.offset
+            self._places[-1] = replace(last, length=grown, start_ns=start_ns, end_ns=end_ns)
         else:
             self._add(start, position + length - start, log_ns, log_ns, is_bare=True)
-        self._ids[-1].add(channel_id)
+        self._ids.add(channel_id)
         return True
 
     def _add(self, offset: int, length: int, start_ns: int, end_ns: int, *, is_bare: bool) -> None:
+        self._settle()
         self._places.append(
             ChunkPlace(path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare)
         )
-        self._ids.append(set())
 
     def _take_small(self, opcode: int, data: bytes) -> bool:
         content = ReadDataStream(BytesIO(data))

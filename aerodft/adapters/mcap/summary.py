@@ -15,7 +15,7 @@ from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, S
 from aerodft.adapters.mcap.channels import STATION_KEY
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.layout import RECORD_HEAD as HEAD
-from aerodft.adapters.mcap.places import Channels, ChunkPlace, SegmentScan
+from aerodft.adapters.mcap.places import Channels, ChannelSets, ChunkPlace, SegmentScan
 from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
 
 _FOOTER_BYTES = 20
@@ -48,19 +48,19 @@ class _Summary:
         self._file = file
         self._size = size
         self._channels = Channels()
-        self._indexes: list[ChunkIndex] = []
+        self._places: list[ChunkPlace] = []
+        self._used: set[int] = set()
         self._metadata: list[MetadataIndex] = []
         self._statistics: Statistics | None = None
-        self._known: dict[frozenset[int], frozenset[int]] = {}
+        self._sets = ChannelSets()
 
     def scan(self) -> SegmentScan | None:
         start = self._read_records()
         if start is None or not self._is_complete(start):
             return None
-        places = tuple(map(self._place, sorted(self._indexes, key=lambda each: each.chunk_start_offset)))
         return SegmentScan(
             path=self._path,
-            chunks=places,
+            chunks=tuple(self._places),
             station=self._values(METADATA_NAME).get(STATION_KEY),
             is_whole=True,
             channels=self._channels,
@@ -102,7 +102,7 @@ class _Summary:
         elif opcode == Opcode.CHANNEL:
             self._channels.add(Channel.read(stream))
         elif opcode == Opcode.CHUNK_INDEX:
-            self._indexes.append(ChunkIndex.read(stream))
+            self._places.append(self._place(ChunkIndex.read(stream)))  # smaller than the record
         elif opcode == Opcode.STATISTICS:
             self._statistics = Statistics.read(stream)
         elif opcode == Opcode.METADATA_INDEX:
@@ -111,26 +111,28 @@ class _Summary:
     def _is_complete(self, start: int) -> bool:
         """Whether the index lists every chunk once, inside the file, and every channel that has messages."""
         statistics = self._statistics
-        if statistics is None or statistics.chunk_count != len(self._indexes):
+        if statistics is None or statistics.chunk_count != len(self._places):
             return False
-        if not self._indexes and statistics.message_count:
+        if not self._places and statistics.message_count:
             return False
-        spans = sorted((each.chunk_start_offset, each.chunk_length) for each in self._indexes)
-        inside = all(len(MAGIC) <= at and at + length <= start and length > HEAD.size for at, length in spans)
-        apart = all(one[0] + one[1] <= other[0] for one, other in pairwise(spans))
-        used = set(statistics.channel_message_counts).union(*(each.message_index_offsets for each in self._indexes))
+        self._places.sort(key=lambda each: each.offset)
+        least = len(MAGIC) + HEAD.size
+        inside = all(
+            least <= each.offset and each.offset + each.length <= start and each.length > 0 for each in self._places
+        )
+        apart = all(one.offset + one.length + HEAD.size <= other.offset for one, other in pairwise(self._places))
+        used = self._used.union(statistics.channel_message_counts)
         return inside and apart and used <= self._channels.by_id.keys()
 
     def _place(self, index: ChunkIndex) -> ChunkPlace:
-        ids = frozenset(index.message_index_offsets)
+        self._used.update(index.message_index_offsets)
         return ChunkPlace(
             path=self._path,
             offset=index.chunk_start_offset + HEAD.size,
             length=index.chunk_length - HEAD.size,
             start_ns=index.message_start_time,
             end_ns=index.message_end_time,
-            # Chunks have few different sets of channels: each is kept once.
-            channels=self._known.setdefault(ids, ids) or None,
+            channels=self._sets.of(index.message_index_offsets),
         )
 
     def _values(self, name: str) -> dict[str, str]:

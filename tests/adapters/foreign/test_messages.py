@@ -11,6 +11,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from aerodft.adapters.foreign import frames
 from aerodft.adapters.foreign.cameras import read_camera
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import Kind, kind_of
@@ -147,3 +148,54 @@ def test_a_camera_has_its_size_focal_lengths_and_lens(encoding: str, schema: str
     assert (camera.width_px, camera.height_px) == (640, 360)
     assert (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px) == (532.5, 533.5, 319.5, 179.5)
     np.testing.assert_array_equal(camera.distortion, (-0.08, 0.02, 0.0005, -0.0003, 0.0))
+
+
+def test_frames_are_told_from_messages_however_long_the_pieces_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frames, "_PIECE_BYTES", 64)
+    messages = [FRAME + FRAME[:7], FRAME[7:], b"", b"\xfd" * 500, FRAME * 3]
+    found = [
+        (int(number), frame)
+        for cut, numbers in FrameReader(channel("raw")).cuts(messages)
+        for number, frame in zip(numbers, cut.each(), strict=True)
+    ]
+    assert found == [(0, FRAME), (1, FRAME), (4, FRAME), (4, FRAME), (4, FRAME)]
+
+
+def test_a_message_of_megabytes_holds_no_frame() -> None:
+    reader = FrameReader(channel("raw"))
+    assert reader.frames(FRAME * ((5 << 20) // len(FRAME))) == []
+    assert reader.unreadable == 1
+
+
+@pytest.mark.parametrize("stamp", [{"sec": 2**62}, {"sec": 9_223_372_037}, {"sec": -5}])
+def test_a_stamp_that_no_clock_says_is_none(stamp: dict[str, int]) -> None:
+    data = json.dumps({"timestamp": stamp, "format": "jpeg", "data": ""}).encode()
+    assert read_picture(channel("json", "foxglove.CompressedImage"), data).stamp_ns is None
+
+
+def claiming(field: str) -> tuple[ReadChannel, bytes]:
+    """A message of megabytes, little of which is an image or a camera."""
+    header = b"\0\1\0\0" + bytes(8)
+    match field:
+        case "frame":
+            text = header + (2 << 20).to_bytes(4, "little") + bytes(2 << 20)
+            return channel("cdr", "sensor_msgs/msg/CompressedImage"), text
+        case "format":
+            message = CompressedImage(format="x" * (2 << 20), data=b"\xff\xd8\xff")
+            return channel("protobuf", "foxglove.CompressedImage"), message.SerializeToString()
+        case "name":
+            return channel("json", "foxglove.CompressedImage"), json.dumps({"format": "x" * 200, "data": ""}).encode()
+        case _:
+            sizes = bytes(4) + (480).to_bytes(4, "little") + (640).to_bytes(4, "little") + bytes(4)
+            numbers = (1 << 18).to_bytes(4, "little") + bytes((1 << 21) + 200)
+            return channel("cdr", "sensor_msgs/msg/CameraInfo"), header + sizes + numbers
+
+
+@pytest.mark.parametrize(
+    ("field", "said"),
+    [("frame", "text of"), ("format", "more than an image"), ("name", "200 letters"), ("lens", "262144 numbers")],
+)
+def test_texts_and_numbers_of_megabytes_are_not_made_into_any(field: str, said: str) -> None:
+    made, data = claiming(field)
+    with pytest.raises(ValueError, match=said):
+        (read_camera if field == "lens" else read_picture)(made, data)

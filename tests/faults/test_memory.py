@@ -237,7 +237,7 @@ def message(channel: int, data: bytes) -> bytes:
 IMAGE, POSE = 1, 2  # channels of the frozen recording
 BOMBS: dict[str, Callable[[], bytes]] = {
     "zeros": lambda: bytes(MOST_CHUNK),
-    "records": lambda: (b"\x07" + bytes(8)) * (MOST_CHUNK // 9),
+    "records": lambda: (b"\x07" + bytes(8)) * ((MOST_CHUNK if IS_FULL else 10 << 20) // 9),
     "messages": lambda: message(POSE, b"") * (MOST_CHUNK // 31),
     "large": lambda: message(POSE, bytes(MOST_CHUNK - 100)),
     "lists": lambda: message(IMAGE, b"[" + b"[]," * (MOST_CHUNK // 3 - 100) + b"1]"),

@@ -31,19 +31,20 @@ class Format(StrEnum):
 
 
 _TEXT = frozenset(map(str, ExportFormat))
+_OTHER_FILES = frozenset({".avi", ".bag", ".json", ".kml", ".mkv", ".mov", ".shp", ".txt", ".webm", ".xlsx"})
 _WITH_IMAGES = frozenset({Format.MCAP, Format.MP4})
 
 
 def export(
     recording: Annotated[Path, typer.Argument(help="The recording's folder.")],
     form: Annotated[
-        Format,
+        Format | None,
         typer.Option(
             "--format",
-            help="Tables (csv, parquet), a map (geojson), JSON lines (jsonl), the whole recording as one"
-            " file (mcap), the recorded images with what was measured in them (mp4).",
+            help="Tables (csv, parquet), a map (geojson), JSON lines (jsonl), the whole recording as one file (mcap),"
+            " the recorded images with what was measured in them (mp4). By default the output's ending, or csv.",
         ),
-    ] = Format.CSV,
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write; without it, text goes to stdout.")
     ] = None,
@@ -57,9 +58,10 @@ def export(
 
     \b
     Example:
-      aerodft export flights/2026-11-21 --format geojson -o widths.geojson
+      aerodft export flights/2026-11-21 -o widths.geojson
       aerodft export flights/2026-11-21 --format mp4 -o flight.mp4
     """
+    form = _format_of(form, output)
     if output is None and (json or form not in _TEXT):
         what = "--json" if json else f"--format {form}"
         raise UsageError(f"{what} without --output", expected="-o FILE: stdout has room for one document")
@@ -81,6 +83,21 @@ def export(
         said = ", ".join(f"{count} {what.replace('_', ' ')}" for what, count in written.items() if count)
         say(f"{output}: {said}")
     end_with_gaps(left_out)
+
+
+def _format_of(form: Format | None, output: Path | None) -> Format:
+    """What is asked for, or else what the output's name says.
+
+    Raises:
+        UsageError: The name says something else.
+    """
+    ending = "" if output is None else output.suffix.lower()
+    named = next((each for each in Format if ending == f".{each}"), None)
+    if ending in _OTHER_FILES or (form is not None and named not in {None, form}):
+        got = f"{ending} with --format {form}" if form is not None else ending
+        expected = f"a name that ends with .{form}" if form is not None else f"one of .{', .'.join(Format)}"
+        raise UsageError("--output", got=got, expected=expected)
+    return form or named or Format.CSV
 
 
 def _check_is_beside(output: Path, recording: Path) -> None:

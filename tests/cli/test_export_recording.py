@@ -168,3 +168,27 @@ def test_a_file_among_its_own_segments_is_refused(aerodft, flight_recording, tmp
         assert (done.code, f"{name} among the recording's own segments" in done.last) == (2, True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert aerodft("export", folder, "-o", folder / "widths.csv").code == 0
+
+
+@pytest.mark.parametrize("form", ["csv", "geojson", "jsonl", "parquet", "mcap"])
+def test_the_outputs_ending_says_what_is_written(aerodft, flight_recording, tmp_path, form):
+    asked, told = tmp_path / "asked", tmp_path / f"told.{form.upper() if form == 'csv' else form}"
+    assert aerodft("export", flight_recording, "--format", form, "-o", asked).code == 0
+    done = aerodft("export", flight_recording, "-o", told, "--json")
+    assert (done.code, done.json["format"]) == (0, form)
+    assert told.read_bytes() == asked.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "said"),
+    [
+        ("x.parquet", ("--format", "csv"), ".parquet with --format csv, expected a name that ends with .csv"),
+        ("x.avi", ("--format", "mp4"), ".avi with --format mp4, expected a name that ends with .mp4"),
+        ("x.kml", (), ".kml, expected one of .csv, .geojson, .jsonl, .parquet, .mcap, .mp4"),
+    ],
+)
+def test_a_name_that_says_something_else_is_refused(aerodft, flight_recording, tmp_path, name, more, said):
+    done = aerodft("export", flight_recording, *more, "-o", tmp_path / name)
+    assert done.code == 2
+    assert said in done.err
+    assert not (tmp_path / name).exists()

@@ -172,7 +172,7 @@ def label_of(item: Item) -> str:
         return f"{name}  {item['status']}"
     if item["value"] is not None:
         space = "" if unit == "°" else " "
-        if item["ci95"] is None:
+        if not item["ci95"]:
             return f"{name}  {item['value']:.2f}{space}{unit}"
         digits = _digits(item["ci95"][1] - item["ci95"][0])
         low, high = (f"{bound:.{digits}f}" for bound in item["ci95"])

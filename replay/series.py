@@ -26,6 +26,8 @@ from replay.table import Item, parsed, row_of
 NO_IMAGE: Final = -1
 _TABLES: Final = frozenset({".csv", ".parquet"})
 _HEAD_IMAGES = 200
+_LARGEST: Final = 1e100  # whose square is finite
+_MOST_DEG: Final = (90.0, 360.0)
 _PLACE: Final = ("lat_deg", "lon_deg", "cov_east_m2", "cov_east_north_m2", "cov_north_m2", "range_m")
 _USED: Final = ("name", "kind", "unit", "stamp_ns", "image", "value", "std", "status", "enu_m", *_PLACE)
 
@@ -131,7 +133,7 @@ def _row(row: Item, where: Path) -> _Row:
         InputError: It is no measurement.
     """
     try:
-        key = ProbeKey(row["name"], row["kind"], _unit(row))
+        key = _key(row)
         image = row["image"]
         return _Row(
             key,
@@ -142,8 +144,15 @@ def _row(row: Item, where: Path) -> _Row:
             row["status"],
             _place(row) if key.kind == ProbeKind.POSITION else (),
         )
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise InputError("a measurement is none", where=where, got=f"{type(error).__name__}: {error}") from error
+
+
+def _key(row: Item) -> ProbeKey:
+    key = ProbeKey(row["name"], row["kind"], _unit(row))
+    if not all(isinstance(part, str) for part in key):
+        raise TypeError(f"{key!r:.60} names no probe")
+    return key
 
 
 def _unit(row: Item) -> str:
@@ -157,12 +166,18 @@ def _place(row: Item) -> tuple[float, ...]:
     if isinstance(points, str):
         points = orjson.loads(points)
     east_north = points[0][:2] if points else (None, None)
-    return (*(_number(row[name]) for name in _PLACE), *map(_number, east_north))
+    place = tuple(_number(row[name]) for name in _PLACE)
+    if any(abs(angle) > most for angle, most in zip(place, _MOST_DEG, strict=False)):
+        raise ValueError("no place on Earth")
+    return (*place, *map(_number, east_north))
 
 
 def _number(value: object) -> float:
     """A number; NaN for nothing (null, an empty cell)."""
-    return math.nan if value is None or value == "" else float(value)  # type: ignore[arg-type]  # text or a number
+    number = math.nan if value is None or value == "" else float(value)  # type: ignore[arg-type]  # text or a number
+    if abs(number) > _LARGEST:
+        raise ValueError(f"a number of {number:g}")
+    return number
 
 
 class _Builder:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from enum import Enum, auto
 from typing import Any, Final
 
 import orjson
@@ -11,6 +10,7 @@ import orjson
 from aerodft.adapters import bounded_json
 from aerodft.errors import InputError
 from aerodft.model.probe import ProbeKind
+from replay.columns import check_row
 
 Item = Mapping[str, Any]
 """A measurement as on the wire (``aerodft.measurement/1``)."""
@@ -19,73 +19,6 @@ _ANGLE_DIGITS: Final = 9
 _RING = 3  # points that make an outline
 _NO_POINT: Final[Item] = {"lat": None, "lon": None, "alt_msl_m": None}
 _NO_ELLIPSE: Final[Item] = {"semi_major_m": None, "semi_minor_m": None, "azimuth_deg": None}
-
-
-class Kind(Enum):
-    """What a column holds."""
-
-    TEXT = auto()
-    INTEGER = auto()
-    NUMBER = auto()
-    TIME = auto()  # ISO 8601, UTC
-    NUMBERS = auto()  # a list, one for each point
-    VECTORS = auto()  # a list of lists, one for each point
-
-
-COLUMNS: Final[Mapping[str, Kind]] = {
-    "time_utc": Kind.TIME,
-    "stamp_ns": Kind.INTEGER,
-    "name": Kind.TEXT,
-    "kind": Kind.TEXT,
-    "status": Kind.TEXT,
-    "value": Kind.NUMBER,
-    "unit": Kind.TEXT,
-    "std": Kind.NUMBER,
-    "ci95_low": Kind.NUMBER,
-    "ci95_high": Kind.NUMBER,
-    "ellipse95_major_m": Kind.NUMBER,
-    "ellipse95_minor_m": Kind.NUMBER,
-    "ellipse95_azimuth_deg": Kind.NUMBER,
-    "reasons": Kind.TEXT,
-    "image": Kind.INTEGER,
-    "pixels_px": Kind.VECTORS,
-    "std_px": Kind.NUMBER,
-    "lat_deg": Kind.NUMBER,
-    "lon_deg": Kind.NUMBER,
-    "alt_msl_m": Kind.NUMBER,
-    "range_m": Kind.NUMBER,
-    "lat_2_deg": Kind.NUMBER,
-    "lon_2_deg": Kind.NUMBER,
-    "alt_2_msl_m": Kind.NUMBER,
-    "range_2_m": Kind.NUMBER,
-    "geo_wkt": Kind.TEXT,
-    "enu_m": Kind.VECTORS,
-    "ranges_m": Kind.NUMBERS,
-    "cov_east_m2": Kind.NUMBER,
-    "cov_east_north_m2": Kind.NUMBER,
-    "cov_north_m2": Kind.NUMBER,
-    "height_agl_m": Kind.NUMBER,
-    "height_source": Kind.TEXT,
-    "height_datum": Kind.TEXT,
-    "tilt_deg": Kind.NUMBER,
-    "roll_deg": Kind.NUMBER,
-    "heading_deg": Kind.NUMBER,
-    "height_agl_std_m": Kind.NUMBER,
-    "tilt_std_deg": Kind.NUMBER,
-    "pan_std_deg": Kind.NUMBER,
-    "roll_std_deg": Kind.NUMBER,
-    "heading_std_deg": Kind.NUMBER,
-    "camera_lat_deg": Kind.NUMBER,
-    "camera_lon_deg": Kind.NUMBER,
-    "height_age_s": Kind.NUMBER,
-    "telemetry_age_s": Kind.NUMBER,
-    "camera": Kind.TEXT,
-    "model": Kind.TEXT,
-    "calibration": Kind.TEXT,
-    "config": Kind.TEXT,
-    "software": Kind.TEXT,
-}
-"""``docs/tables.md`` says what each is."""
 
 
 def parsed(payload: bytes) -> Item:
@@ -110,9 +43,11 @@ def row_of(item: Item) -> dict[str, object]:
         InputError: It is no measurement.
     """
     try:
-        return _row(item)
-    except (KeyError, TypeError, IndexError, ValueError, OverflowError, OSError) as error:  # the last: of a far year
+        row = _row(item)
+        check_row(row)
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError, OverflowError, OSError) as error:
         raise _not_a_measurement(orjson.dumps(dict(item), default=str)) from error
+    return row
 
 
 def _row(item: Item) -> dict[str, object]:

@@ -17,7 +17,7 @@ from aerodft.model.image import Image
 from replay.overlay import Overlay
 from replay.pixels import PixelStore
 from replay.recording import Recording
-from replay.table import Item, parsed, time_utc
+from replay.table import Item, parsed, row_of, time_utc
 
 _TICKS_PER_S: Final = 90_000
 _LATE_NS: Final = 60 * SECOND_NS  # measurements of an image come at most so long after it
@@ -116,6 +116,7 @@ class _Answers:
         """What was measured in an image; asked for in order of their arrival."""
         for payload in self._coming:
             item = parsed(payload)
+            row_of(item)  # what is no measurement is refused, as in every other format
             index, stamp_ns = item["image"], int(item["stamp_ns"])
             held, key = (self._by_stamp, stamp_ns) if index is None else (self._by_image, index)
             held.setdefault(key, []).append(item)

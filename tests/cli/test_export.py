@@ -9,9 +9,10 @@ import orjson
 import pyarrow.parquet as pq
 import pytest
 
+from replay.columns import COLUMNS, Kind
 from replay.export import ExportFormat, export_text
 from replay.recording import Recording
-from replay.table import COLUMNS, Kind, positions
+from replay.table import positions
 
 
 def rows_of_csv(text):

@@ -1,6 +1,6 @@
 """``aerodft.image/1`` and ``aerodft.observation/1``: inputs as they are recorded, exact in every field."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.template import Alike, Templates
 from aerodft.adapters.texts import Texts
+from aerodft.conventions import LARGEST
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.image import Image, StampClock
 from aerodft.model.image_rows import ImageRows
@@ -143,24 +144,40 @@ def decode_observations(data: Sequence[bytes]) -> Sequence[Observation]:
 
 def _observation(payload: wire.Json) -> Observation:
     stamp_ns, arrival_ns = wire.whole(payload["stamp_ns"], payload["arrival_ns"])
-    image = payload["image"]
+    image, std_px = payload["image"], payload["std_px"]
+    if std_px is not None and not 0 <= std_px <= LARGEST:
+        raise ValueError(f"std_px {std_px!r:.60}")
     return Observation(
-        name=payload["name"],
+        name=_text(payload["name"]),
         stamp_ns=stamp_ns,
         arrival_ns=arrival_ns,
-        pixels=wire.pixel_pairs(payload["pixels"]),
-        std_px=payload["std_px"],
+        pixels=_pixels(payload["pixels"]),
+        std_px=std_px,
         clock=StampClock(payload["clock"]),
         image=None if image is None else wire.whole(image)[0],
-        source=payload["source"],
+        source=_text(payload["source"]),
         box=_box(payload.get("box")),  # recordings of old have none of these
-        contour=wire.pixel_pairs(payload.get("contour") or ()),
-        unseen=payload.get("unseen") or "",
+        contour=_pixels(payload.get("contour") or ()),
+        unseen=_text(payload.get("unseen") or ""),
     )
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r:.60} is no text")
+    return value
+
+
+def _pixels(values: Iterable[Sequence[float | None]]) -> tuple[tuple[float, float], ...]:
+    """Pixels that the pipeline can calculate with."""
+    pixels = wire.pixel_pairs(values)
+    if any(abs(each) > LARGEST for pixel in pixels for each in pixel):
+        raise ValueError("pixels beyond all images")
+    return pixels
 
 
 def _box(values: list[float] | None) -> Box | None:
     if values is None:
         return None
-    left, top, right, bottom = map(wire.number, values)
+    left, top, right, bottom = (each for pixel in _pixels((values[:2], values[2:])) for each in pixel)
     return left, top, right, bottom

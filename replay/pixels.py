@@ -17,6 +17,7 @@ from aerodft.adapters.mcap.records import image_sequence
 from aerodft.adapters.mcap.scanning import log_times
 from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
+from aerodft.model.image import Image
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.segments import channels_of
 
@@ -45,12 +46,14 @@ class RecordedPixels:
         segment: Its file.
         log_ns: Its log time.
         sequence: Its sequence number.
+        most_px: Pixels that it has, by its stamps; None where they do not say.
     """
 
     place: ChunkPlace
     segment: SegmentScan
     log_ns: int
     sequence: int
+    most_px: int | None
 
     def __call__(self) -> ImageArray:
         """``(height, width, 3)`` uint8 BGR.
@@ -62,7 +65,7 @@ class RecordedPixels:
         for message in _messages_at(self.segment, self.place):
             found = message.log_ns == self.log_ns and message.sequence == self.sequence
             if found and message.channel.schema == IMAGE_SCHEMA:
-                return decode_jpeg(jpeg_of(message.data), where)
+                return decode_jpeg(jpeg_of(message.data), where, self.most_px)
         raise InputError("the recorded image is gone", where=where)
 
 
@@ -75,8 +78,8 @@ class _Video:
         self._decoder: PacketDecoder | None = None
         self._last: tuple[int, FramePixels | None] = (0, None)
 
-    def at(self, log_ns: int) -> ImageArray:
-        """The pixels of the packet with this log time.
+    def at(self, log_ns: int, most_px: int | None) -> ImageArray:
+        """The pixels of the packet with this log time, of images of so many at most.
 
         Raises:
             InputError: It is damaged, or refers to images that are missing.
@@ -88,17 +91,17 @@ class _Video:
             if message is None or message.log_ns > log_ns:
                 break
             if message.channel.schema == VIDEO_SCHEMA:
-                self._last = (message.log_ns, self._decoded(message))
+                self._last = (message.log_ns, self._decoded(message, most_px))
         stamp_ns, pixels = self._last
         if pixels is None or stamp_ns != log_ns:
             where = f"{self._recording.folder}, image at {log_ns} ns"
             raise InputError("the recorded video cannot be decoded there", where=where)
         return pixels()
 
-    def _decoded(self, message: ReadMessage) -> FramePixels | None:
+    def _decoded(self, message: ReadMessage, most_px: int | None) -> FramePixels | None:
         try:
             packet = CompressedVideo.FromString(message.data)
-            self._decoder = self._decoder or decoder_of(packet.format)
+            self._decoder = self._decoder or decoder_of(packet.format, most_px)
             frame = self._decoder.decode(packet.data)
         except (DecodeError, ValueError) as error:
             raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error
@@ -111,10 +114,11 @@ class _VideoPixels:
 
     video: _Video
     log_ns: int
+    most_px: int | None
 
     def __call__(self) -> ImageArray:
         """``(height, width, 3)`` uint8 BGR."""
-        return self.video.at(self.log_ns)
+        return self.video.at(self.log_ns, self.most_px)
 
 
 class PixelStore:
@@ -136,13 +140,15 @@ class PixelStore:
     def __len__(self) -> int:
         return len(self._stills) + len(self._packets)
 
-    def pixels(self, arrival_ns: int, index: int) -> RecordedPixels | _VideoPixels | None:
+    def pixels(self, image: Image) -> RecordedPixels | _VideoPixels | None:
         """The pixels of an image; None where none were recorded."""
-        found = self._stills.get(arrival_ns)
+        at_ns, found = image.arrival_ns, self._stills.get(image.arrival_ns)
+        most_px = image.width_px * image.height_px if image.width_px and image.height_px else None
         if found is not None:
             place, segment = found
-            return RecordedPixels(place=place, segment=segment, log_ns=arrival_ns, sequence=image_sequence(index))
-        return _VideoPixels(self._video, arrival_ns) if arrival_ns in self._packets else None
+            sequence = image_sequence(image.index)
+            return RecordedPixels(place=place, segment=segment, log_ns=at_ns, sequence=sequence, most_px=most_px)
+        return _VideoPixels(self._video, at_ns, most_px) if at_ns in self._packets else None
 
 
 def _pictures(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:

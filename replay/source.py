@@ -139,7 +139,7 @@ class RecordingSource:
         images, pixels = events.decode_images(data), self._pixels
         if pixels is None:
             return images
-        return [replace(image, pixels=pixels.pixels(image.arrival_ns, image.index)) for image in images]
+        return [replace(image, pixels=pixels.pixels(image)) for image in images]
 
 
 def _together(events: Sequence[_Subject]) -> Sequence[Arrival]:

@@ -93,7 +93,7 @@ def _images(recording: Recording) -> Iterator[Image]:
     for message in recording.messages():
         if message.channel.schema == events.IMAGE_SCHEMA:
             image = events.decode_image(message.data)
-            pixels = store.pixels(image.arrival_ns, image.index)
+            pixels = store.pixels(image)
             if pixels is not None:
                 yield Image(
                     index=image.index,

@@ -6,12 +6,12 @@ if TYPE_CHECKING:
     from aerodft.adapters.images.packets import PacketDecoder
 
 
-def decoder_of(name: str) -> "PacketDecoder":
-    """A decoder of ``h264``, ``h265``, ``vp9`` or ``av1``.
+def decoder_of(name: str, most_px: int | None = None) -> "PacketDecoder":
+    """A decoder of ``h264``, ``h265``, ``vp9`` or ``av1``; where it is known, of images of so many pixels at most.
 
     Raises:
         ValueError: No such codec.
     """
-    from aerodft.adapters.images.packets import PacketDecoder  # noqa: PLC0415 - 15 MB, and most images are JPEGs
+    from aerodft.adapters.images.packets import MOST_PX, PacketDecoder  # noqa: PLC0415 - 15 MB, and most images are JPEGs
 
-    return PacketDecoder(name)
+    return PacketDecoder(name, MOST_PX if most_px is None else most_px)

@@ -7,6 +7,10 @@ import av
 if TYPE_CHECKING:
     from av.video.codeccontext import VideoCodecContext
 
+MOST_PX: Final = 36_000_000
+"""Of a video's image: 8K has 33 million; a few kilobytes can claim gigabytes."""
+_PADDED: Final = 1.2  # what is decoded is of whole blocks
+_PADDED_PX: Final = 1 << 16
 _CODECS: Final = {"h264": "h264", "h265": "hevc", "hevc": "hevc", "vp9": "vp9", "av1": "av1"}
 
 
@@ -15,19 +19,21 @@ class PacketDecoder:
 
     Args:
         name: ``h264``, ``h265``, ``vp9`` or ``av1``.
+        most_px: Larger images are damage.
 
     Raises:
         ValueError: No such codec.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, most_px: int = MOST_PX) -> None:
         codec = _CODECS.get(name.lower())
         if codec is None:
             raise ValueError(f"video format {name!r}, must be one of {', '.join(_CODECS)}")
         self._context = cast("VideoCodecContext", av.CodecContext.create(codec, "r"))
         # One thread, or images would come out several packets late.
         self._context.thread_count = 1
-        self._context.options = {"flags": "low_delay"}
+        most_px = round(_PADDED * min(most_px, MOST_PX)) + _PADDED_PX
+        self._context.options = {"flags": "low_delay", "max_pixels": str(most_px)}
         self._count = 0
 
     def decode(self, data: bytes) -> av.VideoFrame | None:

@@ -17,7 +17,7 @@ from mcap.records import Attachment, Metadata
 
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import SegmentScan
-from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage
+from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
 from aerodft.errors import InputError
 from replay.merged_file import MergedFile
 from replay.recording import Recording
@@ -77,7 +77,7 @@ def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
         if segment.chunks
     ]
     heapq.heapify(waiting)
-    streams = [_sorted(segment) for segment in segments]
+    streams = [nearly_sorted(segment) for segment in segments]
     while waiting:
         due_ns, number, message = waiting[0]
         if message is not None:
@@ -90,17 +90,24 @@ def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
             heapq.heapreplace(waiting, (message.log_ns, number, message))
 
 
-def _sorted(segment: SegmentScan) -> Iterator[ReadMessage]:
+def nearly_sorted(segment: SegmentScan, wanted: Wanted | None = None) -> Iterator[ReadMessage]:
     """One segment's messages by log time, else as they were written; chunks that overlap are held together.
 
     Where these are too much to be held, what is earliest of it goes out: a file need not be in order.
+
+    Args:
+        segment: The file.
+        wanted: Whose messages; None for everybody's.
+
+    Raises:
+        InputError: It cannot be read.
     """
     reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
     starts = [chunk.start_ns for chunk in segment.chunks]
     later = [*list(accumulate(reversed(starts), min))[-2::-1], None]
     held = _Held()
     for chunk, limit_ns in zip(segment.chunks, later, strict=True):
-        for message in reader.messages((chunk,)):
+        for message in reader.messages((chunk,), wanted):
             held.add(message)
             del message
             while held.bytes > _MOST_HELD_BYTES:

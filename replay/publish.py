@@ -35,6 +35,7 @@ _PUBLISHED: Final = frozenset(
     }
 )
 _POLL_S: Final = 0.02
+_MOST_NAMED: Final = 10  # topics
 _STAMPED: Final = (_PUBLISHED | {events.IMAGE_SCHEMA}) - {measurement.IMAGE_SCHEMA}
 _ENCODINGS: Final = {
     JSON: zenoh.Encoding.APPLICATION_JSON,
@@ -183,8 +184,10 @@ class Republisher:
     def _shift(self, channel: ReadChannel) -> Shift | None:
         if channel.topic not in self._shifts:
             found = self._shifts[channel.topic] = shift_of(channel)
-            if found is None:
-                _log.warning("%s: nobody knows where its stamps are; published as recorded", channel.topic)
+            unknown = sum(shift is None for shift in self._shifts.values())
+            if found is None and unknown <= _MOST_NAMED:
+                more = "; further ones are not named" if unknown == _MOST_NAMED else ""
+                _log.warning("%s: nobody knows where its stamps are; published as recorded%s", channel.topic, more)
         return self._shifts[channel.topic]
 
     def _put_json(self, key: str, payload: bytes) -> None:

@@ -52,14 +52,16 @@ def messages_of(
     Raises:
         InputError: A file cannot be read.
     """
-
-    def in_time(message: ReadMessage) -> bool:
-        return (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
-
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
         # Not a loop over them, which would hold on to the last one: an image of megabytes.
-        yield from filter(in_time, reader.messages(_places(segment, from_ns, to_ns, wanted), wanted))
+        messages = reader.messages(_places(segment, from_ns, to_ns, wanted), wanted)
+        yield from filter(lambda message: in_time(message, from_ns, to_ns), messages)
+
+
+def in_time(message: ReadMessage, from_ns: int | None, to_ns: int | None) -> bool:
+    """Whether a log time is in ``[from_ns, to_ns)``; None for the start, and for the end."""
+    return (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
 
 
 def tables_of(

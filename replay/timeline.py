@@ -1,20 +1,24 @@
 """Several recordings as one row of messages, in order of log time."""
 
 import heapq
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
 from aerodft.adapters.codec import events
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
-from aerodft.adapters.mcap.reading import ReadMessage
+from aerodft.adapters.mcap.reading import ReadMessage, content_bytes
 from aerodft.adapters.mcap.reading import Wanted as ChannelWanted
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
+from replay.merging import nearly_sorted
 from replay.recording import Recording
-from replay.segments import channels_of, messages_of
+from replay.segments import channels_of, in_time, messages_of
 
 _APART_NS: Final = SECOND_NS  # what recorders put off writing
+_MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them
+_log = logging.getLogger(__name__)
 AnyRecording = Recording | ForeignRecording
 Wanted = Callable[[AnyRecording, ReadChannel], bool]
 
@@ -95,6 +99,12 @@ def _by_time(
     if all(one.end_ns <= other.start_ns + _APART_NS for one, other in pairwise(segment.chunks)):
         return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
     topics = {channel.topic for channel in channels_of(segment).values() if is_wanted(channel)}
+    if len(topics) * max(map(content_bytes, segment.chunks), default=0) > _MOST_HELD_BYTES:
+        said = (
+            "%s: %d topics that lie one behind the other are more than can be held; in order of time as far as they are"
+        )
+        _log.warning(said, segment.path, len(topics))
+        return (each for each in nearly_sorted(segment, is_wanted) if in_time(each, from_ns, to_ns))
 
     def stream(topic: str) -> Iterator[ReadMessage]:
         return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.topic == topic)

@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+import pytest
 from mcap.writer import Writer
 
+from replay import timeline as module
 from replay.foreign import ForeignRecording
 from replay.timeline import timeline
 
@@ -37,3 +39,19 @@ def test_messages_are_in_order_of_time_over_topics_files_and_recordings(tmp_path
     assert len({(id(item.recording), item.log_ns, item.message.channel.topic) for item in items}) == 3000
     part = list(timeline([one, two], START_NS + 10**9, START_NS + 2 * 10**9, lambda _, channel: channel.topic == "/b"))
     assert len(part) == 300
+
+
+def test_more_topics_than_can_be_held_are_in_order_as_far_as_chunks_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    recording = ForeignRecording(write_apart(tmp_path / "one.mcap", 0))
+    whole = [(item.log_ns, item.message.channel.topic) for item in timeline([recording], None, None, lambda *_: True)]
+    assert not caplog.records
+    monkeypatch.setattr(module, "_MOST_HELD_BYTES", 1)
+    held = [(item.log_ns, item.message.channel.topic) for item in timeline([recording], None, None, lambda *_: True)]
+    assert held == whole
+    assert "one behind the other" in caplog.text
+    half_ns = whole[len(whole) // 2][0]
+    for from_ns, to_ns in ((half_ns, None), (None, half_ns)):
+        part = [item.log_ns for item in timeline([recording], from_ns, to_ns, lambda *_: True)]
+        assert part == [at for at, _ in whole if (at >= half_ns if from_ns else at < half_ns)]

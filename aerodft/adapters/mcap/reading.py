@@ -128,6 +128,24 @@ class ChunkReader:
             self.channels.add(Channel.read(stream))
 
 
+def content_bytes(place: ChunkPlace) -> int:
+    """What a chunk claims to hold; 0 where it cannot be read.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
+    if place.is_bare:
+        return place.length
+    try:
+        with place.path.open("rb") as file:
+            file.seek(place.offset)
+            return chunk_head(file.read(min(HEAD_BYTES, place.length)), place.length).content_bytes
+    except OSError as error:
+        raise InputError("the recording cannot be read", where=place.path, got=error.strerror) from error
+    except ValueError:
+        return 0
+
+
 def _content(place: ChunkPlace) -> bytes:
     """A chunk's records, uncompressed and checked.
 

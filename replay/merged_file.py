@@ -1,21 +1,65 @@
 """The one MCAP file that a recording's segments are put together in: chunks, checksums, attachments and an index."""
 
-from collections.abc import Iterable
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Final, Self
 
 import zstandard
+from mcap.opcode import Opcode
 from mcap.records import Attachment
 
 from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.ending import Summary
-from aerodft.adapters.mcap.layout import ChunkBuffer, Registry, encoded
+from aerodft.adapters.mcap.layout import RECORD_HEAD, ChunkBuffer, Registry, encoded
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.segment import PROFILE
+from aerodft.errors import InputError
 
 _CHUNK_BYTES: Final = 1 << 20
+_DATA_SIZE: Final = struct.Struct("<Q")
+_CRC: Final = struct.Struct("<I")
+
+
+@dataclass(frozen=True, slots=True)
+class Attached:
+    """Something to be attached: part of a file, or all of it.
+
+    Attributes:
+        about: Its name and times, without its data.
+        path: The file.
+        offset: Where it begins there.
+        data_bytes: How much it is.
+    """
+
+    about: Attachment
+    path: Path
+    offset: int
+    data_bytes: int
+
+    def pieces(self) -> Iterator[bytes]:
+        """Its data.
+
+        Raises:
+            InputError: It cannot be read, or is not all there any more.
+        """
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self.offset)
+                left = self.data_bytes
+                while left:
+                    piece = file.read(min(left, _CHUNK_BYTES))
+                    if not piece:
+                        raise InputError("the file became shorter while it was read", where=self.path)
+                    left -= len(piece)
+                    yield piece
+        except OSError as error:
+            raise InputError("the file cannot be read", where=self.path, got=error.strerror) from error
 
 
 class MergedFile:
@@ -46,11 +90,22 @@ class MergedFile:
         self._kept: list[ReadChannel] = []  # an id stays one object's as long as the object is kept
         file.write(self._summary.beginning)
 
-    def attach(self, attachment: Attachment) -> None:
-        """Write an attachment; before the first message."""
-        offset, record = self._file.tell(), encoded(attachment)
-        self._file.write(record)
-        self._summary.attach(offset, len(record), attachment)
+    def attach(self, found: "Attached") -> None:
+        """Write an attachment, of any size, piece by piece; before the first message.
+
+        Raises:
+            InputError: It cannot be read.
+        """
+        offset, about = self._file.tell(), found.about
+        empty = encoded(about)[RECORD_HEAD.size :]
+        head = empty[: -_DATA_SIZE.size - _CRC.size] + _DATA_SIZE.pack(found.data_bytes)
+        length, crc = len(head) + found.data_bytes + _CRC.size, zlib.crc32(head)
+        self._file.write(RECORD_HEAD.pack(Opcode.ATTACHMENT, length) + head)
+        for piece in found.pieces():
+            self._file.write(piece)
+            crc = zlib.crc32(piece, crc)
+        self._file.write(_CRC.pack(crc))
+        self._summary.attach(offset, RECORD_HEAD.size + length, about, found.data_bytes)
         self.attachments += 1
 
     def add(self, message: ReadMessage) -> None:

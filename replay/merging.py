@@ -3,33 +3,33 @@
 import heapq
 import mimetypes
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
+from aerodft.adapters.mcap.attachments import HEAD_BYTES, MOST_ATTACHMENTS, attachment_head
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
 from aerodft.errors import InputError
-from replay.merged_file import MergedFile
+from replay.merged_file import Attached, MergedFile
 from replay.recording import Recording
 
 _MOST_HELD_BYTES: Final = 48 << 20  # while a chunk is unpacked
 _MOST_WAITING_BYTES: Final = 16 << 20  # while something is written
 _MESSAGE_BYTES: Final = 300  # what a message takes in memory besides its payload
-_MOST_BYTES: Final = 256 << 20
+_MOST_METADATA_BYTES: Final = 4 << 20
 _HEAD: Final = struct.Struct("<BQ")
-_DAMAGED: Final = (McapError, struct.error, UnicodeDecodeError, OverflowError)
-
-_Record = TypeVar("_Record")
+_DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,45 +142,68 @@ def _metadata(segments: list[SegmentScan]) -> list[tuple[str, dict[str, str]]]:
     """The metadata of all segments, each once."""
     found: dict[str, tuple[str, dict[str, str]]] = {}
     for segment in segments:
-        for record in _records(segment.path, Opcode.METADATA, Metadata.read):
-            found.setdefault(repr((record.name, sorted(record.metadata.items()))), (record.name, record.metadata))
+        for offset, length in _places(segment.path, Opcode.METADATA):
+            if length > _MOST_METADATA_BYTES:
+                continue  # nobody's configuration
+            with suppress(*_DAMAGED):
+                record = Metadata.read(ReadDataStream(BytesIO(_begun(segment.path, offset, length))))
+                found.setdefault(repr((record.name, sorted(record.metadata.items()))), (record.name, record.metadata))
     return list(found.values())
 
 
-def _attachments(recording: Recording, segments: list[SegmentScan]) -> Iterator[Attachment]:
+def _attachments(recording: Recording, segments: list[SegmentScan]) -> Iterator[Attached]:
     """Those of the segments, and the files beside them."""
     for segment in segments:
-        yield from _records(segment.path, Opcode.ATTACHMENT, Attachment.read)
+        for offset, length in islice(_places(segment.path, Opcode.ATTACHMENT), MOST_ATTACHMENTS):
+            with suppress(*_DAMAGED):
+                yield _attached(segment.path, offset, length)
     if not recording.folder.is_dir():
         return
     for path in sorted(recording.folder.iterdir()):
         if path.is_file() and path.suffix != ".mcap" and not path.name.startswith("."):
-            try:
-                data = path.read_bytes()
-            except OSError as error:
-                raise InputError("the file cannot be read", where=path, got=error.strerror) from error
             kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
             at_ns = recording.start_ns
-            yield Attachment(create_time=at_ns, log_time=at_ns, name=path.name, media_type=kind, data=data)
+            about = Attachment(create_time=at_ns, log_time=at_ns, name=path.name, media_type=kind, data=b"")
+            yield Attached(about, path, 0, path.stat().st_size)
 
 
-def _records(path: Path, kind: Opcode, read: Callable[[ReadDataStream], _Record]) -> Iterator[_Record]:
-    """The records of a kind of a file, as far as it is whole."""
+def _attached(path: Path, offset: int, length: int) -> Attached:
+    """A file's attachment, from its record.
+
+    Raises:
+        ValueError: It is damaged; others as the library has them.
+    """
+    head = attachment_head(_begun(path, offset, min(length, HEAD_BYTES)), length)
+    return Attached(head.about, path, offset + head.data_at, head.data_bytes)
+
+
+def _begun(path: Path, offset: int, length: int) -> bytes:
+    """So many bytes of a file.
+
+    Raises:
+        InputError: They cannot be.
+    """
+    try:
+        with path.open("rb") as file:
+            file.seek(offset)
+            return file.read(length)
+    except OSError as error:
+        raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
+
+
+def _places(path: Path, kind: Opcode) -> Iterator[tuple[int, int]]:
+    """Where the contents of a file's records of a kind begin, as far as it is whole, and their lengths."""
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
             file.seek(len(MAGIC))
             while len(head := file.read(_HEAD.size)) == _HEAD.size:
                 opcode, length = _HEAD.unpack(head)
-                end = file.tell() + length
-                if end > size:
+                begin = file.tell()
+                if begin + length > size:
                     return
-                if opcode == kind and length <= _MOST_BYTES:
-                    try:
-                        record = read(ReadDataStream(BytesIO(file.read(length))))
-                    except _DAMAGED:
-                        return
-                    yield record
-                file.seek(end)
+                if opcode == kind:
+                    yield begin, length
+                file.seek(begin + length)
     except OSError as error:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error

@@ -19,6 +19,7 @@ from aerodft.errors import InputError, NoAnswerError, located
 from replay.segments import is_mcap, messages_of, numbered, tables_of
 
 _SHOWN = 3
+_MOST_TEXT_BYTES = 4 << 20  # as of one that a file carries
 _OWN = "aerodft."
 IMAGE_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
 VIDEO_SCHEMA = str(CompressedVideo.DESCRIPTOR.full_name)
@@ -95,7 +96,13 @@ class Recording:
         """
         path = self.folder / name
         try:
-            return path.read_text(encoding="utf-8") if path.is_file() else self.data[0].texts.get(name)
+            if not path.is_file():
+                return self.data[0].texts.get(name)
+            with path.open("rb") as file:
+                data = file.read(_MOST_TEXT_BYTES + 1)
+            if len(data) > _MOST_TEXT_BYTES:
+                raise InputError(f"a configuration of more than {_MOST_TEXT_BYTES >> 20} MB", where=path)
+            return data.decode()
         except (OSError, UnicodeDecodeError) as error:
             raise InputError("the file cannot be read", where=path, got=error) from error
 

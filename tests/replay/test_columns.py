@@ -1,5 +1,6 @@
 """What is recorded as a measurement or an observation, and is none, is refused before anything is made of it."""
 
+import shutil
 from pathlib import Path
 
 import orjson
@@ -92,3 +93,13 @@ def test_no_observation(way: str, value: object) -> None:
     assert events.decode_observation(payload).name
     with pytest.raises(InputError, match="incomplete or wrong"):
         events.decode_observation(changed(payload, way, value))
+
+
+def test_a_configuration_of_many_megabytes_is_none(tmp_path: Path) -> None:
+    folder = tmp_path / "large"
+    shutil.copytree(FROZEN, folder)
+    assert "[station]" in (Recording(folder).text("config.toml") or "")
+    with (folder / "config.toml").open("ab") as file:
+        file.write(b"# as much as nobody writes\n" * (1 << 18))
+    with pytest.raises(InputError, match="a configuration of more than 4 MB"):
+        Recording(folder).text("config.toml")

@@ -1,12 +1,19 @@
 """One file of a recording's segments: in order of time, as far as what overlaps can be held; and nothing is missing."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from mcap.reader import NonSeekingReader
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Attachment
 from mcap.writer import Writer
 
+from aerodft.adapters.mcap.layout import encoded
+from aerodft.adapters.mcap.recovery import recover_folder
+from aerodft.errors import InputError
 from replay import merging
+from replay.merged_file import Attached, MergedFile
 from replay.merging import merge_segments
 from replay.recording import Recording
 
@@ -48,3 +55,34 @@ def test_of_what_is_too_much_to_be_held_all_is_there_and_the_earliest_goes_first
     assert sorted(found) == list(range(1, COUNT + 1))
     assert found[:3] == [COUNT - most, COUNT - most - 1, COUNT - most - 2], "each is the earliest of those held"
     assert found[-most:] == sorted(found[-most:]), "the last that are held are in order"
+
+
+def test_an_attachment_is_the_record_that_the_stock_library_writes(tmp_path: Path) -> None:
+    data = np.random.default_rng(2).bytes(3 << 20)
+    (tmp_path / "a.bin").write_bytes(b"before" + data + b"behind")
+    about = Attachment(create_time=5, log_time=7, name="a.bin", media_type="x/y", data=b"")
+    path = tmp_path / "all.mcap"
+    with path.open("wb") as file, MergedFile(file, ()) as whole:
+        whole.attach(Attached(about, tmp_path / "a.bin", 6, len(data)))
+        with pytest.raises(InputError, match="became shorter"):
+            list(Attached(about, tmp_path / "a.bin", 6, len(data) + 7).pieces())
+    assert encoded(replace(about, data=data)) in path.read_bytes()
+    with path.open("rb") as file:
+        (found,) = make_reader(file, validate_crcs=True).iter_attachments()
+    assert found == replace(about, data=data)
+
+
+def test_recovery_keeps_what_is_attached(tmp_path: Path) -> None:
+    frozen = Path(__file__).parents[1] / "cli/frozen-0.1"
+    path = tmp_path / "data_000.mcap"
+    merge_segments(Recording(frozen), path)
+    whole = path.read_bytes()
+    (segment,) = recover_folder(tmp_path).segments
+    assert segment.state == "sound"
+    assert path.read_bytes() == whole
+    path.write_bytes(whole[:-100])  # its index is lost
+    (segment,) = recover_folder(tmp_path).segments
+    assert segment.state != "sound"
+    with path.open("rb") as file:
+        (found,) = make_reader(file, validate_crcs=True).iter_attachments()
+    assert found.data == (frozen / "config.toml").read_bytes()

@@ -71,15 +71,15 @@ class Summary:
         self._bytes += _CHUNK_SUMMARY_BYTES + _CHANNEL_SUMMARY_BYTES * len(chunk.counts)
         self.messages += chunk.messages
 
-    def attach(self, offset: int, length: int, attachment: Attachment) -> None:
-        """Take note of an attachment that is in the file, in a record of so many bytes."""
+    def attach(self, offset: int, length: int, attachment: Attachment, data_bytes: int) -> None:
+        """Take note of an attachment that is in the file, in a record of ``length`` bytes, ``data_bytes`` its own."""
         self._attachment_indexes.append(
             AttachmentIndex(
                 offset=offset,
                 length=length,
                 log_time=attachment.log_time,
                 create_time=attachment.create_time,
-                data_size=len(attachment.data),
+                data_size=data_bytes,
                 name=attachment.name,
                 media_type=attachment.media_type,
             )

@@ -8,6 +8,7 @@ from pathlib import Path
 from mcap.opcode import Opcode
 
 from aerodft.adapters.codec.wire import SOFTWARE
+from aerodft.adapters.mcap.attachments import CRC_BYTES
 from aerodft.adapters.mcap.chunks import records_in
 from aerodft.adapters.mcap.definitions import Definitions
 from aerodft.adapters.mcap.ending import Summary
@@ -25,6 +26,7 @@ from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE
 
 RECOVERED_NAME = "recovered"
 _UNFINISHED = "it was not finished: what came last is missing, half a second at most"
+_PIECE_BYTES = 1 << 20
 _OWN_TOPICS = ("aerodft/", "mavlink", "dataflash")
 
 
@@ -197,7 +199,8 @@ def _write(file: SegmentFile, descriptor: int, found: Survey) -> None:
     summary = Summary(PROFILE, found.library or SOFTWARE, metadata, definitions.schemas, definitions.channels)
     file.write(summary.beginning)
     front = encoded(*definitions.schemas.values(), *definitions.channels.values()) if found.lacks_definitions else b""
-    for item in Salvage(descriptor).items():
+    salvage = Salvage(descriptor)
+    for item in salvage.items():
         if isinstance(item, BadBytes):
             continue
         chunk = item.built
@@ -207,6 +210,11 @@ def _write(file: SegmentFile, descriptor: int, found: Survey) -> None:
         for part in (chunk.head, chunk.content, chunk.indexes):
             file.write(part)
         summary.add(offset, chunk)
+    for start, head in salvage.attachments:
+        offset, length = file.size, RECORD_HEAD.size + head.data_at + head.data_bytes + CRC_BYTES
+        for at in range(start, start + length, _PIECE_BYTES):
+            file.write(os.pread(descriptor, min(_PIECE_BYTES, start + length - at), at))
+        summary.attach(offset, length, head.about, head.data_bytes)
     file.write(summary.ending(file.size))
 
 

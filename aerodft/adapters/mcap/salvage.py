@@ -17,6 +17,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Header, Metadata, Statistics
 
+from aerodft.adapters.mcap.attachments import CRC_BYTES, MOST_ATTACHMENTS, AttachmentHead, attachment_head
+from aerodft.adapters.mcap.attachments import HEAD_BYTES as HEAD_OF_ATTACHMENT
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, ChunkHead, chunk_content, chunk_head, records_in
 from aerodft.adapters.mcap.definitions import Definitions, definitions_in
 from aerodft.adapters.mcap.layout import (
@@ -83,6 +85,7 @@ class Salvage:
     Attributes:
         header: The file's; None where it is missing or damaged.
         metadata: Names and values.
+        attachments: Those that are whole: where their records are, and what they say.
         definitions: By the chunks so far, and from the beginning by the summary, if its checksum is right.
         stated_messages: How many messages there are by the summary; None likewise.
         has_end: Whether the data is known to end where the file says so.
@@ -100,6 +103,7 @@ class Salvage:
         self._size = os.fstat(descriptor).st_size
         self.header: Header | None = None
         self.metadata: list[Metadata] = []
+        self.attachments: list[tuple[int, AttachmentHead]] = []
         self.definitions = Definitions()
         self._metadata_bytes = 0
         self.stated_messages: int | None = None
@@ -131,17 +135,35 @@ class Salvage:
         end = start + RECORD_HEAD.size + length
         if opcode == Opcode.CHUNK:
             return self._chunk(start, length, end)
-        if end > self._end or length > _MAX_SMALL_BYTES:
+        is_attached = opcode == Opcode.ATTACHMENT and end <= self._end and self._take_attachment(start, length)
+        if not is_attached and (end > self._end or length > _MAX_SMALL_BYTES):
             return self._lost(start, "a record that claims more than there is")
         if opcode == Opcode.DATA_END and end - start == _DATA_END_BYTES:
             self.has_end, self._end = True, end
         elif opcode in {Opcode.HEADER, Opcode.METADATA}:
             if not self._take(opcode, self._read(start + RECORD_HEAD.size, length)):
                 return self._lost(start, "a damaged record")
-        elif opcode != Opcode.MESSAGE_INDEX:
+        elif opcode != Opcode.MESSAGE_INDEX and not is_attached:
             return self._lost(start, "no record of a recording")
         self._position = end
         return None
+
+    def _take_attachment(self, start: int, length: int) -> bool:
+        """Take note of an attachment; False where it is damaged."""
+        if len(self.attachments) == MOST_ATTACHMENTS:
+            return False
+        at, end = start + RECORD_HEAD.size, start + RECORD_HEAD.size + length - CRC_BYTES
+        try:
+            head = attachment_head(self._read(at, min(HEAD_OF_ATTACHMENT, length)), length)
+        except (*_UNREADABLE, ValueError):
+            return False
+        crc = 0
+        for offset in range(at, end, _WINDOW_BYTES):
+            crc = zlib.crc32(self._read(offset, min(_WINDOW_BYTES, end - offset)), crc)
+        if int.from_bytes(self._read(end, CRC_BYTES), "little") not in {0, crc}:
+            return False
+        self.attachments.append((start, head))
+        return True
 
     def _take(self, opcode: int, content: bytes) -> bool:
         stream = ReadDataStream(BytesIO(content))

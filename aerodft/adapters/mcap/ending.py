@@ -3,6 +3,7 @@
 import zlib
 from collections import Counter
 from collections.abc import Iterable
+from typing import Final
 
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -25,6 +26,8 @@ from aerodft.adapters.mcap.layout import INDEX_ENTRY_BYTES, INDEX_HEAD_BYTES, MA
 # What a chunk takes in the summary without its channels, and what each of them takes there and in the statistics.
 _CHUNK_SUMMARY_BYTES, _CHANNEL_SUMMARY_BYTES, _FIXED_SUMMARY_BYTES = 90, 10, 4096
 _CRC_BYTES = 4
+MOST_INDEX_BYTES: Final = 8 << 20
+"""Of chunks in a summary: three hours of ours. Readers hold it in memory, and believe no more of it than twice that."""
 
 
 class Summary:
@@ -60,6 +63,11 @@ class Summary:
             self.beginning += record
         self._bytes = _FIXED_SUMMARY_BYTES + sum(40 + len(index.name) for index in self._metadata_indexes)
 
+    @property
+    def is_full(self) -> bool:
+        """Whether no more chunks should be added."""
+        return self._bytes > MOST_INDEX_BYTES
+
     def most_bytes(self, definitions: int) -> int:
         """What ``ending`` is long at most, with that many bytes of definitions."""
         return self._bytes + definitions + _CHANNEL_SUMMARY_BYTES * len(self._channels)
@@ -68,7 +76,7 @@ class Summary:
         """Take note of a chunk that is in the file."""
         self._indexes.append(_chunk_index(offset, chunk))
         self._counts.append(chunk.counts)
-        self._bytes += _CHUNK_SUMMARY_BYTES + _CHANNEL_SUMMARY_BYTES * len(chunk.counts)
+        self._bytes += index_bytes(chunk)
         self.messages += chunk.messages
 
     def attach(self, offset: int, length: int, attachment: Attachment, data_bytes: int) -> None:
@@ -129,6 +137,11 @@ class Summary:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._schemas),
         )
+
+
+def index_bytes(chunk: BuiltChunk) -> int:
+    """What a chunk takes in a summary, at most."""
+    return _CHUNK_SUMMARY_BYTES + _CHANNEL_SUMMARY_BYTES * len(chunk.counts)
 
 
 def _chunk_index(offset: int, chunk: BuiltChunk) -> ChunkIndex:

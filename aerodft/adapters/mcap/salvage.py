@@ -21,6 +21,7 @@ from aerodft.adapters.mcap.attachments import CRC_BYTES, MOST_ATTACHMENTS, Attac
 from aerodft.adapters.mcap.attachments import HEAD_BYTES as HEAD_OF_ATTACHMENT
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, ChunkHead, chunk_content, chunk_head, records_in
 from aerodft.adapters.mcap.definitions import Definitions, definitions_in
+from aerodft.adapters.mcap.ending import MOST_INDEX_BYTES, index_bytes
 from aerodft.adapters.mcap.layout import (
     CHUNK_HEAD,
     MAGIC,
@@ -105,12 +106,15 @@ class Salvage:
         self.metadata: list[Metadata] = []
         self.attachments: list[tuple[int, AttachmentHead]] = []
         self.definitions = Definitions()
-        self._metadata_bytes = 0
+        self._metadata_bytes = self._index_bytes = 0
+        self._most_index_bytes = MOST_INDEX_BYTES * 3 // 2  # a segment may have to go on to the next key image
         self.stated_messages: int | None = None
         self._position = 0
         summary_start = self._summary_start()
         self.has_end = self.is_whole = summary_start is not None
-        self._end = self._size if summary_start is None else summary_start - _DATA_END_BYTES
+        self._end = self._size
+        if summary_start is not None:  # it was found to be within its limit
+            self._end, self._most_index_bytes = summary_start - _DATA_END_BYTES, 2 * _MAX_SUMMARY_BYTES
 
     def items(self) -> Iterator[GoodChunk | BadBytes]:
         """All chunks that are whole, and what lies between them, in order; attributes are final afterwards."""
@@ -118,10 +122,14 @@ class Salvage:
         self._position = len(MAGIC)
         if magic != MAGIC:
             yield BadBytes(offset=0, length=len(magic), why="no MCAP file", is_torn=MAGIC.startswith(magic))
-        while self._position < self._end:
+        while self._position < self._end and self._index_bytes <= self._most_index_bytes:
             item = self._next()
             if item is not None:
                 yield item
+        if self._position < self._end:
+            length = self._end - self._position
+            yield BadBytes(offset=self._position, length=length, why="more chunks than a file's index may have")
+            self._position = self._end
         if not self.is_whole and self._position < self._size:
             why = "no sound index"
             yield BadBytes(offset=self._position, length=self._size - self._position, why=why, is_torn=True)
@@ -200,6 +208,7 @@ class Salvage:
             self._position += len(built.indexes)
         else:
             is_as_built = False
+        self._index_bytes += index_bytes(built)
         return GoodChunk(offset=start, built=built, content=content, defines=defines, is_as_built=is_as_built)
 
     def _define(self, content: bytes) -> frozenset[int]:

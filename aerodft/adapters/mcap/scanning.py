@@ -30,7 +30,7 @@ _CHANNEL_ID = struct.Struct("<H")
 _MESSAGE_HEAD = struct.Struct("<HIQ")
 _MAX_SMALL_RECORD = 4 << 20
 _BARE_BYTES = 1 << 20  # messages without a chunk are read so many at a time
-_MOST_CHUNKS = 300_000  # without an index; each takes 230 bytes
+_MOST_CHUNKS = 150_000  # without an index; each takes 230 bytes: half a day of ours, 150 GB of others
 _DAMAGED = (McapError, struct.error, ValueError, OverflowError)
 
 _log = logging.getLogger(__name__)

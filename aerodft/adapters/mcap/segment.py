@@ -84,7 +84,7 @@ class Segment:
     @property
     def room_bytes(self) -> int:
         """By how much the file should grow, its end included; less than nothing where it is too large."""
-        return min(self._segment_bytes - self._needed(0), self.most_room_bytes)
+        return 0 if self._summary.is_full else min(self._segment_bytes - self._needed(0), self.most_room_bytes)
 
     @property
     def most_room_bytes(self) -> int:

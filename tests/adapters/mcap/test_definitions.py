@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from mcap.records import Channel, Schema
 
+from aerodft.adapters.mcap import salvage
 from aerodft.adapters.mcap.definitions import MOST_DEFINED_BYTES, Definitions, TooMuchDefinedError
 from aerodft.adapters.mcap.ending import Summary
 from aerodft.adapters.mcap.layout import ChunkBuffer, encoded
@@ -68,6 +69,22 @@ def test_recovery_drops_it_and_says_so(greedy: Path) -> None:
     scan = scan_segment(greedy)
     assert scan.is_indexed
     assert [each.log_ns // 10**9 for each in ChunkReader(scan.channels).messages(scan.chunks)] == [1, 3, 4]
+
+
+def test_recovery_leaves_chunks_beyond_what_an_index_holds_beside_the_segment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(salvage, "MOST_INDEX_BYTES", 200)  # of which recovery takes half as much again
+    path = unfinished(tmp_path, *[(encoded(channel(1)), 1)] * 10)
+    data = path.read_bytes()
+    (segment,) = recover_folder(tmp_path).segments
+    assert (segment.messages, segment.state) == (4, "completed")
+    assert any("more chunks than a file's index may have" in loss.what for loss in segment.losses)
+    dropped = (tmp_path / "data_000.mcap.dropped").read_bytes()
+    assert data.endswith(dropped)
+    assert len(dropped) / len(data) > 0.5
+    scan = scan_segment(path)
+    assert [each.log_ns // 10**9 for each in ChunkReader(scan.channels).messages(scan.chunks)] == [1, 2, 3, 4]
 
 
 def test_what_is_defined_again_takes_nothing_and_what_is_replaced_is_not_given_back() -> None:

@@ -199,6 +199,26 @@ def test_segments_roll_over_and_read_as_one(tmp_path: Path, monkeypatch: pytest.
     assert [flat(batch) for batch in got] == [flat(a_batch(step)) for step in range(1, 41)]
 
 
+def test_a_segment_ends_before_its_index_is_more_than_readers_believe(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A station may ask for one segment a day, of 350,000 chunks: without its index only the first are found."""
+    monkeypatch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
+    most = 250
+    monkeypatch.setattr("aerodft.adapters.mcap.ending.MOST_INDEX_BYTES", most)
+    record(tmp_path / "r", segment_s=86_400.0)
+    recording = Recording(tmp_path / "r")
+    assert len(recording.data) > 1
+    for segment in recording.data:
+        with segment.path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        size = sum(90 + 10 * len(each.message_index_offsets) for each in summary.chunk_indexes)
+        assert size < most + 2 * (90 + 10 * 8)
+    got = list(MergedFeed([RecordingSource(recording)], TICK_NS, linger_ns=0).batches())
+    assert [flat(batch) for batch in got] == [flat(a_batch(step)) for step in range(1, 41)]
+
+
 def test_the_image_rate_is_limited_and_none_are_kept_at_zero(tmp_path: Path) -> None:
     assert record(tmp_path / "a", steps=80, max_image_hz=1.0).totals.images == 4
     assert record(tmp_path / "b", steps=8, max_image_hz=0.0).totals.images == 0

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from enum import Enum, auto
 from typing import Any, Final
 
-_LARGEST: Final = 1e100  # whose square is finite
-_LATEST_NS: Final = 2**63
+from aerodft.adapters.codec.wire import LATEST_NS
+
+LARGEST_NUMBER: Final = 1e100
+"""In a table: its square is finite."""
 _COUNTS: Final = {"pixels_px": 2, "enu_m": 3}  # of a vector
 _MOST_DEG: Final = {"lat_deg": 90, "lon_deg": 360, "lat_2_deg": 90, "lon_2_deg": 360}
 _NEEDED: Final = ("name", "kind", "status", "unit")
@@ -90,8 +92,17 @@ def check_row(row: dict[str, object]) -> None:
             _CHECKS[kind](value, _COUNTS.get(name))
     if any(row[name] is None for name in _NEEDED):
         raise ValueError("without a name, kind, status or unit")
+    check_on_earth(row)
+
+
+def check_on_earth(row: Mapping[str, object]) -> None:
+    """Refuse latitudes and longitudes that are none, as far as a row has them.
+
+    Raises:
+        ValueError: One is none.
+    """
     for name, most_deg in _MOST_DEG.items():
-        angle_deg = row[name]
+        angle_deg = row.get(name)
         if isinstance(angle_deg, float | int) and abs(angle_deg) > most_deg:
             raise ValueError("no place on Earth")
 
@@ -102,12 +113,12 @@ def _text(value: Any, _: int | None) -> None:  # noqa: ANN401 - what JSON holds
 
 
 def _integer(value: Any, _: int | None) -> None:  # noqa: ANN401 - what JSON holds
-    if type(value) is not int or abs(value) >= _LATEST_NS:
+    if type(value) is not int or abs(value) > LATEST_NS:
         raise TypeError("no integer")
 
 
 def _number(value: Any, _: int | None) -> None:  # noqa: ANN401 - what JSON holds
-    if type(value) not in {float, int} or not abs(value) <= _LARGEST:
+    if type(value) not in {float, int} or not abs(value) <= LARGEST_NUMBER:
         raise TypeError("no number")
 
 

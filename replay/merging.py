@@ -1,13 +1,13 @@
 """A recording's segments as one MCAP file, in order of log time, with what lies beside them attached."""
 
 import heapq
+import logging
 import mimetypes
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
-from itertools import accumulate, islice
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -19,17 +19,17 @@ from mcap.records import Attachment, Metadata
 from aerodft.adapters.mcap.attachments import HEAD_BYTES, MOST_ATTACHMENTS, attachment_head
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import SegmentScan
-from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
+from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.errors import InputError
 from replay.merged_file import Attached, MergedFile
+from replay.nearly_sorted import nearly_sorted
 from replay.recording import Recording
 
-_MOST_HELD_BYTES: Final = 48 << 20  # while a chunk is unpacked
-_MOST_WAITING_BYTES: Final = 16 << 20  # while something is written
-_MESSAGE_BYTES: Final = 300  # what a message takes in memory besides its payload
 _MOST_METADATA_BYTES: Final = 4 << 20
 _HEAD: Final = struct.Struct("<BQ")
 _DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +56,13 @@ def merge_segments(recording: Recording, path: Path) -> Merged:
         path: The file.
 
     Raises:
-        InputError: A segment cannot be read.
+        InputError: A segment cannot be read, or has more attachments than can be held.
         OSError: The file cannot be written.
     """
     segments = [*recording.data, *(each for each in recording.images if each not in recording.data)]
-    with path.open("wb") as file, MergedFile(file, _metadata(segments)) as merged:
-        for attachment in _attachments(recording, segments):
+    metadata, attached = _carried(segments)
+    with path.open("wb") as file, MergedFile(file, metadata) as merged:
+        for attachment in chain(attached, _beside(recording)):
             merged.attach(attachment)
         for message in _by_time(segments):
             merged.add(message)
@@ -90,73 +91,28 @@ def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
             heapq.heapreplace(waiting, (message.log_ns, number, message))
 
 
-def nearly_sorted(segment: SegmentScan, wanted: Wanted | None = None) -> Iterator[ReadMessage]:
-    """One segment's messages by log time, else as they were written; chunks that overlap are held together.
-
-    Where these are too much to be held, what is earliest of it goes out: a file need not be in order.
-
-    Args:
-        segment: The file.
-        wanted: Whose messages; None for everybody's.
-
-    Raises:
-        InputError: It cannot be read.
-    """
-    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
-    starts = [chunk.start_ns for chunk in segment.chunks]
-    later = [*list(accumulate(reversed(starts), min))[-2::-1], None]
-    held = _Held()
-    for chunk, limit_ns in zip(segment.chunks, later, strict=True):
-        for message in reader.messages((chunk,), wanted):
-            held.add(message)
-            del message
-            while held.bytes > _MOST_HELD_BYTES:
-                yield held.pop()
-        while held.is_due(limit_ns) or held.bytes > _MOST_WAITING_BYTES:
-            yield held.pop()
-
-
-class _Held:
-    """Messages by log time, of the same time in the order in which they came."""
-
-    def __init__(self) -> None:
-        self._heap: list[tuple[int, int, ReadMessage]] = []
-        self._count = self.bytes = 0
-
-    def is_due(self, limit_ns: int | None) -> bool:
-        """Whether there is one from before the limit."""
-        return bool(self._heap) and (limit_ns is None or self._heap[0][0] < limit_ns)
-
-    def add(self, message: ReadMessage) -> None:
-        heapq.heappush(self._heap, (message.log_ns, self._count, message))
-        self._count += 1
-        self.bytes += len(message.data) + _MESSAGE_BYTES
-
-    def pop(self) -> ReadMessage:
-        message = heapq.heappop(self._heap)[2]
-        self.bytes -= len(message.data) + _MESSAGE_BYTES
-        return message
-
-
-def _metadata(segments: list[SegmentScan]) -> list[tuple[str, dict[str, str]]]:
-    """The metadata of all segments, each once."""
-    found: dict[str, tuple[str, dict[str, str]]] = {}
+def _carried(segments: list[SegmentScan]) -> tuple[list[tuple[str, dict[str, str]]], list[Attached]]:
+    """The metadata of all segments, each once, and their attachments; what is damaged is left out, and said."""
+    metadata: dict[str, tuple[str, dict[str, str]]] = {}
+    attached: list[Attached] = []
     for segment in segments:
-        for offset, length in _places(segment.path, Opcode.METADATA):
-            if length > _MOST_METADATA_BYTES:
-                continue  # nobody's configuration
-            with suppress(*_DAMAGED):
-                record = Metadata.read(ReadDataStream(BytesIO(_begun(segment.path, offset, length))))
-                found.setdefault(repr((record.name, sorted(record.metadata.items()))), (record.name, record.metadata))
-    return list(found.values())
+        for opcode, offset, length in _places(segment.path):
+            try:
+                if opcode == Opcode.ATTACHMENT:
+                    attached.append(_attached(segment.path, offset, length))
+                elif length <= _MOST_METADATA_BYTES:  # a larger one is nobody's configuration
+                    record = Metadata.read(ReadDataStream(BytesIO(_begun(segment.path, offset, length))))
+                    key = repr((record.name, sorted(record.metadata.items())))
+                    metadata.setdefault(key, (record.name, record.metadata))
+            except _DAMAGED:
+                _log.warning("%s: a damaged record at byte %d is left out", segment.path, offset)
+            if len(attached) > MOST_ATTACHMENTS:
+                raise InputError(f"more than {MOST_ATTACHMENTS} attachments", where=segment.path)
+    return list(metadata.values()), attached
 
 
-def _attachments(recording: Recording, segments: list[SegmentScan]) -> Iterator[Attached]:
-    """Those of the segments, and the files beside them."""
-    for segment in segments:
-        for offset, length in islice(_places(segment.path, Opcode.ATTACHMENT), MOST_ATTACHMENTS):
-            with suppress(*_DAMAGED):
-                yield _attached(segment.path, offset, length)
+def _beside(recording: Recording) -> Iterator[Attached]:
+    """The files beside the segments."""
     if not recording.folder.is_dir():
         return
     for path in sorted(recording.folder.iterdir()):
@@ -191,8 +147,8 @@ def _begun(path: Path, offset: int, length: int) -> bytes:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
 
 
-def _places(path: Path, kind: Opcode) -> Iterator[tuple[int, int]]:
-    """Where the contents of a file's records of a kind begin, as far as it is whole, and their lengths."""
+def _places(path: Path) -> Iterator[tuple[int, int, int]]:
+    """Metadata and attachments of a file, as far as it is whole: opcode, where the content begins, and its length."""
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
@@ -202,8 +158,8 @@ def _places(path: Path, kind: Opcode) -> Iterator[tuple[int, int]]:
                 begin = file.tell()
                 if begin + length > size:
                     return
-                if opcode == kind:
-                    yield begin, length
+                if opcode in {Opcode.METADATA, Opcode.ATTACHMENT}:
+                    yield opcode, begin, length
                 file.seek(begin + length)
     except OSError as error:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error

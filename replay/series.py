@@ -19,6 +19,7 @@ from aerodft.errors import InputError, located
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import CODE_OF, Status
+from replay.columns import LARGEST_NUMBER, check_on_earth
 from replay.parquet import parquet_rows
 from replay.recording import Recording
 from replay.table import Item, parsed, row_of
@@ -26,8 +27,6 @@ from replay.table import Item, parsed, row_of
 NO_IMAGE: Final = -1
 _TABLES: Final = frozenset({".csv", ".parquet"})
 _HEAD_IMAGES = 200
-_LARGEST: Final = 1e100  # whose square is finite
-_MOST_DEG: Final = (90.0, 360.0)
 _PLACE: Final = ("lat_deg", "lon_deg", "cov_east_m2", "cov_east_north_m2", "cov_north_m2", "range_m")
 _USED: Final = ("name", "kind", "unit", "stamp_ns", "image", "value", "std", "status", "enu_m", *_PLACE)
 
@@ -167,15 +166,14 @@ def _place(row: Item) -> tuple[float, ...]:
         points = orjson.loads(points)
     east_north = points[0][:2] if points else (None, None)
     place = tuple(_number(row[name]) for name in _PLACE)
-    if any(abs(angle) > most for angle, most in zip(place, _MOST_DEG, strict=False)):
-        raise ValueError("no place on Earth")
+    check_on_earth(dict(zip(_PLACE, place, strict=True)))
     return (*place, *map(_number, east_north))
 
 
 def _number(value: object) -> float:
     """A number; NaN for nothing (null, an empty cell)."""
     number = math.nan if value is None or value == "" else float(value)  # type: ignore[arg-type]  # text or a number
-    if abs(number) > _LARGEST:
+    if abs(number) > LARGEST_NUMBER:
         raise ValueError(f"a number of {number:g}")
     return number
 

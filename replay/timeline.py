@@ -12,7 +12,7 @@ from aerodft.adapters.mcap.reading import ReadMessage, content_bytes
 from aerodft.adapters.mcap.reading import Wanted as ChannelWanted
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
-from replay.merging import nearly_sorted
+from replay.nearly_sorted import nearly_sorted
 from replay.recording import Recording
 from replay.segments import channels_of, in_time, messages_of
 

@@ -31,7 +31,8 @@ class Format(StrEnum):
 
 
 _TEXT = frozenset(map(str, ExportFormat))
-_OTHER_FILES = frozenset({".avi", ".bag", ".json", ".kml", ".mkv", ".mov", ".shp", ".txt", ".webm", ".xlsx"})
+_OTHER_FILES = frozenset({".avi", ".bag", ".kml", ".mkv", ".mov", ".shp", ".webm", ".xlsx"})
+_UNCLEAR = ".json"  # a map, or lines
 _WITH_IMAGES = frozenset({Format.MCAP, Format.MP4})
 
 
@@ -93,7 +94,8 @@ def _format_of(form: Format | None, output: Path | None) -> Format:
     """
     ending = "" if output is None else output.suffix.lower()
     named = next((each for each in Format if ending == f".{each}"), None)
-    if ending in _OTHER_FILES or (form is not None and named not in {None, form}):
+    is_other = ending == _UNCLEAR if form is None else named not in {None, form}
+    if is_other or ending in _OTHER_FILES:
         got = f"{ending} with --format {form}" if form is not None else ending
         expected = f"a name that ends with .{form}" if form is not None else f"one of .{', .'.join(Format)}"
         raise UsageError("--output", got=got, expected=expected)

@@ -179,11 +179,18 @@ def test_the_outputs_ending_says_what_is_written(aerodft, flight_recording, tmp_
     assert told.read_bytes() == asked.read_bytes()
 
 
+@pytest.mark.parametrize(("name", "form"), [("x.json", "geojson"), ("x.txt", "csv"), ("x", "jsonl")])
+def test_a_name_that_says_nothing_is_anybodys(aerodft, flight_recording, tmp_path, name, form):
+    done = aerodft("export", flight_recording, "--format", form, "-o", tmp_path / name, "--json")
+    assert (done.code, done.json["format"]) == (0, form)
+
+
 @pytest.mark.parametrize(
     ("name", "more", "said"),
     [
         ("x.parquet", ("--format", "csv"), ".parquet with --format csv, expected a name that ends with .csv"),
         ("x.avi", ("--format", "mp4"), ".avi with --format mp4, expected a name that ends with .mp4"),
+        ("x.json", (), ".json, expected one of .csv, .geojson, .jsonl, .parquet, .mcap, .mp4"),
         ("x.kml", (), ".kml, expected one of .csv, .geojson, .jsonl, .parquet, .mcap, .mp4"),
     ],
 )

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from aerodft.adapters.mcap.layout import encoded
 from aerodft.adapters.mcap.recovery import recover_folder
 from aerodft.errors import InputError
-from replay import merging
+from replay import nearly_sorted
 from replay.merged_file import Attached, MergedFile
 from replay.merging import merge_segments
 from replay.recording import Recording
@@ -49,8 +49,8 @@ def test_of_what_is_too_much_to_be_held_all_is_there_and_the_earliest_goes_first
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     most = 20
-    monkeypatch.setattr(merging, "_MESSAGE_BYTES", 0)
-    monkeypatch.setattr(merging, "_MOST_HELD_BYTES", most * (len(PAYLOAD) + 4))
+    monkeypatch.setattr(nearly_sorted, "_MESSAGE_BYTES", 0)
+    monkeypatch.setattr(nearly_sorted, "_MOST_HELD_BYTES", most * (len(PAYLOAD) + 4))
     found = merged(backwards(tmp_path / "a.mcap"), tmp_path / "b.mcap")
     assert sorted(found) == list(range(1, COUNT + 1))
     assert found[:3] == [COUNT - most, COUNT - most - 1, COUNT - most - 2], "each is the earliest of those held"
@@ -86,3 +86,23 @@ def test_recovery_keeps_what_is_attached(tmp_path: Path) -> None:
     with path.open("rb") as file:
         (found,) = make_reader(file, validate_crcs=True).iter_attachments()
     assert found.data == (frozen / "config.toml").read_bytes()
+
+
+def test_a_damaged_attachment_is_left_out_and_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for name in ("one.txt", "two.txt"):
+            writer.add_attachment(1, 1, name, "text/plain", b"what is attached")
+        channel = writer.register_channel("/t", "application/octet-stream", 0)
+        writer.add_message(channel, 1000, b"", 1000)
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    data[data.index(b"what is attached") - 8] ^= 1  # its size
+    path.write_bytes(data)
+    done = merge_segments(Recording(path), tmp_path / "b.mcap")
+    assert (done.messages, done.attachments) == (1, 1)
+    assert "a damaged record at byte" in caplog.text
+    with (tmp_path / "b.mcap").open("rb") as file:
+        assert [each.name for each in NonSeekingReader(file, validate_crcs=True).iter_attachments()] == ["two.txt"]

@@ -1,6 +1,6 @@
 """``aerodft.image/1`` and ``aerodft.observation/1``: inputs as they are recorded, exact in every field."""
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Sequence
 from typing import Final
 
 import numpy as np
@@ -151,13 +151,13 @@ def _observation(payload: wire.Json) -> Observation:
         name=_text(payload["name"]),
         stamp_ns=stamp_ns,
         arrival_ns=arrival_ns,
-        pixels=_pixels(payload["pixels"]),
+        pixels=wire.pixel_pairs(payload["pixels"]),
         std_px=std_px,
         clock=StampClock(payload["clock"]),
         image=None if image is None else wire.whole(image)[0],
         source=_text(payload["source"]),
         box=_box(payload.get("box")),  # recordings of old have none of these
-        contour=_pixels(payload.get("contour") or ()),
+        contour=wire.pixel_pairs(payload.get("contour") or ()),
         unseen=_text(payload.get("unseen") or ""),
     )
 
@@ -168,16 +168,8 @@ def _text(value: object) -> str:
     return value
 
 
-def _pixels(values: Iterable[Sequence[float | None]]) -> tuple[tuple[float, float], ...]:
-    """Pixels that the pipeline can calculate with."""
-    pixels = wire.pixel_pairs(values)
-    if any(abs(each) > LARGEST for pixel in pixels for each in pixel):
-        raise ValueError("pixels beyond all images")
-    return pixels
-
-
 def _box(values: list[float] | None) -> Box | None:
     if values is None:
         return None
-    left, top, right, bottom = (each for pixel in _pixels((values[:2], values[2:])) for each in pixel)
+    (left, top), (right, bottom) = wire.pixel_pairs((values[:2], values[2:]))
     return left, top, right, bottom

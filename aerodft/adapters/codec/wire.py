@@ -12,6 +12,7 @@ import orjson
 
 from aerodft import __version__
 from aerodft.adapters import bounded_json
+from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 
 SOFTWARE = f"aerodft {__version__}"
@@ -132,6 +133,9 @@ def pixel_pairs(values: Iterable[Sequence[float | None]]) -> tuple[tuple[float, 
     """Pixels ``((u, v), ...)``.
 
     Raises:
-        ValueError: A pixel without exactly two coordinates.
+        ValueError: A pixel without exactly two coordinates, or one that nothing can be calculated with.
     """
-    return tuple((number(u), number(v)) for u, v in values)
+    pixels = tuple((number(u), number(v)) for u, v in values)
+    if any(abs(u) > LARGEST or abs(v) > LARGEST for u, v in pixels):
+        raise ValueError("pixels beyond all images")
+    return pixels

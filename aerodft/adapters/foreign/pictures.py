@@ -11,6 +11,7 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
 from aerodft.adapters import bounded_json
+from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
 from aerodft.adapters.mcap.places import ReadChannel
@@ -18,7 +19,6 @@ from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 
 _OLDEST_NS: Final = 946_684_800 * SECOND_NS  # the year 2000: before it nobody set the clock
-_LATEST_NS: Final = 2**63 - 1
 _MOST_LETTERS: Final = 100  # of a format's name
 _MOST_BESIDE: Final = 1 << 20  # bytes of a message that are not its image
 _STILL_MAGICS: Final = (b"\xff\xd8\xff", b"\x89PNG")
@@ -111,5 +111,5 @@ def _picture(stamp_ns: int | None, data: bytes, name: str) -> Picture:
     if len(name) > _MOST_LETTERS:
         raise ValueError(f"a format whose name has {len(name)} letters")
     return Picture(
-        stamp_ns if stamp_ns is not None and _OLDEST_NS <= stamp_ns <= _LATEST_NS else None, data, name.lower()
+        stamp_ns if stamp_ns is not None and _OLDEST_NS <= stamp_ns <= LATEST_NS else None, data, name.lower()
     )

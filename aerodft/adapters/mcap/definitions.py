@@ -46,6 +46,10 @@ class Ledger:
         self._changes.append((known, record.id, known.get(record.id)))
         known[record.id] = value
 
+    def copy(self) -> "Ledger":
+        """The same, with nothing to be undone."""
+        return Ledger(self._bytes)
+
     def undo(self) -> None:
         """Take back what the chunk defined."""
         for known, identity, before in reversed(self._changes):

@@ -11,14 +11,26 @@ import fcntl
 import logging
 import os
 import resource
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 _KEEP_SIZE = 1
+_PIECE_BYTES = 1 << 20
 _UNLIMITED = 1 << 62
 _UNSUPPORTED = frozenset({errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL, errno.EPERM})
 
 _log = logging.getLogger(__name__)
+
+
+def pieces(descriptor: int, offset: int, length: int) -> Iterator[bytes]:
+    """Part of a file, of any size, a megabyte at a time.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    for at in range(offset, offset + length, _PIECE_BYTES):
+        yield os.pread(descriptor, min(_PIECE_BYTES, offset + length - at), at)
 
 
 class SegmentFile:

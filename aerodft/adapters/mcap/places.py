@@ -1,7 +1,7 @@
 """What an MCAP file holds, and where: found without reading its messages."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -75,7 +75,7 @@ class Channels:
 
     def copy(self) -> "Channels":
         """The same, to be added to."""
-        return Channels(dict(self.by_id), replace(self.ledger, _changes=[]), dict(self._schemas))
+        return Channels(dict(self.by_id), self.ledger.copy(), dict(self._schemas))
 
 
 @dataclass(slots=True)

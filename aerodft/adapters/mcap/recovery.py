@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodft.adapters.filetype import check_is_no_pipe
-from aerodft.adapters.mcap.file import sync_folder
+from aerodft.adapters.mcap.file import pieces, sync_folder
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.reading import ChunkReader
 from aerodft.adapters.mcap.repair import Loss, Survey, survey, write_whole
@@ -22,7 +22,7 @@ from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError
 
 SERIES = ("data", "images")
-_BEGINNING_BYTES = _COPY_BYTES = 1 << 20
+_BEGINNING_BYTES = 1 << 20
 _NUMBER = re.compile(r"_(\d+)\.mcap$")
 
 _log = logging.getLogger(__name__)
@@ -217,8 +217,7 @@ def _keep_dropped(path: Path, descriptor: int, found: Survey) -> None:
     if damaged:
         with path.with_name(f"{path.name}.dropped").open("ab") as file:
             for loss in damaged:
-                for at in range(loss.offset or 0, (loss.offset or 0) + loss.length, _COPY_BYTES):
-                    file.write(os.pread(descriptor, min(_COPY_BYTES, (loss.offset or 0) + loss.length - at), at))
+                file.writelines(pieces(descriptor, loss.offset or 0, loss.length))
             file.flush()
             os.fsync(file.fileno())
 

@@ -12,7 +12,7 @@ from aerodft.adapters.mcap.attachments import CRC_BYTES
 from aerodft.adapters.mcap.chunks import records_in
 from aerodft.adapters.mcap.definitions import Definitions
 from aerodft.adapters.mcap.ending import Summary
-from aerodft.adapters.mcap.file import SegmentFile
+from aerodft.adapters.mcap.file import SegmentFile, pieces
 from aerodft.adapters.mcap.layout import (
     MESSAGE_HEAD,
     RECORD_HEAD,
@@ -26,7 +26,6 @@ from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE
 
 RECOVERED_NAME = "recovered"
 _UNFINISHED = "it was not finished: what came last is missing, half a second at most"
-_PIECE_BYTES = 1 << 20
 _OWN_TOPICS = ("aerodft/", "mavlink", "dataflash")
 
 
@@ -212,8 +211,8 @@ def _write(file: SegmentFile, descriptor: int, found: Survey) -> None:
         summary.add(offset, chunk)
     for start, head in salvage.attachments:
         offset, length = file.size, RECORD_HEAD.size + head.data_at + head.data_bytes + CRC_BYTES
-        for at in range(start, start + length, _PIECE_BYTES):
-            file.write(os.pread(descriptor, min(_PIECE_BYTES, start + length - at), at))
+        for piece in pieces(descriptor, start, length):
+            file.write(piece)
         summary.attach(offset, length, head.about, head.data_bytes)
     file.write(summary.ending(file.size))
 

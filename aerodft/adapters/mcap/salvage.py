@@ -22,6 +22,7 @@ from aerodft.adapters.mcap.attachments import HEAD_BYTES as HEAD_OF_ATTACHMENT
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, ChunkHead, chunk_content, chunk_head, records_in
 from aerodft.adapters.mcap.definitions import Definitions, definitions_in
 from aerodft.adapters.mcap.ending import MOST_INDEX_BYTES, index_bytes
+from aerodft.adapters.mcap.file import pieces
 from aerodft.adapters.mcap.layout import (
     CHUNK_HEAD,
     MAGIC,
@@ -166,8 +167,8 @@ class Salvage:
         except (*_UNREADABLE, ValueError):
             return False
         crc = 0
-        for offset in range(at, end, _WINDOW_BYTES):
-            crc = zlib.crc32(self._read(offset, min(_WINDOW_BYTES, end - offset)), crc)
+        for piece in pieces(self._descriptor, at, end - at):
+            crc = zlib.crc32(piece, crc)
         if int.from_bytes(self._read(end, CRC_BYTES), "little") not in {0, crc}:
             return False
         self.attachments.append((start, head))

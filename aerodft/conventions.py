@@ -60,8 +60,3 @@ ENU_SO3_NED_WXYZ: Final = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 
 NADIR_TILT_RAD: Final = 1e-9
 """Below this tilt the optical axis has no horizontal projection, and the image's up direction is ahead."""
-
-
-def tilt_from_gimbal_pitch(pitch_rad: float) -> float:
-    """Tilt of the optical axis from MAVLink's gimbal pitch (0 at the horizon, negative downwards), both in rad."""
-    return math.pi / 2 + pitch_rad

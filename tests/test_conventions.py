@@ -95,7 +95,6 @@ def test_positive_roll_has_the_right_side_down():
 
 def test_tilt_is_ninety_degrees_plus_gimbal_pitch():
     pitch = math.radians(-60.0)
-    assert_allclose(conventions.tilt_from_gimbal_pitch(pitch), math.radians(30.0))
     tilt, roll, heading = camera_angles(camera_from_gimbal(from_yaw_pitch_roll(math.radians(40.0), pitch, 0.0)))
     assert_allclose(np.degrees([tilt, roll, heading]), [30.0, 0.0, 40.0], atol=NANOMETRE)
 

@@ -72,41 +72,8 @@ def object_height(height_m: FloatLike, base_ahead_m: FloatLike, top_ahead_m: Flo
     return np.asarray(height_m * (top - base_ahead_m) / top)
 
 
-def effective_height(height_m: FloatLike, surface_m: FloatLike) -> FloatArray:
-    """Section 4.1: the camera's height above a surface ``surface_m`` above the ground, for Eq. 4 to 8.
-
-    Returns:
-        ``h - surface``; NaN where the surface is not below the camera.
-    """
-    above = np.asarray(np.asarray(height_m, dtype=np.float64) - surface_m)
-    return np.where(above > 0, above, np.nan)
-
-
 def ground_point(height_m: FloatLike, psi_rad: FloatLike, phi_rad: FloatLike) -> FloatArray:
     """Eq. 4 and 5 together: ``(..., 2)`` of X (right) and Y (ahead), m; NaN at and above the horizon."""
     ahead = ground_ahead(height_m, psi_rad)
     right = ground_right(ahead, phi_rad)
     return np.stack(np.broadcast_arrays(right, ahead), axis=-1)
-
-
-def object_width(height_m: FloatLike, surface_m: FloatLike, psi_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
-    """Section 5.4: width between two edge points at the same elevation.
-
-    At an object's bottom ``surface_m`` is 0; at its top it is the object's own height, measured by Eq. 8.
-
-    Args:
-        height_m: Camera height above the ground ``(...)``.
-        surface_m: Elevation of both edge points above the ground ``(...)``.
-        psi_rad: ``(..., 2)`` vertical angles of the two edges, Eq. 3.
-        phi_rad: ``(..., 2)`` their rotation angles, Eq. 2.
-
-    Returns:
-        ``(...)`` m, Eq. 7; NaN where an edge is not below the horizon, or the surface not below the camera.
-    """
-    points = ground_point(effective_height(height_m, surface_m)[..., None], psi_rad, phi_rad)
-    return ground_distance(points[..., 0, :], points[..., 1, :])
-
-
-def object_area(width_m: FloatLike, object_height_m: FloatLike) -> FloatArray:
-    """Abstract and Section 6.1: the area (size) of an upright object, its width times its height, m^2."""
-    return np.asarray(np.asarray(width_m, dtype=np.float64) * object_height_m)

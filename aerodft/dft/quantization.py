@@ -10,7 +10,6 @@ What has no neighbour on one side, and what has no depth:
 """
 
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import equations
@@ -26,8 +25,13 @@ def pixel_depth(camera: Camera, height_m: float, tilt_rad: float, pixels_px: Flo
     Raises:
         ValueError: The height is not above 0.
     """
+    if not height_m > 0:
+        raise ValueError(f"height {height_m} m, must be above 0")
     pixels = np.asarray(pixels_px, dtype=np.float64)
-    return _depth(camera, height_m, tilt_rad, pixels[..., 0], pixels[..., 1])
+    psi = equations.vertical_angle(pixels[..., 1], tilt_rad, camera.height_px, camera.vfov_rad)
+    phi = equations.rotation_angle(pixels[..., 0], camera.width_px, camera.hfov_rad)
+    ahead = equations.ground_ahead(height_m, psi)
+    return equations.depth(height_m, ahead, equations.ground_right(ahead, phi))
 
 
 def quantization_error(camera: Camera, height_m: float, tilt_rad: float, pixels_px: FloatArray) -> FloatArray:
@@ -48,8 +52,8 @@ def quantization_error(camera: Camera, height_m: float, tilt_rad: float, pixels_
     pixels = np.asarray(pixels_px, dtype=np.float64)
     depth = np.where(_inside(camera, pixels), pixel_depth(camera, height_m, tilt_rad, pixels), np.nan)
     around = pixels[..., None, :] + _NEIGHBOURS
-    depth_around = _unbounded(pixel_depth(camera, height_m, tilt_rad, around))
-    change = np.abs(depth_around - depth[..., None])
+    depth_around = pixel_depth(camera, height_m, tilt_rad, around)
+    change = np.abs(np.where(np.isnan(depth_around), np.inf, depth_around) - depth[..., None])
     counted = np.where(_inside(camera, around), change, 0.0)
     return np.asarray(np.where(np.isnan(depth), np.nan, counted.max(axis=-1)))
 
@@ -76,34 +80,6 @@ def quantization_column(
     pixels = np.stack([np.full_like(rows, column), rows], axis=-1)
     error = quantization_error(camera, height_m, tilt_rad, pixels)
     return pixel_depth(camera, height_m, tilt_rad, pixels), error
-
-
-def quantization_map(camera: Camera, height_m: float, tilt_rad: float) -> FloatArray:
-    """Quantization error of every pixel, ``(H, W)`` m; the values of ``quantization_error``, faster.
-
-    Raises:
-        ValueError: The height is not above 0.
-    """
-    columns, rows = np.arange(camera.width_px, dtype=np.float64), np.arange(camera.height_px, dtype=np.float64)
-    depth = _unbounded(_depth(camera, height_m, tilt_rad, columns, rows[:, None]))
-    # "nearest" repeats the border: what is outside the image adds nothing to a neighbourhood's extremes.
-    farthest = maximum_filter(depth, size=3, mode="nearest")
-    nearest = minimum_filter(depth, size=3, mode="nearest")
-    with np.errstate(invalid="ignore"):  # infinite minus infinite: no depth, NaN
-        return np.maximum(farthest - depth, depth - nearest)
-
-
-def _depth(camera: Camera, height_m: float, tilt_rad: float, i_px: FloatArray, j_px: FloatArray) -> FloatArray:
-    if not height_m > 0:
-        raise ValueError(f"height {height_m} m, must be above 0")
-    psi = equations.vertical_angle(j_px, tilt_rad, camera.height_px, camera.vfov_rad)
-    phi = equations.rotation_angle(i_px, camera.width_px, camera.hfov_rad)
-    ahead = equations.ground_ahead(height_m, psi)
-    return equations.depth(height_m, ahead, equations.ground_right(ahead, phi))
-
-
-def _unbounded(depth_m: FloatArray) -> FloatArray:
-    return np.where(np.isnan(depth_m), np.inf, depth_m)
 
 
 def _inside(camera: Camera, pixels_px: FloatArray) -> BoolArray:

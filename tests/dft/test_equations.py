@@ -62,38 +62,3 @@ def test_equation_8_finds_the_height_that_casts_its_top_there(camera, share, ahe
     height = share * camera
     top_ahead = ahead * camera / (camera - height)
     assert_allclose(eq.object_height(camera, ahead, top_ahead), height, rtol=1e-9)
-
-
-def test_section_4_1_measures_from_the_surface():
-    assert_allclose(eq.effective_height(10.0, np.array([0.0, 2.5, -1.0])), [10.0, 7.5, 11.0])
-    assert np.isnan(eq.effective_height(10.0, np.array([10.0, 11.0]))).all()
-
-
-@given(
-    camera=st.floats(2, 50),
-    share=st.floats(0.0, 0.9),
-    ahead=st.floats(1, 100),
-    left=st.floats(-20, -0.1),
-    width=st.floats(0.1, 30),
-)
-def test_section_5_4_width_at_the_top_is_the_width_at_the_bottom(camera, share, ahead, left, width):
-    """Edges seen at the top of a box: the angles follow from where they are, the width comes back."""
-    top = share * camera
-    x = np.array([left, left + width])
-    psi = np.full(2, math.atan2(ahead, camera - top))
-    phi = np.arctan2(x, ahead)
-    assert_allclose(eq.object_width(camera, top, psi, phi), width, rtol=1e-9)
-    at_the_ground = eq.object_width(camera, 0.0, psi, phi)
-    assert_allclose(at_the_ground, width / (1 - share), rtol=1e-9, err_msg="too wide where the height is forgotten")
-
-
-def test_width_is_batch_first_and_misses_are_nan():
-    psi = np.array([[0.5, 0.5], [0.5, 1.6], [0.5, 0.5]])
-    phi = np.array([[-0.1, 0.1]] * 3)
-    width = eq.object_width(np.array([10.0, 10.0, 10.0]), np.array([0.0, 0.0, 12.0]), psi, phi)
-    assert_allclose(width[0], 2 * 10 * math.tan(0.5) * math.tan(0.1))
-    assert np.isnan(width[1:]).all()
-
-
-def test_area_is_width_times_height():
-    assert_allclose(eq.object_area(np.array([0.571, 2.0]), 0.516), [0.294636, 1.032])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.quantization import pixel_depth, quantization_column, quantization_error, quantization_map
+from aerodft.dft.quantization import pixel_depth, quantization_column, quantization_error
 from aerodft.model.camera import Camera
 
 SMALL = Camera.from_fov(name="small", width_px=12, height_px=9, hfov_rad=0.9, vfov_rad=0.7)
@@ -42,20 +42,19 @@ def every_pixel(camera):
 
 @given(height=st.floats(0.5, 300), tilt=st.floats(0, 2.0))
 @settings(max_examples=60, deadline=None)
-def test_pixel_map_and_loop_agree(height, tilt):
+def test_every_pixel_is_as_the_loop_says(height, tilt):
     """Nadir, horizon in the image (infinite, NaN) and wholly above it included."""
     pixels = every_pixel(SMALL)
     found = quantization_error(SMALL, height, tilt, pixels)
     want = [[error_by_hand(SMALL, height, tilt, i, j) for i, j in row] for row in pixels]
     assert_allclose(found, want, rtol=1e-9, atol=1e-9)
-    assert_allclose(quantization_map(SMALL, height, tilt), want, rtol=1e-9, atol=1e-9)
 
 
 def test_horizon_in_the_image():
     """Rows above it have no depth, the first row below it no bound, the next one a number."""
     step = SMALL.vfov_rad / SMALL.height_px
     tilt = math.pi / 2 - step * 1.2  # rows 0..3 above, psi of row 4 is 0.7 step below the horizon
-    errors = quantization_map(SMALL, 10.0, tilt)
+    errors = quantization_error(SMALL, 10.0, tilt, every_pixel(SMALL))
     assert np.isnan(errors[:4]).all()
     assert np.isinf(errors[4]).all()
     assert np.isfinite(errors[5:]).all()
@@ -89,7 +88,7 @@ def test_column_and_shapes():
     pixels = every_pixel(SMALL)
     depth, error = quantization_column(SMALL, 10.0, 0.8, column_px=3.0)
     assert_allclose(depth, pixel_depth(SMALL, 10.0, 0.8, pixels)[:, 3])
-    assert_allclose(error, quantization_map(SMALL, 10.0, 0.8)[:, 3])
+    assert_allclose(error, quantization_error(SMALL, 10.0, 0.8, pixels)[:, 3])
     assert [quantization_error(SMALL, 10.0, 0.8, p).shape for p in (pixels[0, 0], pixels[0], pixels)] == [
         (), (12,), (9, 12)
     ]  # fmt: skip
@@ -98,4 +97,4 @@ def test_column_and_shapes():
 @pytest.mark.parametrize("height", [0.0, -1.0, math.nan])
 def test_a_camera_in_the_ground_is_refused(height):
     with pytest.raises(ValueError, match="must be above 0"):
-        quantization_map(SMALL, height, 0.5)
+        quantization_error(SMALL, height, 0.5, every_pixel(SMALL))

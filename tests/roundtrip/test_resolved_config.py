@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aerodft.adapters.config.calibration import load_calibration
 from aerodft.adapters.config.fixed_pose import FixedPose
 from aerodft.adapters.config.inputs import ObservationSettings, Rate, Stills, VideoFile
 from aerodft.adapters.config.loading import load_station, parse_station, with_calibration
@@ -114,7 +115,7 @@ def test_the_id_follows_what_numbers_depend_on_and_nothing_else() -> None:
         record=replace(station.record, folder=Path("/elsewhere")),
         images=replace(station.images, source=Rate(rate_hz=3)),
         link=None,
-        calibration=load_station(CONFIGS / "services" / "replay.toml").calibration,
+        calibration=load_calibration(CONFIGS / "sites" / "river-calibration.toml"),
         pipeline=replace(station.pipeline, station="other"),
     )
     assert refreshed(elsewhere).pipeline.config_id == own

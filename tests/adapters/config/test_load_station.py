@@ -51,8 +51,8 @@ def test_the_examples_defaults_are_the_defaults() -> None:
     assert bare.pipeline.telemetry.attitude.std.heading_rad == math.radians(2.0)
 
 
-def test_the_replay_example_carries_its_calibration() -> None:
-    station = load_station(CONFIGS / "services" / "replay.toml")
+def test_a_configuration_names_its_calibration() -> None:
+    station = parsed(FLIGHT + 'calibration = "river-calibration.toml"\n', CONFIGS / "sites")
     assert station.link is None
     assert station.calibration is not None
     assert station.calibration.id == load_calibration(CONFIGS / "sites" / "river-calibration.toml").id

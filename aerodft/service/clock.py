@@ -1,6 +1,5 @@
-"""The two clocks behind the ``Clock`` port: the wall's, and one that recorded input drives."""
+"""The clock behind the ``Clock`` port."""
 
-import threading
 import time
 
 
@@ -21,20 +20,3 @@ class WallClock:
         """Return at ``when_ns`` or later."""
         while (rest_ns := when_ns - self.now_ns()) > 0:
             time.sleep(rest_ns / 1e9)
-
-
-class VirtualClock:
-    """A clock that stands still until somebody sleeps on it or sets it; safe to share between threads."""
-
-    def __init__(self, start_ns: int = 0) -> None:
-        self._now_ns = start_ns
-        self._lock = threading.Lock()
-
-    def now_ns(self) -> int:
-        """The time that was last reached."""
-        return self._now_ns
-
-    def sleep_until(self, when_ns: int) -> None:
-        """Move the time to ``when_ns`` at once; it never moves back."""
-        with self._lock:
-            self._now_ns = max(self._now_ns, when_ns)

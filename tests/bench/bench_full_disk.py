@@ -8,9 +8,9 @@ import argparse
 import json
 import os
 import resource
-import runpy
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -20,11 +20,14 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from aerodft.adapters.mcap.recovery import recover_folder
-from aerodft.adapters.zenoh.session import free_endpoint, session_on
-from replay.recording import Recording
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
-Flight = runpy.run_path(str(Path(__file__).parents[1] / "faults" / "live_flight.py"))["Flight"]
+from aerodft.adapters.mcap.recovery import recover_folder
+from aerodft.adapters.zenoh.session import session_on
+from replay.recording import Recording
+from tests.faults.live_flight import Flight
+from tests.ports import free_endpoint
+
 DISK_MB = 3
 RATE_HZ, TICK_MS = 50, 10
 

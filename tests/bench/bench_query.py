@@ -17,7 +17,10 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-from aerodft.adapters.zenoh.session import free_endpoint, session_on
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from aerodft.adapters.zenoh.session import session_on
+from tests.ports import free_endpoint
 
 GOAL_MS = 10.0
 STATION = """

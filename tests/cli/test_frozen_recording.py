@@ -15,10 +15,10 @@ import orjson
 import pytest
 
 from aerodft.adapters.mcap.recovery import recover_folder
-from aerodft.adapters.zenoh.session import free_endpoint
 from aerodft.model.image import Image
 from replay.recording import Recording
 from replay.source import RecordingSource
+from tests.ports import free_endpoint
 
 FROZEN = Path(__file__).parent / "frozen-0.1"
 EXPECTED = Path(__file__).parent / "frozen-0.1-expected.jsonl"

@@ -7,8 +7,9 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.codec.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image, decode_observation
+from aerodft.adapters.codec.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
 from replay.recording import Recording
+from tests.payloads import decode_observation
 
 UTC0_NS = 1_795_221_168_000_000_000
 START = "2026-11-21T00:32:48.55Z"

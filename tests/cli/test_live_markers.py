@@ -12,17 +12,18 @@ import orjson
 import pytest
 import tomli_w
 
-from aerodft.adapters.codec.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image, decode_observation
+from aerodft.adapters.codec.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.zenoh.session import free_endpoint
 from aerodft.model.image import StampClock
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Biases
 from replay.compare import compare_recordings
 from replay.recording import Recording
+from tests.payloads import decode_observation
+from tests.ports import free_endpoint, free_udp_port
 
 from .conftest import run_aerodft
-from .test_serve import PATIENCE_S, Service, free_udp_port
+from .test_serve import PATIENCE_S, Service
 
 HEIGHT_BIAS_M, TILT_BIAS_DEG = 1.5, 1.2
 SETTLED_S = 2.0

@@ -11,8 +11,8 @@ from mcap.writer import Writer
 
 from aerodft.adapters.mcap.layout import MAGIC, RECORD_HEAD
 from aerodft.adapters.whole_file import whole_file
-from aerodft.adapters.zenoh.session import free_endpoint
 from aerodft.errors import InputError
+from tests.ports import free_endpoint
 
 FROZEN = Path(__file__).parent / "frozen-0.1"
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import orjson
 
-from aerodft.adapters.zenoh.session import free_endpoint, session_on
+from aerodft.adapters.zenoh.session import session_on
 from tests.cli import serving
 from tests.faults.live_flight import Flight
+from tests.ports import free_endpoint
 
 
 def test_nothing_is_compiled_once_the_service_runs(tmp_path: Path) -> None:

@@ -16,9 +16,9 @@ import orjson
 import pytest
 from pymavlink import mavutil
 
-from aerodft.adapters.zenoh.session import free_endpoint
 from replay.recording import Recording
 from tests.cli.conftest import HEIGHT_M, UTC0_NS
+from tests.ports import free_endpoint
 from tests.replay.foreign_files import frames_of, write_foreign
 
 

@@ -15,20 +15,15 @@ import tomli_w
 
 from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.zenoh.session import free_endpoint, session_on
+from aerodft.adapters.zenoh.session import session_on
 from aerodft.model.image import Image
 from aerodft.sim.scenario import default_camera
 from replay.compare import compare_recordings
 from replay.recording import Recording
 from replay.source import RecordingSource
+from tests.ports import free_endpoint, free_udp_port
 
 PATIENCE_S = 60.0
-
-
-def free_udp_port():
-    with socket.socket(type=socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
 
 
 def write_station(folder, endpoint, **tables):

@@ -22,6 +22,7 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from replay.recording import Recording
+from tests.payloads import decode_steadiness
 
 BRIDGE = Path(__file__).parents[2] / "configs/calibration/bridge.jpg"
 CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=790.0, fy_px=802.0, cx_px=484.0, cy_px=262.0)
@@ -126,7 +127,7 @@ def test_the_summary_says_what_happened(imported):
 
 def test_what_was_estimated_is_recorded(imported):
     messages = [each for each in Recording(imported[1]).messages() if each.channel.schema == steadiness.SCHEMA]
-    estimates = [steadiness.decode_steadiness(each.data) for each in messages]
+    estimates = [decode_steadiness(each.data) for each in messages]
     assert len(estimates) == LENGTH
     off = [np.array(each.turn_rad) + TURN for each in estimates[BUMPED + 2 :]]
     stds = [np.array(each.std_rad) for each in estimates[BUMPED + 2 :]]

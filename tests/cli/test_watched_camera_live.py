@@ -7,12 +7,13 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.zenoh.session import free_endpoint, session_on
+from aerodft.adapters.zenoh.session import session_on
 from aerodft.sim.live import udp_sender
 from aerodft.sim.video import TransportStream
 from replay.recording import Recording
+from tests.ports import free_endpoint, free_udp_port
 
-from .test_serve import Service, free_udp_port
+from .test_serve import Service
 from .test_watched_camera import BRIDGE, CAMERA, TURN, after_turn, station_file, truth_m
 
 RATE_HZ, BUMP_S, LENGTH_S = 8, 3, 8

@@ -11,6 +11,7 @@ from aerodft.errors import InputError
 from replay.recording import Recording
 from replay.series import _row_of_payload
 from replay.table import parsed, row_of
+from tests.payloads import decode_observation
 
 FROZEN = Path(__file__).parents[1] / "cli/frozen-0.1"
 
@@ -90,9 +91,9 @@ def test_no_measurement_to_compare(way: str, value: object) -> None:
 )
 def test_no_observation(way: str, value: object) -> None:
     payload = one(events.OBSERVATION_SCHEMA)
-    assert events.decode_observation(payload).name
+    assert decode_observation(payload).name
     with pytest.raises(InputError, match="incomplete or wrong"):
-        events.decode_observation(changed(payload, way, value))
+        decode_observation(changed(payload, way, value))
 
 
 def test_a_configuration_of_many_megabytes_is_none(tmp_path: Path) -> None:

@@ -6,9 +6,9 @@ import pytest
 
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.mcap.reading import ReadMessage
-from aerodft.service.clock import VirtualClock
 from replay.player import Controls, Player
 from replay.timeline import Item
+from tests.clock import VirtualClock
 
 CHANNEL = ReadChannel(topic="/t", encoding="json", schema="", metadata={})
 START_NS, SECOND_NS = 1_795_221_278_000_000_000, 1_000_000_000

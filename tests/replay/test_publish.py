@@ -12,10 +12,9 @@ import orjson
 import pytest
 import zenoh
 
-from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
-from aerodft.adapters.zenoh.session import free_endpoint, session_on
+from aerodft.adapters.zenoh.session import session_on
 from aerodft.dft.answers import answers_of
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera
@@ -24,13 +23,15 @@ from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.clock import VirtualClock
 from aerodft.service.feed import batch_of
 from replay.player import Player
 from replay.publish import Republisher, is_published
 from replay.publishers import WaitingPublishers
 from replay.recording import Recording
 from replay.timeline import timeline
+from tests.clock import VirtualClock
+from tests.payloads import encode_measurement
+from tests.ports import free_endpoint
 
 START_NS = 1_795_221_278_000_000_000
 TICK_NS = 50_000_000

@@ -17,8 +17,9 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service import feed
 from aerodft.service.arrivals import first_arrival_ns
 from aerodft.service.batches import Batches
-from aerodft.service.clock import VirtualClock, WallClock
+from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, batch_of, block_of, tick_after
+from tests.clock import VirtualClock
 
 TICK_NS = 50
 

@@ -12,9 +12,9 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
-from aerodft.service.clock import VirtualClock
 from aerodft.service.feed import Inbox, MergedFeed
 from aerodft.service.looking import LiveLook, LookedAt, Lookout
+from tests.clock import VirtualClock
 
 PATIENCE_S = 30.0
 

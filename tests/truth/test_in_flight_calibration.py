@@ -10,7 +10,6 @@ import orjson
 import pytest
 
 from aerodft.adapters.codec import estimate, pose
-from aerodft.adapters.codec.estimate import decode_estimate
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.main import main
 from aerodft.cli.recorded_pose import Instead, recorded_setup
@@ -20,6 +19,7 @@ from aerodft.model.status import Status
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Autopilot, Biases
 from replay.recording import Recording
+from tests.payloads import decode_estimate, decode_pose
 
 from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory
 
@@ -197,6 +197,6 @@ def test_an_imported_flight_with_landmarks_is_computed_anew_to_the_byte(monkeypa
     assert named[0] is None
     assert named[-1].startswith("live:")
     middle = payloads(recording, pose.SCHEMA)[60]
-    _, asked = recorded_setup(recording.folder, unix_ns_to_iso(pose.decode_pose(middle).stamp_ns), Instead())
+    _, asked = recorded_setup(recording.folder, unix_ns_to_iso(decode_pose(middle).stamp_ns), Instead())
     assert asked.calibration.startswith("live:")
     assert pose.encode_pose(asked) == middle

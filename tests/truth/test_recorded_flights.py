@@ -10,11 +10,12 @@ import pytest
 from numpy.testing import assert_allclose
 from pymavlink import mavutil
 
-from aerodft.adapters.codec.pose import SCHEMA, decode_pose
+from aerodft.adapters.codec.pose import SCHEMA
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.status import Status
 from replay.recording import Recording
 from tests.commands import run_aerodft
+from tests.payloads import decode_pose
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 SECOND = 1_000_000_000

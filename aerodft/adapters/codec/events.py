@@ -128,15 +128,6 @@ def encode_observation(observation: Observation) -> bytes:
     )
 
 
-def decode_observation(data: bytes) -> Observation:
-    """``aerodft.observation/1`` to an observation.
-
-    Raises:
-        InputError: The payload is not of that schema.
-    """
-    return wire.load(data, OBSERVATION_SCHEMA, _observation)
-
-
 def decode_observations(data: Sequence[bytes]) -> Sequence[Observation]:
     """The same of many."""
     return wire.load_all(data, OBSERVATION_SCHEMA, _observation)

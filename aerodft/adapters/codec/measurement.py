@@ -12,16 +12,13 @@ import numpy as np
 
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.pose_encoder import PoseEncoder, groups
-from aerodft.adapters.codec.pose_summary import sample_of_summary
 from aerodft.adapters.codec.template import Alike, Same, Templates
 from aerodft.adapters.texts import Texts
 from aerodft.dft.answer_columns import AnswerBlock, AnswerRow, ImageColumns
 from aerodft.dft.answers import Answer, ImageAnswers, answers_of
 from aerodft.dft.request import Request
 from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
+from aerodft.model.measurement import Measurement
 
 SCHEMA = "aerodft.measurement/1"
 IMAGE_SCHEMA = "aerodft.measurements/1"
@@ -172,11 +169,6 @@ def _own(request: Request, answer: Answer) -> wire.Json:
     }
 
 
-def encode_measurement(measurement: Measurement) -> bytes:
-    """One measurement as ``aerodft.measurement/1``."""
-    return MeasurementEncoder().encode(measurement)
-
-
 def encode_measurements(measurements: list[Measurement]) -> bytes:
     """A JSON list of ``aerodft.measurement/1``."""
     encoder = MeasurementEncoder()
@@ -199,67 +191,9 @@ def _split(payload: wire.Json) -> list[tuple[str, bytes]]:
     return [(own["name"], wire.dump({"schema": SCHEMA, **own, **shared})) for own in payload[_LIST]]
 
 
-def decode_measurement(data: bytes) -> Measurement:
-    """``aerodft.measurement/1`` to a measurement.
-
-    Exact but for degrees (``wire.DEGREES_RTOL``); its pose has height and attitude, no covariance.
-
-    Raises:
-        InputError: The payload is not of that schema.
-    """
-    return wire.load(data, SCHEMA, _measurement)
-
-
-def _measurement(payload: wire.Json) -> Measurement:
-    status = Status(payload["status"])
-    stamp_ns = int(payload["stamp_ns"])
-    ci95, geo, ranges_m = payload["ci95"], payload["geo"], payload["range_m"]
-    return Measurement(
-        name=payload["name"],
-        kind=ProbeKind(payload["kind"]),
-        status=status,
-        reasons=tuple(payload["reasons"]),
-        stamp_ns=stamp_ns,
-        pixels=wire.pixel_pairs(payload["pixels"]),
-        std_px=wire.number(payload["std_px"]),
-        camera=payload["camera"],
-        model=ProjectionModel(payload["model"]),
-        pose=sample_of_summary(payload["pose"], stamp_ns, status),
-        value=payload["value"],
-        std=payload["std"],
-        ci95=None if ci95 is None else (wire.number(ci95[0]), wire.number(ci95[1])),
-        ellipse95=None if payload["ellipse95"] is None else _ellipse(payload["ellipse95"]),
-        ground_m=wire.rows(payload["ground_m"]),
-        enu_m=wire.rows(payload["enu_m"]),
-        cov_enu_m2=wire.rows(payload["cov_enu_m2"]),
-        geo=None if geo is None else tuple(map(_geo, geo)),
-        range_m=None if ranges_m is None else wire.numbers(ranges_m),
-        unit=payload["unit"],
-        image=payload["image"],
-        calibration=payload["calibration"],
-        config=payload["config"],
-    )
-
-
 def _ellipse_payload(semi_major_m: float, semi_minor_m: float, azimuth_rad: float) -> wire.Json:
     return {"semi_major_m": semi_major_m, "semi_minor_m": semi_minor_m, "azimuth_deg": math.degrees(azimuth_rad)}
 
 
-def _ellipse(payload: wire.Json) -> Ellipse95:
-    return Ellipse95(
-        semi_major_m=wire.number(payload["semi_major_m"]),
-        semi_minor_m=wire.number(payload["semi_minor_m"]),
-        azimuth_rad=math.radians(wire.number(payload["azimuth_deg"])),
-    )
-
-
 def _geo_payload(lat_rad: float, lon_rad: float, alt_msl_m: float) -> wire.Json:
     return {"lat": math.degrees(lat_rad), "lon": math.degrees(lon_rad), "alt_msl_m": alt_msl_m}
-
-
-def _geo(payload: wire.Json) -> GeoPoint:
-    return GeoPoint(
-        lat_rad=math.radians(wire.number(payload["lat"])),
-        lon_rad=math.radians(wire.number(payload["lon"])),
-        alt_msl_m=payload["alt_msl_m"],
-    )

@@ -4,14 +4,9 @@ import math
 from collections.abc import Hashable, Sequence
 from typing import Final
 
-import numpy as np
-
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.angles import camera_angles_deg
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.arrays import read_only
-from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.status import Status
+from aerodft.model.pose import PoseSample
 
 _STDS: Final = ("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg")
 
@@ -74,54 +69,3 @@ def summary_of(sample: PoseSample, values: Sequence[float | None]) -> wire.Json:
         "telemetry_age_s": age_s,
         "std": dict(zip(_STDS, stds, strict=True)),
     }
-
-
-def sample_of_summary(payload: wire.Json, stamp_ns: int, status: Status) -> PoseSample:
-    """The pose sample of a measurement: attitude and height, without covariance, straight above the origin.
-
-    Args:
-        payload: What ``summary_of`` made.
-        stamp_ns: The measurement's stamp.
-        status: The measurement's status; the sample's own where it has no pose.
-    """
-    angles_deg = (payload["tilt_deg"], payload["roll_deg"], payload["heading_deg"])
-    pose = None
-    if None not in angles_deg:
-        height_m = wire.number(payload["height_agl_m"])
-        pose = Pose(
-            position_enu_m=read_only((0.0, 0.0, height_m)), wxyz=camera_attitude(*np.radians(np.array(angles_deg)))
-        )
-    return PoseSample(
-        stamp_ns=stamp_ns,
-        status=Status.OK if pose else status,
-        pose=pose,
-        std=std_of(payload["std"]),
-        lat_rad=wire.radians(payload["lat"]),
-        lon_rad=wire.radians(payload["lon"]),
-        height_source=height_source_of(payload["height_source"]),
-        height_datum=payload["height_datum"],
-        height_age_s=payload.get("height_age_s"),
-        telemetry_age_s=payload["telemetry_age_s"],
-    )
-
-
-def std_of(payload: wire.Json) -> PoseStd:
-    """Standard deviations in metres, seconds and radians; those that a summary leaves out are 0."""
-    return PoseStd(
-        height_agl_m=wire.number(payload["height_agl_m"]),
-        horizontal_m=wire.number(payload.get("horizontal_m", 0.0)),
-        tilt_rad=math.radians(wire.number(payload["tilt_deg"])),
-        pan_rad=math.radians(wire.number(payload["pan_deg"])),
-        roll_rad=math.radians(wire.number(payload["roll_deg"])),
-        heading_rad=math.radians(wire.number(payload["heading_deg"])),
-        time_s=wire.number(payload.get("time_s", 0.0)),
-    )
-
-
-def height_source_of(value: str | None) -> HeightSource | None:
-    """The source of that name; None where a payload has none.
-
-    Raises:
-        ValueError: There is no source of that name.
-    """
-    return None if value is None else HeightSource(value)

@@ -279,11 +279,6 @@ SCHEMAS: Final[dict[str, Schema]] = {
 }
 
 
-def schema_file_name(name: str) -> str:
-    """The file in ``docs/schema`` for a schema's name: ``aerodft.pose/1`` is ``pose-1.json``."""
-    return name.removeprefix("aerodft.").replace("/", "-") + ".json"
-
-
 def schema_text(name: str) -> bytes:
     """A schema as its file holds it."""
     return orjson.dumps(SCHEMAS[name], option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)

@@ -51,27 +51,6 @@ def encode_status(status: StationStatus) -> bytes:
     )
 
 
-def decode_status(data: bytes) -> StationStatus:
-    """``aerodft.status/1`` to a station's state.
-
-    Raises:
-        InputError: The payload is not of that schema.
-    """
-    return wire.load(data, SCHEMA, _status)
-
-
-def _status(payload: wire.Json) -> StationStatus:
-    return StationStatus(
-        station=payload["station"],
-        stamp_ns=int(payload["stamp_ns"]),
-        state=payload["state"],
-        text=payload["text"],
-        counts=payload["counts"],
-        health=None if payload.get("health") is None else _health(payload["health"]),
-        rejected=payload.get("rejected", {}),
-    )
-
-
 def _health_payload(health: Health) -> wire.Json:
     return {
         "heartbeat_age_s": health.heartbeat_age_s,
@@ -86,20 +65,3 @@ def _health_payload(health: Health) -> wire.Json:
         "link": {"received": health.received, "lost": health.lost},
         "ages_s": health.ages_s,
     }
-
-
-def _health(payload: wire.Json) -> Health:
-    gps, estimator, link = payload["gps"], payload["estimator"], payload["link"]
-    return Health(
-        heartbeat_age_s=payload["heartbeat_age_s"],
-        gps_fix=gps["fix"],
-        gps_age_s=gps["age_s"],
-        satellites=gps["satellites"],
-        horizontal_std_m=gps["horizontal_std_m"],
-        vertical_std_m=gps["vertical_std_m"],
-        ratios=estimator["test_ratios"],
-        has_attitude=estimator["has_attitude"],
-        received=link["received"],
-        lost=link["lost"],
-        ages_s=payload["ages_s"],
-    )

@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 from aerodft.adapters.codec import wire
-from aerodft.model.steadiness import Steadiness, SteadinessEstimate
+from aerodft.model.steadiness import SteadinessEstimate
 
 SCHEMA = "aerodft.steadiness/1"
 
@@ -34,34 +34,3 @@ def encode_steadiness(estimate: SteadinessEstimate) -> bytes:
             "software": wire.SOFTWARE,
         }
     )
-
-
-def decode_steadiness(data: bytes) -> SteadinessEstimate:
-    """``aerodft.steadiness/1`` to an estimate; angles to an ulp.
-
-    Raises:
-        InputError: The payload is not of that schema.
-    """
-    return wire.load(data, SCHEMA, _estimate)
-
-
-def _estimate(payload: wire.Json) -> SteadinessEstimate:
-    turn, look, moved = payload["turn"], payload["look"], payload["moved_ns"]
-    return SteadinessEstimate(
-        stamp_ns=int(payload["stamp_ns"]),
-        state=Steadiness(payload["state"]),
-        since_ns=int(payload["since_ns"]),
-        moved_ns=None if moved is None else int(moved),
-        turn_rad=_radians([turn[name]["value"] for name in _AXES]),
-        std_rad=_radians([turn[name]["std"] for name in _AXES]),
-        look_turn_rad=None if look is None else _radians([look[name] for name in _AXES]),
-        points=payload["points"],
-        agreeing=payload["agreeing"],
-        std_px=payload["std_px"],
-        calibration=payload["calibration"],
-    )
-
-
-def _radians(values_deg: list[float | None]) -> tuple[float, float, float]:
-    x, y, z = (math.radians(wire.number(value)) for value in values_deg)
-    return x, y, z

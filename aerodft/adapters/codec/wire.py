@@ -109,24 +109,9 @@ def degrees(angle_rad: float | None) -> float | None:
     return None if angle_rad is None else math.degrees(angle_rad)
 
 
-def radians(angle_deg: float | None) -> float | None:
-    """Degrees to radians; None stays None."""
-    return None if angle_deg is None else math.radians(angle_deg)
-
-
 def number(value: float | None) -> float:
     """A number where JSON had null for a non-finite one."""
     return math.nan if value is None else float(value)
-
-
-def numbers(values: Iterable[float | None]) -> tuple[float, ...]:
-    """A row of numbers, null as NaN."""
-    return tuple(map(number, values))
-
-
-def rows(values: Iterable[Sequence[float | None]] | None) -> tuple[tuple[float, ...], ...] | None:
-    """Rows of numbers; None stays None."""
-    return None if values is None else tuple(map(numbers, values))
 
 
 def pixel_pairs(values: Iterable[Sequence[float | None]]) -> tuple[tuple[float, float], ...]:

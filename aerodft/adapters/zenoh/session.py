@@ -2,7 +2,6 @@
 
 import json
 import logging
-import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -70,12 +69,6 @@ def close_session(session: zenoh.Session) -> None:
         session.close()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
     except zenoh.ZError as error:
         _log.warning("zenoh did not close in time: %s", _short(error))
-
-
-def free_endpoint() -> str:
-    """A loopback endpoint with a port that nobody listens on now."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
 
 
 def _link_error(where: str, error: zenoh.ZError) -> LinkError:

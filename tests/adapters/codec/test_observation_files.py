@@ -5,10 +5,11 @@ from pathlib import Path
 import orjson
 import pytest
 
-from aerodft.adapters.codec.events import decode_observation, encode_observation
+from aerodft.adapters.codec.events import encode_observation
 from aerodft.adapters.codec.observations import load_observations, parse_observation
 from aerodft.errors import InputError
 from aerodft.model.image import StampClock
+from tests.payloads import decode_observation
 
 GOOD = {"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}
 BARE = {"stamp_ns": "1795221278868833000", "name": "walker"}

@@ -14,11 +14,9 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from aerodft.adapters.codec.events import decode_image, decode_observation
+from aerodft.adapters.codec.events import decode_image
 from aerodft.adapters.codec.measurement import split_measurements
-from aerodft.adapters.codec.pose import decode_pose
 from aerodft.adapters.codec.schemas import SCHEMAS
-from aerodft.adapters.codec.status import decode_status
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.dft.answers import ImageAnswers, answers_of
@@ -36,6 +34,7 @@ from aerodft.model.telemetry import WireProtocol
 from aerodft.service.feed import MergedFeed, batch_of, block_of
 from replay.recording import Recording
 from replay.source import RecordingSource
+from tests.payloads import decode_observation, decode_pose, decode_status
 
 START_NS = 1_795_221_278_000_000_000
 TICK_NS = 50_000_000

@@ -17,12 +17,11 @@ import pytest
 import zenoh
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.codec.measurement import decode_measurement
 from aerodft.adapters.codec.requests import MeasureRequest
 from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.codec.status import StationStatus
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
-from aerodft.adapters.zenoh.session import free_endpoint, open_session, session_on
+from aerodft.adapters.zenoh.session import open_session, session_on
 from aerodft.dft.answers import answers_of
 from aerodft.errors import InputError, LinkError
 from aerodft.geometry.rotation import camera_attitude
@@ -33,6 +32,8 @@ from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.feed import batch_of
+from tests.payloads import decode_measurement
+from tests.ports import free_endpoint
 
 LONGEST_PUBLISH_S = 1.0  # a machine that is busy otherwise; waiting for the listener would take for ever
 PATIENCE_S = 60.0

@@ -1,0 +1,301 @@
+"""One value to its payload, and payloads back to values: what a subscriber does, and round trips need."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness, wire
+from aerodft.geometry.rotation import camera_attitude
+from aerodft.model.arrays import read_only
+from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
+from aerodft.model.health import Health
+from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
+from aerodft.model.observation import Observation
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import Status
+from aerodft.model.steadiness import Steadiness, SteadinessEstimate
+from aerodft.model.zoom import Zoom, ZoomSource
+
+_AXES = ("tilt_deg", "pan_deg", "roll_deg")
+_SI = ("height_m", "east_m", "north_m", "time_s")
+_ANGLES = ("tilt", "pan", "roll", "heading")
+
+
+def encode_measurement(value: Measurement) -> bytes:
+    """One measurement as ``aerodft.measurement/1``."""
+    return measurement.MeasurementEncoder().encode(value)
+
+
+def decode_measurement(data: bytes) -> Measurement:
+    """``aerodft.measurement/1`` to a measurement.
+
+    Exact but for degrees (``wire.DEGREES_RTOL``); its pose has height and attitude, no covariance.
+    """
+    return wire.load(data, measurement.SCHEMA, _measurement)
+
+
+def _measurement(payload: wire.Json) -> Measurement:
+    own_status = Status(payload["status"])
+    stamp_ns = int(payload["stamp_ns"])
+    ci95, geo, ranges_m = payload["ci95"], payload["geo"], payload["range_m"]
+    return Measurement(
+        name=payload["name"],
+        kind=ProbeKind(payload["kind"]),
+        status=own_status,
+        reasons=tuple(payload["reasons"]),
+        stamp_ns=stamp_ns,
+        pixels=wire.pixel_pairs(payload["pixels"]),
+        std_px=wire.number(payload["std_px"]),
+        camera=payload["camera"],
+        model=ProjectionModel(payload["model"]),
+        pose=_sample_of_summary(payload["pose"], stamp_ns, own_status),
+        value=payload["value"],
+        std=payload["std"],
+        ci95=None if ci95 is None else (wire.number(ci95[0]), wire.number(ci95[1])),
+        ellipse95=None if payload["ellipse95"] is None else _ellipse(payload["ellipse95"]),
+        ground_m=_rows(payload["ground_m"]),
+        enu_m=_rows(payload["enu_m"]),
+        cov_enu_m2=_rows(payload["cov_enu_m2"]),
+        geo=None if geo is None else tuple(map(_geo, geo)),
+        range_m=None if ranges_m is None else _numbers(ranges_m),
+        unit=payload["unit"],
+        image=payload["image"],
+        calibration=payload["calibration"],
+        config=payload["config"],
+    )
+
+
+def _ellipse(payload: wire.Json) -> Ellipse95:
+    return Ellipse95(
+        semi_major_m=wire.number(payload["semi_major_m"]),
+        semi_minor_m=wire.number(payload["semi_minor_m"]),
+        azimuth_rad=math.radians(wire.number(payload["azimuth_deg"])),
+    )
+
+
+def _geo(payload: wire.Json) -> GeoPoint:
+    return GeoPoint(
+        lat_rad=math.radians(wire.number(payload["lat"])),
+        lon_rad=math.radians(wire.number(payload["lon"])),
+        alt_msl_m=payload["alt_msl_m"],
+    )
+
+
+def decode_pose(data: bytes) -> PoseSample:
+    """``aerodft.pose/1`` to a pose sample; position, attitude and covariance exact, angles of ``std`` to an ulp."""
+    return wire.load(data, pose.SCHEMA, _sample)
+
+
+def _sample(payload: wire.Json) -> PoseSample:
+    origin = payload["origin"]
+    return PoseSample(
+        stamp_ns=int(payload["stamp_ns"]),
+        status=Status(payload["status"]),
+        reasons=tuple(payload["reasons"]),
+        pose=_pose(payload),
+        std=_std_of(payload["std"]),
+        origin=None if origin is None else _origin(origin),
+        lat_rad=_radians(payload["lat"]),
+        lon_rad=_radians(payload["lon"]),
+        alt_msl_m=payload["alt_msl_m"],
+        height_source=_height_source_of(payload["height_source"]),
+        height_datum=payload["height_datum"],
+        height_age_s=payload.get("height_age_s"),
+        attitude_source=None if payload["attitude_source"] is None else GimbalSource(payload["attitude_source"]),
+        telemetry_age_s=payload["telemetry_age_s"],
+        calibration=payload["calibration"],
+        zoom=_zoom(payload),
+    )
+
+
+def _pose(payload: wire.Json) -> Pose | None:
+    if payload["wxyz"] is None:
+        return None
+    return Pose(
+        position_enu_m=read_only(_numbers(payload["position_enu_m"])),
+        wxyz=read_only(_numbers(payload["wxyz"])),
+        cov=read_only([_numbers(row) for row in payload["cov"]]),
+        velocity_enu_mps=read_only(_numbers(payload["velocity_enu_mps"])),
+        rate_cam_radps=read_only(_numbers(payload["rate_cam_radps"])),
+        time_std_s=wire.number(payload["time_std_s"]),
+    )
+
+
+def _zoom(payload: wire.Json) -> Zoom | None:
+    zoom = payload.get("zoom")  # recordings made before there was one have none
+    if zoom is None:
+        return None
+    return Zoom(
+        magnification=wire.number(zoom["magnification"]),
+        std=wire.number(zoom["std"]),
+        source=ZoomSource(zoom["source"]),
+    )
+
+
+def _origin(payload: wire.Json) -> GeoOrigin:
+    return GeoOrigin(
+        lat_rad=math.radians(payload["lat"]), lon_rad=math.radians(payload["lon"]), alt_msl_m=payload["alt_msl_m"]
+    )
+
+
+def _sample_of_summary(payload: wire.Json, stamp_ns: int, own_status: Status) -> PoseSample:
+    """The pose of a measurement: attitude and height, without covariance, straight above the origin."""
+    angles_deg = (payload["tilt_deg"], payload["roll_deg"], payload["heading_deg"])
+    pose = None
+    if None not in angles_deg:
+        height_m = wire.number(payload["height_agl_m"])
+        pose = Pose(
+            position_enu_m=read_only((0.0, 0.0, height_m)), wxyz=camera_attitude(*np.radians(np.array(angles_deg)))
+        )
+    return PoseSample(
+        stamp_ns=stamp_ns,
+        status=Status.OK if pose else own_status,
+        pose=pose,
+        std=_std_of(payload["std"]),
+        lat_rad=_radians(payload["lat"]),
+        lon_rad=_radians(payload["lon"]),
+        height_source=_height_source_of(payload["height_source"]),
+        height_datum=payload["height_datum"],
+        height_age_s=payload.get("height_age_s"),
+        telemetry_age_s=payload["telemetry_age_s"],
+    )
+
+
+def _std_of(payload: wire.Json) -> PoseStd:
+    """Standard deviations in metres, seconds and radians; those that a summary leaves out are 0."""
+    return PoseStd(
+        height_agl_m=wire.number(payload["height_agl_m"]),
+        horizontal_m=wire.number(payload.get("horizontal_m", 0.0)),
+        tilt_rad=math.radians(wire.number(payload["tilt_deg"])),
+        pan_rad=math.radians(wire.number(payload["pan_deg"])),
+        roll_rad=math.radians(wire.number(payload["roll_deg"])),
+        heading_rad=math.radians(wire.number(payload["heading_deg"])),
+        time_s=wire.number(payload.get("time_s", 0.0)),
+    )
+
+
+def _height_source_of(value: str | None) -> HeightSource | None:
+    """The source of that name; None where a payload has none.
+
+    Raises:
+        ValueError: There is no source of that name.
+    """
+    return None if value is None else HeightSource(value)
+
+
+def decode_status(data: bytes) -> status.StationStatus:
+    """``aerodft.status/1`` to a station's state."""
+    return wire.load(data, status.SCHEMA, _status)
+
+
+def _status(payload: wire.Json) -> status.StationStatus:
+    return status.StationStatus(
+        station=payload["station"],
+        stamp_ns=int(payload["stamp_ns"]),
+        state=payload["state"],
+        text=payload["text"],
+        counts=payload["counts"],
+        health=None if payload.get("health") is None else _health(payload["health"]),
+        rejected=payload.get("rejected", {}),
+    )
+
+
+def _health(payload: wire.Json) -> Health:
+    gps, estimator, link = payload["gps"], payload["estimator"], payload["link"]
+    return Health(
+        heartbeat_age_s=payload["heartbeat_age_s"],
+        gps_fix=gps["fix"],
+        gps_age_s=gps["age_s"],
+        satellites=gps["satellites"],
+        horizontal_std_m=gps["horizontal_std_m"],
+        vertical_std_m=gps["vertical_std_m"],
+        ratios=estimator["test_ratios"],
+        has_attitude=estimator["has_attitude"],
+        received=link["received"],
+        lost=link["lost"],
+        ages_s=payload["ages_s"],
+    )
+
+
+def decode_steadiness(data: bytes) -> SteadinessEstimate:
+    """``aerodft.steadiness/1`` to an estimate; angles to an ulp."""
+    return wire.load(data, steadiness.SCHEMA, _steadiness)
+
+
+def _steadiness(payload: wire.Json) -> SteadinessEstimate:
+    turn, look, moved = payload["turn"], payload["look"], payload["moved_ns"]
+    return SteadinessEstimate(
+        stamp_ns=int(payload["stamp_ns"]),
+        state=Steadiness(payload["state"]),
+        since_ns=int(payload["since_ns"]),
+        moved_ns=None if moved is None else int(moved),
+        turn_rad=_three_radians([turn[name]["value"] for name in _AXES]),
+        std_rad=_three_radians([turn[name]["std"] for name in _AXES]),
+        look_turn_rad=None if look is None else _three_radians([look[name] for name in _AXES]),
+        points=payload["points"],
+        agreeing=payload["agreeing"],
+        std_px=payload["std_px"],
+        calibration=payload["calibration"],
+    )
+
+
+def _three_radians(values_deg: list[float | None]) -> tuple[float, float, float]:
+    x, y, z = (math.radians(wire.number(value)) for value in values_deg)
+    return x, y, z
+
+
+def decode_estimate(data: bytes) -> CalibrationEstimate:
+    """``aerodft.calibration_estimate/1`` to an estimate; angles to an ulp."""
+    return wire.load(data, estimate.SCHEMA, _estimate)
+
+
+def _estimate(payload: wire.Json) -> CalibrationEstimate:
+    source = payload["height_source"]
+    return CalibrationEstimate(
+        stamp_ns=int(payload["stamp_ns"]),
+        calibration=payload["calibration"],
+        height_source=None if source is None else HeightSource(source),
+        bias=_values(payload["bias"], "value"),
+        std=_values(payload["bias"], "std"),
+        innovations=tuple(map(_innovation, payload["innovations"])),
+        updates=payload["updates"],
+        refused=payload["refused"],
+        restarts=payload["restarts"],
+    )
+
+
+def _innovation(payload: wire.Json) -> Innovation:
+    px, sigma = payload["px"], payload["sigma_px"]
+    return Innovation(
+        name=payload["name"],
+        px=None if px is None else (px[0], px[1]),
+        sigma_px=None if sigma is None else (sigma[0], sigma[1]),
+        chi2=payload["chi2"],
+        reason=payload["reason"],
+    )
+
+
+def _values(payload: wire.Json, part: str) -> BiasValues:
+    lengths = {key: wire.number(payload[key][part]) for key in _SI}
+    angles = {f"{name}_rad": math.radians(wire.number(payload[f"{name}_deg"][part])) for name in _ANGLES}
+    return BiasValues(**lengths, **angles)
+
+
+def decode_observation(data: bytes) -> Observation:
+    """``aerodft.observation/1`` to an observation."""
+    (observation,) = events.decode_observations([data])
+    return observation
+
+
+def _radians(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else math.radians(angle_deg)
+
+
+def _numbers(values: Iterable[float | None]) -> tuple[float, ...]:
+    return tuple(map(wire.number, values))
+
+
+def _rows(values: Iterable[Sequence[float | None]] | None) -> tuple[tuple[float, ...], ...] | None:
+    return None if values is None else tuple(map(_numbers, values))

@@ -1,0 +1,16 @@
+"""Ports of the loopback interface that nobody listens on now."""
+
+import socket
+
+
+def free_udp_port() -> int:
+    """A UDP port."""
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def free_endpoint() -> str:
+    """A TCP port, as zenoh writes it."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return f"tcp/127.0.0.1:{server.getsockname()[1]}"

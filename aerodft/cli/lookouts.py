@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from aerodft.adapters.config.inputs import Rate
-from aerodft.adapters.config.river_tables import river_probes
+from aerodft.adapters.config.looked_for import river_probes
 from aerodft.adapters.config.station import StationConfig, Watch
 from aerodft.adapters.images.camera_image import read_camera_image
 from aerodft.cli.looking import Eyes

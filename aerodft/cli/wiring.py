@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from aerodft.adapters.config.ground import COPY_NAME, copy_terrain, travels
-from aerodft.adapters.config.ground_shape import TerrainGround
+from aerodft.adapters.config.ground import COPY_NAME, TerrainGround, copy_terrain, travels
 from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import decoder_of

@@ -1,13 +1,27 @@
 """Corrections of the telemetry, as calibration files and stations have them."""
 
 import math
-from typing import Any, Self, TypeAlias
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Annotated, Any, Final, Self, TypeAlias
 
 import numpy as np
 from pydantic import model_validator
 
 from aerodft.adapters.config.covariance import checked_covariance
-from aerodft.adapters.config.tables import BiasDeg, Many, NonNegative, Real, Table, TimeOffset, Uncertain, impossible
+from aerodft.adapters.config.tables import (
+    BiasDeg,
+    Many,
+    Means,
+    NonNegative,
+    Real,
+    Table,
+    TimeOffset,
+    Uncertain,
+    impossible,
+    keys_of,
+    value_of,
+)
 from aerodft.adapters.config.units import to_deg
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES, Calibration
@@ -15,11 +29,23 @@ from aerodft.model.pose import PoseStd
 
 Rows: TypeAlias = tuple[tuple[float, ...], ...] | None
 
+_KEYS: Final[tuple[tuple[str, str, Callable[[float], float], Callable[[float], float]], ...]] = (
+    ("height_m", "height_bias_m", float, float),
+    ("tilt_deg", "tilt_bias_rad", math.radians, to_deg),
+    ("roll_deg", "roll_bias_rad", math.radians, to_deg),
+    ("heading_deg", "heading_bias_rad", math.radians, to_deg),
+    ("pan_deg", "pan_bias_rad", math.radians, to_deg),
+    ("east_m", "east_bias_m", float, float),
+    ("north_m", "north_bias_m", float, float),
+    ("time_offset_s", "time_offset_s", float, float),
+)
+"""What says which of the ``BIASES``, in their order: key and attribute, and how one becomes the other."""
+
 
 class NoiseTable(Table):
     """Standard deviations of what is new in every image."""
 
-    height_m: NonNegative = 0.0
+    height_m: Annotated[NonNegative, Means("height_agl_m")] = 0.0
     horizontal_m: NonNegative = 0.0
     tilt_deg: NonNegative = 0.0
     pan_deg: NonNegative = 0.0
@@ -74,28 +100,11 @@ def biases_from(bias: BiasTable, identity: str, where: str) -> Calibration:
     Raises:
         ConfigError: Its covariance is none.
     """
-    noise = bias.noise
-    return Calibration(
-        id=identity,
-        height_bias_m=bias.height_m.value,
-        tilt_bias_rad=math.radians(bias.tilt_deg.value),
-        roll_bias_rad=math.radians(bias.roll_deg.value),
-        heading_bias_rad=math.radians(bias.heading_deg.value),
-        pan_bias_rad=math.radians(bias.pan_deg.value),
-        east_bias_m=bias.east_m.value,
-        north_bias_m=bias.north_m.value,
-        time_offset_s=bias.time_offset_s.value,
-        bias_cov=_covariance(bias, where),
-        lens_cov=None if bias.lens_covariance is None else np.array(bias.lens_covariance),
-        noise=PoseStd(
-            height_agl_m=noise.height_m,
-            horizontal_m=noise.horizontal_m,
-            tilt_rad=math.radians(noise.tilt_deg),
-            pan_rad=math.radians(noise.pan_deg),
-            roll_rad=math.radians(noise.roll_deg),
-            heading_rad=math.radians(noise.heading_deg),
-        ),
-    )
+    cov = _covariance(bias, where)
+    lens_cov = None if bias.lens_covariance is None else np.array(bias.lens_covariance)
+    found = Calibration(id=identity, bias_cov=cov, lens_cov=lens_cov, noise=value_of(bias.noise, PoseStd))
+    biases: dict[str, Any] = {attribute: into(getattr(bias, key).value) for key, attribute, into, _ in _KEYS}
+    return replace(found, **biases)
 
 
 def _covariance(bias: BiasTable, where: str) -> FloatArray:
@@ -103,42 +112,21 @@ def _covariance(bias: BiasTable, where: str) -> FloatArray:
         return checked_covariance(
             bias.covariance, len(BIASES), where=where, key="bias.covariance", of=", ".join(BIASES)
         )
-    angles = (bias.tilt_deg, bias.roll_deg, bias.heading_deg, bias.pan_deg)
-    others = (bias.east_m, bias.north_m, bias.time_offset_s)
-    stds = [bias.height_m.std, *(math.radians(angle.std) for angle in angles), *(each.std for each in others)]
-    return np.diag(np.square(stds))
+    return np.diag(np.square([into(getattr(bias, key).std) for key, _, into, _ in _KEYS]))
 
 
 def bias_document(calibration: Calibration) -> dict[str, Any]:
     """A calibration's biases as TOML keys; reading them gives the same biases again."""
-    cov, noise = calibration.bias_cov, calibration.noise
-    count = len(BIASES)
-    height, tilt, roll, heading, pan, east, north, time = np.sqrt(np.zeros(count) if cov is None else np.diag(cov))
+    cov, count = calibration.bias_cov, len(BIASES)
+    stds = (np.zeros(count) if cov is None else np.sqrt(np.diag(cov))).tolist()
     document: dict[str, Any] = {
-        "height_m": _uncertain(calibration.height_bias_m, height),
-        "tilt_deg": _uncertain(to_deg(calibration.tilt_bias_rad), to_deg(tilt)),
-        "roll_deg": _uncertain(to_deg(calibration.roll_bias_rad), to_deg(roll)),
-        "heading_deg": _uncertain(to_deg(calibration.heading_bias_rad), to_deg(heading)),
-        "pan_deg": _uncertain(to_deg(calibration.pan_bias_rad), to_deg(pan)),
-        "east_m": _uncertain(calibration.east_bias_m, east),
-        "north_m": _uncertain(calibration.north_bias_m, north),
-        "time_offset_s": _uncertain(calibration.time_offset_s, time),
-        "noise": {
-            "height_m": noise.height_agl_m,
-            "horizontal_m": noise.horizontal_m,
-            "tilt_deg": to_deg(noise.tilt_rad),
-            "pan_deg": to_deg(noise.pan_rad),
-            "roll_deg": to_deg(noise.roll_rad),
-            "heading_deg": to_deg(noise.heading_rad),
-        },
+        key: {"value": out(getattr(calibration, attribute)), "std": out(std)}
+        for (key, attribute, _, out), std in zip(_KEYS, stds, strict=True)
     }
+    document["noise"] = keys_of(NoiseTable, calibration.noise)
     if cov is not None and np.any(cov - np.diag(np.diag(cov))):
         document["covariance"] = cov.tolist()
     if calibration.lens_cov is not None:
         document["covariance"] = np.zeros((count, count)).tolist() if cov is None else cov.tolist()
         document["lens_covariance"] = calibration.lens_cov.tolist()
     return document
-
-
-def _uncertain(value: float, std: float) -> dict[str, float]:
-    return {"value": value, "std": float(std)}

@@ -10,12 +10,10 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.evidence_priors import CameraPriorTable, Known, camera_priors
 from aerodft.adapters.config.live_tables import ErrorStdTable, errors_from
-from aerodft.adapters.config.pose_tables import TelemetryTable
 from aerodft.adapters.config.reading import validated
-from aerodft.adapters.config.settings import origin_from
 from aerodft.adapters.config.station_tables import OriginTable
-from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible
-from aerodft.adapters.config.telemetry import telemetry_from
+from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, value_of
+from aerodft.adapters.config.telemetry_tables import TelemetryTable, telemetry_from
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError
 from aerodft.model.evidence import Evidence, Prior
@@ -235,7 +233,7 @@ def flight_from(tables: FlightTables, evidence: dict[str, list[Evidence]], frame
         noise_share=telemetry.noise_share,
         noise=errors_from(telemetry.noise, ErrorStd()),
         time=None if offset is None else Prior(value=offset.value, std=offset.std or 0.0),
-        origin=origin_from(telemetry.origin),
+        origin=None if telemetry.origin is None else value_of(telemetry.origin, GeoOrigin),
     )
 
 

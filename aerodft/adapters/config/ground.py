@@ -3,12 +3,27 @@
 import hashlib
 import math
 import shutil
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self, TypeAlias
 
-from aerodft.adapters.config.ground_shape import GroundShape, SlopedGround, TerrainGround
-from aerodft.adapters.config.station_tables import GroundTable
+from pydantic import Field, model_validator
+
+from aerodft.adapters.config.tables import (
+    HeadingDeg,
+    Latitude,
+    Longitude,
+    Means,
+    Positive,
+    Real,
+    Table,
+    Text,
+    impossible,
+    keys_of,
+    matching,
+    value_of,
+)
 from aerodft.adapters.config.units import to_deg
 from aerodft.adapters.filetype import looks_like
 from aerodft.errors import ConfigError, InputError
@@ -21,6 +36,94 @@ COPY_NAME = "terrain.tif"
 
 MOST_COPIED_BYTES = 64 << 20
 """Larger ones stay where they are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlopedGround:
+    """Ground that is a tilted plane.
+
+    Attributes:
+        slope_rad: Against the horizontal.
+        uphill_azimuth_rad: Where it rises to, clockwise from north.
+        point_rad: WGS84 latitude and longitude of its point at height 0; None for the origin, or what is right below
+            a fixed camera.
+    """
+
+    slope_rad: float
+    uphill_azimuth_rad: float
+    point_rad: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TerrainGround:
+    """Ground from an elevation model; see ``adapters.terrain.load_elevation``.
+
+    Attributes:
+        path: The raster.
+        sha256: Of its bytes, in hexadecimal digits: what the numbers depend on, wherever it lies.
+        radius_m: How far around the origin it is read.
+        cell_m: Distance of the nodes; None for that of its pixels.
+        band: Of the heights, from 1.
+        fill_msl_m: Height of what has no data; None to leave holes.
+        refraction: Refraction coefficient of sight lines.
+    """
+
+    path: Path
+    sha256: str
+    radius_m: float
+    cell_m: float | None = None
+    band: int = 1
+    fill_msl_m: float | None = None
+    refraction: float
+
+
+GroundShape: TypeAlias = SlopedGround | TerrainGround
+
+
+class PointTable(Table):
+    """A point of sloping ground."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+
+def _point_rad(point: PointTable | None) -> tuple[float, float] | None:
+    return None if point is None else (math.radians(point.lat_deg), math.radians(point.lon_deg))
+
+
+def _point_keys(point_rad: tuple[float, float] | None) -> dict[str, float] | None:
+    return None if point_rad is None else {"lat_deg": to_deg(point_rad[0]), "lon_deg": to_deg(point_rad[1])}
+
+
+_SLOPE_KEYS = ("uphill_azimuth_deg", "point")
+_TERRAIN_KEYS = ("sha256", "radius_m", "cell_m", "band", "fill_msl_m", "refraction")
+
+
+class GroundTable(Table):
+    """Ground that is not level: a slope, or an elevation model."""
+
+    slope_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
+    uphill_azimuth_deg: HeadingDeg | None = None
+    point: Annotated[PointTable | None, Means("point_rad", into=_point_rad, out=_point_keys)] = None
+    terrain: Text | None = None
+    sha256: Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits")] | None = None
+    radius_m: Positive | None = None
+    cell_m: Positive | None = None
+    band: Annotated[int, Field(ge=1, le=65535)] = 1
+    fill_msl_m: Real | None = None
+    refraction: Annotated[float, Field(ge=0, lt=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if (self.slope_deg is None) == (self.terrain is None):
+            got = "neither of them" if self.terrain is None else "both of them"
+            raise impossible("", got=got, expected="either slope_deg with uphill_azimuth_deg, or terrain")
+        owner, others = ("slope_deg", _TERRAIN_KEYS) if self.terrain is None else ("terrain", _SLOPE_KEYS)
+        if beside := [key for key in others if key in self.model_fields_set]:
+            raise impossible(beside[0], got=f"it beside {owner}", expected="one of the two")
+        if self.terrain is None and self.uphill_azimuth_deg is None:
+            raise impossible("uphill_azimuth_deg", got="nothing", expected="where the ground rises to, from north")
+        return self
 
 
 def ground_from(table: GroundTable | None, where: str, folder: Path) -> GroundShape | None:
@@ -37,12 +140,7 @@ def ground_from(table: GroundTable | None, where: str, folder: Path) -> GroundSh
     if table is None:
         return None
     if table.terrain is None:
-        point = table.point
-        return SlopedGround(
-            slope_rad=math.radians(table.slope_deg or 0.0),
-            uphill_azimuth_rad=math.radians(table.uphill_azimuth_deg or 0.0),
-            point_rad=None if point is None else (math.radians(point.lat_deg), math.radians(point.lon_deg)),
-        )
+        return value_of(table, SlopedGround)
     return _terrain_from(table, where, folder / table.terrain)
 
 
@@ -137,11 +235,7 @@ def ground_document(shape: GroundShape, terrain_file: str | None = None) -> dict
         terrain_file: Name of an elevation model's file in the text; None for its absolute path.
     """
     if isinstance(shape, SlopedGround):
-        document = {"slope_deg": to_deg(shape.slope_rad), "uphill_azimuth_deg": to_deg(shape.uphill_azimuth_rad)}
-        if shape.point_rad is None:
-            return document
-        lat_rad, lon_rad = shape.point_rad
-        return {**document, "point": {"lat_deg": to_deg(lat_rad), "lon_deg": to_deg(lon_rad)}}
+        return keys_of(GroundTable, shape)
     stated = {"cell_m": shape.cell_m, "fill_msl_m": shape.fill_msl_m}
     return {
         "terrain": terrain_file or str(shape.path.absolute()),

@@ -1,6 +1,7 @@
 """The tables of a live calibration: surveyed landmarks, and how the telemetry's errors behave."""
 
 import math
+from dataclasses import asdict, replace
 from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -8,22 +9,21 @@ from pydantic import BeforeValidator, Field, model_validator
 from aerodft.adapters.config.tables import (
     Latitude,
     Longitude,
+    Means,
     NonNegative,
     Positive,
     Real,
     Slug,
     Table,
     impossible,
+    keys_of,
+    value_of,
 )
-from aerodft.adapters.config.units import to_deg
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
 from aerodft.model.landmark import SurveyedLandmark
 from aerodft.model.pose import GeoOrigin
 from aerodft.service.settings import DRIFT, ErrorStd, LiveCalibration
-
-_ANGLES = ("tilt", "pan", "roll", "heading")
-_LENGTHS = ("height", "horizontal")
 
 
 def _three(value: object) -> object:
@@ -43,7 +43,7 @@ class LandmarkTable(Table):
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
-    position_m: Place | None = None
+    position_m: Annotated[Place | None, Means("position_enu_m")] = None
     std_m: PlaceStd = (0.0, 0.0, 0.0)
     std_px: Positive = 1.0
 
@@ -109,14 +109,11 @@ def live_from(
                 f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
             )
     origin = needed_origin(origin, "[[landmark]]", where)
-    return LiveCalibration(
+    return value_of(
+        table,
+        LiveCalibration,
         landmarks=(*(_landmark(each, origin, where) for each in landmarks), *markers),
-        noise_share=table.noise_share,
-        noise=errors_from(table.noise, ErrorStd()),
-        initial=errors_from(table.initial, ErrorStd()),
         drift=errors_from(table.drift, DRIFT),
-        gate_probability=table.gate_probability,
-        outlier_share=table.outlier_share,
     )
 
 
@@ -139,32 +136,13 @@ def live_document(live: LiveCalibration, markers: frozenset[str] = frozenset()) 
         live: The settings.
         markers: Names of the landmarks that are markers', which have a table of their own.
     """
-    landmarks = [
-        {
-            "name": each.name,
-            "position_m": list(each.position_enu_m),
-            "std_m": list(each.std_m),
-            "std_px": each.std_px,
-        }
-        for each in live.landmarks
-        if each.name not in markers
-    ]
-    calibration = {
-        "noise_share": live.noise_share,
-        "noise": _document(live.noise),
-        "initial": _document(live.initial),
-        "drift": _document(live.drift),
-        "gate_probability": live.gate_probability,
-        "outlier_share": live.outlier_share,
-    }
-    return {"landmark": landmarks, "calibration": calibration}
+    landmarks = [keys_of(LandmarkTable, each) for each in live.landmarks if each.name not in markers]
+    return {"landmark": landmarks, "calibration": keys_of(LiveTable, live)}
 
 
 def _landmark(table: LandmarkTable, origin: GeoOrigin, where: str) -> SurveyedLandmark:
-    place = table.position_m
-    if place is None:
-        place = _on_map(table, origin, where)
-    return SurveyedLandmark(name=table.name, position_enu_m=place, std_m=table.std_m, std_px=table.std_px)
+    place = _on_map(table, origin, where) if table.position_m is None else table.position_m
+    return value_of(table, SurveyedLandmark, position_enu_m=place)
 
 
 def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float, float, float]:
@@ -178,17 +156,5 @@ def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float,
 
 def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
     """The errors that a validated table describes; ``default`` applies to what it leaves out."""
-    lengths = {f"{name}_m": getattr(table, f"{name}_m") for name in _LENGTHS}
-    angles = {f"{name}_rad": getattr(table, f"{name}_deg") for name in _ANGLES}
-    given = {
-        **lengths,
-        **{name: None if angle_deg is None else math.radians(angle_deg) for name, angle_deg in angles.items()},
-    }
-    return ErrorStd(**{name: getattr(default, name) if value is None else value for name, value in given.items()})
-
-
-def _document(errors: ErrorStd) -> dict[str, float]:
-    lengths = {f"{name}_m": getattr(errors, f"{name}_m") for name in _LENGTHS}
-    angles = {name: getattr(errors, f"{name}_rad") for name in _ANGLES}
-    angles_deg = {f"{name}_deg": None if angle is None else to_deg(angle) for name, angle in angles.items()}
-    return {key: value for key, value in {**lengths, **angles_deg}.items() if value is not None}
+    given = asdict(value_of(table, ErrorStd))
+    return replace(default, **{name: value for name, value in given.items() if value is not None})

@@ -13,30 +13,24 @@ from aerodft.adapters.config.calibration import (
 )
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
 from aerodft.adapters.config.fixed_pose import FixedPose, placed
-from aerodft.adapters.config.ground import ground_from, needs_place
-from aerodft.adapters.config.ground_shape import GroundShape, TerrainGround
+from aerodft.adapters.config.ground import GroundShape, TerrainGround, ground_from, needs_place
 from aerodft.adapters.config.inputs import Link, ObservationSettings
 from aerodft.adapters.config.live_tables import live_from
+from aerodft.adapters.config.looked_for import objects_from, refuse_beside_paper, river_from, watch_from
 from aerodft.adapters.config.marker_tables import marker_landmarks, marker_settings
-from aerodft.adapters.config.object_tables import objects_from
-from aerodft.adapters.config.outputs import RecordSettings, ZenohSettings
-from aerodft.adapters.config.pose_tables import PoseTable, SigningTable, TelemetryTable, fixed_pose_from
-from aerodft.adapters.config.probes import probes_from
+from aerodft.adapters.config.pose_tables import PoseTable, fixed_pose_from
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.resolved import refreshed
-from aerodft.adapters.config.river_tables import river_from
-from aerodft.adapters.config.settings import images_from, origin_from, topics_from
-from aerodft.adapters.config.station import MarkerSettings, StationConfig
-from aerodft.adapters.config.station_tables import ConfigTable
-from aerodft.adapters.config.tables import Table, Text
-from aerodft.adapters.config.telemetry import telemetry_from
+from aerodft.adapters.config.station import MarkerSettings, RecordSettings, StationConfig, ZenohSettings
+from aerodft.adapters.config.station_tables import ConfigTable, images_from, probes_from, topics_from
+from aerodft.adapters.config.tables import Table, Text, value_of
+from aerodft.adapters.config.telemetry_tables import TelemetryTable, telemetry_from
 from aerodft.adapters.config.units import to_ns
-from aerodft.adapters.config.watch_tables import watch_from
-from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.errors import ConfigError
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import GeoOrigin
 from aerodft.service.settings import LiveCalibration, PipelineSettings
 
 
@@ -70,7 +64,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         ConfigError: As :func:`load_station`.
     """
     table = validated(ConfigTable, parse_toml(data, where), where)
-    telemetry, observations, zenoh, record = table.telemetry, table.observations, table.zenoh, table.record
+    telemetry = table.telemetry
     ground = ground_from(table.ground, where, folder)
     pipeline = _pipeline(table, where, folder)
     _check_ground(ground, pipeline.model, table.pose, where)
@@ -80,20 +74,9 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             pipeline=pipeline,
             link=_link(telemetry, folder),
             images=images_from(table.images, folder),
-            observations=ObservationSettings(
-                files=tuple(folder / file for file in observations.files),
-                topic=observations.topic,
-                time_offset_s=observations.time_offset_s,
-            ),
-            zenoh=ZenohSettings(enabled=zenoh.enabled, listen=zenoh.listen, connect=zenoh.connect),
-            record=RecordSettings(
-                folder=Path(record.folder),
-                image_hz=record.image_hz,
-                video=record.video,
-                jpeg_quality=record.jpeg_quality,
-                segment_s=record.segment_s,
-                segment_mb=record.segment_mb,
-            ),
+            observations=value_of(table.observations, ObservationSettings, folder),
+            zenoh=value_of(table.zenoh, ZenohSettings),
+            record=value_of(table.record, RecordSettings),
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
             ground=ground,
             calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
@@ -109,9 +92,8 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
 
 
 def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: PoseTable | None, where: str) -> None:
-    if ground is not None and model is ProjectionModel.DFT:
-        got, hint = 'it beside camera.model = "dft"', "the equations of the paper know level ground only"
-        raise ConfigError("ground", where=where, got=got, expected='"pinhole", or no [ground]', hint=hint)
+    if ground is not None:
+        refuse_beside_paper("ground", model, where, know="level ground only")
     stated = pose is not None and pose.calibration is None
     if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
         expected = "degrees from north, because the ground is laid out on the map"
@@ -121,10 +103,10 @@ def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: Pose
 def _live(
     table: ConfigTable, pipeline: PipelineSettings, markers: MarkerSettings | None, where: str
 ) -> LiveCalibration | None:
-    if (table.landmark or markers) and pipeline.model is ProjectionModel.DFT:
-        key, shown = ("landmark", "[[landmark]]") if table.landmark else ("markers", "[markers]")
-        got, hint = 'it beside camera.model = "dft"', "the equations of the paper know no roll"
-        raise ConfigError(key, where=where, got=got, expected=f'"pinhole", or no {shown}', hint=hint)
+    if table.landmark:
+        refuse_beside_paper("landmark", pipeline.model, where, shown="[[landmark]]")
+    if markers:
+        refuse_beside_paper("markers", pipeline.model, where)
     return live_from(table.calibration, table.landmark, marker_landmarks(markers), pipeline.origin, where)
 
 
@@ -156,7 +138,7 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
         probes=probes_from(table.probe, camera, where),
         model=model,
         telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
-        origin=origin_from(table.station.origin),
+        origin=None if table.station.origin is None else value_of(table.station.origin, GeoOrigin),
         max_range_m=table.limits.max_range_m,
         time_std_s=table.images.time_std_s,
         match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
@@ -244,14 +226,4 @@ def _biases(path: Path) -> Calibration:
 def _link(table: TelemetryTable | None, folder: Path) -> Link | None:
     if table is None or table.connection is None:
         return None
-    signing = None if table.signing is None else _signing(table.signing, folder)
-    return Link(connection=table.connection, baud=table.baud, signing=signing)
-
-
-def _signing(table: SigningTable, folder: Path) -> SigningSettings:
-    return SigningSettings(
-        key_file=folder / table.key_file,
-        state_file=None if table.state_file is None else folder / table.state_file,
-        link_id=table.link_id,
-        accept_unsigned=table.accept_unsigned,
-    )
+    return value_of(table, Link, folder)

@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aerodft.adapters.config.fixed_pose import FixedPose
-from aerodft.adapters.config.ground_shape import GroundShape
+from aerodft.adapters.config.ground import GroundShape
 from aerodft.adapters.config.inputs import ImageSettings, Link, ObservationSettings, Topics
-from aerodft.adapters.config.outputs import RecordSettings, ZenohSettings
 from aerodft.adapters.images.clock import ImageClock
 from aerodft.conventions import SECOND_NS
 from aerodft.model.calibration import Calibration
@@ -15,6 +14,36 @@ from aerodft.service.objects import ObjectSettings
 from aerodft.service.settings import LiveCalibration, PipelineSettings
 from aerodft.service.watching import WatchSettings
 from aerodft.vision.river_look import RiverLook
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZenohSettings:
+    """The bus: loopback only and no multicast, unless somebody writes otherwise."""
+
+    enabled: bool = True
+    listen: str = "tcp/127.0.0.1:7447"
+    connect: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordSettings:
+    """The recorder.
+
+    Attributes:
+        folder: Against the current directory.
+        image_hz: JPEGs per second that are kept; 0 records no images at all.
+        video: Whether the packets of an H.264 stream are kept as they come, in place of JPEGs.
+        jpeg_quality: 1 to 100.
+        segment_s: A new file begins after this time ...
+        segment_mb: ... or at this size.
+    """
+
+    folder: Path = Path("recordings")
+    image_hz: float = 1.0
+    video: bool = True
+    jpeg_quality: int = 80
+    segment_s: float = 900.0
+    segment_mb: float = 2000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,20 +1,22 @@
-"""The tables of a station's configuration file, with their defaults and checks."""
+"""The tables of a station's configuration file, with their defaults and checks; and its probes and inputs from them."""
 
 from datetime import datetime
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from aerodft.adapters.config.ground import GroundTable
+from aerodft.adapters.config.inputs import Device, ImageInput, ImageSettings, Rate, Stills, Stream, Topics, VideoFile
 from aerodft.adapters.config.live_tables import LandmarkTable, LiveTable
-from aerodft.adapters.config.object_tables import ObjectsTable
-from aerodft.adapters.config.pose_tables import PoseTable, TelemetryTable
-from aerodft.adapters.config.river_tables import RiverTable
+from aerodft.adapters.config.looked_for import ObjectsTable, RiverTable, WatchTable
+from aerodft.adapters.config.pose_tables import PoseTable
 from aerodft.adapters.config.tables import (
     Duration,
-    HeadingDeg,
     Latitude,
     Longitude,
     Many,
+    Means,
     NonNegative,
     Pixel,
     Positive,
@@ -25,11 +27,15 @@ from aerodft.adapters.config.tables import (
     TimeOffset,
     impossible,
     matching,
+    value_of,
 )
-from aerodft.adapters.config.watch_tables import WatchTable
-from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
-from aerodft.model.probe import ASKED_KINDS, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.adapters.config.telemetry_tables import TelemetryTable
+from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
+from aerodft.errors import ConfigError
+from aerodft.model.camera import Camera
+from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, ProbeKind, pixels_wanted, takes_pixels
 
+_EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
 _ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
 
 
@@ -45,6 +51,10 @@ def _instant(value: object) -> object:
         except ValueError as error:
             raise impossible("", got=f'"{value}"', expected='like "2026-11-21T01:57:26.5Z"', hint=str(error)) from None
     return value
+
+
+def _iso(stamp_ns: int | None) -> str | None:
+    return None if stamp_ns is None else unix_ns_to_iso(stamp_ns)
 
 
 def _seconds_or_auto(value: object) -> object:
@@ -141,7 +151,7 @@ class ZenohTable(Table):
 class RecordTable(Table):
     """The recorder."""
 
-    folder: Text = "recordings"
+    folder: Annotated[Text, Means(into=Path, out=str)] = "recordings"
     image_hz: NonNegative = 1.0
     video: bool = True
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
@@ -157,44 +167,6 @@ class TopicsTable(Table):
     camera: Text | None = None
 
 
-class PointTable(Table):
-    """A point of sloping ground."""
-
-    lat_deg: Latitude
-    lon_deg: Longitude
-
-
-_SLOPE_KEYS = ("uphill_azimuth_deg", "point")
-_TERRAIN_KEYS = ("sha256", "radius_m", "cell_m", "band", "fill_msl_m", "refraction")
-
-
-class GroundTable(Table):
-    """Ground that is not level: a slope, or an elevation model."""
-
-    slope_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
-    uphill_azimuth_deg: HeadingDeg | None = None
-    point: PointTable | None = None
-    terrain: Text | None = None
-    sha256: Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits")] | None = None
-    radius_m: Positive | None = None
-    cell_m: Positive | None = None
-    band: Annotated[int, Field(ge=1, le=65535)] = 1
-    fill_msl_m: Real | None = None
-    refraction: Annotated[float, Field(ge=0, lt=1)] | None = None
-
-    @model_validator(mode="after")
-    def _one_shape(self) -> Self:
-        if (self.slope_deg is None) == (self.terrain is None):
-            got = "neither of them" if self.terrain is None else "both of them"
-            raise impossible("", got=got, expected="either slope_deg with uphill_azimuth_deg, or terrain")
-        owner, others = ("slope_deg", _TERRAIN_KEYS) if self.terrain is None else ("terrain", _SLOPE_KEYS)
-        if beside := [key for key in others if key in self.model_fields_set]:
-            raise impossible(beside[0], got=f"it beside {owner}", expected="one of the two")
-        if self.terrain is None and self.uphill_azimuth_deg is None:
-            raise impossible("uphill_azimuth_deg", got="nothing", expected="where the ground rises to, from north")
-        return self
-
-
 def _asked(kind: ProbeKind) -> ProbeKind:
     if kind not in ASKED_KINDS:
         hint = "what moves is followed with [objects]"
@@ -207,10 +179,10 @@ class ProbeTable(Table):
 
     name: Slug
     kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
-    pixels: Many[Pixel] | None = None
-    observed: bool = False
-    tracked: bool = False
-    at: Annotated[int, BeforeValidator(_instant)] | None = None
+    pixels: Annotated[Many[Pixel] | None, Means(out=lambda pixels: [list(pixel) for pixel in pixels] or None)] = None
+    observed: Annotated[bool, Means("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
+    tracked: Annotated[bool, Means("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
+    at: Annotated[Annotated[int, BeforeValidator(_instant)] | None, Means("at_ns", out=_iso)] = None
     std_px: NonNegative = 1.0
     elevation_m: Real = 0.0
     elevation_std_m: NonNegative = 0.0
@@ -274,3 +246,83 @@ class ConfigTable(Table):
                 hint = "find a fixed camera's pose with aerodft calibrate"
                 raise impossible(key, got="it beside [pose]", expected="[telemetry]", hint=hint)
         return self
+
+
+def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> tuple[Probe, ...]:
+    """The configured probes.
+
+    Raises:
+        ConfigError: A name twice, a fixed pixel outside the camera's image, or a probe on top of what is no height.
+    """
+    names = [table.name for table in tables]
+    right_px, bottom_px = camera.width_px + _EDGE_PX, camera.height_px + _EDGE_PX
+    for index, table in enumerate(tables):
+        if table.name in names[:index]:
+            raise ConfigError(
+                f"probe[{index}].name", where=where, got=f'"{table.name}" again', expected="a name of its own"
+            )
+        for u, v in table.pixels or ():
+            if not (_EDGE_PX <= u <= right_px and _EDGE_PX <= v <= bottom_px):
+                raise ConfigError(
+                    f'probe "{table.name}" lies outside the image',
+                    where=where,
+                    got=f"pixel ({u:g}, {v:g})",
+                    expected=f"within (-0.5, -0.5) to ({right_px:g}, {bottom_px:g}) of {camera.name}",
+                )
+        if table.on_top_of is not None:
+            _check_object(table.on_top_of, tables, f"{where}: probe[{index}].on_top_of")
+    return tuple(value_of(table, Probe, source=_source(table), pixels=table.pixels or ()) for table in tables)
+
+
+def _source(table: ProbeTable) -> PixelSource:
+    if table.tracked:
+        return PixelSource.TRACKED
+    return PixelSource.OBSERVED if table.observed else PixelSource.FIXED
+
+
+def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None:
+    """Refuse to lie on top of anything but an object that stands on the ground, seen in fixed pixels."""
+    found = next((table for table in tables if table.name == name), None)
+    if found is None:
+        got = f'"{name}", which is not there'
+    elif found.kind is not ProbeKind.HEIGHT:
+        got = f'"{name}", which measures a {found.kind}'
+    elif found.observed or found.tracked:
+        got = f'"{name}", of which the pixels are {_source(found)}'
+    elif found.on_top_of is not None:
+        got = f'"{name}", which lies on top of "{found.on_top_of}"'
+    else:
+        return
+    raise ConfigError("no object", where=where, got=got, expected="a height on the ground with pixels of its own")
+
+
+def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
+    """Where images come from; relative paths start from ``folder``."""
+    return ImageSettings(
+        source=_image_input(table, folder),
+        time_offset_s=table.time_offset_s or 0.0,
+        time_drift=table.time_drift,
+        time_reference_ns=table.time_reference,
+        is_auto=table.time_offset_s is None,
+    )
+
+
+def _image_input(table: ImagesTable, folder: Path) -> ImageInput | None:
+    if table.video is not None:
+        return VideoFile(path=folder / table.video, start_ns=table.start)
+    if table.stills is not None:
+        return Stills(folder=folder / table.stills, pattern=table.pattern, utc_offset=table.utc_offset)
+    if table.stream is not None:
+        return Stream(url=table.stream)
+    if table.device is not None:
+        return Device(path=table.device)
+    return None if table.rate_hz is None else Rate(rate_hz=table.rate_hz)
+
+
+def topics_from(table: TopicsTable) -> Topics:
+    """What the topics of other tools' recordings are."""
+    return Topics(
+        mavlink=(table.mavlink,) if isinstance(table.mavlink, str) else table.mavlink,
+        images=() if table.images is None else (table.images,),
+        camera=() if table.camera is None else (table.camera,),
+    )

@@ -5,14 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from aerodft.adapters.config.health_tables import (
-    HealthTable,
-    ZoomTable,
-    health_document,
-    health_from,
-    zoom_document,
-    zoom_from,
-)
+from aerodft.adapters.config.tables import keys_of, value_of
+from aerodft.adapters.config.telemetry_tables import HealthTable, ZoomTable
+from aerodft.service.health_settings import HealthSettings
+from aerodft.service.zoom_settings import ZoomSettings
 
 percents = st.decimals(0, 100, places=3).map(float)
 
@@ -20,10 +16,10 @@ percents = st.decimals(0, 100, places=3).map(float)
 @given(st.sets(percents, min_size=2, max_size=6), percents, percents)
 def test_what_is_written_reads_back_to_the_same_bits(levels, at_percent, share) -> None:
     curve = [[level, 1.0 + k] for k, level in enumerate(sorted(levels))]
-    zoom = zoom_from(ZoomTable(curve=curve, at_percent=at_percent, std_percent_per_doubling=share))
-    assert zoom_from(ZoomTable(**zoom_document(zoom))) == zoom
-    health = health_from(HealthTable(max_loss_percent=share))
-    assert health_from(HealthTable(**health_document(health))) == health
+    zoom = value_of(ZoomTable(curve=curve, at_percent=at_percent, std_percent_per_doubling=share), ZoomSettings)
+    assert value_of(ZoomTable(**keys_of(ZoomTable, zoom)), ZoomSettings) == zoom
+    health = value_of(HealthTable(max_loss_percent=share), HealthSettings)
+    assert value_of(HealthTable(**keys_of(HealthTable, health)), HealthSettings) == health
 
 
 @pytest.mark.parametrize("curve", [[[0.0, 1.0]], [[50.0, 1.0], [50.0, 2.0]], [[0.0, 1.0], [101.0, 2.0]], [[0.0, 0.0]]])

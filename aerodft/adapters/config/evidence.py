@@ -14,23 +14,31 @@ import numpy as np
 from aerodft.adapters.config.crs import GEO, LOCAL
 from aerodft.adapters.config.evidence_checks import (
     Stated,
+    check_datums,
     check_degrees,
     check_duplicates,
     check_names,
     check_pixels,
     check_tilt,
     check_together,
+    frame_around,
 )
 from aerodft.adapters.config.evidence_csv import landmark_rows
 from aerodft.adapters.config.evidence_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.evidence_images import Flight, FlightTables, flight_from, flight_tables
-from aerodft.adapters.config.evidence_places import check_datums, frame_around, landmark_from
-from aerodft.adapters.config.evidence_priors import CameraPriorTable, EvidenceTable, priors_from
-from aerodft.adapters.config.evidence_tables import HorizonTable, LandmarkTable, ObservationTable
+from aerodft.adapters.config.evidence_tables import (
+    CameraPriorTable,
+    EvidenceTable,
+    HorizonTable,
+    LandmarkTable,
+    ObservationTable,
+    priors_from,
+)
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
+from aerodft.adapters.config.tables import value_of
 from aerodft.errors import ConfigError
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import Evidence, EvidenceSet
+from aerodft.model.evidence import Evidence, EvidenceSet, Landmark
 
 _CSV_SUFFIXES = {".csv", ".tsv", ".txt"}
 _FIELDS = {"range": "ranges"}
@@ -266,4 +274,12 @@ def _names(rows: Sequence[_Row]) -> list[str]:
 
 
 def _made(table: LandmarkTable | ObservationTable, name: str, frame: LocalFrame) -> Evidence:
-    return landmark_from(table, name, frame) if isinstance(table, LandmarkTable) else table.made(name)
+    """An observation in the frame; on a landmark's way there, the frame's zero stands in for what is not known."""
+    if not isinstance(table, LandmarkTable):
+        return table.made(name)
+    place = table.place
+    whole = [zero if value is None else value for value, zero in zip(place, frame.origin, strict=True)]
+    axes = (1, 0, 2) if table.is_geo else (0, 1, 2)
+    local_m = zip(axes, frame.local_m(whole).tolist(), strict=True)
+    east_m, north_m, up_m = (None if place[axis] is None else each_m for axis, each_m in local_m)
+    return value_of(table, Landmark, name=name, position_m=(east_m, north_m, up_m))

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config.evidence_frame import LocalFrame
-from aerodft.adapters.config.evidence_priors import CameraPriorTable, Known, camera_priors
+from aerodft.adapters.config.evidence_tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.live_tables import ErrorStdTable, errors_from
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station_tables import OriginTable
@@ -57,9 +57,7 @@ class ImageEntry(CameraPriorTable):
                 iso_to_unix_ns(self.utc)
             except ValueError as error:
                 raise impossible("utc", got=str(error), expected="UTC like 2026-11-21T01:57:26.5Z") from None
-        if (self.width_px is None) != (self.height_px is None):
-            missing = "width_px" if self.width_px is None else "height_px"
-            raise impossible(missing, got="nothing", expected="both width_px and height_px, or none of them")
+        check_size(self.width_px, self.height_px)
         stated = [key for key in _POSE if key in self.model_fields_set]
         stamps = [key for key in ("utc", "index") if getattr(self, key) is not None]
         if len(stamps) > 1 or (stamps and stated):

@@ -1,17 +1,28 @@
-"""The tables of a file of evidence, with their checks; each makes the observation that it describes."""
+"""The tables of a file of evidence, with their checks: observations, each of which makes its own, and the camera."""
 
-from abc import ABC, abstractmethod
-from typing import Annotated, Self
+import math
+from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from aerodft.adapters.config.crs import LOCAL
+from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.tables import (
+    Count,
+    Focal,
+    HeadingDeg,
+    Means,
     Pixel,
     Positive,
+    Quantity,
     Real,
+    RollDeg,
     Table,
     Text,
+    TiltDeg,
     impossible,
+    repeated,
+    value_of,
 )
 from aerodft.model.evidence import (
     Evidence,
@@ -20,6 +31,7 @@ from aerodft.model.evidence import (
     Horizon,
     KnownHeight,
     KnownLength,
+    Prior,
     Px,
     SlantRange,
     Vertical,
@@ -31,6 +43,7 @@ UNKNOWN = "?"
 GEO_KEYS = ("lat_deg", "lon_deg", "alt_m")
 
 PLANE, SPACE = 2, 3
+_PLACE_NAMES = ("east", "north", "height")
 _MOST_LAT_DEG, _MOST_LON_DEG = 90.0, 360.0
 
 
@@ -42,8 +55,10 @@ def _component(value: object) -> object:
     return None
 
 
-def _thrice(value: object) -> object:
-    return (value,) * SPACE if isinstance(value, int | float) and not isinstance(value, bool) else value
+def _in_rows(value: object) -> object:
+    if isinstance(value, dict):
+        raise impossible("", got="one table in single brackets", expected="its name in double brackets, like [[range]]")
+    return value
 
 
 def _line(line: tuple[Px, Px]) -> tuple[Px, Px]:
@@ -59,12 +74,18 @@ def _distinct(pixels: tuple[Px, ...]) -> tuple[Px, ...]:
     return pixels
 
 
+Row = TypeVar("Row", bound=Table)
 Std = Annotated[float, Field(ge=0, le=1e6)]
 StdPx = Annotated[float, Field(ge=1e-6, le=1e6)]
 Component = Annotated[Real | None, BeforeValidator(_component)]
 Position = Annotated[tuple[Component, Component, Component], Field(strict=False)]
-StdM = Annotated[tuple[Std, Std, Std], Field(strict=False), BeforeValidator(_thrice)]
+StdM = Annotated[tuple[Std, Std, Std], Field(strict=False), repeated(SPACE)]
 Line = Annotated[tuple[Pixel, Pixel], Field(strict=False), AfterValidator(_line)]
+
+
+PriorStd = Annotated[float, Field(gt=0, le=1e9)]
+PlaceStd = Annotated[tuple[PriorStd, ...], Field(strict=False), repeated(1)]
+Rows = Annotated[tuple[Row, ...], Field(strict=False), BeforeValidator(_in_rows)]
 
 
 class InDegrees(Table):
@@ -134,16 +155,21 @@ class LandmarkTable(InDegrees):
             raise impossible("lat_deg", got=got, expected="-90 to 90", hint=hint)
 
 
-class ObservationTable(Table, ABC):
-    """What is known without a place in the world."""
+class ObservationTable(Table):
+    """What is known without a place in the world.
 
+    Attributes:
+        makes: The observation that the table describes.
+    """
+
+    makes: ClassVar[type[Evidence]]
     name: Text | None = None
     image: Text | None = None
     std_px: StdPx = 1.0
 
-    @abstractmethod
     def made(self, name: str) -> Evidence:
-        """What the table describes, under a name."""
+        """The observation, under a name."""
+        return value_of(self, self.makes, name=name)
 
 
 class _MeasuredTable(ObservationTable):
@@ -153,47 +179,32 @@ class _MeasuredTable(ObservationTable):
 class RangeTable(_MeasuredTable):
     """A pixel on the ground and its distance from the camera."""
 
+    makes = SlantRange
     pixel: Pixel
     range_m: Positive
-
-    def made(self, name: str) -> SlantRange:
-        """As :class:`SlantRange`."""
-        return SlantRange(name=name, pixel=self.pixel, range_m=self.range_m, std_px=self.std_px, std_m=self.std_m)
 
 
 class GroundPointTable(_MeasuredTable):
     """A pixel on the ground and its place to the right and ahead of the camera's foot."""
 
+    makes = GroundPoint
     pixel: Pixel
     xy_m: Annotated[tuple[Real, Real], Field(strict=False)]
-
-    def made(self, name: str) -> GroundPoint:
-        """As :class:`GroundPoint`."""
-        return GroundPoint(name=name, pixel=self.pixel, xy_m=self.xy_m, std_px=self.std_px, std_m=self.std_m)
 
 
 class LengthTable(_MeasuredTable):
     """Two pixels and their distance on the map."""
 
+    makes = KnownLength
     pixels: Line
     length_m: Positive
     elevation_m: Real = 0.0
-
-    def made(self, name: str) -> KnownLength:
-        """As :class:`KnownLength`."""
-        return KnownLength(
-            name=name,
-            pixels=self.pixels,
-            length_m=self.length_m,
-            elevation_m=self.elevation_m,
-            std_px=self.std_px,
-            std_m=self.std_m,
-        )
 
 
 class HeightTable(_MeasuredTable):
     """Base and top of an upright object on the ground."""
 
+    makes = KnownHeight
     base: Pixel
     top: Pixel
     height_m: Positive
@@ -204,31 +215,19 @@ class HeightTable(_MeasuredTable):
             raise impossible("top", got=f"{list(self.top)}, the pixel of base", expected="another pixel")
         return self
 
-    def made(self, name: str) -> KnownHeight:
-        """As :class:`KnownHeight`."""
-        return KnownHeight(
-            name=name,
-            base=self.base,
-            top=self.top,
-            height_m=self.height_m,
-            std_px=self.std_px,
-            std_m=self.std_m,
-        )
-
 
 class VerticalTable(ObservationTable):
     """Two pixels of one vertical line."""
 
+    makes = Vertical
     pixels: Line
-
-    def made(self, name: str) -> Vertical:
-        """As :class:`Vertical`."""
-        return Vertical(name=name, pixels=self.pixels, std_px=self.std_px)
 
 
 class ParallelTable(ObservationTable):
     """Two level lines, two pixels each, that are parallel."""
 
+    makes = GroundLines
+    at_right_angle: ClassVar = False
     lines: Annotated[tuple[Line, Line], Field(strict=False)]
 
     @model_validator(mode="after")
@@ -238,28 +237,168 @@ class ParallelTable(ObservationTable):
         return self
 
     def made(self, name: str) -> GroundLines:
-        """As :class:`GroundLines`."""
-        return self._lines(name, at_right_angle=False)
-
-    def _lines(self, name: str, *, at_right_angle: bool) -> GroundLines:
+        """The observation, under a name."""
         first, second = self.lines
-        return GroundLines(name=name, first=first, second=second, at_right_angle=at_right_angle, std_px=self.std_px)
+        return value_of(self, GroundLines, name=name, first=first, second=second, at_right_angle=self.at_right_angle)
 
 
 class RightAngleTable(ParallelTable):
     """Two level lines at a right angle to each other."""
 
-    def made(self, name: str) -> GroundLines:
-        """As :class:`GroundLines`."""
-        return self._lines(name, at_right_angle=True)
+    at_right_angle = True
 
 
 class HorizonTable(ObservationTable):
     """Pixels on the horizon."""
 
+    makes = Horizon
     pixels: Annotated[tuple[Pixel, ...], Field(strict=False, min_length=PLANE), AfterValidator(_distinct)]
-    sea: bool = False
+    sea: Annotated[bool, Means("is_sea")] = False
 
-    def made(self, name: str) -> Horizon:
-        """As :class:`Horizon`."""
-        return Horizon(name=name, pixels=self.pixels, is_sea=self.sea, std_px=self.std_px)
+
+class _Lifted(Table):
+    @model_validator(mode="before")
+    @classmethod
+    def _lift(cls, given: object) -> object:
+        return given if isinstance(given, dict) else {"value": given}
+
+
+class Known(_Lifted, Generic[Quantity]):
+    """A quantity and how well it is known; a bare one is taken as exact."""
+
+    value: Quantity
+    std: PriorStd | None = None
+
+
+class PlaceTable(_Lifted):
+    """East and north or easting and northing, and perhaps a height; one std for all, or one for each of them."""
+
+    value: Annotated[tuple[Real, ...], Field(strict=False, min_length=PLANE, max_length=SPACE)]
+    std: PlaceStd | None = None
+
+    @model_validator(mode="after")
+    def _a_std_each(self) -> Self:
+        _check_stds("std", self.std, len(self.value))
+        return self
+
+
+def _check_stds(key: str, std: tuple[float, ...] | None, size: int) -> None:
+    if std is not None and len(std) not in {1, size}:
+        raise impossible(key, got=f"{len(std)} of them", expected=f"one, or {size} as the position has")
+
+
+class CameraPriorTable(InDegrees):
+    """What is known of the camera beforehand, all optional; numbers, or ``{value, std}``."""
+
+    height_agl_m: Known[Positive] | None = None
+    tilt_deg: Known[TiltDeg] | None = None
+    roll_deg: Known[RollDeg] | None = None
+    heading_deg: Known[HeadingDeg] | None = None
+    focal_px: Known[Focal] | None = None
+    position_m: PlaceTable | None = None
+    position_std_m: PlaceStd | None = None
+
+    @property
+    def is_geo(self) -> bool:
+        """Its place, which it has, is in degrees."""
+        return self.position_m is None
+
+    @property
+    def place(self) -> tuple[float, ...] | None:
+        """Two or three numbers in the file's coordinates, where it has a place."""
+        if self.position_m is not None:
+            return self.position_m.value
+        stated = (self.lat_deg, self.lon_deg, self.alt_m)
+        return tuple(each for each in stated if each is not None) or None
+
+    @property
+    def place_std_m(self) -> tuple[float, ...] | None:
+        """One std for each number of the place; None where it is exact."""
+        std = self.position_std_m if self.position_m is None else self.position_m.std
+        place = self.place or ()
+        return std if std is None or len(std) == len(place) else std * len(place)
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        in_degrees = [key for key in GEO_KEYS if key in self.model_fields_set]
+        if self.position_m is not None and in_degrees:
+            raise impossible(in_degrees[0], got="it beside position_m", expected="one of the two")
+        for key in in_degrees:
+            if getattr(self, key) is None:
+                raise impossible(key, got='"?"', expected="a number", hint="leave out what nobody knows")
+        if in_degrees:
+            check_geo(self, needs_alt=False)
+        if self.position_std_m is not None:
+            if not in_degrees:
+                hint = "write position_m = { value = [...], std = ... }"
+                raise impossible("position_std_m", got="it without lat_deg", expected="lat_deg and lon_deg", hint=hint)
+            _check_stds("position_std_m", self.position_std_m, len(in_degrees))
+        if self.place is not None and len(self.place) == SPACE and self.height_agl_m is not None:
+            key = "alt_m" if self.is_geo else "position_m"
+            raise impossible("height_agl_m", got=f"it beside a height in {key}", expected="one of the two")
+        return self
+
+
+def check_size(width_px: int | None, height_px: int | None) -> None:
+    """Refuse half of a size (for validators)."""
+    if (width_px is None) != (height_px is None):
+        missing = "width_px" if width_px is None else "height_px"
+        raise impossible(missing, got="nothing", expected="both width_px and height_px, or none of them")
+
+
+class ImageTable(Table):
+    """The image that the pixels were read in."""
+
+    file: Text | None = None
+    width_px: Count | None = None
+    height_px: Count | None = None
+
+    @model_validator(mode="after")
+    def _size_is_whole(self) -> Self:
+        check_size(self.width_px, self.height_px)
+        return self
+
+
+class EvidenceTable(Table):
+    """The file."""
+
+    crs: Text = LOCAL
+    elevation_m: Known[Real] | None = None
+    image: ImageTable = ImageTable()
+    camera: CameraPriorTable = CameraPriorTable()
+    landmark: Rows[LandmarkTable] = ()
+    ranges: Rows[RangeTable] = Field(default=(), alias="range")
+    ground: Rows[GroundPointTable] = ()
+    length: Rows[LengthTable] = ()
+    height: Rows[HeightTable] = ()
+    vertical: Rows[VerticalTable] = ()
+    parallel: Rows[ParallelTable] = ()
+    right_angle: Rows[RightAngleTable] = ()
+    horizon: Rows[HorizonTable] = ()
+
+
+def camera_priors(camera: CameraPriorTable, frame: LocalFrame) -> dict[str, tuple[float, float | None]]:
+    """What a table says of a camera, by the unknowns' names: values and stds (metres, radians); None for no std."""
+    stated: dict[str, tuple[float, float | None]] = {}
+    if camera.height_agl_m is not None:
+        stated["height"] = (camera.height_agl_m.value, camera.height_agl_m.std)
+    for name in ("tilt", "roll", "heading"):
+        angle: Known[float] | None = getattr(camera, f"{name}_deg")
+        if angle is not None:
+            stated[name] = (math.radians(angle.value), None if angle.std is None else math.radians(angle.std))
+    if camera.focal_px is not None:
+        stated["focal"] = (camera.focal_px.value, camera.focal_px.std)
+    if camera.place is not None:
+        local_m = frame.local_m((*camera.place, frame.origin[2])[:SPACE]).tolist()
+        stds = camera.place_std_m or (None,) * len(camera.place)
+        stated |= {name: (local_m[axis], std) for axis, (name, std) in enumerate(zip(_PLACE_NAMES, stds, strict=False))}
+    return stated
+
+
+def priors_from(table: EvidenceTable, frame: LocalFrame) -> tuple[dict[str, Prior], frozenset[str]]:
+    """What is known beforehand by the unknowns' names, and which of it is exact (and has a std of 0)."""
+    stated = camera_priors(table.camera, frame)
+    if table.elevation_m is not None:
+        stated["elevation"] = (0.0, table.elevation_m.std)
+    priors = {name: Prior(value=value, std=std or 0.0) for name, (value, std) in stated.items()}
+    return priors, frozenset(name for name, (_, std) in stated.items() if std is None)

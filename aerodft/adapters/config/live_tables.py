@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, replace
 from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from aerodft.adapters.config.tables import (
     Latitude,
@@ -17,6 +17,7 @@ from aerodft.adapters.config.tables import (
     Table,
     impossible,
     keys_of,
+    repeated,
     value_of,
 )
 from aerodft.errors import ConfigError
@@ -25,15 +26,9 @@ from aerodft.model.landmark import SurveyedLandmark
 from aerodft.model.pose import GeoOrigin
 from aerodft.service.settings import DRIFT, ErrorStd, LiveCalibration
 
-
-def _three(value: object) -> object:
-    """One standard deviation for all three components."""
-    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
 AngleStd = Annotated[float, Field(ge=0, le=180)]
 Place = Annotated[tuple[Real, Real, Real], Field(strict=False)]
-PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], BeforeValidator(_three), Field(strict=False)]
+PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], repeated(3), Field(strict=False)]
 
 
 class LandmarkTable(Table):

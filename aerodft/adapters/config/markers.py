@@ -16,11 +16,16 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config.evidence import EvidenceFile, evidence_from
-from aerodft.adapters.config.evidence_checks import Place, Stated, check_degrees, check_together
+from aerodft.adapters.config.evidence_checks import (
+    Place,
+    Stated,
+    check_datums,
+    check_degrees,
+    check_together,
+    frame_around,
+)
 from aerodft.adapters.config.evidence_frame import LocalFrame, checked_crs, takes_degrees
-from aerodft.adapters.config.evidence_places import check_datums, frame_around
-from aerodft.adapters.config.evidence_priors import EvidenceTable, Rows
-from aerodft.adapters.config.evidence_tables import GEO_KEYS, InDegrees, StdM, check_geo
+from aerodft.adapters.config.evidence_tables import GEO_KEYS, EvidenceTable, InDegrees, Rows, StdM, check_geo
 from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
 from aerodft.adapters.config.tables import Order, Positive, Real, Text, impossible
 from aerodft.errors import ConfigError

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar, get_args, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from aerodft.adapters.config.units import to_deg, to_ns, to_percent, to_s
@@ -98,6 +98,15 @@ def matching(pattern: str, expected: str) -> AfterValidator:
         return value
 
     return AfterValidator(check)
+
+
+def repeated(count: int) -> BeforeValidator:
+    """A validator that takes one number for all of so many."""
+
+    def repeat(value: object) -> object:
+        return (value,) * count if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+    return BeforeValidator(repeat)
 
 
 def _unique(values: tuple[Quantity, ...]) -> tuple[Quantity, ...]:

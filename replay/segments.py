@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -11,9 +10,6 @@ from aerodft.adapters.mcap.chunk_table import ChunkTable, is_one_of
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
-from aerodft.geometry.jit import expect
-
-_STEPS: Final = 2  # of a message that is found without the compiler
 
 
 def numbered(path: Path) -> tuple[list[int], str]:
@@ -75,9 +71,7 @@ def tables_of(
             rows &= table.log_ns >= np.uint64(from_ns)
         if to_ns is not None:
             rows &= table.log_ns < np.uint64(to_ns)
-        found = table.rows(rows).kept()
-        expect(_STEPS * int(np.count_nonzero(found.stop > found.start)))  # millions of empty ones are a bomb
-        return found
+        return table.rows(rows).kept()
 
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)

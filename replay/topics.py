@@ -9,7 +9,7 @@ from typing import Final
 from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import JSON, Kind, kind_of
-from aerodft.adapters.mavlink.vectorised import count_frames
+from aerodft.adapters.mavlink.framing import StreamFramer
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
 from aerodft.errors import InputError
 from replay.segments import channels_of, messages_of
@@ -139,7 +139,7 @@ def _with_frames(segments: Sequence[SegmentScan], topics: Sequence[str]) -> list
         tried[topic] += 1
         is_last = tried[topic] >= _TRIED or len(unwrapped[topic]) >= _MOST_BYTES
         if is_last or tried[topic] in _LOOKS:
-            if count_frames(unwrapped[topic]) >= _ENOUGH:
+            if _count_frames(unwrapped[topic]) >= _ENOUGH:
                 found.add(topic)
             elif not is_last:
                 continue
@@ -147,4 +147,9 @@ def _with_frames(segments: Sequence[SegmentScan], topics: Sequence[str]) -> list
             del unwrapped[topic]
             if not open_topics:
                 break
-    return [topic for topic in topics if topic in found or count_frames(unwrapped.get(topic, b"")) >= _ENOUGH]
+    return [topic for topic in topics if topic in found or _count_frames(unwrapped.get(topic, b"")) >= _ENOUGH]
+
+
+def _count_frames(data: bytes) -> int:
+    framer = StreamFramer()
+    return len(framer.push(data)) + len(framer.flush())

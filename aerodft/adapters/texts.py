@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.geometry.jit import expect, is_loaded, njit
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import ImageArray, IntArray
 
 _COMMA = ord(",")
 _ONE = np.uint64(1)
-_TEXTS_A_STEP = 4  # that are joined without the compiler
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,32 +79,12 @@ class Form:
             count: How many.
             firsts: How many holes of each take of the first.
         """
-        expect(count * len(self.stop) // _TEXTS_A_STEP)
-        if not is_loaded():
-            return self._joined(first, then, count, firsts)
         sources = np.frombuffer(first, dtype=np.uint8)[1:-1], np.frombuffer(then, dtype=np.uint8)[1:-1]
         out = np.empty(count * len(self.data) + sum(map(len, sources)), dtype=np.uint8)
         stop = np.empty(count, dtype=np.int64)
         _fill(self.data, self.stop, sources, firsts, out, stop)
         used = int(stop[-1]) if count else 0
         return Texts(out[:used].data, np.concatenate([[0], stop[:-1]])[:count], stop)
-
-    def _joined(self, first: bytes, then: bytes, count: int, firsts: int) -> Texts:
-        """As ``filled``, without the compiler."""
-        content, ends = self.data.tobytes(), self.stop.tolist()
-        step = 2 * len(ends) - 1
-        parts = [b""] * (count * step)
-        for hole, (start, stop) in enumerate(zip([0, *ends], ends, strict=False)):
-            parts[2 * hole :: step] = [content[start:stop]] * count
-        holes = len(ends) - 1
-        firsts = min(firsts, holes)
-        for values, begin, size in ((first, 0, firsts), (then, firsts, holes - firsts)):
-            source = values[1:-1].split(b",")
-            for hole in range(size):
-                parts[2 * (begin + hole) + 1 :: step] = source[hole::size]
-        sizes = np.fromiter(map(len, parts), dtype=np.int64, count=len(parts))
-        stop = np.cumsum(sizes.reshape(count, step).sum(axis=1))
-        return Texts(b"".join(parts), np.concatenate([[0], stop[:-1]])[:count], stop)
 
 
 @njit

@@ -5,7 +5,6 @@ from importlib import import_module
 from typing import Final
 
 from aerodft.cli.collector import without_collector
-from aerodft.geometry.jit import COMPILES, load_compiler
 
 _NEEDED: Final = (
     "distributed.nanny",
@@ -13,11 +12,10 @@ _NEEDED: Final = (
     "aerodft.cli.recompute_many",
     "pyarrow.parquet",
     "pyproj",
-    *(["numba.np.arraymath"] if COMPILES else []),  # comes with the first compiled function
+    "numba.np.arraymath",  # comes with the first compiled function
 )
 
 with without_collector():
-    load_compiler()
     for each in _NEEDED:
         import_module(each)
 gc.freeze()

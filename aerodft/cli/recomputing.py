@@ -2,24 +2,18 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
 
 from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.looking import Eyes, build_eyes
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline
-from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.geometry.jit import expect
 from aerodft.service.feed import MergedFeed
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Source, SpanFeed
 from replay.recording import Recording
 from replay.seen_again import SeenAgain
 from replay.source import RecordingSource
-
-_LONGEST_CHUNK_NS: Final = 300 * SECOND_NS  # a megabyte of telemetry; a damaged chunk may say that it is of 1970
-_STEPS_A_SECOND: Final = 300  # without the compiler, for each probe at 30 Hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,10 +56,6 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
     """
     recording = Recording(folder)
     was, station = stations_of(recording, config, calibration)
-    spans_ns = (chunk.end_ns - chunk.start_ns for segment in recording.data for chunk in segment.chunks)
-    seconds = sum(span_ns for span_ns in spans_ns if span_ns <= _LONGEST_CHUNK_NS) / SECOND_NS
-    probes = len(station.pipeline.probes)
-    expect(round(_STEPS_A_SECOND * seconds) * probes)  # a long one begins with the compiler loaded
     pipeline = build_pipeline(station)
     source = reoffset(RecordingSource(recording, pixels=vision), was, station)
     again, eyes = None, Eyes()

@@ -36,7 +36,6 @@ from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Request
 from aerodft.errors import ConfigError, InputError
-from aerodft.geometry.jit import load_compiler
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.packet import VideoPacket
@@ -65,7 +64,6 @@ def serve(
     if settings.telemetry is not None and station.link is None:
         raise ConfigError("telemetry.connection", where=config, got="none", expected='e.g. "udpin:127.0.0.1:14550"')
     clock, tally, pipeline = WallClock(), Tally(), build_pipeline(station)
-    load_compiler()
     pipeline.warm_up()
     rehearse(station)
     eyes = build_eyes(station, pipeline, config)

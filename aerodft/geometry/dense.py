@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry.jit import njit_ieee, njit_late_ieee
+from aerodft.geometry.jit import njit_fused, njit_ieee
 from aerodft.model.arrays import FloatArray
 
 Float32Array: TypeAlias = npt.NDArray[np.float32]
@@ -26,9 +26,6 @@ _STEPS = 16
 _CONVERGED, _ACCEPTED = 1e-14, 1e-11  # in units of the focal length, as in ``lens``
 _FIRST_STEPS = 5
 _SETTLED = 1e-8  # a step of Newton's that leaves an error of the order of its square
-PIXEL_STEPS = 40
-"""Of ``undistort`` without the compiler, for each pixel, as ``jit.expect`` counts."""
-
 _BLOCK = 512  # pixels that stay in the nearest cache from one loop to the next
 
 RAY_ROWS = 11
@@ -38,7 +35,7 @@ RAYS_AT_ONCE = 2048
 """Columns of a ray table: known to the compiler, which then sees that rows do not overlap."""
 
 
-@njit_ieee
+@njit_fused
 def meet_dense(
     table: Float32Array, turn: Float32Array, height_m: np.float32, limit_m: np.float32, out: Float32Array
 ) -> None:
@@ -67,7 +64,7 @@ def meet_dense(
         out[GSD, k] = table[PITCH, k] * away * np.sqrt(away * per_height)
 
 
-@njit_ieee
+@njit_fused
 def meet_straight(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: FloatArray, out_m: FloatArray) -> None:
     """Meet the rays of ``pixels_px (n, 2)`` of a lens without distortion with level ground, into ``out_m (n, 2)``.
 
@@ -87,7 +84,7 @@ def meet_straight(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: 
         points[2 * k + 1] = foot_m[1] + reach * (m[1, 0] * u + m[1, 1] * v + m[1, 2])
 
 
-@njit_ieee
+@njit_fused
 def meet_brown(
     pixels_px: FloatArray,
     lens: BrownLens,
@@ -114,7 +111,7 @@ def meet_brown(
         meet_straight(straight[:count], ground_from_ray, foot_m, out_m[first : first + count])
 
 
-@njit_ieee
+@njit_fused
 def normalise(pixels_px: FloatArray, intrinsics: tuple[float, ...], out: FloatArray) -> None:
     """Pixels ``(n, 2)`` to ``(n, 2)`` in units of the focal length from the principal point; fx, fy, cx, cy in px."""
     fx, fy, cx, cy = intrinsics
@@ -124,7 +121,7 @@ def normalise(pixels_px: FloatArray, intrinsics: tuple[float, ...], out: FloatAr
         found[2 * k], found[2 * k + 1] = (given[2 * k] - cx) * per_x, (given[2 * k + 1] - cy) * per_y
 
 
-@njit_late_ieee
+@njit_ieee
 def brown(coefficients: tuple[float, ...], x: float, y: float) -> tuple[float, float, float, float, float]:
     """Brown's distortion, and its derivatives: xd, yd; d xd / dx, d xd / dy = d yd / dx, d yd / dy."""
     k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
@@ -140,7 +137,7 @@ def brown(coefficients: tuple[float, ...], x: float, y: float) -> tuple[float, f
     return xd, yd, xx, xy, yy
 
 
-@njit_late_ieee
+@njit_ieee
 def _newton(coefficients: tuple[float, ...], xd: float, yd: float, x: float, y: float) -> tuple[float, float, bool]:
     """Newton's step from ``x, y`` towards the inverse of ``xd, yd``, and whether the model is upright there."""
     got_x, got_y, xx, xy, yy = brown(coefficients, x, y)
@@ -149,11 +146,9 @@ def _newton(coefficients: tuple[float, ...], xd: float, yd: float, x: float, y: 
     return (yy * miss_x - xy * miss_y) / det, (xx * miss_y - xy * miss_x) / det, det > 0.0
 
 
-@njit_late_ieee
+@njit_ieee
 def undistort(distorted: FloatArray, coefficients: tuple[float, ...], limit: float, out: FloatArray) -> None:
-    """Invert Brown's distortion by Newton's method, alike to the last bit with the compiler and without.
-
-    A camera's few pixels are measured without: it takes 110 MB. Fused products would be a fifth quicker.
+    """Invert Brown's distortion by Newton's method.
 
     Args:
         distorted: ``(n, 2)`` in units of the focal length.
@@ -176,7 +171,7 @@ def undistort(distorted: FloatArray, coefficients: tuple[float, ...], limit: flo
             found[2 * k], found[2 * k + 1] = _undistort_surely(given[2 * k], given[2 * k + 1], coefficients, limit)
 
 
-@njit_late_ieee
+@njit_ieee
 def _undistort_surely(xd: float, yd: float, coefficients: tuple[float, ...], limit: float) -> tuple[float, float]:
     """As ``undistort``, started where the radial part alone has its inverse."""
     radius_d = math.sqrt(xd * xd + yd * yd)
@@ -194,7 +189,7 @@ def _undistort_surely(xd: float, yd: float, coefficients: tuple[float, ...], lim
     return math.nan, math.nan
 
 
-@njit_late_ieee
+@njit_ieee
 def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> float:
     """Approximate radius in [0, limit] that is distorted to ``radius_d``; the limit where that is beyond it."""
     k1, k2, _, _, k3, k4, k5, k6 = coefficients
@@ -214,7 +209,7 @@ def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> f
     return (low + high) / 2.0
 
 
-@njit_ieee
+@njit_fused
 def brown_rays(pixels_px: FloatArray, lens: BrownLens, rays: FloatArray, bends: FloatArray) -> None:
     """Rays of at most ``RAYS_AT_ONCE`` pixels with what they depend on.
 
@@ -243,7 +238,7 @@ def brown_rays(pixels_px: FloatArray, lens: BrownLens, rays: FloatArray, bends: 
         _bend(found, lens, bends.reshape(-1))
 
 
-@njit_ieee
+@njit_fused
 def _bend(straight: FloatArray, lens: BrownLens, bends: FloatArray) -> None:
     """By how much the coefficients move the pixels of what is at ``straight (2 n,)``; the rows one after the other."""
     (fx, fy, _, _), (k1, k2, _, _, k3, k4, k5, k6), _ = lens

@@ -6,7 +6,7 @@ All of them stand in this module, as in ``dense``.
 import math
 from typing import TypeAlias
 
-from aerodft.geometry.jit import njit_ieee
+from aerodft.geometry.jit import njit_fused
 from aerodft.model.arrays import FloatArray
 
 FisheyeLens: TypeAlias = tuple[tuple[float, ...], tuple[float, ...], float]
@@ -19,7 +19,7 @@ _STEPS, _BISECTIONS = 16, 12
 _CONVERGED, _ACCEPTED = 1e-14, 1e-11  # rad, and in units of the focal length, as in ``lens``
 
 
-@njit_ieee
+@njit_fused
 def meet_fisheye(
     pixels_px: FloatArray, lens: FisheyeLens, ground_from_ray: FloatArray, foot_m: FloatArray, out_m: FloatArray
 ) -> None:
@@ -38,7 +38,7 @@ def meet_fisheye(
         out_m[k, 1] = foot_m[1] + reach * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z)
 
 
-@njit_ieee
+@njit_fused
 def fisheye_rays(pixels_px: FloatArray, lens: FisheyeLens, rays: FloatArray, bends: FloatArray) -> None:
     """As ``dense.brown_rays``; rays of unit length."""
     (fx, fy, cx, cy), coefficients, limit = lens
@@ -62,7 +62,7 @@ def fisheye_rays(pixels_px: FloatArray, lens: FisheyeLens, rays: FloatArray, ben
             bends[row, k], bends[row + 1, k] = fx * out_x * power, fy * out_y * power
 
 
-@njit_ieee
+@njit_fused
 def _distort(angle: float, coefficients: tuple[float, ...]) -> tuple[float, float]:
     """Distorted radius, and its derivative by the angle."""
     k1, k2, k3, k4 = coefficients
@@ -71,7 +71,7 @@ def _distort(angle: float, coefficients: tuple[float, ...]) -> tuple[float, floa
     return value, 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)))
 
 
-@njit_ieee
+@njit_fused
 def _angle(radius: float, coefficients: tuple[float, ...], limit: float) -> float:
     """Angle from the axis of what is seen at a distorted radius; NaN beyond the limit."""
     angle = _newton(radius, min(radius, limit), coefficients, limit)
@@ -80,7 +80,7 @@ def _angle(radius: float, coefficients: tuple[float, ...], limit: float) -> floa
     return angle
 
 
-@njit_ieee
+@njit_fused
 def _newton(radius: float, angle: float, coefficients: tuple[float, ...], limit: float) -> float:
     for _ in range(_STEPS):
         value, slope = _distort(angle, coefficients)
@@ -91,7 +91,7 @@ def _newton(radius: float, angle: float, coefficients: tuple[float, ...], limit:
     return angle if abs(_distort(angle, coefficients)[0] - radius) < _ACCEPTED else math.nan
 
 
-@njit_ieee
+@njit_fused
 def _bisect(radius: float, coefficients: tuple[float, ...], limit: float) -> float:
     low, high = 0.0, limit
     for _ in range(_BISECTIONS):

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
-from aerodft.geometry.dense import PIXEL_STEPS, undistort
-from aerodft.geometry.jit import expect
+from aerodft.geometry.dense import undistort
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
 
@@ -204,9 +203,7 @@ def _ahead(xy: FloatArray) -> FloatArray:
 def _invert_brown(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:
     xy = np.empty(distorted.shape)
     flat = np.ascontiguousarray(distorted).reshape(-1, 2)
-    expect(PIXEL_STEPS * len(flat))
-    with np.errstate(all="ignore"):  # as the compiler has it: what has no inverse is NaN
-        undistort(flat, tuple(map(float, coefficients)), brown_limit(coefficients), xy.reshape(-1, 2))
+    undistort(flat, tuple(map(float, coefficients)), brown_limit(coefficients), xy.reshape(-1, 2))
     return xy
 
 

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from aerodft.geometry.jit import njit_ieee
+from aerodft.geometry.jit import njit_fused
 from aerodft.model.arrays import FloatArray
 
 Quadratic: TypeAlias = tuple[float, float, float, float, float, float]
@@ -26,12 +26,12 @@ _BLOCK = 128  # points whose derivatives stay in the nearest cache
 _HEIGHT, _ROTATION, _FOCAL, _CENTRE, _BENDS = 2, 3, 6, 8, 10  # rows of derivatives; the first two are east and north
 
 
-@njit_ieee
+@njit_fused
 def _at(form: Quadratic, x: float, y: float) -> float:
     return (form[0] * x + (form[1] * y + form[3])) * x + ((form[2] * y + form[4]) * y + form[5])
 
 
-@njit_ieee
+@njit_fused
 def spread_straight(
     pixels_px: FloatArray,
     ground_from_pixel: Matrix,
@@ -80,7 +80,7 @@ def spread_straight(
             cov[4 * k + 3] = y * (y * by_up + 2.0 * by_y) + _at(nn, x, y)
 
 
-@njit_ieee
+@njit_fused
 def spread_rays(
     rays: tuple[FloatArray, FloatArray],
     enu_from_cam: Matrix,
@@ -129,7 +129,7 @@ def spread_rays(
             covs[4 * (first + k) + 3] = sums[2 * _BLOCK + k]
 
 
-@njit_ieee
+@njit_fused
 def _differentiate(
     table: FloatArray,
     count: int,
@@ -164,20 +164,20 @@ def _differentiate(
         rows[(_CENTRE + 1) * _BLOCK + k] = -by_v
 
 
-@njit_ieee
+@njit_fused
 def _bend(bends: FloatArray, count: int, rows: FloatArray, row: FloatArray) -> None:
     """By a distortion coefficient: as by a principal point that is off by what it moves."""
     for k in range(count):
         row[k] = rows[_CENTRE * _BLOCK + k] * bends[k] + rows[(_CENTRE + 1) * _BLOCK + k] * bends[RAYS_AT_ONCE + k]
 
 
-@njit_ieee
+@njit_fused
 def _add(values: FloatArray, factor: float, sums: FloatArray) -> None:
     for k in range(_BLOCK):
         sums[k] += factor * values[k]
 
 
-@njit_ieee
+@njit_fused
 def _add_square(by_east: FloatArray, by_north: FloatArray, sums: FloatArray) -> None:
     for k in range(_BLOCK):
         sums[k] += by_east[k] * by_east[k]

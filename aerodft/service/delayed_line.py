@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.jit import expect, njit_late
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.service.clock_line import JUMP_NS, Line
 
@@ -95,7 +95,6 @@ class DelayedLine:
             np.empty(count),
             np.empty(count, dtype=np.bool_),
         )
-        expect(count * int(self._state[_STOP] - self._state[_START] + 1))
         known = self._fastest, self._state, self._drift
         _learn(known, (own_ns, arrival_ns, slower_ns), found.at_ns, found.offset_ns, found.drift, found.is_unsettled)
         self.line = self._line()
@@ -121,7 +120,7 @@ class DelayedLine:
         return Line(int(state[_AT]), int(state[_OFFSET]), float(self._drift[0])) if state[_HAS_LINE] else None
 
 
-@njit_late
+@njit
 def _learn(
     known: tuple[IntArray, IntArray, FloatArray],
     messages: tuple[IntArray, IntArray, IntArray],
@@ -152,19 +151,19 @@ def _learn(
         is_unsettled[k] = _is_unsettled(state)
 
 
-@njit_late
+@njit
 def _is_unsettled(state: IntArray) -> bool:
     if not state[_IS_LATE] or state[_LATE_TO] - state[_LATE_FROM] < _HELD_UP_NS:
         return False
     return bool(state[_MOST] - state[_LEAST] <= max(JUMP_NS, state[_LEAST]))
 
 
-@njit_late
+@njit
 def _offset_at(state: IntArray, drift: FloatArray, own_ns: int) -> int:
     return int(state[_OFFSET] + np.int64(np.rint(drift[0] * (own_ns - state[_AT]))))
 
 
-@njit_late
+@njit
 def _note(table: IntArray, state: IntArray, second: int, own_ns: int, delay_ns: int) -> bool:
     """Take in a message; whether it is the fastest of its second so far."""
     last, is_fastest = state[_STOP] - 1, True
@@ -186,7 +185,7 @@ def _note(table: IntArray, state: IntArray, second: int, own_ns: int, delay_ns: 
     return is_fastest
 
 
-@njit_late
+@njit
 def _start_anew_where_set(table: IntArray, state: IntArray, drift: FloatArray) -> None:
     """Forget what was before a step of this machine's clock: since then all are late, and by the same."""
     start, stop = state[_START], state[_STOP]
@@ -202,7 +201,7 @@ def _start_anew_where_set(table: IntArray, state: IntArray, drift: FloatArray) -
         state[_START] = first
 
 
-@njit_late
+@njit
 def _fit(table: IntArray, state: IntArray, drift: FloatArray) -> None:
     """The line below what is in the table, which is something."""
     start, stop = state[_START], state[_STOP]
@@ -218,7 +217,7 @@ def _fit(table: IntArray, state: IntArray, drift: FloatArray) -> None:
         state[_OFFSET], drift[0] = table[2, last] + np.int64(np.rint(offset)), slope
 
 
-@njit_late
+@njit
 def line_below(own_ns: FloatArray, offset_ns: FloatArray) -> tuple[float, float]:
     """Offset at 0 and drift of the line closest below all samples ``(n,)``, ``own_ns`` ascending.
 

@@ -7,11 +7,10 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.jit import expect, is_loaded, njit_late
+from aerodft.geometry.jit import njit
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.model.arrays import FloatArray, IntArray
 
-_STEPS, _PAIRS_A_STEP = 60, 4  # of the compiler's reckoning, where pairs are compared over whole arrays
 _ROUNDING_RAD: Final = 1e-6  # far more than the angle between two quaternions is off by
 
 
@@ -85,10 +84,8 @@ def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, s
     """
     std = np.zeros((len(now_wxyz), 3))
     found = np.empty((2, int(np.sum(np.maximum(demands.stop - demands.first, 0)))), dtype=np.int64)
-    expect(_STEPS + found.shape[1] // _PAIRS_A_STEP)
     times = demands.since_ns, demands.stamps_ns
-    unreached = _unreached if is_loaded() else _unreached_together
-    count = unreached(demands.first, demands.stop, times, reported_wxyz, now_wxyz, slew_radps, found)
+    count = _unreached(demands.first, demands.stop, times, reported_wxyz, now_wxyz, slew_radps, found)
     if not count:
         return std
     of_stamp, rows = found[:, :count]
@@ -104,7 +101,7 @@ def lag_std(demands: Demands, reported_wxyz: FloatArray, now_wxyz: FloatArray, s
     return std
 
 
-@njit_late
+@njit
 def _unreached(
     first: IntArray,
     stop: IntArray,
@@ -138,27 +135,6 @@ def _unreached(
                 found[0, count], found[1, count] = n, k
                 count += 1
     return count
-
-
-def _unreached_together(
-    first: IntArray,
-    stop: IntArray,
-    times: tuple[IntArray, IntArray],
-    reported_wxyz: FloatArray,
-    now_wxyz: FloatArray,
-    slew_radps: float,
-    found: IntArray,
-) -> int:
-    """As ``_unreached``, with all that a camera may not have reached."""
-    since_ns, stamps_ns = times
-    sizes = np.maximum(stop - first, 0)
-    of_stamp = np.repeat(np.arange(len(sizes)), sizes)
-    rows = np.arange(len(of_stamp)) + np.repeat(first - np.cumsum(sizes) + sizes, sizes)
-    done_rad = slew_radps * np.maximum(stamps_ns[of_stamp] - since_ns[rows], 0) / SECOND_NS
-    along = np.abs(np.sum(reported_wxyz[rows] * now_wxyz[of_stamp], axis=1))
-    left = np.flatnonzero(2 * np.arccos(np.minimum(along, 1.0)) > done_rad - _ROUNDING_RAD)
-    found[0, : len(left)], found[1, : len(left)] = of_stamp[left], rows[left]
-    return len(left)
 
 
 def _length(vectors: FloatArray) -> FloatArray:

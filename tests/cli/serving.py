@@ -3,9 +3,10 @@
 import atexit
 import sys
 
+from numba.core.dispatcher import Dispatcher
+
 from aerodft.cli import serve
 from aerodft.cli.main import main
-from aerodft.geometry.jit import Late
 
 WORD = "late:"
 _begin, _before = serve.keep_loaded, set[str]()
@@ -13,11 +14,9 @@ _begin, _before = serve.keep_loaded, set[str]()
 
 def compiled() -> set[str]:
     """All compiled functions with their signatures."""
-    names = [name for module in list(sys.modules.values()) for name in vars(module).values()]
-    found = {id(each): each for each in names if isinstance(each, Late) and "compiled" in vars(each)}
-    return {
-        f"{each.py_func.__qualname__} {signature}" for each in found.values() for signature in each.compiled.signatures
-    }
+    ours = [module for name, module in list(sys.modules.items()) if name.startswith("aerodft.")]
+    found = {each for module in ours for each in vars(module).values() if isinstance(each, Dispatcher)}
+    return {f"{each.py_func.__qualname__} {signature}" for each in found for signature in each.signatures}
 
 
 def begin() -> None:

@@ -11,7 +11,6 @@ from aerodft.adapters.mavlink.framing import StreamFramer
 from aerodft.adapters.mavlink.layout import SIGNATURE, V1, V2
 from aerodft.adapters.mavlink.signing import sign
 from aerodft.adapters.mavlink.tlog import TlogSource
-from aerodft.geometry.jit import load_compiler
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of
 
@@ -89,7 +88,6 @@ def _report(capsys: pytest.CaptureFixture[str], what: str, count: int, size: int
 
 def test_noise_holds_no_message(capsys: pytest.CaptureFixture[str]) -> None:
     noise = np.random.default_rng(3).integers(0, 256, NOISE_BYTES, dtype=np.uint8).tobytes()
-    load_compiler()
     StreamFramer().push(noise[:DATAGRAM])  # compiled by now, as on a live link
     framer = StreamFramer()
     start_s = time.process_time()

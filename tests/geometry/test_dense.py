@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.geometry import jit
 from aerodft.geometry.dense import brown, normalise, undistort
-from aerodft.geometry.lens import brown_limit, pixels_from_rays, rays_from_pixels
+from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.camera import Camera
 
 ROUNDING = 2e-15
@@ -85,20 +84,3 @@ def test_pixels_are_counted_from_the_principal_point():
     pixels, out = np.random.default_rng(7).uniform(0, 1000, (9, 2)), np.empty((9, 2))
     normalise(pixels, INTRINSICS, out)
     assert_allclose(out, rays_from_pixels(camera, pixels)[:, :2], rtol=1e-14, atol=1e-15)
-
-
-@pytest.mark.parametrize("lens", LENSES)
-def test_what_is_undistorted_as_written_is_so_to_the_last_bit_when_compiled(lens, monkeypatch):
-    """Few pixels are undistorted before the compiler is loaded, and the same once it is: numbers must not move."""
-    rng = np.random.default_rng(6)
-    distorted = np.concatenate([rng.uniform(-0.7, 0.7, (1500, 2)), rng.normal(0, 5, (300, 2)), np.zeros((1, 2))])
-    limit = brown_limit(LENSES[lens])
-    found = []
-    for is_loaded in (False, True):
-        monkeypatch.setattr(jit, "is_loaded", lambda is_loaded=is_loaded: is_loaded)
-        found.append(np.full_like(distorted, -1.0))
-        with np.errstate(all="ignore"):
-            undistort(distorted, LENSES[lens], limit, found[-1])
-    assert found[0].tobytes() == found[1].tobytes()
-    assert np.isfinite(found[0]).any()
-    assert np.isnan(found[0]).any() == (lens in {"barrel", "folded"}), "some have no inverse"

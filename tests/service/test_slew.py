@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from aerodft.geometry.interpolation import bracket
-from aerodft.service import slew
 from aerodft.service.slew import demands_before, lag_std
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -81,23 +80,3 @@ def test_the_answer_is_about_the_axis_that_turns():
     std = lag_at(reported.as_quat(scalar_first=True), found, stamp_ns)
     assert abs(std[0]) == pytest.approx(0.5 / math.sqrt(3), abs=1e-9)  # at nadir a pan is a roll of the image
     assert_allclose(std[1:], 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("slew_radps", [math.radians(5), math.radians(60)])
-def test_only_what_can_be_the_farthest_is_turned_and_nothing_else_changes(monkeypatch, slew_radps):
-    """Compiled, all but the farthest demands of a stamp are left out; without the compiler none is."""
-    rng = np.random.default_rng(4)
-    steps = np.where(rng.random((len(STAMPS), 3)) < 0.3, rng.normal(size=(len(STAMPS), 3)), 0.0) * 0.4
-    steps[20:30] = 0.001 * rng.normal(size=(10, 3))
-    reported = Rotation.from_rotvec(np.cumsum(steps, axis=0)).as_quat(scalar_first=True)
-    stamps_ns = np.sort(rng.integers(STAMPS[1], STAMPS[-1], 300))
-    before = np.searchsorted(STAMPS, stamps_ns, side="right") - 1
-    now = reported[before]
-    first = np.maximum(before - rng.integers(0, 40, 300), 0)
-    demands = demands_before(STAMPS, before, stamps_ns, first, lag_ns=LAG_NS, slew_radps=slew_radps)
-    both = []
-    for compiled in (True, False):
-        monkeypatch.setattr(slew, "is_loaded", lambda compiled=compiled: compiled)
-        both.append(lag_std(demands, reported, now, slew_radps))
-    assert np.array_equal(*both)
-    assert np.count_nonzero(np.any(both[0], axis=1)) > 100

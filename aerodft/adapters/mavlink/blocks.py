@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.loops import gather, read_headers
+from aerodft.adapters.mavlink.kernels import gather, read_headers
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import RawBlock
 

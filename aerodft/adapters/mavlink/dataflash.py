@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.mavlink.arrivals import following_stamps, settle_all
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
 from aerodft.adapters.mavlink.dataflash_format import FMT_SIZE, FMT_TYPE
+from aerodft.adapters.mavlink.dataflash_kernels import scan_dataflash
 from aerodft.adapters.mavlink.files import LogFile, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
+from aerodft.adapters.mavlink.kernels import settle_all
 from aerodft.adapters.mavlink.layout import STATE_SIZE, Bytes
-from aerodft.adapters.mavlink.loops import scan_dataflash
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
@@ -71,8 +71,7 @@ class DataflashSource:
 
         for piece, rows in self._log.scanned(scan, state, most, self.size):
             stamps_us = rows[2]
-            nexts_us = following_stamps(stamps_us)
-            settle_all(stamps_us, last_us, nexts_us.__getitem__)
+            settle_all(stamps_us, last_us)
             last_us = int(stamps_us[-1])
             yield piece.block(rows, WireProtocol.DATAFLASH, self._path.name)
 

@@ -1,10 +1,10 @@
-"""The hot loop over the bytes of ArduPilot's logs; ``dataflash_vectorised`` gives the same without a compiler."""
+"""The hot loop over the bytes of ArduPilot's logs."""
 
 import numpy as np
 
 from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD, HEAD_SIZE
 from aerodft.adapters.mavlink.layout import AT_SYNC, MAX_STAMP_US, N_OK, N_SKIPPED, N_TRUNCATED, Bytes
-from aerodft.geometry.jit import njit_late
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 
 TIMED = 1 << 8  # beside a type's length: the message starts with TimeUS
@@ -13,7 +13,7 @@ _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
 _TIME_COLUMN = np.frombuffer(b"TimeUS", dtype=np.uint8)
 
 
-@njit_late
+@njit
 def _size_at(data: Bytes, at: int, types: IntArray) -> int:
     """The size of the message that starts at ``at``; 0 where none of a known type does."""
     if at + HEAD_SIZE > len(data) or data[at] != _FIRST or data[at + 1] != _SECOND:
@@ -21,7 +21,7 @@ def _size_at(data: Bytes, at: int, types: IntArray) -> int:
     return int(types[data[at + 2]]) & 0xFF
 
 
-@njit_late
+@njit
 def _time_us(data: Bytes, at: int) -> int:
     """The time since boot of a message that begins with it, at ``at``; -1 where it is none."""
     stamp = 0
@@ -32,7 +32,7 @@ def _time_us(data: Bytes, at: int) -> int:
     return stamp
 
 
-@njit_late
+@njit
 def learn(data: Bytes, at: int, types: IntArray) -> None:
     """Take in the size of the type that a FMT message declares, and whether it starts with a time."""
     size = int(data[at + 4])
@@ -43,7 +43,7 @@ def learn(data: Bytes, at: int, types: IntArray) -> None:
         types[data[at + 3]] = size | (TIMED if timed else 0)
 
 
-@njit_late
+@njit
 def _whole(data: Bytes, at: int, size: int, synced: bool, types: IntArray) -> bool:  # noqa: FBT001 - numba
     """Whether a message may stand here: there is no checksum, so after damage the next one must follow at once."""
     end = at + size
@@ -52,7 +52,7 @@ def _whole(data: Bytes, at: int, size: int, synced: bool, types: IntArray) -> bo
     return synced or end == len(data) or _size_at(data, end, types) > 0
 
 
-@njit_late
+@njit
 def scan_dataflash(
     data: Bytes, start: int, limit: int, types: IntArray, rows: IntArray, state: IntArray
 ) -> tuple[int, int]:

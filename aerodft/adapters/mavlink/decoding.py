@@ -13,11 +13,9 @@ from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
 from aerodft.adapters.mavlink.blocks import headers, payload_rows
 from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
-from aerodft.adapters.mavlink.loops import select
 from aerodft.adapters.mavlink.one_address import OneAddress
 from aerodft.adapters.mavlink.rivals import Rivals
 from aerodft.adapters.mavlink.sequence import SequenceWatch
-from aerodft.geometry.jit import load_compiler
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
 
@@ -72,8 +70,7 @@ class MavlinkDecoder:
         self._sequence = SequenceWatch()
 
     def warm_up(self) -> None:
-        """Load and compile now what would hold up the first frames: on the very first run that takes seconds."""
-        load_compiler()
+        """Compile now what would hold up the first frames: on the very first run that takes seconds."""
         self.decode(_EMPTY)
 
     @property
@@ -107,7 +104,7 @@ class MavlinkDecoder:
         block, heads = self._address.kept(block, headers(block), self._state, self.rejected)
         slots = np.empty(heads.shape[1], dtype=np.int64)
         before = self._state.copy()
-        select(data, heads, pick.SLOTS, self._state, slots)
+        pick.select(data, heads, pick.SLOTS, self._state, slots)
         self._note_others(before)
         order = np.argsort(slots.astype(np.int8), kind="stable")  # of few values, which is fast
         ends = np.cumsum(np.bincount(slots + 1, minlength=len(pick.WANTED) + 1))

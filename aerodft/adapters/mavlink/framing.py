@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.adapters.mavlink.dialect import frame_table
+from aerodft.adapters.mavlink.kernels import scan_stream
 from aerodft.adapters.mavlink.layout import (
     AT_SYNC,
     MIN_FRAME,
@@ -19,7 +20,6 @@ from aerodft.adapters.mavlink.layout import (
     N_UNKNOWN,
     STATE_SIZE,
 )
-from aerodft.adapters.mavlink.loops import scan_stream
 from aerodft.model.arrays import IntArray
 
 

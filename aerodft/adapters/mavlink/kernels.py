@@ -1,12 +1,11 @@
-"""The hot loops over MAVLink bytes: checksum, frame check, scanners, headers.
+"""The hot loops over MAVLink bytes: checksum, frame check, scanners, arrivals, headers, payloads.
 
 They stand in one module because compiled code that is kept on disk is renewed only when its own file changes: a loop
-that calls one from another file (``arrivals``) goes on running the other's old version until this one is touched.
+that calls one from another file goes on running the other's old version until this one is touched.
 """
 
 import numpy as np
 
-from aerodft.adapters.mavlink.arrivals import big_endian_stamp, following_stamp, settle
 from aerodft.adapters.mavlink.layout import (
     AT_QUIET,
     AT_SYNC,
@@ -18,6 +17,7 @@ from aerodft.adapters.mavlink.layout import (
     JUMP_US,
     LAST_US,
     MAX_FRAME,
+    MAX_STAMP_US,
     MIN_FRAME,
     MOST_SHARED,
     N_BAD_CRC,
@@ -40,13 +40,13 @@ from aerodft.adapters.mavlink.layout import (
     Table,
     crc_tables,
 )
-from aerodft.geometry.jit import njit_late
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 
 _CRC = crc_tables()
 
 
-@njit_late
+@njit
 def checksum(data: Bytes, start: int, stop: int, extra: int) -> int:
     """The checksum over ``data[start:stop]`` and the message's CRC_EXTRA.
 
@@ -70,7 +70,7 @@ def checksum(data: Bytes, start: int, stop: int, extra: int) -> int:
     return int((crc >> np.uint16(8)) ^ _CRC[0, np.uint8(extra) ^ np.uint8(crc & np.uint16(0xFF))])
 
 
-@njit_late
+@njit
 def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, int]:
     """What the header at ``at`` claims, before any checksum.
 
@@ -101,7 +101,7 @@ def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, in
     return (FRAME if at + size <= stop else INCOMPLETE), size, entry & 0xFF
 
 
-@njit_late
+@njit
 def probe(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int]:
     """Whether a frame stands at ``at``.
 
@@ -119,7 +119,7 @@ def probe(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int]:
     return verdict, size
 
 
-@njit_late
+@njit
 def note_damage(state: IntArray, at: int, verdict: int, size: int) -> None:
     """Count what stands at ``at`` instead of a frame.
 
@@ -139,7 +139,7 @@ def note_damage(state: IntArray, at: int, verdict: int, size: int) -> None:
         state[N_SKIPPED] += 1
 
 
-@njit_late
+@njit
 def shared_tail(data: Bytes, at: int, end: int) -> int:
     """How many bytes at the end of the frame ``data[at:end]`` may be the next one's: its last byte, or its signature.
 
@@ -152,7 +152,7 @@ def shared_tail(data: Bytes, at: int, end: int) -> int:
     return 0
 
 
-@njit_late
+@njit
 def scan_stream(
     data: Bytes, *, given_up: int, table: Table, offsets: IntArray, lengths: IntArray, state: IntArray
 ) -> tuple[int, int]:
@@ -197,7 +197,7 @@ def scan_stream(
     return found, at - int(state[SHARED])
 
 
-@njit_late
+@njit
 def overlapping(data: Bytes, end: int, table: Table) -> int:
     """Where the record starts whose frame begins shortly before or after ``end``, at most a stamp later; else -1.
 
@@ -210,7 +210,62 @@ def overlapping(data: Bytes, end: int, table: Table) -> int:
     return -1
 
 
-@njit_late
+@njit
+def big_endian_stamp(data: Bytes, at: int) -> int:
+    """The 8-byte big-endian stamp in front of a tlog's frame; -1 where it cannot be one."""
+    stamp = 0
+    for i in range(8):
+        if i == 1 and stamp != 0:
+            return -1
+        stamp = stamp << 8 | int(data[at + i])
+    return stamp if stamp < MAX_STAMP_US else -1
+
+
+@njit
+def following_stamp(data: Bytes, at: int) -> int:
+    """The stamp of the record that should start at ``at``; -1 where none does."""
+    if at + STAMP_SIZE >= len(data) or data[at + STAMP_SIZE] not in (V1, V2):
+        return -1
+    return big_endian_stamp(data, at)
+
+
+@njit
+def settle(stamp_us: int, last_us: int, following_us: int) -> int:
+    """The arrival of a record, not before the last one.
+
+    A jump forward is believed only when the record that follows confirms it: one garbled stamp in the far future would
+    otherwise carry the rest of the file along.
+
+    Args:
+        stamp_us: As read; -1 where unreadable.
+        last_us: The previous arrival; 0 before the first.
+        following_us: The next record's stamp; -1 where there is none.
+    """
+    if stamp_us <= last_us:
+        return last_us
+    if stamp_us - last_us <= JUMP_US or abs(following_us - stamp_us) <= JUMP_US:
+        return stamp_us
+    if following_us < 0:
+        return last_us if last_us > 0 else stamp_us
+    return max(last_us, min(stamp_us, following_us))
+
+
+@njit
+def settle_all(stamps_us: IntArray, last_us: int) -> None:
+    """Replace stamps ``(n,)``, -1 where unreadable, by arrivals that do not decrease (``settle``).
+
+    Args:
+        stamps_us: Replaced in place.
+        last_us: The arrival before them; 0 for none.
+    """
+    following_us = np.full(len(stamps_us) + 1, -1)
+    for k in range(len(stamps_us) - 1, -1, -1):  # the first readable stamp from each on
+        following_us[k] = stamps_us[k] if stamps_us[k] >= 0 else following_us[k + 1]
+    for k in range(len(stamps_us)):
+        stamps_us[k] = last_us = settle(stamps_us[k], last_us, following_us[k + 1])
+
+
+@njit
 def _jumped(stamp_us: int, following_us: int, state: IntArray) -> int:
     """The arrival of a record whose stamp does not go on from the last one."""
     if 0 <= stamp_us < state[LAST_US] - BACK_US:
@@ -218,7 +273,7 @@ def _jumped(stamp_us: int, following_us: int, state: IntArray) -> int:
     return settle(stamp_us, int(state[LAST_US]), following_us)
 
 
-@njit_late
+@njit
 def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray, state: IntArray) -> tuple[int, int]:
     """Find records from ``start``, until ``rows`` is full or ``limit`` is passed.
 
@@ -267,7 +322,7 @@ def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray,
     return found, at
 
 
-@njit_late
+@njit
 def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *, checked: bool) -> None:
     """Check frames and take their headers apart.
 
@@ -296,3 +351,18 @@ def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *
             heads[0, k] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
             heads[3, k] = at + V2_HEAD
         heads[1, k], heads[2, k], heads[4, k] = data[first], data[first + 1], data[at + 1]
+
+
+@njit
+def gather(data: Bytes, places: IntArray, out: Bytes) -> None:
+    """Copy payloads to rows of equal size, with zeros where MAVLink 2 cut them off.
+
+    Args:
+        data: The block's bytes.
+        places: ``(2, k)`` start and length of each payload.
+        out: ``(k, size)`` zeros, filled.
+    """
+    for k in range(places.shape[1]):
+        at = places[0, k]
+        for i in range(min(places[1, k], out.shape[1])):
+            out[k, i] = data[at + i]

@@ -18,7 +18,6 @@ from aerodft.adapters.mavlink.senders import Senders
 from aerodft.adapters.mavlink.signing import SignatureCheck, SigningCounts
 from aerodft.adapters.mavlink.sockets import TcpListener, UdpTransport
 from aerodft.adapters.mavlink.transport import Transport, open_transport
-from aerodft.geometry.jit import load_compiler
 from aerodft.model.telemetry import WireProtocol
 
 _LOG: Final = logging.getLogger(__name__)
@@ -59,7 +58,6 @@ class MavlinkLink:
         self._inbox = inbox
         self._signing = signing
         self._senders = Senders(self.address.text)
-        load_compiler()
         StreamFramer().push(_heartbeat())  # compiles on the very first run, which takes seconds: not while bytes wait
         MavlinkDecoder().warm_up()
         self._transport: Transport = open_transport(self.address)

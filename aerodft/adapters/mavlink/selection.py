@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import payload_dtype
 from aerodft.adapters.mavlink.layout import TABLE_IDS, Bytes
-from aerodft.geometry.jit import njit_late
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
@@ -54,7 +54,6 @@ OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATU
 # The selection's state: what was decided so far, then each wanted message's component.
 SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS = 0, 1, 2, 3, 4, 5
 ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 6, 7, 8, 9, 10
-COUNTERS: Final = (DAMAGED, OTHER_GIMBALS, OTHER_SENSORS, LOOKS_ASIDE)
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
@@ -64,13 +63,6 @@ _ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # typ
 _DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
 _SPACING_AT = payload_dtype(TERRAIN_REPORT).fields["spacing"][1]  # type: ignore[index] # as above
 _SENSOR_AT = payload_dtype(DISTANCE_SENSOR).fields["id"][1]  # type: ignore[index] # as above
-# The payload bytes that what is decided depends on, by message.
-LOOKED_AT: Final = {
-    HEARTBEAT: (_TYPE_AT, _AUTOPILOT_AT),
-    DISTANCE_SENSOR: (_ORIENTATION_AT, _SENSOR_AT),
-    GIMBAL_DEVICE_ATTITUDE_STATUS: (_DEVICE_AT,),
-    TERRAIN_REPORT: (_SPACING_AT, _SPACING_AT + 1),
-}
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
 _TYPE_GCS, _AUTOPILOT_NONE = 6, 8
 # A gimbal's number: up to 6 one that an autopilot speaks for, from 7 on the component that it is itself.
@@ -115,7 +107,7 @@ def fresh_state(followed: Followed) -> IntArray:
     return state
 
 
-@njit_late
+@njit
 def is_peripheral(component: int) -> bool:
     """Whether a component is a camera, a gimbal or another companion: what it says of attitude is its own."""
     return (
@@ -130,13 +122,13 @@ def device_of(state: IntArray, slot: int) -> int:
     return int(state[LOCKS + slot]) >> _DEVICE_BITS
 
 
-@njit_late
+@njit
 def _byte(data: Bytes, payload_at: int, length: int, index: int) -> int:
     """One payload byte; what MAVLink 2 cut off is zero."""
     return int(data[payload_at + index]) if index < length else 0
 
 
-@njit_late
+@njit
 def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, length: int) -> bool:
     """Whether this frame could only come from an autopilot."""
     if message_id == HEARTBEAT:
@@ -145,7 +137,7 @@ def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, l
     return not is_peripheral(component) and message_id in (ATTITUDE, GLOBAL_POSITION_INT)
 
 
-@njit_late
+@njit
 def _asked_for(state: IntArray, message_id: int, component: int, device: int) -> bool:
     """Whether a message comes from the gimbal that is asked for, or from no gimbal at all."""
     asked = state[ASKED_GIMBAL]
@@ -159,7 +151,7 @@ def _asked_for(state: IntArray, message_id: int, component: int, device: int) ->
     return True
 
 
-@njit_late
+@njit
 def _admit(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
     """Whether a message of the followed system comes from the component that is listened to for it.
 
@@ -181,7 +173,7 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
     return bool(sender == state[LOCKS + slot])
 
 
-@njit_late
+@njit
 def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
     """The number of the gimbal or sensor that a message is of; -1 of a sensor that does not look down."""
     if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
@@ -192,7 +184,7 @@ def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
     return 0
 
 
-@njit_late
+@njit
 def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
     """Whether a better message of the same height is known (notes it where this is the one).
 
@@ -208,7 +200,7 @@ def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
     )
 
 
-@njit_late
+@njit
 def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: IntArray, rows: IntArray) -> None:
     """Find what is to be decoded.
 

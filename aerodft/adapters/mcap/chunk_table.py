@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
 from aerodft.adapters.mcap.places import ReadChannel
-from aerodft.geometry.jit import is_loaded, njit
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
@@ -21,10 +21,9 @@ _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
 _HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
 _CHANNELS: Final = 1 << 16  # their ids are of 16 bits
 _USUAL_BYTES: Final = 64  # of a record, at least; of shorter ones there are several tables
-_MOST: Final = 1 << 16  # records of a table: some kilobytes of zeros unpack to millions of empty ones
+_LEAST, _MOST = 8, 1 << 16  # records of a table: some kilobytes of zeros unpack to millions of empty ones
 _MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
 _LEAST_KEPT: Final = 0.5  # of a larger one
-_FEW: Final = 8  # records that are told apart as fast without the compiler
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,11 +93,8 @@ def record_tables(content: bytes) -> Iterator[RecordTable]:
 
 
 def _record_table(content: bytes, position: int) -> RecordTable:
-    few = _few_records(content, position, _FEW if is_loaded() else _MOST)
-    if few.rest is None or not is_loaded():
-        return few
     data = np.frombuffer(content, dtype=np.uint8)
-    table = np.empty((min(max(len(content) // _USUAL_BYTES, _FEW), _MOST), 3), dtype=np.int64)
+    table = np.empty((min(max(len(content) // _USUAL_BYTES, _LEAST), _MOST), 3), dtype=np.int64)
     count, position = _walk(data, table, position)
     opcode, start, stop = np.ascontiguousarray(table[:count].T)
     is_at_end = position == len(content)
@@ -122,26 +118,6 @@ def is_one_of(channel: IntArray, ids: Iterable[int]) -> BoolArray:
     wanted = np.zeros(_CHANNELS, dtype=np.bool_)
     wanted[list(ids)] = True
     return wanted[channel]
-
-
-def _few_records(content: bytes, position: int, most: int) -> RecordTable:
-    """As ``_walk``, for a few records."""
-    rows: list[tuple[int, int, int]] = []
-    is_full = False
-    while position + _HEAD <= len(content):
-        is_full = len(rows) == most
-        if is_full:
-            break
-        opcode, length = RECORD_HEAD.unpack_from(content, position)
-        start = position + _HEAD
-        is_message = opcode == _MESSAGE
-        if opcode == NO_OPCODE or length > len(content) - start or (is_message and length < _MESSAGE_HEAD):
-            break
-        position = start + length
-        rows.append((opcode, start, position))
-    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    is_damaged = not is_full and position < len(content)
-    return RecordTable(table[:, 0], table[:, 1], table[:, 2], position if is_full else None, is_damaged)
 
 
 @njit

@@ -8,22 +8,12 @@ from mcap.opcode import Opcode
 from aerodft.adapters.mcap.channels import Channel, raw_channel
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD, RECORD_HEAD, ChunkBuffer
 from aerodft.adapters.texts import Form, Texts
-from aerodft.geometry.jit import expect, is_loaded, load_compiler, njit
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import ImageArray, IntArray
 from aerodft.model.telemetry import WireProtocol
 
 _RECORD_HEAD, _MESSAGE_HEAD = RECORD_HEAD.size, MESSAGE_HEAD.size
 _OPCODE = int(Opcode.MESSAGE)
-_HEADS = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("size", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_ns", "<u8"),
-        ("publish_ns", "<u8"),
-    ]
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,35 +50,16 @@ class MessageRows:
         """Add some of them to a chunk, by the channels' ids ``(channels,)``."""
         rows = slice(first, stop)
         sizes, channel_ids, log_ns = self.sizes[rows], ids[self.channel[rows]], self.log_ns[rows]
-        expect(len(sizes))
         begin = buffer.content_bytes
         out = buffer.more(int(sizes.sum()) + (_RECORD_HEAD + _MESSAGE_HEAD) * len(sizes))
-        if is_loaded():
-            offset = np.empty(len(sizes), dtype=np.int64)
-            heads = np.stack([channel_ids, self.sequence[rows], log_ns, self.texts.start[rows], sizes])
-            _lay(np.frombuffer(self.texts.data, dtype=np.uint8), heads, np.frombuffer(out, dtype=np.uint8), offset)
-        else:
-            out[:], offset = self._joined(rows, channel_ids)
+        offset = np.empty(len(sizes), dtype=np.int64)
+        heads = np.stack([channel_ids, self.sequence[rows], log_ns, self.texts.start[rows], sizes])
+        _lay(np.frombuffer(self.texts.data, dtype=np.uint8), heads, np.frombuffer(out, dtype=np.uint8), offset)
         buffer.add_rows(channel_ids, log_ns, begin + offset)
-
-    def _joined(self, rows: slice, channel_ids: IntArray) -> tuple[bytes, IntArray]:
-        """Their records, and where each begins: without the compiler."""
-        texts, log_ns = self.texts, self.log_ns[rows]
-        starts, stops = texts.start[rows], texts.stop[rows]
-        heads = np.empty(len(log_ns), dtype=_HEADS)
-        heads["opcode"], heads["size"] = _OPCODE, stops - starts + _MESSAGE_HEAD
-        heads["channel"], heads["sequence"] = channel_ids, self.sequence[rows]
-        heads["log_ns"] = heads["publish_ns"] = log_ns
-        parts = [b""] * (2 * len(heads))
-        parts[::2] = heads.view(f"V{_HEADS.itemsize}").tolist()
-        parts[1::2] = [texts.text(row) for row in range(rows.start, rows.stop)]
-        sizes = stops - starts + _HEADS.itemsize
-        return b"".join(parts), np.cumsum(sizes) - sizes
 
 
 def warm_up() -> None:
-    """Load and compile now what would hold up the first messages of something live."""
-    load_compiler()
+    """Compile now what would hold up the first messages of something live."""
     made = Form.of([b"[", b",", b"]"]).filled(b"[1]", b"[2]", 1, 1)
     one = np.ones(1, dtype=np.int64)
     for texts in (made, Texts(bytes(made.data), made.start, made.stop)):  # as they are made, and as they came

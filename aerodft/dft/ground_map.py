@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.geometry.dense import BrownLens, meet_brown, meet_straight
-from aerodft.geometry.fisheye import FisheyeLens, meet_fisheye
+from aerodft.geometry.dense import BrownLens, FisheyeLens, meet_brown, meet_fisheye, meet_straight
 from aerodft.geometry.lens import brown_limit, fisheye_limit, padded
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
@@ -43,11 +42,11 @@ class GroundMap:
         scale = np.array([height, height, 1.0]) if height > 0 else np.full(3, np.nan)
         ground_from_ray = scale[:, None] * matrix(pose.wxyz)
         foot = np.array(pose.position_enu_m[:2])
-        if is_straight(camera):
-            return cls(camera, ground_from_ray, foot, ground_from_ray @ ray_from_pixel(camera))
+        if _is_straight(camera):
+            return cls(camera, ground_from_ray, foot, ground_from_ray @ _ray_from_pixel(camera))
         if camera.lens is LensModel.FISHEYE:
-            return cls(camera, ground_from_ray, foot, None, fisheye=fisheye_lens(camera))
-        return cls(camera, ground_from_ray, foot, None, brown=brown_lens(camera))
+            return cls(camera, ground_from_ray, foot, None, fisheye=_fisheye_lens(camera))
+        return cls(camera, ground_from_ray, foot, None, brown=_brown_lens(camera))
 
     def points_en_m(self, pixels_px: FloatArray) -> FloatArray:
         """East and north ``(..., 2)`` of pixels ``(..., 2)``, in the image or beside it.
@@ -66,12 +65,12 @@ class GroundMap:
         return points
 
 
-def is_straight(camera: Camera) -> bool:
+def _is_straight(camera: Camera) -> bool:
     """Whether the lens has no distortion."""
     return camera.lens is LensModel.BROWN and not any(camera.distortion)
 
 
-def ray_from_pixel(camera: Camera) -> FloatArray:
+def _ray_from_pixel(camera: Camera) -> FloatArray:
     """``(3, 3)``: from homogeneous pixels to rays in camera axes, of a lens without distortion."""
     return np.array(
         [
@@ -82,18 +81,18 @@ def ray_from_pixel(camera: Camera) -> FloatArray:
     )
 
 
-def intrinsics_of(camera: Camera) -> tuple[float, float, float, float]:
+def _intrinsics_of(camera: Camera) -> tuple[float, float, float, float]:
     """fx, fy, cx and cy, as the compiled loops take them."""
     return float(camera.fx_px), float(camera.fy_px), float(camera.cx_px), float(camera.cy_px)
 
 
-def brown_lens(camera: Camera) -> BrownLens:
+def _brown_lens(camera: Camera) -> BrownLens:
     """A lens with Brown's distortion, as the compiled loops take it."""
     coefficients = tuple(map(float, padded(camera, 8)))
-    return intrinsics_of(camera), coefficients, brown_limit(coefficients)
+    return _intrinsics_of(camera), coefficients, brown_limit(coefficients)
 
 
-def fisheye_lens(camera: Camera) -> FisheyeLens:
+def _fisheye_lens(camera: Camera) -> FisheyeLens:
     """A fisheye lens, as the compiled loops take it."""
     coefficients = tuple(map(float, padded(camera, 4)))
-    return intrinsics_of(camera), coefficients, fisheye_limit(coefficients)
+    return _intrinsics_of(camera), coefficients, fisheye_limit(coefficients)

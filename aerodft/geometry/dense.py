@@ -16,6 +16,8 @@ from aerodft.model.arrays import FloatArray
 Float32Array: TypeAlias = npt.NDArray[np.float32]
 BrownLens: TypeAlias = tuple[tuple[float, ...], tuple[float, ...], float]
 """fx, fy, cx and cy; k1, k2, p1, p2, k3, k4, k5, k6; and the radius up to which the model is one to one."""
+FisheyeLens: TypeAlias = tuple[tuple[float, ...], tuple[float, ...], float]
+"""fx, fy, cx and cy; k1, k2, k3, k4; and the angle from the axis up to which the model is one to one."""
 
 RAY_X, RAY_Y, RAY_Z, PITCH = 0, 1, 2, 3  # planes of a ray table
 RANGE, X, Y, GSD = 0, 1, 2, 3  # planes of what ``meet_dense`` writes
@@ -23,16 +25,10 @@ RANGE, X, Y, GSD = 0, 1, 2, 3  # planes of what ``meet_dense`` writes
 _DOUBLINGS = 64
 _BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
 _STEPS = 16
-_CONVERGED, _ACCEPTED = 1e-14, 1e-11  # in units of the focal length, as in ``lens``
+_CONVERGED, _ACCEPTED = 1e-14, 1e-11  # in units of the focal length, or rad, as in ``lens``
 _FIRST_STEPS = 5
 _SETTLED = 1e-8  # a step of Newton's that leaves an error of the order of its square
 _BLOCK = 512  # pixels that stay in the nearest cache from one loop to the next
-
-RAY_ROWS = 11
-"""Ray (3), its derivative by the pixel (3 x 2, row by row), and the distorted place (2) in focal lengths."""
-
-RAYS_AT_ONCE = 2048
-"""Columns of a ray table: known to the compiler, which then sees that rows do not overlap."""
 
 
 @njit_fused
@@ -210,56 +206,60 @@ def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> f
 
 
 @njit_fused
-def brown_rays(pixels_px: FloatArray, lens: BrownLens, rays: FloatArray, bends: FloatArray) -> None:
-    """Rays of at most ``RAYS_AT_ONCE`` pixels with what they depend on.
-
-    Args:
-        pixels_px: ``(n, 2)``.
-        lens: What it is.
-        rays: ``(11, RAYS_AT_ONCE)``, see ``RAY_ROWS``; NaN where the model has no inverse.
-        bends: ``(2 c, RAYS_AT_ONCE)``: u and v by which each of the first ``c`` coefficients moves a pixel.
-    """
-    intrinsics, coefficients, limit = lens
-    fx, fy, _, _ = intrinsics
-    distorted, straight = np.empty((len(pixels_px), 2)), np.empty((len(pixels_px), 2))
-    normalise(pixels_px, intrinsics, distorted)
-    undistort(distorted, coefficients, limit, straight)
-    given, found, table = distorted.reshape(-1), straight.reshape(-1), rays.reshape(-1)
+def meet_fisheye(
+    pixels_px: FloatArray, lens: FisheyeLens, ground_from_ray: FloatArray, foot_m: FloatArray, out_m: FloatArray
+) -> None:
+    """As ``meet_brown``, through a fisheye lens."""
+    (fx, fy, cx, cy), coefficients, limit = lens
+    m = ground_from_ray
     for k in range(len(pixels_px)):
-        x, y = found[2 * k], found[2 * k + 1]
-        _, _, xx, xy, yy = brown(coefficients, x, y)
-        det = xx * yy - xy * xy
-        table[k], table[RAYS_AT_ONCE + k], table[2 * RAYS_AT_ONCE + k] = x, y, 1.0
-        table[3 * RAYS_AT_ONCE + k], table[4 * RAYS_AT_ONCE + k] = yy / (det * fx), -xy / (det * fy)
-        table[5 * RAYS_AT_ONCE + k], table[6 * RAYS_AT_ONCE + k] = -xy / (det * fx), xx / (det * fy)
-        table[7 * RAYS_AT_ONCE + k], table[8 * RAYS_AT_ONCE + k] = 0.0, 0.0
-        table[9 * RAYS_AT_ONCE + k], table[10 * RAYS_AT_ONCE + k] = given[2 * k], given[2 * k + 1]
-    if len(bends):
-        _bend(found, lens, bends.reshape(-1))
+        x, y = (pixels_px[k, 0] - cx) / fx, (pixels_px[k, 1] - cy) / fy
+        radius = math.sqrt(x * x + y * y)
+        angle = _fisheye_angle(radius, coefficients, limit)
+        scale = math.sin(angle) / radius if radius > 0.0 else 1.0
+        x, y, z = x * scale, y * scale, math.cos(angle)
+        up = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z
+        reach = -1.0 / up if up < 0.0 else math.nan
+        out_m[k, 0] = foot_m[0] + reach * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z)
+        out_m[k, 1] = foot_m[1] + reach * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z)
 
 
 @njit_fused
-def _bend(straight: FloatArray, lens: BrownLens, bends: FloatArray) -> None:
-    """By how much the coefficients move the pixels of what is at ``straight (2 n,)``; the rows one after the other."""
-    (fx, fy, _, _), (k1, k2, _, _, k3, k4, k5, k6), _ = lens
-    wide = RAYS_AT_ONCE
-    for k in range(len(straight) // 2):
-        x, y = straight[2 * k], straight[2 * k + 1]
-        s = x * x + y * y
-        first = s / (1 + s * (k4 + s * (k5 + s * k6)))
-        bends[k], bends[wide + k] = fx * x * first, fy * y * first
-        bends[2 * wide + k], bends[3 * wide + k] = fx * x * first * s, fy * y * first * s
-        bends[4 * wide + k], bends[5 * wide + k] = fx * 2 * x * y, fy * (s + 2 * y * y)
-        bends[6 * wide + k], bends[7 * wide + k] = fx * (s + 2 * x * x), fy * 2 * x * y
-    if len(bends) > 8 * wide:
-        for k in range(len(straight) // 2):
-            s = straight[2 * k] ** 2 + straight[2 * k + 1] ** 2
-            bends[8 * wide + k], bends[9 * wide + k] = s * bends[2 * wide + k], s * bends[3 * wide + k]
-    if len(bends) > 10 * wide:
-        for k in range(len(straight) // 2):
-            s = straight[2 * k] ** 2 + straight[2 * k + 1] ** 2
-            over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
-            u, v = -over / under * bends[k], -over / under * bends[wide + k]
-            bends[10 * wide + k], bends[11 * wide + k] = u, v
-            bends[12 * wide + k], bends[13 * wide + k] = u * s, v * s
-            bends[14 * wide + k], bends[15 * wide + k] = u * s * s, v * s * s
+def _fisheye(angle: float, coefficients: tuple[float, ...]) -> tuple[float, float]:
+    """Distorted radius, and its derivative by the angle."""
+    k1, k2, k3, k4 = coefficients
+    s = angle * angle
+    value = angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
+    return value, 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)))
+
+
+@njit_fused
+def _fisheye_angle(radius: float, coefficients: tuple[float, ...], limit: float) -> float:
+    """Angle from the axis of what is seen at a distorted radius; NaN beyond the limit."""
+    angle = _fisheye_newton(radius, min(radius, limit), coefficients, limit)
+    if math.isnan(angle):
+        angle = _fisheye_newton(radius, _fisheye_bisect(radius, coefficients, limit), coefficients, limit)
+    return angle
+
+
+@njit_fused
+def _fisheye_newton(radius: float, angle: float, coefficients: tuple[float, ...], limit: float) -> float:
+    for _ in range(_STEPS):
+        value, slope = _fisheye(angle, coefficients)
+        before = angle
+        angle = min(max(angle - (value - radius) / slope, 0.0), limit)
+        if not abs(angle - before) > _CONVERGED:
+            break
+    return angle if abs(_fisheye(angle, coefficients)[0] - radius) < _ACCEPTED else math.nan
+
+
+@njit_fused
+def _fisheye_bisect(radius: float, coefficients: tuple[float, ...], limit: float) -> float:
+    low, high = 0.0, limit
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2.0
+        if _fisheye(middle, coefficients)[0] < radius:
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2.0

@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from aerodft.dft.depth_map import depth_map
-from aerodft.dft.ground_covariance import GroundCovariance
 from aerodft.dft.ground_map import GroundMap
 from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.pose import Pose, PoseStd
+from aerodft.model.camera import Camera
+from aerodft.model.pose import Pose
 
 SINGLES = 5000
 
@@ -38,11 +37,8 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     fov_rad = {"hfov_rad": math.radians(70.0), "vfov_rad": math.radians(43.0)}
     plain = Camera.from_fov(name="straight", width_px=args.width, height_px=args.width * 9 // 16, **fov_rad)
-    plain = replace(plain, std=CameraStd(focal_px=2.0, principal_point_px=1.5))
     bent = replace(plain, name="bent", distortion=(-0.1, 0.02, 0.0005, -0.0003, 0.0))
-    calibrated = replace(bent, name="bent and uncertain", std=replace(plain.std, distortion=(1e-3,) * 5))
-    std = PoseStd(height_agl_m=0.5, tilt_rad=5e-3, pan_rad=5e-3, roll_rad=5e-3, heading_rad=0.03, horizontal_m=1.0)
-    pose = camera_pose(height_agl_m=50.0, tilt_rad=1.2, roll_rad=0.05, heading_rad=0.7, std=std)
+    pose = camera_pose(height_agl_m=50.0, tilt_rad=1.2, roll_rad=0.05, heading_rad=0.7)
 
     for camera in (plain, bent):
         start_s = time.perf_counter()
@@ -60,23 +56,19 @@ def main(arguments: list[str] | None = None) -> None:
         )
 
     pixels = np.random.default_rng(1).uniform(0, plain.height_px, (args.pixels, 2))
-    for camera in (plain, bent, calibrated):
+    for camera in (plain, bent):
         _to_ground(camera, pose, pixels, args.runs)
 
 
 def _to_ground(camera: Camera, pose: Pose, pixels: np.ndarray, runs: int) -> None:
-    ground, spread = GroundMap.at(camera, pose), GroundCovariance.at(camera, pose, std_px=1.0)
+    ground = GroundMap.at(camera, pose)
     ground.points_en_m(pixels[:300])
-    spread.points_and_covariances(pixels[:300])
-    many_s, spread_s, copy_s = _best_s(
-        runs, lambda: ground.points_en_m(pixels), lambda: spread.points_and_covariances(pixels), pixels.copy
-    )
+    many_s, copy_s = _best_s(runs, lambda: ground.points_en_m(pixels), pixels.copy)
     singles = list(pixels[:SINGLES])  # no pixel twice
     one_s = min(_each_s(ground.points_en_m, singles) for _ in range(5))
     print(
         f"pixels to ground, {camera.name}: {len(pixels) / many_s / 1e6:.1f} million/s,"
-        f" {many_s / copy_s:.1f} times as long as a copy; with covariances {spread_s / many_s:.1f} times as long as"
-        f" without; one with a known pose {one_s * 1e6:.1f} us"
+        f" {many_s / copy_s:.1f} times as long as a copy; one with a known pose {one_s * 1e6:.1f} us"
     )
 
 

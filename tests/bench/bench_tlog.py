@@ -1,6 +1,6 @@
 """Decoding a log, a .tlog many times over, against pymavlink: ``python tests/bench/bench_tlog.py [LOG] [--tiles 85]``.
 
-Times are the processor's. Without the compiler: ``NUMBA_DISABLE_JIT=1 python ...``.
+Times are the processor's.
 """
 
 import argparse

@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
         (
             "bench_dense.py",
             ["--width", "320", "--pixels", "2000", "--runs", "1"],
-            r"bent and uncertain: .* with covariances",
+            r"bent: .* one with a known pose",
         ),
         (
             "bench_live.py",

@@ -20,7 +20,7 @@ from aerodft.adapters.images.rate import LiveRate
 from aerodft.adapters.images.stream import StreamReader
 from aerodft.adapters.mavlink.address import parse_address
 from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.adapters.mavlink.signing_words import signing_sentences
+from aerodft.adapters.mavlink.signing import signing_sentences
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.cli.collector import keep_loaded

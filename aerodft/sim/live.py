@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from aerodft.adapters.mavlink.signing import SignatureCheck
-from aerodft.adapters.mavlink.signing_state import SigningState
+from aerodft.adapters.mavlink.signing import SignatureCheck, SigningState
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError, UsageError
 from aerodft.service.ports import Clock

@@ -4,8 +4,7 @@ from collections import Counter
 from pathlib import Path
 
 from aerodft.adapters.mavlink.dataflash import DataflashSource
-from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
-from aerodft.adapters.mavlink.dataflash_format import HEAD
+from aerodft.adapters.mavlink.dataflash_decoding import HEAD, DataflashDecoder
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.files import LogFile
 from aerodft.adapters.mavlink.selection import Followed

@@ -1,18 +1,19 @@
-"""DataFlash messages to telemetry tracks."""
+"""ArduPilot's self-describing log format, and its messages to telemetry tracks.
+
+A FMT message names the fields of every other message.
+"""
 
 import math
-from collections import Counter
-from collections.abc import Callable
-from functools import partial
+import re
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
 
 from aerodft.adapters.mavlink import rows as to
-from aerodft.adapters.mavlink.blocks import payload_rows
-from aerodft.adapters.mavlink.dataflash_format import FMT_TYPE, HEAD_SIZE, MessageFormat, parse_format
-from aerodft.adapters.mavlink.dataflash_rangefinders import Rangefinders
-from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
+from aerodft.adapters.mavlink.framing import payload_rows
 from aerodft.adapters.mavlink.layout import MAX_STAMP_US
 from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN
 from aerodft.geometry.rotation import from_yaw_pitch_roll
@@ -29,6 +30,42 @@ from aerodft.model.telemetry import (
     WireProtocol,
 )
 
+HEAD: Final = (0xA3, 0x95)
+HEAD_SIZE: Final = 3
+FMT_TYPE: Final = 128
+FMT_SIZE: Final = 89
+_FMT_DTYPE: Final = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
+_CODES: Final = {
+    "a": ("<i2", (32,), 1.0),
+    "b": ("i1", (), 1.0),
+    "B": ("u1", (), 1.0),
+    "g": ("<f2", (), 1.0),
+    "h": ("<i2", (), 1.0),
+    "H": ("<u2", (), 1.0),
+    "i": ("<i4", (), 1.0),
+    "I": ("<u4", (), 1.0),
+    "f": ("<f4", (), 1.0),
+    "n": ("S4", (), 1.0),
+    "N": ("S16", (), 1.0),
+    "Z": ("S64", (), 1.0),
+    "c": ("<i2", (), 0.01),
+    "C": ("<u2", (), 0.01),
+    "e": ("<i4", (), 0.01),
+    "E": ("<u4", (), 0.01),
+    "L": ("<i4", (), 1e-7),
+    "d": ("<f8", (), 1.0),
+    "M": ("u1", (), 1.0),
+    "q": ("<i8", (), 1.0),
+    "Q": ("<u8", (), 1.0),
+}
+# ArduPilot's AP_RangeFinder_Params: RNGFND1_MIN and _MAX in metres, before 4.7 RNGFND1_MIN_CM and _MAX_CM. The sensor
+# is counted from 1 there, in hexadecimal; from 0 in RFND.
+_LIMIT: Final = re.compile(r"RNGFND([1-9A-F])_(MIN|MAX)(_CM)?")
+_UNIT_M: Final = {None: 1.0, "_CM": 0.01}
+_EPOCH_NS: Final = 315_964_800 * 10**9  # 1980-01-06 as Unix time
+_WEEK_NS: Final = 604_800 * 10**9
+# From each Unix time on: GPS minus UTC in seconds (leap seconds that autopilot logs can meet).
+_LEAPS: Final = ((1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18))
 _GPS_FIX_3D: Final = 3
 _WEEK_MS: Final = 7 * 86_400_000
 _MAX_WEEK: Final = 11_480  # in the year 2200
@@ -37,6 +74,93 @@ _TERRAIN_OK: Final = 2
 _NUMBERS: Final = ("i", "u", "f")
 _MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
 _FULL_TURN_DEG: Final = math.degrees(to.MAX_ANGLE_RAD)
+
+
+class MessageFormat:
+    """One message's layout.
+
+    Attributes:
+        name: For instance ``GPS``.
+        dtype: The structured type of a message without its three-byte head.
+        scale: What a field's integer is multiplied by.
+    """
+
+    def __init__(self, name: str, codes: str, columns: list[str]) -> None:
+        self.name = name
+        self.dtype = np.dtype([(column, *_CODES[code][:2]) for code, column in zip(codes, columns, strict=True)])
+        self.scale = {column: _CODES[code][2] for code, column in zip(codes, columns, strict=True)}
+
+
+@lru_cache(maxsize=1024)  # every log declares the same few hundred, and is read more than once
+def parse_format(message: bytes) -> tuple[int, MessageFormat] | None:
+    """The type number and layout that a FMT message declares.
+
+    Args:
+        message: The whole message, head included.
+
+    Returns:
+        None where it contradicts itself or uses an unknown code.
+    """
+    if len(message) != FMT_SIZE:
+        return None
+    fmt = np.frombuffer(message, dtype=_FMT_DTYPE, offset=HEAD_SIZE)[0]
+    name, codes, columns = (fmt[key].decode("ascii", "replace") for key in ("name", "format", "columns"))
+    names = columns.split(",") if columns else []
+    if len(names) != len(codes) or len(set(names)) != len(names) or not set(codes) <= _CODES.keys():
+        return None
+    layout = MessageFormat(name, codes, names)
+    return (int(fmt["type"]), layout) if layout.dtype.itemsize + HEAD_SIZE == int(fmt["length"]) else None
+
+
+class Rangefinders:
+    """What the log has said of its rangefinders so far."""
+
+    def __init__(self) -> None:
+        self._limits: dict[tuple[int, str], list[tuple[int, float]]] = defaultdict(list)
+        self._followed: float | None = None
+
+    def learn(self, names: Iterable[str], values: Iterable[float], boot_ns: Iterable[int]) -> None:
+        """Take in parameters in the order of the log; those that are no limit of a rangefinder change nothing."""
+        for name, value, at_ns in zip(names, values, boot_ns, strict=True):
+            found = _LIMIT.fullmatch(name)
+            if found and np.isfinite(value):
+                changes = self._limits[int(found[1], 16) - 1, found[2]]
+                while changes and changes[-1][0] > at_ns:  # a damaged time: the log goes on before it
+                    changes.pop()
+                changes.append((at_ns, value * _UNIT_M[found[3]]))
+
+    def limit_m(self, bound: str, sensor: FloatArray, boot_ns: IntArray) -> FloatArray:
+        """The limit of each reading ``(n,)``, NaN where none was known by then.
+
+        Args:
+            bound: ``MIN`` or ``MAX``.
+            sensor: ``(n,)`` counted from 0.
+            boot_ns: ``(n,)``.
+        """
+        limit_m = np.full(len(sensor), np.nan)
+        for (number, kind), changes in self._limits.items():
+            own = sensor == number
+            if kind == bound and own.any():
+                times_ns, values_m = zip(*changes, strict=True)
+                limit_m[own] = np.array([np.nan, *values_m])[np.searchsorted(times_ns, boot_ns[own], side="right")]
+        return limit_m
+
+    def others(self, sensor: FloatArray, good: BoolArray) -> dict[str, BoolArray]:
+        """A fault for the readings ``(n,)`` of other sensors than the first that gave a good one."""
+        if self._followed is None and good.any():
+            self._followed = float(sensor[np.argmax(good)])
+        if self._followed is None:
+            return {}
+        return {f"of another sensor than number {self._followed:g}": sensor != self._followed}
+
+
+def gps_to_unix_ns(week: IntArray, week_ms: IntArray) -> IntArray:
+    """UTC as Unix ns from GPS week and milliseconds of the week, shapes ``(n,)``; leap seconds taken off."""
+    gps_ns = _EPOCH_NS + week.astype(np.int64) * _WEEK_NS + week_ms.astype(np.int64) * 1_000_000
+    starts_ns = np.array([start * 10**9 for start, _ in _LEAPS[1:]])
+    leaps_ns = np.array([leap * 10**9 for _, leap in _LEAPS])
+    leap_ns: IntArray = leaps_ns[np.searchsorted(starts_ns, gps_ns - leaps_ns[-1], side="right")]
+    return gps_ns - leap_ns
 
 
 def _kind(dtype: np.dtype[np.void], column: str) -> str | None:

@@ -1,24 +1,31 @@
-"""MAVLink frames to telemetry tracks."""
+"""MAVLink frames to telemetry tracks; whose they are, and what of them was lost."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.mavlink import camera_rows as cameras
-from aerodft.adapters.mavlink import health_rows as health
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
-from aerodft.adapters.mavlink.blocks import headers, payload_rows
 from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
-from aerodft.adapters.mavlink.one_address import OneAddress
-from aerodft.adapters.mavlink.rivals import Rivals
-from aerodft.adapters.mavlink.sequence import SequenceWatch
-from aerodft.model.arrays import IntArray
+from aerodft.adapters.mavlink.framing import headers, payload_rows
+from aerodft.adapters.mavlink.layout import TABLE_IDS, V2_HEAD, Bytes
+from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import BoolArray, IntArray
+from aerodft.model.health import LinkTrack, RivalTrack
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
 
+OF_ANOTHER_ADDRESS: Final = "frames: with the autopilot's ids, from another address"
+_SILENCE_NS: Final = SECOND_NS  # of the followed address, before another one is taken for its successor
+_OF_VEHICLES: Final = (pick.ATTITUDE, pick.GLOBAL_POSITION_INT)
+_OF_GIMBALS: Final = (pick.MOUNT_STATUS, pick.MOUNT_ORIENTATION, pick.GIMBAL_DEVICE_ATTITUDE_STATUS)
+_V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
+_MODULUS: Final = 256
+_TOGETHER: Final = 4096  # frames: after a counter that starts anew, the rest of them is looked at again
+_WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew
 _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
     pick.SYSTEM_TIME: to.clock_track,
     pick.ATTITUDE: to.vehicle_track,
@@ -31,13 +38,13 @@ _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
     pick.MOUNT_ORIENTATION: to.mount_orientation_track,
     pick.GIMBAL_DEVICE_ATTITUDE_STATUS: to.gimbal_device_track,
     pick.TIMESYNC: to.sync_track,
-    pick.HEARTBEAT: health.heartbeat_track,
-    pick.GPS_RAW_INT: health.gps_track,
-    pick.EKF_STATUS_REPORT: health.ekf_track,
-    pick.ESTIMATOR_STATUS: health.estimator_track,
-    pick.CAMERA_SETTINGS: cameras.settings_track,
-    pick.VIDEO_STREAM_INFORMATION: cameras.video_stream_track,
-    pick.CAMERA_FOV_STATUS: cameras.fov_track,
+    pick.HEARTBEAT: to.heartbeat_track,
+    pick.GPS_RAW_INT: to.gps_track,
+    pick.EKF_STATUS_REPORT: to.ekf_track,
+    pick.ESTIMATOR_STATUS: to.estimator_track,
+    pick.CAMERA_SETTINGS: to.settings_track,
+    pick.VIDEO_STREAM_INFORMATION: to.video_stream_track,
+    pick.CAMERA_FOV_STATUS: to.fov_track,
 }
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
 
@@ -45,6 +52,202 @@ _NOTHING: Final = np.zeros(0, dtype=np.int64)
 _EMPTY: Final = RawBlock(
     protocol=WireProtocol.MAVLINK, sender="", arrival_ns=_NOTHING, offset=_NOTHING, length=_NOTHING, data=b""
 )
+
+
+class OneAddress:
+    """Leaves out what a second address says in the name of the autopilot, while the first goes on.
+
+    Addresses that follow each other are one sender: a bridge that reconnects, or that opens a port for every datagram
+    and so never speaks twice from the same. A gimbal or a camera may have an address of its own.
+    """
+
+    def __init__(self) -> None:
+        self._followed: str | None = None
+        self._last_ns = 0
+        self._spoke_again = False
+
+    def kept(
+        self, block: RawBlock, heads: IntArray, state: IntArray, rejected: Counter[str]
+    ) -> tuple[RawBlock, IntArray]:
+        """A block and its headers ``(5, n)``, without what is of somebody else.
+
+        Args:
+            block: Frames of one sender.
+            heads: From ``kernels.read_headers``.
+            state: Of the selection, which knows the autopilot.
+            rejected: Counts what is left out.
+        """
+        if state[pick.COMPONENT] < 0:
+            return block, heads
+        own = (heads[0] >= 0) & (heads[1] == state[pick.SYSTEM]) & (heads[2] == state[pick.COMPONENT])
+        if not own.any() or self._admits(block.sender, block.arrival_ns[own]):
+            return block, heads
+        rejected[f"{OF_ANOTHER_ADDRESS} than {self._followed}"] += int(own.sum())
+        rows = {name: getattr(block, name)[~own] for name in ("arrival_ns", "offset", "length")}
+        return replace(block, **rows), np.ascontiguousarray(heads[:, ~own])
+
+    def _admits(self, sender: str, arrival_ns: IntArray) -> bool:
+        if sender == self._followed:
+            self._spoke_again = True
+        elif self._spoke_again and int(arrival_ns[0]) - self._last_ns <= _SILENCE_NS:
+            return False
+        else:
+            self._followed, self._spoke_again = sender, False
+        self._last_ns = int(arrival_ns[-1])
+        return True
+
+
+def _table() -> BoolArray:
+    """``(65536,)`` by message id: whether a message that was left out may be of a rival."""
+    table = np.zeros(TABLE_IDS, dtype=np.bool_)
+    table[[*_OF_VEHICLES, *_OF_GIMBALS]] = True
+    return table
+
+
+_TELLS: Final = _table()
+
+
+class Rivals:
+    """Names whoever else could have been followed: other vehicles, autopilots and gimbals.
+
+    Args:
+        followed: What was chosen; of that there are no rivals.
+    """
+
+    def __init__(self, followed: pick.Followed) -> None:
+        self._followed = followed
+
+    def tracks(self, block: RawBlock, heads: IntArray, slots: IntArray, state: IntArray) -> Iterator[RivalTrack]:
+        """One track for each of them that spoke in a block.
+
+        Args:
+            block: The frames.
+            heads: ``(5, n)`` their headers.
+            slots: ``(n,)`` which were selected: -1 for what was left out.
+            state: Of the selection, which knows who is followed.
+        """
+        if state[pick.COMPONENT] < 0:
+            return
+        aside = np.flatnonzero(slots < 0)
+        aside = aside[_TELLS[np.clip(heads[0, aside], 0, TABLE_IDS - 1)]]
+        if not len(aside):
+            return
+        who, member = np.unique(heads[:3, aside], axis=1, return_inverse=True)
+        for number, (message_id, system, component) in enumerate(who.T.tolist()):
+            what = self._sentence(message_id, system, component, state)
+            if what is not None:
+                rows = aside[member.ravel() == number]
+                none = np.full(len(rows), NO_BOOT_TIME, dtype=np.int64)
+                yield RivalTrack(arrival_ns=block.arrival_ns[rows], boot_ns=none, what=what)
+
+    def _sentence(self, message_id: int, system: int, component: int, state: IntArray) -> str | None:
+        """Who sent a message that was left out; None where it is nobody who could have been meant."""
+        own_system, own_component = int(state[pick.SYSTEM]), int(state[pick.COMPONENT])
+        if system != own_system:
+            is_rival = self._followed.system is None and not self._is_of_gimbal(message_id, component)
+            other, own, key = f"system {system}", f"system {own_system}", "system"
+            return _heard_too(f"{other} is on the link too", own, key) if is_rival else None
+        if message_id in _OF_GIMBALS:
+            return None if self._followed.gimbal is not None else _gimbal(message_id, component, state)
+        is_rival = component != own_component and self._followed.component is None and not pick.is_peripheral(component)
+        what = f"component {component} of system {system} is an autopilot too"
+        return _heard_too(what, f"component {own_component}", "component") if is_rival else None
+
+    def _is_of_gimbal(self, message_id: int, component: int) -> bool:
+        return message_id in _OF_GIMBALS or pick.is_peripheral(component)
+
+
+def _gimbal(message_id: int, component: int, state: IntArray) -> str | None:
+    """Which gimbal a message is of, beside the one that is followed."""
+    slot = pick.WANTED.index(message_id)
+    sender = int(state[pick.LOCKS + slot])
+    if sender < 0:
+        return None
+    name, own = message_name(message_id), sender & 0xFF
+    if component == own:
+        what = f"{name} of component {component} is of several gimbals"
+        return _heard_too(what, f"number {pick.device_of(state, slot)}", "gimbal")
+    return _heard_too(f"{name} comes from component {component} too", f"component {own}", "gimbal")
+
+
+def _heard_too(what: str, own: str, key: str) -> str:
+    return f"{what}: {own} was heard first and is followed; choose with telemetry.{key}"
+
+
+class SequenceWatch:
+    """Follows the autopilot's sequence numbers; one that is missing still is lost once 64 later ones were sent.
+
+    A frame that is late, or comes twice, is no loss; nor is a counter that starts anew.
+    """
+
+    def __init__(self) -> None:
+        self._last = self._top = 0  # without the wrap: of the frame before, and the highest so far
+        self._came: BoolArray | None = None  # ``(_WINDOW,)`` which of the highest came, the last of them ``_top``
+
+    def track(self, block: RawBlock, data: Bytes, heads: IntArray, state: IntArray) -> LinkTrack | None:
+        """What was found to be lost at each of the autopilot's frames in a block.
+
+        Args:
+            block: The frames.
+            data: Its bytes.
+            heads: ``(5, n)`` from ``kernels.read_headers``.
+            state: Of the selection, which knows the autopilot.
+
+        Returns:
+            None where the block has no frame of it.
+        """
+        if state[pick.COMPONENT] < 0:
+            return None
+        is_own = (heads[0] >= 0) & (heads[1] == state[pick.SYSTEM]) & (heads[2] == state[pick.COMPONENT])
+        if not is_own.any():
+            return None
+        own = slice(None) if is_own.all() else np.flatnonzero(is_own)
+        start, arrival_ns = block.offset[own], block.arrival_ns[own]
+        at = start + np.where(heads[3, own] - start == V2_HEAD, _V2_SEQUENCE_AT, _V1_SEQUENCE_AT)
+        boot_ns = np.full(len(start), NO_BOOT_TIME, dtype=np.int64)
+        return LinkTrack(arrival_ns=arrival_ns, boot_ns=boot_ns, lost=self.lost(data[at]))
+
+    def lost(self, sequence: Bytes) -> IntArray:
+        """How many frames are known to be lost at each of the next ones, by their numbers ``(n,)``."""
+        lost = np.zeros(len(sequence), dtype=np.int64)
+        before = int(sequence[0]) - 1 if self._came is None else self._last
+        steps = np.diff(sequence, prepend=np.uint8(before % _MODULUS))  # modulo 256
+        if self._came is not None and before == self._top and self._came.all() and (steps == 1).all():
+            self._last = self._top = before + len(sequence)  # as nearly always, and quickly
+            return lost
+        first, signed = 0, steps.view(np.int8)
+        unwrapped = before + np.cumsum(signed, dtype=np.int64)
+        self._last = int(unwrapped[-1])
+        while first < len(sequence):
+            if self._came is None:
+                self._top, self._came = int(unwrapped[first]) - 1, np.ones(_WINDOW, dtype=np.bool_)
+            part = slice(first, first + _TOGETHER)
+            numbers = top = unwrapped[part]
+            stop, is_anew = first + len(numbers), False
+            if numbers[0] <= self._top or (signed[part][1:] <= 0).any():  # not one after the other
+                top = np.maximum(np.maximum.accumulate(numbers), self._top)
+                anew = np.flatnonzero(top - numbers >= _WINDOW)
+                is_anew = len(anew) > 0
+                stop = first + int(anew[0]) if is_anew else stop
+            count = stop - first
+            lost[first:stop] = self._passed(numbers[:count], top[:count], self._came)
+            if is_anew:
+                lost[stop] += np.count_nonzero(~self._came)
+                self._came = None
+            first = stop
+        return lost
+
+    def _passed(self, unwrapped: IntArray, top: IntArray, came: BoolArray) -> IntArray:
+        """How many numbers leave the window at each frame without having come; none is behind it."""
+        if not len(top):
+            return top
+        oldest = self._top - _WINDOW + 1
+        self._top = int(top[-1])
+        all_came = np.concatenate([came, np.zeros(self._top - oldest + 1 - _WINDOW, dtype=np.bool_)])
+        all_came[unwrapped - oldest] = True
+        self._came = all_came[-_WINDOW:]
+        missing = oldest + np.flatnonzero(~all_came[:-_WINDOW])
+        return np.bincount(np.searchsorted(top, missing + _WINDOW), minlength=len(top))
 
 
 class MavlinkDecoder:
@@ -139,8 +342,8 @@ class MavlinkDecoder:
         component = heads[2, index]
         boot_ns = np.where(component == self._state[pick.COMPONENT], to.boot_ns_of(payload), NO_BOOT_TIME)
         if message_id in pick.OF_CAMERAS:
-            cameras.number(payload, component)
+            to.number_cameras(payload, component)
         rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns)
         yield _MAKERS[message_id](rows, self.rejected)
         if message_id == pick.GIMBAL_DEVICE_ATTITUDE_STATUS:
-            yield from health.gimbal_failure_tracks(rows)
+            yield from to.gimbal_failure_tracks(rows)

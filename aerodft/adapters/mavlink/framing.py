@@ -1,15 +1,17 @@
-"""A strict MAVLink 1 and 2 framer: a frame counts only with a known id, a possible length and the right checksum.
+"""A strict MAVLink 1 and 2 framer, and its frames taken apart.
 
-After damage it resynchronises byte by byte and never skips a claimed length, so an intact frame is never lost to a
-broken neighbour. Files and live streams go through the same check (``kernels.probe``).
+A frame counts only with a known id, a possible length and the right checksum. After damage the framer resynchronises
+byte by byte and never skips a claimed length, so an intact frame is never lost to a broken neighbour. Files and live
+streams go through the same check (``kernels.probe``).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.kernels import scan_stream
+from aerodft.adapters.mavlink.kernels import gather, read_headers, scan_stream
 from aerodft.adapters.mavlink.layout import (
     AT_SYNC,
     MIN_FRAME,
@@ -21,6 +23,7 @@ from aerodft.adapters.mavlink.layout import (
     STATE_SIZE,
 )
 from aerodft.model.arrays import IntArray
+from aerodft.model.telemetry import RawBlock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,3 +144,25 @@ class StreamFramer:
         self._seen_before = max(self._seen_before - done, 0)
         self._state[AT_SYNC:] -= done
         return Cut(data, self._offsets[:found].copy(), self._lengths[:found].copy(), known)
+
+
+def headers(block: RawBlock) -> IntArray:
+    """``(5, n)`` message id (-1: no good frame), system, component, payload's start and length (``read_headers``)."""
+    heads = np.empty((5, len(block.offset)), dtype=np.int64)
+    data = np.frombuffer(block.data, dtype=np.uint8)
+    frames = np.stack([block.offset, block.length])
+    read_headers(data, frames, frame_table(), heads, checked=block.checked)
+    return heads
+
+
+def payload_rows(block: RawBlock, places: IntArray, dtype: np.dtype[np.void]) -> npt.NDArray[np.void]:
+    """Payloads of one message ``(k,)``, with zeros where they were cut off.
+
+    Args:
+        block: The frames.
+        places: ``(2, k)`` start and length (bytes) of each payload in the block's bytes.
+        dtype: What a whole payload is made of.
+    """
+    raw = np.zeros((places.shape[1], dtype.itemsize), dtype=np.uint8)
+    gather(np.frombuffer(block.data, dtype=np.uint8), np.ascontiguousarray(places), raw)
+    return raw.view(dtype)[:, 0]

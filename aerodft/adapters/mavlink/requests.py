@@ -1,16 +1,24 @@
-"""Which messages, how often: what a survey lacks, as requests to the vehicle and as its autopilot's parameters."""
+"""Which messages, how often: what a survey lacks, as requests to the vehicle and its cameras; and asking for them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink import selection as pick
-from aerodft.adapters.mavlink.dialect import message_name
-from aerodft.adapters.mavlink.link import OWN_COMPONENT, OWN_SYSTEM
-from aerodft.adapters.mavlink.parameters import Parameters
-from aerodft.adapters.mavlink.streams import Stream
+from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
+from aerodft.adapters.mavlink.framing import headers, payload_rows
+from aerodft.adapters.mavlink.link import OWN_COMPONENT, OWN_SYSTEM, MavlinkLink
+from aerodft.adapters.mavlink.rows import MOST_ATTACHED
+from aerodft.adapters.mavlink.streams import Parameters, Stream
+from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import IntArray
+from aerodft.model.batch import Batch
+from aerodft.model.telemetry import RawBlock
+from aerodft.model.zoom import ZoomSource
+from aerodft.service.zoom_settings import ZoomSettings
 
 ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
 PX4: Final = dialect.MAV_AUTOPILOT_PX4
@@ -28,6 +36,28 @@ OFF: Final = {
     "TERRAIN_REPORT": ("TERRAIN_ENABLE",),
 }
 _OLD_MOUNT: Final = "MNT_TYPE"  # MNT1_TYPE since the firmware knows GIMBAL_DEVICE_ATTITUDE_STATUS
+_CAMERA_RATE_HZ: Final = 1.0
+_CAMERA_COMPONENTS: Final = range(dialect.MAV_COMP_ID_CAMERA, dialect.MAV_COMP_ID_CAMERA6 + 1)
+_CAMERA_IDS: Final = {
+    ZoomSource.CAMERA_SETTINGS: pick.CAMERA_SETTINGS,
+    ZoomSource.CAMERA_FOV_STATUS: pick.CAMERA_FOV_STATUS,
+    ZoomSource.VIDEO_STREAM_INFORMATION: pick.VIDEO_STREAM_INFORMATION,
+}
+_CAMERA_MESSAGES: Final = frozenset(map(str, _CAMERA_IDS))
+_CAMERA_MESSAGES_OF_ARDUPILOT: Final = (ZoomSource.CAMERA_SETTINGS, ZoomSource.CAMERA_FOV_STATUS)
+_ATTEMPTS: Final = 3
+_PATIENCE_NS: Final = SECOND_NS
+_COMMAND_ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
+_ACK: Final = payload_dtype(_COMMAND_ACK)
+_ANSWERS: Final = {
+    dialect.MAV_RESULT_ACCEPTED: "accepted",
+    dialect.MAV_RESULT_TEMPORARILY_REJECTED: "denied for now",
+    dialect.MAV_RESULT_DENIED: "denied",
+    dialect.MAV_RESULT_UNSUPPORTED: "unsupported",
+    dialect.MAV_RESULT_FAILED: "failed",
+}
+_NO_ANSWER: Final = "no answer"
+_Senders = dict[tuple[int, int], str]  # by system and component
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,3 +286,116 @@ def _rate_hz(own: dict[str, Stream], name: str) -> float:
 def _sender(own: dict[str, Stream], name: str, autopilot: int) -> int:
     component = own[name].component if name in own else None
     return autopilot if component is None else component
+
+
+def wanted_of_cameras(
+    streams: Sequence[Stream], *, system: int | None, component: int | None, autopilot: int | None, zoom: ZoomSettings
+) -> Iterator[MessageRequest]:
+    """What cameras should say of their view: of each source before the first that they say anything in.
+
+    A camera is asked for each once, as MAVLink's camera protocol has it: it says by itself when it zooms. ArduPilot
+    says what it knows of the cameras that it speaks for as often as it is told to, and nothing of their video streams.
+
+    Args:
+        streams: All that came.
+        system: The vehicle that is followed; None where there is none, or in an on-board log.
+        component: Its autopilot.
+        autopilot: MAV_AUTOPILOT; None where not known.
+        zoom: How a station reads its camera's view.
+    """
+    if system is None or component is None:
+        return
+    heard = {(each.name, each.component) for each in streams if each.system == system and each.component is not None}
+    for camera in sorted(_cameras(heard, component, autopilot, zoom)):
+        is_autopilot = camera == component
+        for source in zoom.order:
+            if (str(source), camera) in heard:
+                break
+            if not is_autopilot or source in _CAMERA_MESSAGES_OF_ARDUPILOT:
+                yield MessageRequest(
+                    message_id=_CAMERA_IDS[source],
+                    rate_hz=_CAMERA_RATE_HZ if is_autopilot else None,
+                    now_hz=0.0,
+                    system=system,
+                    component=camera,
+                    autopilot=autopilot if is_autopilot else None,
+                )
+
+
+def _cameras(heard: set[tuple[str, int]], component: int, autopilot: int | None, zoom: ZoomSettings) -> set[int]:
+    """Components to ask: those that are cameras or speak for some, or the one that a station needs."""
+    speakers = {who for name, who in heard if name in _CAMERA_MESSAGES or who in _CAMERA_COMPONENTS}
+    if zoom.camera is not None:
+        cameras = {zoom.camera if zoom.camera > MOST_ATTACHED else component}
+    elif speakers or not (zoom.curve or zoom.reported_hfov_rad):
+        cameras = speakers
+    else:
+        cameras = {component if autopilot == ARDUPILOT else _CAMERA_COMPONENTS.start}
+    return cameras if autopilot == ARDUPILOT else cameras - {component}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A request and what was answered: ``accepted``, ``denied``, ``unsupported``, ..., or ``no answer``."""
+
+    request: MessageRequest
+    answer: str
+
+    def document(self, after_hz: float) -> dict[str, Any]:
+        """Plain JSON values, with the rate that came of it."""
+        asked = self.request.document()
+        return {key: asked[key] for key in ("message", "message_id", "system", "component", "rate_hz")} | {
+            "answer": self.answer,
+            "before_hz": asked["now_hz"],
+            "after_hz": round(after_hz, 3),
+        }
+
+
+def ask(link: MavlinkLink, batches: Iterator[Batch], requests: Iterable[MessageRequest]) -> tuple[Outcome, ...]:
+    """Send each request to who shall fulfil it, and wait for the answer; up to three times.
+
+    An acknowledgement does not say which message it is about: the next request is sent only after it.
+
+    Args:
+        link: Open; its frames come with ``batches``.
+        batches: One a tick, empty ones included.
+        requests: To systems that are heard on the link; to nobody else anything is sent.
+    """
+    senders: _Senders = {}
+    return tuple(Outcome(request, _asked(link, batches, request, senders)) for request in requests)
+
+
+def _asked(link: MavlinkLink, batches: Iterator[Batch], request: MessageRequest, senders: _Senders) -> str:
+    attempts, due_ns, first_ns = 0, 0, None
+    for batch in batches:
+        first_ns = batch.now_ns if first_ns is None else first_ns
+        for block in batch.raw:
+            heads = headers(block)
+            senders |= dict.fromkeys(map(tuple, np.unique(heads[1:3, heads[0] >= 0], axis=1).T.tolist()), block.sender)
+            answer = _answer(block, heads, request) if attempts else None
+            if answer is not None:
+                return answer
+        if batch.now_ns < due_ns:
+            continue
+        if attempts == _ATTEMPTS or batch.now_ns - first_ns > _ATTEMPTS * _PATIENCE_NS:
+            break
+        sender = _sender_of(request, senders)
+        if sender is not None:
+            link.send(sender, request.command(attempts))
+            attempts, due_ns = attempts + 1, batch.now_ns + _PATIENCE_NS
+    return _NO_ANSWER
+
+
+def _sender_of(request: MessageRequest, senders: _Senders) -> str | None:
+    """Where who is asked sends from, else somebody of its system, who may pass it on; None where nobody was heard."""
+    of_system = (sender for (system, _), sender in senders.items() if system == request.system)
+    return senders.get((request.system, request.component)) or next(of_system, None)
+
+
+def _answer(block: RawBlock, heads: IntArray, request: MessageRequest) -> str | None:
+    """What a block's frames say of a request; None where they are of something else, or it is being worked on."""
+    sender = (heads[1] == request.system) & (heads[2] == request.component)
+    said = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
+    is_ours = np.isin(said["target_system"], (0, OWN_SYSTEM)) & (said["command"] == request.command_id)
+    results = said["result"][is_ours & (said["result"] != dialect.MAV_RESULT_IN_PROGRESS)].tolist()
+    return _ANSWERS.get(results[0], f"refused (result {results[0]})") if results else None

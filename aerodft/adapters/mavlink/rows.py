@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -10,9 +11,11 @@ import numpy.typing as npt
 
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.health import EstimatorTrack, GimbalFailureTrack, GpsTrack, HeartbeatTrack
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (
     NO_BOOT_TIME,
+    CameraTrack,
     ClockTrack,
     GimbalTrack,
     HeightTrack,
@@ -21,6 +24,7 @@ from aerodft.model.telemetry import (
     Track,
     VehicleTrack,
 )
+from aerodft.model.zoom import ZoomSource
 
 MIN_UNIX_NS: Final = 946_684_800 * 10**9  # 2000-01-01
 MAX_UNIX_NS: Final = 7_258_118_400 * 10**9  # 2200-01-01
@@ -51,6 +55,16 @@ _UNDERGROUND_M = -20.0  # a database without the tile that the vehicle is above
 _QUATERNION_NORM_SLACK = 0.1
 _MAX_LAT_DEGE7, _MAX_LON_DEGE7 = 9e8, 1.8e9
 _MAX_BOOT_US = 10**15  # 31 years; more is a Unix time
+_CAMERA_NUMBER: Final = "camera_device_id"
+MOST_ATTACHED: Final = 6  # cameras that an autopilot speaks for
+_MIN_FOV_DEG, _MAX_FOV_DEG = 0.1, 180.0  # a lens of ten metres sees a tenth of a degree
+_FULL_LEVEL: Final = 100.0
+_SATELLITES_UNKNOWN: Final = 255
+_MAX_FIX: Final = 8
+_MOST_MM: Final = 10**8  # what says that it is off by 100 km says nothing
+_HAS_ATTITUDE: Final = 1  # of EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS alike
+_UNINITIALIZED: Final = 1024
+_MOST_RATIO: Final = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,3 +308,137 @@ def boot_ns_of(payload: npt.NDArray[np.void]) -> IntArray:
         known = time_us < _MAX_BOOT_US
         return np.where(known, np.where(known, time_us, 0).astype(np.int64) * 1000, NO_BOOT_TIME)
     return np.full(len(payload), NO_BOOT_TIME, dtype=np.int64)
+
+
+def number_cameras(payload: npt.NDArray[np.void], component: IntArray) -> None:
+    """Number the cameras ``(n,)`` as MAVLink's missions do, in place of what the messages say.
+
+    A camera that an autopilot speaks for has a number from 1 to 6 in the message; any other one is a component of its
+    own, and says 0: its number is its component's.
+    """
+    said = payload[_CAMERA_NUMBER]
+    payload[_CAMERA_NUMBER] = np.where((said > 0) & (said <= MOST_ATTACHED), said, component)
+
+
+def fov_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """CAMERA_FOV_STATUS, degrees."""
+    return _fov_track(ZoomSource.CAMERA_FOV_STATUS, rows, rejected)
+
+
+def video_stream_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """VIDEO_STREAM_INFORMATION: whole degrees, 0 where not known; and the size of the images."""
+    return _fov_track(
+        ZoomSource.VIDEO_STREAM_INFORMATION, rows, rejected, ("resolution_h", "resolution_v"), stream="stream_id"
+    )
+
+
+def _fov_track(
+    source: ZoomSource, rows: Rows, rejected: Counter[str], size: tuple[str, ...] = (), *, stream: str | None = None
+) -> Track | None:
+    hfov_deg = rows.column("hfov")
+    known = np.logical_or.reduce([rows.payload[field] > 0 for field in size]) if size else False
+    impossible = ~((hfov_deg == 0) | ((hfov_deg >= _MIN_FOV_DEG) & (hfov_deg < _MAX_FOV_DEG)))
+    good = rows.kept(
+        rejected, {"impossible hfov": impossible, "hfov is not known": (hfov_deg == 0) & ~np.asarray(known)}
+    )
+    if good is None:
+        return None
+    hfov_deg = good.column("hfov")
+    sizes = [good.payload[field].astype(np.int64) for field in size] or [_zeros(good)] * 2
+    return CameraTrack(
+        source=source,
+        device=good.payload[_CAMERA_NUMBER].astype(np.int64),
+        stream=_zeros(good) if stream is None else good.payload[stream].astype(np.int64),
+        hfov_rad=np.where(hfov_deg > 0, np.radians(hfov_deg), np.nan),
+        level=np.full(len(hfov_deg), np.nan),
+        size_px=np.stack(sizes, axis=-1),
+        **good.stamps(),
+    )
+
+
+def settings_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """CAMERA_SETTINGS: the zoom in percent of its range, NaN of a camera that cannot zoom."""
+    percent = rows.column("zoomLevel")
+    outside = ~((percent >= 0) & (percent <= _FULL_LEVEL))
+    good = rows.kept(rejected, {"zoomLevel is not known": np.isnan(percent), "impossible zoomLevel": outside})
+    if good is None:
+        return None
+    count = len(good.arrival_ns)
+    return CameraTrack(
+        source=ZoomSource.CAMERA_SETTINGS,
+        device=good.payload[_CAMERA_NUMBER].astype(np.int64),
+        stream=_zeros(good),
+        hfov_rad=np.full(count, np.nan),
+        level=good.column("zoomLevel") / _FULL_LEVEL,
+        size_px=np.zeros((count, 2), dtype=np.int64),
+        **good.stamps(),
+    )
+
+
+def _zeros(rows: Rows) -> IntArray:
+    return np.zeros(len(rows.arrival_ns), dtype=np.int64)
+
+
+def heartbeat_track(rows: Rows, _rejected: Counter[str]) -> Track:
+    """HEARTBEAT of the autopilot."""
+    return HeartbeatTrack(autopilot=rows.payload["autopilot"].astype(np.int64), **rows.stamps())
+
+
+def gps_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """GPS_RAW_INT: the kind of fix, and the accuracy where the receiver states one (0: not stated)."""
+    good = rows.kept(rejected, {"impossible fix type": rows.payload["fix_type"] > _MAX_FIX})
+    if good is None:
+        return None
+    satellites = good.payload["satellites_visible"].astype(np.int64)
+    sent = {**good.stamps(), "boot_ns": np.full(len(satellites), NO_BOOT_TIME, dtype=np.int64)}  # it has the fix's time
+    return GpsTrack(
+        fix=good.payload["fix_type"].astype(np.int64),
+        satellites=np.where(satellites == _SATELLITES_UNKNOWN, -1, satellites),
+        horizontal_std_m=_accuracy_m(good, "h_acc"),
+        vertical_std_m=_accuracy_m(good, "v_acc"),
+        **sent,
+    )
+
+
+def _accuracy_m(rows: Rows, field: str) -> FloatArray:
+    accuracy_mm = rows.column(field)
+    return np.where((accuracy_mm > 0) & (accuracy_mm < _MOST_MM), accuracy_mm / 1000, np.nan)
+
+
+def ekf_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """EKF_STATUS_REPORT (ArduPilot); flags of 0 come from vehicles whose estimator does not report."""
+    fields = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
+    return _estimator_track(rows, rejected, fields, {"no estimator yet": rows.payload["flags"] == 0})
+
+
+def estimator_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+    """ESTIMATOR_STATUS (PX4)."""
+    return _estimator_track(rows, rejected, ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"), {})
+
+
+def _estimator_track(
+    rows: Rows, rejected: Counter[str], fields: tuple[str, ...], faults: dict[str, BoolArray]
+) -> Track | None:
+    values = {field: rows.column(field) for field in fields}
+    impossible = {f"{field} is no ratio": beyond(each, _MOST_RATIO) | (each < 0) for field, each in values.items()}
+    good = rows.kept(rejected, {**faults, **impossible})
+    if good is None:
+        return None
+    flags = good.payload["flags"].astype(np.int64)
+    return EstimatorTrack(
+        ratios=np.stack([good.column(field) for field in fields], axis=-1),
+        has_attitude=((flags & _HAS_ATTITUDE) != 0) & ((flags & _UNINITIALIZED) == 0),
+        **good.stamps(),
+    )
+
+
+def gimbal_failure_tracks(rows: Rows) -> Iterator[GimbalFailureTrack]:
+    """What GIMBAL_DEVICE_ATTITUDE_STATUS says of failures: such rows hold no attitude, and others may fill the gap."""
+    failures = rows.payload["failure_flags"]
+    if not np.any(failures):
+        return
+    for words, bits in GIMBAL_FAILURES.items():
+        failed = (failures & bits) != 0
+        if np.any(failed):
+            what = f"the gimbal reports a failure ({words})"
+            yield GimbalFailureTrack(what=what, arrival_ns=rows.arrival_ns[failed], boot_ns=rows.boot_ns[failed])

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from aerodft.adapters.mavlink.dialect import MESSAGES
-from aerodft.adapters.mavlink.signing import KEY_SIZE, SignatureCheck
+from aerodft.adapters.mavlink.signing import KEY_SIZE, SignatureCheck, SigningState
 from aerodft.adapters.mavlink.signing_settings import RADIO_STATUS, SigningSettings
-from aerodft.adapters.mavlink.signing_state import SigningState
 from aerodft.errors import ConfigError
 
 _LOG: Final = logging.getLogger(__name__)

@@ -3,31 +3,30 @@
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.mavlink.camera_requests import wanted_of_cameras
-from aerodft.adapters.mavlink.clock_survey import ClockSurvey
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mavlink.contradictions import HeightPairs
+from aerodft.adapters.mavlink.dialect import frame_table
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
-from aerodft.adapters.mavlink.layout import SIGNED, V2
-from aerodft.adapters.mavlink.parameters import ParameterTable
+from aerodft.adapters.mavlink.kernels import measure
+from aerodft.adapters.mavlink.layout import SIGNED, STAMP_SIZE, UNKNOWN, V1, V2
 from aerodft.adapters.mavlink.pose_survey import PoseSurvey
-from aerodft.adapters.mavlink.requests import wanted
+from aerodft.adapters.mavlink.requests import wanted, wanted_of_cameras
 from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing import SigningCounts
-from aerodft.adapters.mavlink.streams import Stream, StreamTable, rangefinder_readings_m
-from aerodft.adapters.mavlink.survey_report import USED, Gap, SurveyReport, ValueSource
-from aerodft.adapters.mavlink.unknown_frames import unknown_ids
+from aerodft.adapters.mavlink.streams import ParameterTable, Stream, StreamTable, rangefinder_readings_m
+from aerodft.adapters.mavlink.survey_report import USED, ClockSummary, Gap, SurveyReport, ValueSource
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.rotation import yaw_pitch_roll
 from aerodft.model.arrays import FloatArray
 from aerodft.model.telemetry import (
+    NO_BOOT_TIME,
     ClockTrack,
     GimbalTrack,
     HeightTrack,
@@ -37,11 +36,79 @@ from aerodft.model.telemetry import (
     VehicleTrack,
     WireProtocol,
 )
+from aerodft.service.clock_line import JUMP_NS
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
+from aerodft.service.timing import ClockHealth
 
 _SLOW_PERIODS: Final = 3
 _PART_NS: Final = 5 * SECOND_NS
+
+
+@dataclass(slots=True)
+class ClockSurvey:
+    """Takes in tracks of UTC, and what becomes known of the clock's health."""
+
+    _first_ns: int | None = None
+    _offsets_ns: list[int] = field(default_factory=list)  # thinned
+    _last: tuple[int, int] | None = None  # time since boot, UTC minus that
+    _step_ns: int | None = None  # arrival of the last step of UTC
+    _fall_ns: int | None = None  # arrival of the last time since boot that was less than the one before
+    _reboots_ns: list[int] = field(default_factory=list)
+    _jumps_ns: list[int] = field(default_factory=list)
+
+    def add(self, track: ClockTrack) -> None:
+        """Take in a track, n > 0."""
+        if self._first_ns is None:
+            self._first_ns = int(track.arrival_ns[0])
+        self._offsets_ns.append(int(np.median(track.arrival_ns - track.unix_ns)))
+        for arrival_ns, boot_ns, unix_ns in zip(
+            track.arrival_ns.tolist(), track.boot_ns.tolist(), track.unix_ns.tolist(), strict=True
+        ):
+            if boot_ns == NO_BOOT_TIME:
+                continue
+            last_boot_ns, last_offset_ns = self._last or (boot_ns, unix_ns - boot_ns)
+            if boot_ns < last_boot_ns - SECOND_NS:
+                self._fall_ns = arrival_ns
+            elif abs(unix_ns - boot_ns - last_offset_ns) > JUMP_NS:
+                self._step_ns = arrival_ns
+            self._last = boot_ns, unix_ns - boot_ns
+
+    def note(self, health: ClockHealth, at_ns: int) -> None:
+        """What is new in the clock's health since the last time, at the latest at this arrival."""
+        if health.restarts > len(self._reboots_ns):
+            self._reboots_ns.append(at_ns if self._fall_ns is None else self._fall_ns)
+        if len(health.jumps_s) > len(self._jumps_ns):
+            self._jumps_ns.append(at_ns if self._step_ns is None else self._step_ns)
+
+    def summary(self, start_ns: int | None) -> ClockSummary:
+        """What is known by now; times since ``start_ns``."""
+        first_ns, start_ns = self._first_ns, start_ns or 0
+        return ClockSummary(
+            known_after_s=None if first_ns is None else (first_ns - start_ns) / SECOND_NS,
+            host_minus_utc_s=float(np.median(self._offsets_ns)) / SECOND_NS if self._offsets_ns else None,
+            reboots_at_s=tuple((at_ns - start_ns) / SECOND_NS for at_ns in self._reboots_ns),
+            jumps_at_s=tuple((at_ns - start_ns) / SECOND_NS for at_ns in self._jumps_ns),
+        )
+
+
+def unknown_ids(block: RawBlock) -> Counter[int]:
+    """How often each unknown id stands between a stamped log's frames; links hand on good frames alone."""
+    found: Counter[int] = Counter()
+    if block.protocol is not WireProtocol.MAVLINK or len(block.offset) < 2:  # noqa: PLR2004 - two frames have a gap
+        return found
+    data, table = np.frombuffer(block.data, dtype=np.uint8), frame_table()
+    ends, starts = (block.offset + block.length)[:-1], block.offset[1:] - STAMP_SIZE
+    for k in np.flatnonzero(starts > ends).tolist():
+        at, stop = int(ends[k]) + STAMP_SIZE, int(starts[k])
+        while at < stop:
+            verdict, size, _ = measure(data, at, stop, table)
+            if verdict != UNKNOWN or at + size > stop:
+                break
+            head = data[at : at + 10].tolist()
+            found[head[5] if head[0] == V1 else head[7] | head[8] << 8 | head[9] << 16] += 1
+            at += size + STAMP_SIZE
+    return found
 
 
 @dataclass(slots=True)

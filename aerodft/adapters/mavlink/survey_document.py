@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from aerodft.adapters.mavlink.clock_words import clock_document
-from aerodft.adapters.mavlink.findings import notes, problems
+from aerodft.adapters.mavlink.findings import clock_document, notes, problems
 from aerodft.adapters.mavlink.framing import FrameCounts
-from aerodft.adapters.mavlink.signing_words import signing_document
+from aerodft.adapters.mavlink.signing import signing_document
 from aerodft.adapters.mavlink.streams import Stream
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
 from aerodft.service.gimbal_frame import FrameEvidence

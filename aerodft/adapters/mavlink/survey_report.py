@@ -7,11 +7,10 @@ from typing import Final
 from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
-from aerodft.adapters.mavlink.parameters import Parameters
 from aerodft.adapters.mavlink.pose_survey import Poses
 from aerodft.adapters.mavlink.requests import MessageRequest
 from aerodft.adapters.mavlink.signing import SigningCounts
-from aerodft.adapters.mavlink.streams import Stream
+from aerodft.adapters.mavlink.streams import Parameters, Stream
 from aerodft.conventions import SECOND_NS
 from aerodft.model.camera import Camera
 from aerodft.service.gimbal_frame import FrameEvidence

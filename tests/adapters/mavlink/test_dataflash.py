@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.adapters.mavlink.dataflash import DataflashSource
-from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
-from aerodft.adapters.mavlink.gpstime import gps_to_unix_ns
+from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder, gps_to_unix_ns
 from aerodft.model.telemetry import (
     ClockTrack,
     GimbalTrack,

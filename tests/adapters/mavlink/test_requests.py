@@ -6,10 +6,8 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.camera_requests import wanted_of_cameras
-from aerodft.adapters.mavlink.parameters import Parameters
-from aerodft.adapters.mavlink.requests import ARDUPILOT, OFF, PX4, MessageRequest, wanted
-from aerodft.adapters.mavlink.streams import Stream
+from aerodft.adapters.mavlink.requests import ARDUPILOT, OFF, PX4, MessageRequest, wanted, wanted_of_cameras
+from aerodft.adapters.mavlink.streams import Parameters, Stream
 from aerodft.model.zoom import ZoomSource
 from aerodft.service.zoom_settings import ZoomSettings
 

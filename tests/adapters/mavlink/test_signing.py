@@ -11,10 +11,19 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
 from aerodft.adapters.mavlink.framing import StreamFramer
-from aerodft.adapters.mavlink.signing import FUTURE, OLD, REPLAYED, UNSIGNED, WRONG, SignatureCheck, sign, signing_time
+from aerodft.adapters.mavlink.signing import (
+    FUTURE,
+    OLD,
+    REPLAYED,
+    UNSIGNED,
+    WRONG,
+    SignatureCheck,
+    SigningState,
+    sign,
+    signing_time,
+)
 from aerodft.adapters.mavlink.signing_keys import load_key, open_signing
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.adapters.mavlink.signing_state import SigningState
 from aerodft.errors import ConfigError, InputError
 
 KEY = bytes(range(32))

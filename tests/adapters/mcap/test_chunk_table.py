@@ -40,14 +40,10 @@ def expected(data: bytes) -> list[tuple[int, int, int]]:
     return list(takewhile(lambda row: row[2] <= len(data) and (row[0] != MESSAGE or row[2] - row[1] >= 22), rows))
 
 
-@pytest.mark.parametrize("is_loaded", [False, True])
 @pytest.mark.parametrize("most", [FEW, 1 << 16])
 @pytest.mark.parametrize("count", [0, 1, FEW - 1, FEW, FEW + 1, 300])
-def test_records_and_messages_are_those_of_the_format(
-    count: int, most: int, monkeypatch: pytest.MonkeyPatch, *, is_loaded: bool
-) -> None:
+def test_records_and_messages_are_those_of_the_format(count: int, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chunk_table, "_MOST", most)
-    monkeypatch.setattr(chunk_table, "is_loaded", lambda: is_loaded)
     dice = random.Random(count)  # noqa: S311 - damage, no secrets
     for turn in range(60):
         data = b"".join(record(dice) for _ in range(count))

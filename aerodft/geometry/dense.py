@@ -5,7 +5,7 @@ from flat arrays, two numbers a step, and what fails is left to a second loop: s
 """
 
 import math
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from aerodft.geometry.jit import njit_fused, njit_ieee
 from aerodft.model.arrays import FloatArray
 
+Number = TypeVar("Number", float, FloatArray)
 Float32Array: TypeAlias = npt.NDArray[np.float32]
 BrownLens: TypeAlias = tuple[tuple[float, ...], tuple[float, ...], float]
 """fx, fy, cx and cy; k1, k2, p1, p2, k3, k4, k5, k6; and the radius up to which the model is one to one."""
@@ -117,8 +118,7 @@ def normalise(pixels_px: FloatArray, intrinsics: tuple[float, ...], out: FloatAr
         found[2 * k], found[2 * k + 1] = (given[2 * k] - cx) * per_x, (given[2 * k + 1] - cy) * per_y
 
 
-@njit_ieee
-def brown(coefficients: tuple[float, ...], x: float, y: float) -> tuple[float, float, float, float, float]:
+def brown(coefficients: tuple[float, ...], x: Number, y: Number) -> tuple[Number, Number, Number, Number, Number]:
     """Brown's distortion, and its derivatives: xd, yd; d xd / dx, d xd / dy = d yd / dx, d yd / dy."""
     k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
     s = x * x + y * y
@@ -133,10 +133,13 @@ def brown(coefficients: tuple[float, ...], x: float, y: float) -> tuple[float, f
     return xd, yd, xx, xy, yy
 
 
+_brown = njit_ieee(brown)
+
+
 @njit_ieee
 def _newton(coefficients: tuple[float, ...], xd: float, yd: float, x: float, y: float) -> tuple[float, float, bool]:
     """Newton's step from ``x, y`` towards the inverse of ``xd, yd``, and whether the model is upright there."""
-    got_x, got_y, xx, xy, yy = brown(coefficients, x, y)
+    got_x, got_y, xx, xy, yy = _brown(coefficients, x, y)
     det = xx * yy - xy * xy
     miss_x, miss_y = got_x - xd, got_y - yd
     return (yy * miss_x - xy * miss_y) / det, (xx * miss_y - xy * miss_x) / det, det > 0.0
@@ -178,7 +181,7 @@ def _undistort_surely(xd: float, yd: float, coefficients: tuple[float, ...], lim
         x, y = x - step_x, y - step_y
         if not (abs(step_x) > _CONVERGED or abs(step_y) > _CONVERGED):
             break
-    got_x, got_y, xx, xy, yy = brown(coefficients, x, y)
+    got_x, got_y, xx, xy, yy = _brown(coefficients, x, y)
     near = abs(got_x - xd) < _ACCEPTED and abs(got_y - yd) < _ACCEPTED
     if near and x * x + y * y <= limit * limit and xx * yy > xy * xy:
         return x, y
@@ -194,11 +197,11 @@ def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> f
     if math.isinf(limit):
         high = 1.0
         for _ in range(_DOUBLINGS):
-            if brown(radial_only, high, 0.0)[0] < radius_d:
+            if _brown(radial_only, high, 0.0)[0] < radius_d:
                 high = 2.0 * high
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2.0
-        if brown(radial_only, middle, 0.0)[0] < radius_d:
+        if _brown(radial_only, middle, 0.0)[0] < radius_d:
             low = middle
         else:
             high = middle
@@ -222,6 +225,13 @@ def meet_fisheye(
         reach = -1.0 / up if up < 0.0 else math.nan
         out_m[k, 0] = foot_m[0] + reach * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z)
         out_m[k, 1] = foot_m[1] + reach * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z)
+
+
+@njit_fused
+def fisheye_angles(radii: FloatArray, coefficients: tuple[float, ...], limit: float, out: FloatArray) -> None:
+    """Angles ``(n,)`` from the axis of what is seen at distorted radii ``(n,)``; NaN where the model has no inverse."""
+    for k in range(len(radii)):
+        out[k] = _fisheye_angle(radii[k], coefficients, limit)
 
 
 @njit_fused

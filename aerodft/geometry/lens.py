@@ -5,7 +5,6 @@ model"). The inverse is Newton's method inside the radius up to which the forwar
 is no answer, and the result is NaN.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,16 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
-from aerodft.geometry.dense import undistort
+from aerodft.geometry.dense import brown, fisheye_angles, undistort
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
 
 _NOTHING = 1e-9  # a reciprocal root beyond any image
-_BISECTIONS = 12  # brings Newton's start within 2e-4 of the valid radius
-_NEWTON_STEPS = 16
 
 _FEW = 512  # coordinates of an image's fixed probes, at most; more of them are undistorted by a compiled loop first
-_ACCEPTED = 1e-11  # in units of the focal length: far below 1e-7 px
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,19 +137,10 @@ def padded(camera: Camera, count: int) -> tuple[float, ...]:
 
 def _brown(coefficients: tuple[float, ...], xy: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distorted ``(..., 2)`` and the Jacobian ``(..., 2, 2)``."""
-    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
-    x, y = xy[..., 0], xy[..., 1]
-    s = x * x + y * y
-    over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
-    radial = over / under
-    slope = (k1 + s * (2 * k2 + s * 3 * k3) - radial * (k4 + s * (2 * k5 + s * 3 * k6))) / under
-    xd = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x)
-    yd = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y
-    cross = 2 * (x * y * slope + p1 * x + p2 * y)
+    xd, yd, xx, cross, yy = brown(coefficients, xy[..., 0], xy[..., 1])
     jac = np.empty((*xd.shape, 2, 2))
-    jac[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+    jac[..., 0, 0], jac[..., 1, 1] = xx, yy
     jac[..., 0, 1] = jac[..., 1, 0] = cross
-    jac[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
     return np.stack([xd, yd], axis=-1), jac
 
 
@@ -207,23 +194,6 @@ def _invert_brown(coefficients: tuple[float, ...], distorted: FloatArray) -> Flo
     return xy
 
 
-def _bisect(function: Callable[[FloatArray], FloatArray], target: FloatArray, limit: float) -> FloatArray:
-    """Approximate solution in [0, limit] of an increasing function; the limit where the target is beyond it."""
-    high = np.full_like(target, limit if np.isfinite(limit) else 1.0)
-    if not np.isfinite(limit):
-        for _ in range(64):
-            short = function(high) < target
-            if not np.any(short):
-                break
-            high = np.where(short, 2 * high, high)
-    low = np.zeros_like(target)
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        below = function(middle) < target
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.asarray((low + high) / 2)
-
-
 def _fisheye_polynomial(coefficients: tuple[float, ...]) -> Polynomial:
     k1, k2, k3, k4 = coefficients
     return Polynomial([0, 1, 0, k1, 0, k2, 0, k3, 0, k4])
@@ -238,19 +208,15 @@ def fisheye_limit(coefficients: tuple[float, ...]) -> float:
 
 def _fisheye_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple[FloatArray, FloatArray]:
     polynomial, limit = _fisheye_polynomial(coefficients), fisheye_limit(coefficients)
-    derivative = polynomial.deriv()
     radius = np.linalg.norm(distorted, axis=-1)
-    angle = _bisect(polynomial, radius, limit)
-    with np.errstate(divide="ignore", invalid="ignore"):  # at the limit itself the derivative may be 0
-        for _ in range(_NEWTON_STEPS):
-            angle = np.clip(angle - (polynomial(angle) - radius) / derivative(angle), 0.0, limit)
-        slope = 1 / derivative(angle)
-    angle = np.where(np.abs(polynomial(angle) - radius) < _ACCEPTED, angle, np.nan)
+    angle = np.empty(np.shape(radius))
+    fisheye_angles(np.reshape(radius, -1), tuple(map(float, coefficients)), limit, angle.reshape(-1))
+    with np.errstate(divide="ignore"):  # at the limit itself the derivative may be 0
+        slope = np.asarray(1 / polynomial.deriv()(angle))
     outward = distorted / np.where(radius > 0, radius, 1.0)[..., None]
     sine_over_radius = np.where(radius > 0, np.sin(angle) / np.where(radius > 0, radius, 1.0), 1.0)
     rays = np.concatenate([distorted * sine_over_radius[..., None], np.cos(angle)[..., None]], axis=-1)
     radial = np.concatenate([outward * np.cos(angle)[..., None], -np.sin(angle)[..., None]], axis=-1)
-    slope = np.where(np.isnan(angle), np.nan, slope)
     jac = radial[..., :, None] * (outward * slope[..., None])[..., None, :]
     across = np.eye(2) - outward[..., :, None] * outward[..., None, :]
     jac[..., :2, :] += across * sine_over_radius[..., None, None]

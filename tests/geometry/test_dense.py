@@ -33,10 +33,10 @@ def camera_of(lens):
 def test_what_is_undistorted_is_distorted_back_to_where_it_was(lens):
     rng = np.random.default_rng(3)
     wanted = rng.uniform(-0.7, 0.7, (5000, 2))
-    distorted = np.stack(brown.py_func(LENSES[lens], *wanted.T)[:2], axis=-1)
+    distorted = np.stack(brown(LENSES[lens], *wanted.T)[:2], axis=-1)
     found = np.full((5000, 2), np.nan)
     undistort(distorted, LENSES[lens], 1.2, found)
-    again = np.stack(brown.py_func(LENSES[lens], *found.T)[:2], axis=-1)
+    again = np.stack(brown(LENSES[lens], *found.T)[:2], axis=-1)
     assert_allclose(again, distorted, rtol=0, atol=ROUNDING)
     assert_allclose(found, wanted, rtol=0, atol=1e-13)
 
@@ -45,7 +45,7 @@ def test_what_is_undistorted_is_distorted_back_to_where_it_was(lens):
 def test_the_forward_model_is_opencvs(lens):
     rays = np.concatenate([np.random.default_rng(4).uniform(-0.6, 0.6, (500, 2)), np.ones((500, 1))], axis=-1)
     theirs, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), np.array(LENSES[lens]))
-    ours = np.stack(brown.py_func(LENSES[lens], rays[:, 0], rays[:, 1])[:2], axis=-1)
+    ours = np.stack(brown(LENSES[lens], rays[:, 0], rays[:, 1])[:2], axis=-1)
     assert_allclose(ours, theirs[:, 0], rtol=0, atol=1e-14)
 
 

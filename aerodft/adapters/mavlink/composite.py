@@ -53,5 +53,5 @@ def open_log(path: Path) -> TlogSource | DataflashSource:
     Raises:
         InputError: It is missing, empty, unreadable, or neither a .tlog nor an ArduPilot .bin log.
     """
-    head = LogFile(path, "a MAVLink .tlog or an ArduPilot .bin log").read(0, len(HEAD))
+    head = LogFile(path).read(0, len(HEAD))
     return DataflashSource(path) if head == bytes(HEAD) else TlogSource(path)

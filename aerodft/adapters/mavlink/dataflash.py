@@ -24,7 +24,6 @@ _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
 _TIME_COLUMN = np.frombuffer(b"TimeUS", dtype=np.uint8)
 BLOCK_MESSAGES: Final = 1 << 15
 _FIRST_MESSAGES: Final = 1 << 12
-_EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _TYPES = 256
 
 
@@ -127,7 +126,7 @@ class DataflashSource:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._log = LogFile(path, _EXPECTED)
+        self._log = LogFile(path)
         self._state, self._types = _fresh()
         self._first_us, self._unix_minus_boot_ns, self._has_gps = self._tie()
 
@@ -179,7 +178,7 @@ class DataflashSource:
             if not decoder.formats:
                 break
         if not decoder.formats:
-            raise wrong_type(self._path, _EXPECTED, got=f"{looks_like(self._path)} without a valid message")
+            raise wrong_type(self._path, f"{looks_like(self._path)} without a valid message")
         return first_ns // 1000, self._path.stat().st_mtime_ns - last_ns, False
 
     def warnings(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
 from aerodft.adapters.mavlink.framing import headers, payload_rows
 from aerodft.adapters.mavlink.layout import TABLE_IDS, V2_HEAD, Bytes
 from aerodft.conventions import SECOND_NS
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.health import LinkTrack, RivalTrack
 from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
@@ -24,7 +25,6 @@ _OF_VEHICLES: Final = (pick.ATTITUDE, pick.GLOBAL_POSITION_INT)
 _OF_GIMBALS: Final = (pick.MOUNT_STATUS, pick.MOUNT_ORIENTATION, pick.GIMBAL_DEVICE_ATTITUDE_STATUS)
 _V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
 _MODULUS: Final = 256
-_TOGETHER: Final = 4096  # frames: after a counter that starts anew, the rest of them is looked at again
 _WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew
 _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
     pick.SYSTEM_TIME: to.clock_track,
@@ -181,8 +181,8 @@ class SequenceWatch:
     """
 
     def __init__(self) -> None:
-        self._last = self._top = 0  # without the wrap: of the frame before, and the highest so far
-        self._came: BoolArray | None = None  # ``(_WINDOW,)`` which of the highest came, the last of them ``_top``
+        self._numbers: IntArray | None = None
+        self._came = np.ones(_WINDOW, dtype=np.bool_)  # which of the highest numbers came, by their remainders
 
     def track(self, block: RawBlock, data: Bytes, heads: IntArray, state: IntArray) -> LinkTrack | None:
         """What was found to be lost at each of the autopilot's frames in a block.
@@ -209,45 +209,29 @@ class SequenceWatch:
 
     def lost(self, sequence: Bytes) -> IntArray:
         """How many frames are known to be lost at each of the next ones, by their numbers ``(n,)``."""
+        if self._numbers is None:
+            self._numbers = np.full(2, int(sequence[0]) - 1, dtype=np.int64)
         lost = np.zeros(len(sequence), dtype=np.int64)
-        before = int(sequence[0]) - 1 if self._came is None else self._last
-        steps = np.diff(sequence, prepend=np.uint8(before % _MODULUS))  # modulo 256
-        if self._came is not None and before == self._top and self._came.all() and (steps == 1).all():
-            self._last = self._top = before + len(sequence)  # as nearly always, and quickly
-            return lost
-        first, signed = 0, steps.view(np.int8)
-        unwrapped = before + np.cumsum(signed, dtype=np.int64)
-        self._last = int(unwrapped[-1])
-        while first < len(sequence):
-            if self._came is None:
-                self._top, self._came = int(unwrapped[first]) - 1, np.ones(_WINDOW, dtype=np.bool_)
-            part = slice(first, first + _TOGETHER)
-            numbers = top = unwrapped[part]
-            stop, is_anew = first + len(numbers), False
-            if numbers[0] <= self._top or (signed[part][1:] <= 0).any():  # not one after the other
-                top = np.maximum(np.maximum.accumulate(numbers), self._top)
-                anew = np.flatnonzero(top - numbers >= _WINDOW)
-                is_anew = len(anew) > 0
-                stop = first + int(anew[0]) if is_anew else stop
-            count = stop - first
-            lost[first:stop] = self._passed(numbers[:count], top[:count], self._came)
-            if is_anew:
-                lost[stop] += np.count_nonzero(~self._came)
-                self._came = None
-            first = stop
+        _follow(sequence, self._numbers, self._came, lost)
         return lost
 
-    def _passed(self, unwrapped: IntArray, top: IntArray, came: BoolArray) -> IntArray:
-        """How many numbers leave the window at each frame without having come; none is behind it."""
-        if not len(top):
-            return top
-        oldest = self._top - _WINDOW + 1
-        self._top = int(top[-1])
-        all_came = np.concatenate([came, np.zeros(self._top - oldest + 1 - _WINDOW, dtype=np.bool_)])
-        all_came[unwrapped - oldest] = True
-        self._came = all_came[-_WINDOW:]
-        missing = oldest + np.flatnonzero(~all_came[:-_WINDOW])
-        return np.bincount(np.searchsorted(top, missing + _WINDOW), minlength=len(top))
+
+@njit
+def _follow(sequence: Bytes, numbers: IntArray, came: BoolArray, lost: IntArray) -> None:
+    """``SequenceWatch.lost``; ``numbers`` are without the wrap that of the frame before, and the highest so far."""
+    before, top = numbers
+    for k in range(len(sequence)):
+        step = (np.int64(sequence[k]) - before) % _MODULUS
+        before += step if step < _MODULUS // 2 else step - _MODULUS
+        if top - before >= _WINDOW:  # starts anew
+            top = before - 1
+            came[:] = True
+        while top < before:
+            top += 1
+            lost[k] += not came[top % _WINDOW]
+            came[top % _WINDOW] = False
+        came[before % _WINDOW] = True
+    numbers[0], numbers[1] = before, top
 
 
 class MavlinkDecoder:

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mavlink.layout import AT_QUIET, AT_SYNC, Bytes
 from aerodft.errors import InputError
 from aerodft.model.arrays import IntArray
@@ -18,6 +17,7 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 Scan = Callable[[Bytes, int, int, IntArray], tuple[int, int]]
 
 PIECE_BYTES: Final = 1 << 22
+_EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _BEFORE, _AFTER = 1 << 10, 1 << 12  # bytes; scanners look back and ahead by less: what one message and a stamp take
 
 
@@ -61,7 +61,6 @@ class LogFile:
 
     Args:
         path: The file.
-        expected: What it should be, for the refusal.
 
     Attributes:
         path: The file.
@@ -71,20 +70,20 @@ class LogFile:
         InputError: It is missing, a folder, unreadable or empty.
     """
 
-    def __init__(self, path: Path, expected: str) -> None:
+    def __init__(self, path: Path) -> None:
         if not path.exists():
-            raise InputError("no such file", where=path, expected=expected, hint="check the path")
+            raise InputError("no such file", where=path, expected=_EXPECTED, hint="check the path")
         if path.is_dir():
-            raise InputError("is a folder", where=path, expected=expected, hint="name one file in it")
+            raise InputError("is a folder", where=path, expected=_EXPECTED, hint="name one file in it")
         self.path = path
         try:
             if path.stat().st_size == 0:  # asked first: to open a pipe would wait for somebody who writes
-                raise InputError("the file is empty", where=path, got="0 bytes", expected=expected)
+                raise InputError("the file is empty", where=path, got="0 bytes", expected=_EXPECTED)
             self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
             weakref.finalize(self, os.close, self._descriptor)
             self.size = os.fstat(self._descriptor).st_size
         except OSError as error:
-            raise InputError("cannot be read", where=path, got=error.strerror or error, expected=expected) from error
+            raise InputError("cannot be read", where=path, got=error.strerror or error, expected=_EXPECTED) from error
 
     def read(self, start: int, stop: int) -> bytes:
         """Bytes of the log; fewer where it ends before ``stop``.
@@ -142,6 +141,6 @@ class LogFile:
                 yield piece, rows[:, :found]
 
 
-def wrong_type(path: Path, expected: str, *, got: str | None = None, hint: str = "") -> InputError:
+def wrong_type(path: Path, got: str, hint: str = "") -> InputError:
     """The refusal of a file that holds something else."""
-    return InputError("wrong type of file", where=path, got=got or looks_like(path), expected=expected, hint=hint)
+    return InputError("wrong type of file", where=path, got=got, expected=_EXPECTED, hint=hint)

@@ -1,6 +1,5 @@
 """What a log or link is good for: its streams, the height and attitude sources in them, its clock and its faults."""
 
-import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -111,23 +110,6 @@ def unknown_ids(block: RawBlock) -> Counter[int]:
     return found
 
 
-@dataclass(slots=True)
-class _Range:
-    """Extremes and number of values."""
-
-    unit: str
-    count: int = 0
-    low: float = math.inf
-    high: float = -math.inf
-
-    def add(self, values: FloatArray) -> None:
-        if not len(values):
-            return
-        self.count += len(values)
-        self.low = min(self.low, float(values.min()))
-        self.high = max(self.high, float(values.max()))
-
-
 class Survey:
     """Takes in blocks of frames and reports on them.
 
@@ -148,16 +130,16 @@ class Survey:
         self._parameters = ParameterTable()
         self._unknown: Counter[int] = Counter()
         self._signed = 0
-        self._heights: dict[str, _Range] = {}
-        self._attitudes: dict[str, _Range] = {}
-        self._vehicle = _Range("deg")
+        self._heights: dict[str, ValueSource] = {}
+        self._attitudes: dict[str, ValueSource] = {}
+        self._vehicle = ValueSource("vehicle", "deg")
         height = (settings or TelemetrySettings()).height
         self._frames = PoseSource(TelemetrySettings(height=height), origin=None, time_std_s=0.0)
         judge = self._frames if settings is None else PoseSource(settings, origin=None, time_std_s=0.0)
         self._sources = tuple(dict.fromkeys((self._frames, judge)))
         self._poses = PoseSurvey(judge)
         self._pairs = HeightPairs()
-        self._rangefinder = _Range("m")
+        self._rangefinder = ValueSource("RANGEFINDER", "m")
         self._clock = ClockSurvey()
         self._health = HealthSurvey()
         self._first_ns: int | None = None
@@ -197,11 +179,13 @@ class Survey:
             case VehicleTrack():
                 self._vehicle.add(_pitch_deg(track.wxyz))
             case GimbalTrack():
-                self._attitudes.setdefault(str(track.source), _Range("deg")).add(_pitch_deg(track.wxyz))
+                name = str(track.source)
+                self._attitudes.setdefault(name, ValueSource(name, "deg")).add(_pitch_deg(track.wxyz))
             case PositionTrack():
-                self._heights.setdefault("home", _Range("m")).add(track.height_home_m)
+                self._heights.setdefault("home", ValueSource("home", "m")).add(track.height_home_m)
             case HeightTrack():
-                self._heights.setdefault(str(track.source), _Range("m")).add(track.value_m)
+                name = str(track.source)
+                self._heights.setdefault(name, ValueSource(name, "m")).add(track.value_m)
 
     def report(
         self, *, counts: FrameCounts, warnings: tuple[str, ...] = (), signing: SigningCounts | None = None
@@ -227,7 +211,7 @@ class Survey:
             heights=_sources(self._heights),
             attitudes=_sources(self._attitudes),
             frames={str(source): evidence for source, evidence in self._frames.gimbal_frames().items()},
-            vehicle_attitude=next(iter(_sources({"vehicle": self._vehicle})), None),
+            vehicle_attitude=self._vehicle if self._vehicle.count else None,
             clock=self._clock.summary(self._first_ns),
             clock_health=self._frames.clock.health,
             height_pairs=self._pairs,
@@ -236,7 +220,7 @@ class Survey:
             component=self._followed.component if vehicle.component is None else vehicle.component,
             systems=tuple(sorted(system for system in systems if system is not None)),
             rejected=dict(sorted(self._decoder.rejected.items())),
-            rangefinder=next(iter(_sources({"RANGEFINDER": self._rangefinder})), None),
+            rangefinder=self._rangefinder if self._rangefinder.count else None,
             counts=counts,
             warnings=warnings,
             signing=signing,
@@ -293,9 +277,5 @@ def _pitch_deg(wxyz: FloatArray) -> FloatArray:
     return np.degrees(yaw_pitch_roll(wxyz)[1])
 
 
-def _sources(ranges: dict[str, _Range]) -> tuple[ValueSource, ...]:
-    return tuple(
-        ValueSource(name=name, count=r.count, unit=r.unit, low=r.low, high=r.high)
-        for name, r in sorted(ranges.items())
-        if r.count
-    )
+def _sources(sources: dict[str, ValueSource]) -> tuple[ValueSource, ...]:
+    return tuple(source for _, source in sorted(sources.items()) if source.count)

@@ -1,5 +1,6 @@
 """What a survey of a log or link reports."""
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
@@ -12,6 +13,7 @@ from aerodft.adapters.mavlink.requests import MessageRequest
 from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Parameters, Stream
 from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.service.gimbal_frame import FrameEvidence
 from aerodft.service.settings import TelemetrySettings
@@ -41,23 +43,29 @@ USED: Final = frozenset(
 _NO_UTC_YET: Final = frozenset({"SYSTEM_TIME: no UTC yet", "GPS: no UTC yet"})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True)
 class ValueSource:
     """One source of heights or of attitudes.
 
     Attributes:
         name: As the configuration calls it.
-        count: Usable rows.
         unit: Of the range.
+        count: Usable rows.
         low: Smallest value (attitudes: of the pitch).
         high: Largest value.
     """
 
     name: str
-    count: int
     unit: str
-    low: float
-    high: float
+    count: int = 0
+    low: float = math.inf
+    high: float = -math.inf
+
+    def add(self, values: FloatArray) -> None:
+        """Take in values ``(n,)``."""
+        if len(values):
+            self.count += len(values)
+            self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

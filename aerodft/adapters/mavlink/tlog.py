@@ -15,14 +15,13 @@ from aerodft.adapters.mavlink.kernels import probe, scan_tlog
 from aerodft.adapters.mavlink.layout import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE, Bytes
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
-from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.model.telemetry import WireProtocol
 from aerodft.service.arrivals import Pace
 
 BLOCK_FRAMES: Final = 1 << 15
 _FIRST_FRAMES: Final = 1 << 10
 _HEAD_BYTES: Final = 512
 _PROBE_BYTES: Final = 1 << 24
-_EXPECTED: Final = "a MAVLink .tlog or an ArduPilot .bin log"
 _STAMPED: Final = "a MAVLink .tlog"
 
 
@@ -38,7 +37,7 @@ class TlogSource:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._log = LogFile(path, _EXPECTED)
+        self._log = LogFile(path)
         self._state = _fresh_state()
         self._check_type()
 
@@ -54,9 +53,6 @@ class TlogSource:
 
     def events(self) -> Iterator[Event]:
         """All frames in order, in blocks of bounded size; memory does not grow with the file."""
-        return self._blocks()
-
-    def _blocks(self) -> Iterator[RawBlock]:
         self._state = _fresh_state()
         scanned = self._log.scanned(_scan_with(self._state), self._state, BLOCK_FRAMES, self.size)
         pace = Pace()
@@ -89,17 +85,15 @@ class TlogSource:
         head = self._log.read(0, _HEAD_BYTES)
         seen = content_looks_like(head)
         if seen not in {_STAMPED, "unknown binary data", "text"}:
-            raise wrong_type(self._path, _EXPECTED, got=seen)
+            raise wrong_type(self._path, seen)
         data = np.frombuffer(head, dtype=np.uint8)
         if len(data) >= MIN_FRAME and probe(data, 0, len(data), frame_table())[0] == FRAME:
-            raise wrong_type(
-                self._path, _EXPECTED, got="MAVLink frames without stamps", hint="record with time stamps (.tlog)"
-            )
+            raise wrong_type(self._path, "MAVLink frames without stamps", "record with time stamps (.tlog)")
         state = _fresh_state()
         first = next(self._log.scanned(_scan_with(state), state, _FIRST_FRAMES, min(self.size, _PROBE_BYTES)), None)
         if first is None:
             got = seen if seen != _STAMPED else "no valid MAVLink frame"
-            raise wrong_type(self._path, _EXPECTED, got=got)
+            raise wrong_type(self._path, got)
 
 
 def _scan_with(state: IntArray) -> Scan:

@@ -77,8 +77,7 @@ class McapRecorder:
         self._camera = protobuf_channel(Keys(settings.station).camera, CameraCalibration)
         self._shed_messages = 0
         self._is_open = False
-        if not settings.lossless:
-            warm_up()
+        warm_up()
         _prepare(folder)
         try:
             for name, text in (texts or {}).items():

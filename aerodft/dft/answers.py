@@ -104,7 +104,7 @@ class ImageAnswers:
             status=answer.status,
             reasons=answer.reasons,
             stamp_ns=self.stamp_ns,
-            pixels=request.pixels,
+            pixels=request.pixels_of(0),
             std_px=request.std_px,
             camera=self.camera,
             model=self.model,

@@ -19,7 +19,7 @@ from aerodft.dft.uncertainty import point_spread, shared_covariance
 from aerodft.dft.zoomed import zoomed
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import GeoOrigin, Pose, PoseSample, stacked
+from aerodft.model.pose import GeoOrigin, Pose, PoseSample
 from aerodft.model.pose_columns import Posed, PoseRow, PoseRows, by_columns, sample_of
 from aerodft.model.status import Status
 
@@ -196,7 +196,7 @@ def _together(poses: Sequence[Posed]) -> tuple[Pose, GeoOrigin | None]:
     if isinstance(poses, PoseRows):
         return poses.columns.pose.rows(poses.rows), poses[0].alike.origin
     samples = [posed for posed in poses if isinstance(posed, PoseSample)]
-    return stacked([sample.pose for sample in samples if sample.pose is not None]), samples[0].origin
+    return Pose.stacked([sample.pose for sample in samples if sample.pose is not None]), samples[0].origin
 
 
 def _probe_points(record: Record) -> ProbePoints:

@@ -4,7 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Optional
 
+import numpy as np
+
 from aerodft.geometry.ground import Ground
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.probe import Probe, ProbeKind
@@ -39,15 +42,27 @@ class Request:
 
     Attributes:
         probe: The probe.
-        pixels: Its pixels.
+        pixels: ``(q, 2)`` its pixels; ``(n, q, 2)`` where each of ``n`` images has its own.
         std_px: Of each pixel coordinate.
         on_top_of: A ``height`` in the same image: the probe lies in the level plane through that object's top.
     """
 
     probe: Probe
-    pixels: tuple[tuple[float, float], ...]
+    pixels: tuple[tuple[float, float], ...] | FloatArray
     std_px: float
     on_top_of: Optional["Request"] = None
+
+    def rows(self, rows: IntArray) -> "Request":
+        """The request in some of its images ``(m,)``, by their indices."""
+        pixels = self.pixels
+        return replace(self, pixels=pixels[rows]) if isinstance(pixels, np.ndarray) and pixels.ndim > 2 else self  # noqa: PLR2004
+
+    def pixels_of(self, row: int) -> tuple[tuple[float, float], ...]:
+        """Its pixels in one image."""
+        if isinstance(self.pixels, tuple):
+            return self.pixels
+        pixels = self.pixels.reshape(-1, *self.pixels.shape[-2:])
+        return tuple((u, v) for u, v in pixels[row if len(pixels) > 1 else 0].tolist())
 
 
 def linked(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tuple[Request, ...]:

@@ -56,29 +56,49 @@ class Pose:
         return Pose(**rows, time_std_s=float(np.broadcast_to(self.time_std_s, len(self.wxyz))[row]))
 
     def rows(self, rows: IntArray) -> "Pose":
-        """Some of ``(n,)`` poses with a covariance each, without a lens."""
+        """Poses by their indices ``(m,)`` among ``(n,)`` poses with a covariance each."""
         return Pose(
             position_enu_m=self.position_enu_m[rows],
             wxyz=self.wxyz[rows],
             cov=self.cov[rows],
+            lens_cov=self.lens_cov if self.lens_cov.ndim == 2 else self.lens_cov[rows],  # noqa: PLR2004 - one for all
             velocity_enu_mps=self.velocity_enu_mps[rows],
             rate_cam_radps=self.rate_cam_radps[rows],
             time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows],
         )
 
+    @staticmethod
+    def joined(poses: Sequence["Pose"]) -> "Pose":
+        """Poses ``(n,)``, ``(m,)``, ... with a covariance each as one ``(n + m + ...,)``.
 
-def stacked(poses: Sequence[Pose]) -> Pose:
-    """Single poses as one ``(n,)``; where only some were found together with a lens, the others' covariances are 0."""
-    columns = max(pose.lens_cov.shape[-1] for pose in poses)
-    return Pose(
-        position_enu_m=np.array([pose.position_enu_m for pose in poses]),
-        wxyz=np.array([pose.wxyz for pose in poses]),
-        cov=np.array([pose.cov for pose in poses]),
-        lens_cov=np.array([pose.lens_cov if pose.lens_cov.size else np.zeros((6, columns)) for pose in poses]),
-        velocity_enu_mps=np.array([pose.velocity_enu_mps for pose in poses]),
-        rate_cam_radps=np.array([pose.rate_cam_radps for pose in poses]),
-        time_std_s=np.array([pose.time_std_s for pose in poses]),
-    )
+        Where only some were found together with a lens, the others' covariances with it are 0.
+        """
+        columns = max(pose.lens_cov.shape[-1] for pose in poses)
+        lens = [
+            np.broadcast_to(
+                pose.lens_cov if pose.lens_cov.size else np.zeros((6, columns)), (len(pose.wxyz), 6, columns)
+            )
+            for pose in poses
+        ]
+        names = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
+        arrays = {name: np.concatenate([getattr(pose, name) for pose in poses]) for name in names}
+        times = [np.broadcast_to(pose.time_std_s, len(pose.wxyz)) for pose in poses]
+        return Pose(**arrays, lens_cov=np.concatenate(lens), time_std_s=np.concatenate(times))
+
+    @staticmethod
+    def stacked(poses: Sequence["Pose"]) -> "Pose":
+        """Single poses as one ``(n,)``; as ``joined`` where only some were found together with a lens."""
+        columns = max((pose.lens_cov.shape[-1] for pose in poses), default=0)
+        lens = [pose.lens_cov if pose.lens_cov.size else np.zeros((6, columns)) for pose in poses]
+        return Pose(
+            position_enu_m=np.array([pose.position_enu_m for pose in poses]).reshape(-1, 3),
+            wxyz=np.array([pose.wxyz for pose in poses]).reshape(-1, 4),
+            cov=np.array([pose.cov for pose in poses]).reshape(-1, 6, 6),
+            lens_cov=np.array(lens).reshape(len(poses), 6, columns),
+            velocity_enu_mps=np.array([pose.velocity_enu_mps for pose in poses]).reshape(-1, 3),
+            rate_cam_radps=np.array([pose.rate_cam_radps for pose in poses]).reshape(-1, 3),
+            time_std_s=np.array([pose.time_std_s for pose in poses], dtype=np.float64),
+        )
 
 
 class HeightSource(StrEnum):

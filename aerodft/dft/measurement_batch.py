@@ -1,0 +1,152 @@
+"""What the same requests came to in many images, as arrays; a ``Measurement`` is one entry of it."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, overload
+
+import numpy as np
+
+from aerodft.dft.request import Request
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
+from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.status import CODES, Status
+
+NUMBERS: Final = ("value", "std", "ci95", "ellipse95", "ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
+"""The fields of a ``Measurement`` that hold numbers, in their order."""
+
+NO_IMAGE: Final = -1
+"""Stands for the running number of an image that has none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasurementColumn:
+    """What one request came to in ``n`` images.
+
+    Attributes:
+        unit: Of its value.
+        status: ``(n,)`` indices into ``CODES``.
+        reasons: The reasons of images, by row, where they are not those of the image's pose.
+        numbers: ``(n, ...)`` by the names of ``NUMBERS``, in that order; a name that no image has is left out. A row
+            that is NaN altogether says that the image has none. Of ``ellipse95`` semi-major, semi-minor axis (m) and
+            azimuth (rad), of ``geo (n, q, 3)`` latitude, longitude (rad) and altitude (m MSL, NaN where unknown).
+    """
+
+    unit: str
+    status: IntArray
+    reasons: Mapping[int, tuple[str, ...]]
+    numbers: Mapping[str, FloatArray]
+
+    def rows(self, rows: IntArray) -> "MeasurementColumn":
+        """The images ``(m,)`` by their indices."""
+        reasons = {new: self.reasons[old] for new, old in enumerate(rows.tolist()) if old in self.reasons}
+        numbers = {name: values[rows] for name, values in self.numbers.items()}
+        return MeasurementColumn(self.unit, self.status[rows], reasons, numbers)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasurementBatch(Sequence[list[Measurement]]):
+    """What ``k`` requests came to in ``n`` images: a list of measurements for each image, in the requests' order.
+
+    Attributes:
+        requests: The requests, with pixels ``(q, 2)`` that all images share, or ``(n, q, 2)``.
+        poses: The images' ``(n,)`` poses.
+        images: ``(n,)`` their running numbers, ``NO_IMAGE`` for a stamp alone.
+        columns: One for each request.
+        model: Projection model.
+        camera: Name of the camera.
+        config: Id of the station's configuration.
+    """
+
+    requests: tuple[Request, ...]
+    poses: PoseBatch
+    images: IntArray
+    columns: tuple[MeasurementColumn, ...]
+    model: ProjectionModel
+    camera: str
+    config: str | None
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    @overload
+    def __getitem__(self, index: int) -> list[Measurement]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "MeasurementBatch": ...
+
+    def __getitem__(self, index: int | slice) -> "list[Measurement] | MeasurementBatch":
+        if isinstance(index, slice):
+            return self.rows(np.arange(len(self))[index])
+        row = range(len(self))[index]
+        sample = self.poses[row]
+        pairs = zip(self.requests, self.columns, strict=True)
+        return [self._measurement(row, sample, request, column) for request, column in pairs]
+
+    def rows(self, rows: IntArray) -> "MeasurementBatch":
+        """The images ``(m,)`` by their indices."""
+        return MeasurementBatch(
+            requests=tuple(request.rows(rows) for request in self.requests),
+            poses=self.poses.rows(rows),
+            images=self.images[rows],
+            columns=tuple(column.rows(rows) for column in self.columns),
+            model=self.model,
+            camera=self.camera,
+            config=self.config,
+        )
+
+    def count_statuses(self) -> Counter[Status]:
+        """Number of measurements by status, in the order in which the statuses occur image by image."""
+        codes = np.stack([column.status for column in self.columns], axis=-1).ravel()
+        found, first, counts = np.unique(codes, return_index=True, return_counts=True)
+        order = np.argsort(first)
+        return Counter({CODES[found[k]]: int(counts[k]) for k in order.tolist()})
+
+    def _measurement(self, row: int, sample: PoseSample, request: Request, column: MeasurementColumn) -> Measurement:
+        numbers = {name: _known(values[row]) for name, values in column.numbers.items()}
+        value, std, ci95 = (numbers.get(name) for name in ("value", "std", "ci95"))
+        ellipse, geo, range_m = (numbers.get(name) for name in ("ellipse95", "geo", "range_m"))
+        return Measurement(
+            name=request.probe.name,
+            kind=request.probe.kind,
+            status=CODES[column.status[row]],
+            reasons=column.reasons.get(row, sample.reasons),
+            stamp_ns=sample.stamp_ns,
+            pixels=request.pixels_of(row),
+            std_px=request.std_px,
+            camera=self.camera,
+            model=self.model,
+            pose=sample,
+            value=None if value is None else float(value),
+            std=None if std is None else float(std),
+            ci95=None if ci95 is None else (float(ci95[0]), float(ci95[1])),
+            ellipse95=None if ellipse is None else _ellipse(*ellipse.tolist()),
+            ground_m=_tuples(numbers.get("ground_m")),
+            enu_m=_tuples(numbers.get("enu_m")),
+            cov_enu_m2=_tuples(numbers.get("cov_enu_m2")),
+            geo=None if geo is None else tuple(_geo(*point) for point in geo.tolist()),
+            range_m=None if range_m is None else tuple(range_m.tolist()),
+            unit=column.unit,
+            image=None if self.images[row] == NO_IMAGE else int(self.images[row]),
+            calibration=sample.calibration,
+            config=self.config,
+        )
+
+
+def _known(values: FloatArray) -> FloatArray | None:
+    return None if np.all(np.isnan(values)) else values
+
+
+def _tuples(rows: FloatArray | None) -> tuple[tuple[float, ...], ...] | None:
+    return None if rows is None else tuple(map(tuple, rows.tolist()))
+
+
+def _ellipse(major_m: float, minor_m: float, azimuth_rad: float) -> Ellipse95:
+    return Ellipse95(semi_major_m=major_m, semi_minor_m=minor_m, azimuth_rad=azimuth_rad)
+
+
+def _geo(lat_rad: float, lon_rad: float, alt_msl_m: float) -> GeoPoint:
+    return GeoPoint(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=None if math.isnan(alt_msl_m) else alt_msl_m)

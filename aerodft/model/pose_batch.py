@@ -1,0 +1,216 @@
+"""Poses at many stamps as arrays; a single sample is made when somebody asks for one."""
+
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Final, overload
+
+import numpy as np
+
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GeoOrigin, Pose, PoseSample, PoseStd
+from aerodft.model.status import CODE_OF, Status
+from aerodft.model.zoom import Zoom
+
+_STDS: Final = tuple(each.name for each in fields(PoseStd))
+HORIZONTAL: Final = _STDS.index("horizontal_m")
+"""Column of ``PoseBatch.std`` that holds the position's standard deviation."""
+TIME: Final = _STDS.index("time_s")
+"""Column of ``PoseBatch.std`` that holds the stamp's standard deviation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseBatch(Sequence[PoseSample]):
+    """Poses at ``n`` stamps. What is not a number, and the same for many of them, stands once in ``variants``.
+
+    Attributes:
+        stamp_ns: ``(n,)`` UTC.
+        pose: The ``(n,)`` poses with a covariance each; NaN where a sample has none.
+        std: ``(n, 7)`` standard deviations in the order of the fields of ``PoseStd``.
+        lat_lon_alt: ``(n, 3)`` latitude, longitude (rad), altitude (m MSL); NaN where unknown.
+        height_age_s: ``(n,)`` time to the nearest sample of the height; NaN where unknown.
+        telemetry_age_s: ``(n,)`` time to the nearest sample of the older part; NaN where unknown.
+        datum_enu_m: ``(n,)`` ENU height of what the stated height is counted from.
+        zoom: ``(n, 2)`` magnification against the camera's file, and its standard deviation; NaN where the file holds.
+        variant_index: ``(n,)`` which of ``variants`` each sample is like.
+        variants: Samples without the numbers above: status, reasons, origin, sources, calibration. A variant's zoom
+            says its source alone.
+    """
+
+    stamp_ns: IntArray
+    pose: Pose
+    std: FloatArray
+    lat_lon_alt: FloatArray
+    height_age_s: FloatArray
+    telemetry_age_s: FloatArray
+    datum_enu_m: FloatArray
+    zoom: FloatArray
+    variant_index: IntArray
+    variants: tuple[PoseSample, ...]
+
+    @staticmethod
+    def of(samples: Sequence[PoseSample]) -> "PoseBatch":
+        """Samples as a batch, in their order."""
+        variants, variant_index = _distinct([_variant(sample) for sample in samples])
+        zooms = [(np.nan, np.nan) if s.zoom is None else (s.zoom.magnification, s.zoom.std) for s in samples]
+        return PoseBatch(
+            stamp_ns=np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
+            pose=_stacked([sample.pose for sample in samples]),
+            std=np.array([[getattr(sample.std, name) for name in _STDS] for sample in samples]).reshape(-1, len(_STDS)),
+            lat_lon_alt=_numbers([sample.lat_lon_alt for sample in samples]).reshape(-1, 3),
+            height_age_s=_numbers([sample.height_age_s for sample in samples]),
+            telemetry_age_s=_numbers([sample.telemetry_age_s for sample in samples]),
+            datum_enu_m=np.array([sample.datum_enu_m for sample in samples], dtype=np.float64),
+            zoom=np.array(zooms).reshape(-1, 2),
+            variant_index=variant_index,
+            variants=variants,
+        )
+
+    @staticmethod
+    def joined(batches: Sequence["PoseBatch"]) -> "PoseBatch":
+        """Several batches as one, one after the other."""
+        if len(batches) == 1:
+            return batches[0]
+        variants, index = _distinct([variant for batch in batches for variant in batch.variants])
+        firsts = np.cumsum([0, *(len(batch.variants) for batch in batches)]).tolist()
+        own = [index[first + batch.variant_index] for batch, first in zip(batches, firsts[:-1], strict=True)]
+        columns = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _COLUMNS}
+        pose = Pose.joined([batch.pose for batch in batches])
+        return PoseBatch(pose=pose, variant_index=np.concatenate(own), variants=variants, **columns)
+
+    @staticmethod
+    def repeated(sample: PoseSample, stamps_ns: IntArray) -> "PoseBatch":
+        """One sample at every stamp ``(n,)``: the pose of a camera that does not move."""
+        alone = PoseBatch.of([sample])
+        return replace(alone.rows(np.zeros(len(stamps_ns), dtype=np.int64)), stamp_ns=stamps_ns)
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    @overload
+    def __getitem__(self, index: int) -> PoseSample: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "PoseBatch": ...
+
+    def __getitem__(self, index: int | slice) -> "PoseSample | PoseBatch":
+        if isinstance(index, slice):
+            return self.rows(np.arange(len(self))[index])
+        return self._sample(range(len(self))[index])
+
+    def __iter__(self) -> Iterator[PoseSample]:
+        return map(self._sample, range(len(self)))
+
+    @property
+    def status(self) -> IntArray:
+        """``(n,)`` indices into ``CODES``."""
+        return np.array([CODE_OF[variant.status] for variant in self.variants], dtype=np.int64)[self.variant_index]
+
+    @property
+    def has_pose(self) -> BoolArray:
+        """``(n,)`` whether there is a pose, whatever the status."""
+        return ~np.isnan(self.pose.wxyz[:, 0])
+
+    @property
+    def is_ok(self) -> BoolArray:
+        """``(n,)`` whether there is a pose that can be measured with."""
+        return np.asarray((self.status == CODE_OF[Status.OK]) & self.has_pose)
+
+    def rows(self, rows: IntArray) -> "PoseBatch":
+        """Samples ``(m,)`` by their indices."""
+        columns = {name: getattr(self, name)[rows] for name in _COLUMNS}
+        return PoseBatch(
+            pose=self.pose.rows(rows), variant_index=self.variant_index[rows], variants=self.variants, **columns
+        )
+
+    def varied(self, key: Sequence[Hashable], vary: Callable[[PoseSample, Hashable], PoseSample]) -> "PoseBatch":
+        """The batch with other variants.
+
+        Args:
+            key: For each sample what its new variant depends on, besides the present one.
+            vary: Makes the new variant from the present one and a key.
+        """
+        pairs = list(zip(self.variant_index.tolist(), key, strict=True))
+        numbers = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
+        variants = tuple(vary(self.variants[index], own) for index, own in numbers)
+        return replace(
+            self, variants=variants, variant_index=np.array([numbers[pair] for pair in pairs], dtype=np.int64)
+        )
+
+    def _sample(self, row: int) -> PoseSample:
+        variant = self.variants[int(self.variant_index[row])]
+        lat, lon, alt = (_known(value) for value in self.lat_lon_alt[row].tolist())
+        magnification, std = self.zoom[row].tolist()
+        zoom = None if variant.zoom is None else Zoom(magnification=magnification, std=std, source=variant.zoom.source)
+        return replace(
+            variant,
+            stamp_ns=int(self.stamp_ns[row]),
+            pose=None if np.isnan(self.pose.wxyz[row, 0]) else self.pose.row(row),
+            std=PoseStd(**dict(zip(_STDS, self.std[row].tolist(), strict=True))),
+            lat_rad=lat,
+            lon_rad=lon,
+            alt_msl_m=alt,
+            height_age_s=_known(float(self.height_age_s[row])),
+            telemetry_age_s=_known(float(self.telemetry_age_s[row])),
+            datum_enu_m=float(self.datum_enu_m[row]),
+            zoom=zoom,
+        )
+
+
+_COLUMNS: Final = ("stamp_ns", "std", "lat_lon_alt", "height_age_s", "telemetry_age_s", "datum_enu_m", "zoom")
+
+
+def _variant(sample: PoseSample) -> PoseSample:
+    """A sample without its numbers."""
+    zoom = None if sample.zoom is None else Zoom(magnification=np.nan, std=np.nan, source=sample.zoom.source)
+    return PoseSample(
+        stamp_ns=0,
+        status=sample.status,
+        reasons=sample.reasons,
+        origin=sample.origin,
+        height_source=sample.height_source,
+        height_datum=sample.height_datum,
+        attitude_source=sample.attitude_source,
+        calibration=sample.calibration,
+        zoom=zoom,
+    )
+
+
+def _distinct(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], IntArray]:
+    """Variants that differ, and which of them each one ``(n,)`` is."""
+    keys = [_key(variant) for variant in variants]
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    found = dict(zip(keys, variants, strict=True))
+    return tuple(found[key] for key in numbers), np.array([numbers[key] for key in keys], dtype=np.int64)
+
+
+def _key(variant: PoseSample) -> Hashable:
+    return (
+        variant.status,
+        variant.reasons,
+        _place(variant.origin),
+        variant.height_source,
+        variant.height_datum,
+        variant.attitude_source,
+        variant.calibration,
+        None if variant.zoom is None else variant.zoom.source,
+    )
+
+
+def _place(origin: GeoOrigin | None) -> Hashable:
+    return None if origin is None else (origin.lat_rad, origin.lon_rad, origin.alt_msl_m)
+
+
+_NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan), cov=np.full((6, 6), np.nan))
+
+
+def _stacked(poses: Sequence[Pose | None]) -> Pose:
+    return Pose.stacked([_NO_POSE if pose is None else pose for pose in poses])
+
+
+def _numbers(values: Sequence[object]) -> FloatArray:
+    """Numbers with NaN for None."""
+    return np.array(values, dtype=np.float64)
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else value

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
+from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.pose import HeightSource
 
 _BEYOND_STDS: Final = 1.96
@@ -37,7 +40,12 @@ class HeightDifference:
     @property
     def is_beyond(self) -> bool:
         """Whether that is more than what is stated of the two explains."""
-        return abs(self.step_m) > _BEYOND_STDS * self.std_m
+        return bool(self.is_step_beyond(np.array(self.step_m), np.array(self.std_m)))
+
+    @staticmethod
+    def is_step_beyond(step_m: FloatArray, std_m: FloatArray) -> BoolArray:
+        """Whether steps ``(n,)`` are more than what is stated of the two, standard deviations ``(n,)``, explains."""
+        return np.asarray(np.abs(step_m) > _BEYOND_STDS * std_m)
 
     def turned(self) -> "HeightDifference":
         """The same from the other side."""

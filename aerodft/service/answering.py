@@ -1,30 +1,34 @@
-"""What is done with images and observations whose telemetry is there: answered, learned from, followed."""
+"""What is done with images and observations whose poses are there: measured, learned from, tracked."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
-from typing import NamedTuple
+from itertools import count, pairwise
+from typing import Final, Protocol, TypeAlias
+
+import numpy as np
 
 from aerodft.dft.measure import measure
-from aerodft.dft.projection import shared_count
+from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch
 from aerodft.dft.request import Request, Setup, linked
-from aerodft.dft.sampling import standard_draws
-from aerodft.dft.zoomed import zoomed
 from aerodft.geometry.poses import camera_pose
+from aerodft.model.arrays import IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.height import HeightSwitch
-from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseSample
-from aerodft.model.pose_columns import Posed, PoseRows, sample_of
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, takes_pixels
 from aerodft.model.status import Status
-from aerodft.service.asked import Asked
 from aerodft.service.objects import OBJECTS
 from aerodft.service.outlined import can_answer, request_of, unseen
-from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output
+from aerodft.service.outputs import Estimate, ImageOutputs, ObservationOutputs, SingleOutput, StepOutputs
+from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker
 from aerodft.service.settings import PipelineSettings
-from aerodft.service.waiting import ImageMemory, Job, Ready
+from aerodft.service.waiting import Task, WorkList
+
+_LOOKING_DOWN: Final = PoseBatch.of(
+    [PoseSample(stamp_ns=0, status=Status.OK, pose=camera_pose(height_agl_m=10.0, tilt_rad=0.5))]
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,162 +46,260 @@ class Helpers:
     tracker: ObjectTracker | None = None
 
 
-class Uses(NamedTuple):
-    """Who has a use for an observation.
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadyWork:
+    """Work ``(n,)`` with its poses, in the order in which it is answered.
 
     Attributes:
-        is_known: Whether its name says anything to anybody.
-        is_measured: Whether a probe is measured by it.
-        is_landmark: Whether it is learned from.
-        is_object: Whether it is followed.
+        work: The work.
+        poses: Of each, as the telemetry has it.
+        tick: ``(n,)`` on which of all ticks of the step each is answered.
+        group: ``(n,)`` not decreasing number of the occasion on which it is: what is learned on one is used for the
+            stamps after it only.
     """
 
-    is_known: bool
-    is_measured: bool
-    is_landmark: bool
-    is_object: bool
+    work: WorkList
+    poses: PoseBatch
+    tick: IntArray
+    group: IntArray
 
-    def jobs(self, stamp_ns: int, deadline_ns: int, seen: Observation, clock: StampClock) -> list[Job]:
-        """What is to be done with it, seen at a stamp that came by that clock."""
-        job = Job(stamp_ns, deadline_ns, seen, clock)
-        roles = (
-            (self.is_measured, job),
-            (self.is_landmark, job._replace(is_landmark=True)),
-            (self.is_object, job._replace(is_object=True)),
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Images, or observations, ``(n,)`` with their places among the outputs of a step, yet to be measured."""
+
+    tick: IntArray
+    order: IntArray
+    work: WorkList
+    poses: PoseBatch
+
+    def rows(self, rows: IntArray) -> "_Measured":
+        return _Measured(self.tick[rows], self.order[rows], self.work.rows(rows), self.poses.rows(rows))
+
+    @staticmethod
+    def joined(parts: Sequence["_Measured"]) -> "_Measured | None":
+        """Parts as one, in the order of their answers; None where there is nothing in them."""
+        parts = [part for part in parts if len(part.tick)]
+        if not parts:
+            return None
+        return _Measured(
+            np.concatenate([part.tick for part in parts]),
+            np.concatenate([part.order for part in parts]),
+            WorkList.joined([part.work for part in parts]),
+            PoseBatch.joined([part.poses for part in parts]),
         )
-        return [each for is_wanted, each in roles if is_wanted]
+
+
+_RequestKey: TypeAlias = tuple[str, int, float | None]
+"""Name of a probe, number of pixels (0 where it was not seen) and their std: what one request can be measured by."""
 
 
 class Answering:
-    """Turns jobs that have their poses into outputs, and into what is yet to be measured.
+    """Turns work whose poses are there into outputs.
 
     Args:
-        settings: Probes and tolerances.
+        settings: Probes.
         setup: What all measurements share.
         helpers: Who refines, learns and follows.
-        images: The images that observations refer to.
-        switched: Describes a change of the height's source.
 
     Attributes:
-        fixed: What is asked in every image.
-        observed: The probes whose pixels come as observations, by name.
-        last_pose: The pose of the newest finished image; None before the first.
+        last_pose: The pose of the newest answered image; None before the first.
     """
 
-    def __init__(
-        self,
-        settings: PipelineSettings,
-        setup: Setup,
-        helpers: Helpers,
-        images: ImageMemory,
-        switched: Callable[[HeightSource, HeightSource, int], HeightSwitch],
-    ) -> None:
-        self.observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
+    def __init__(self, settings: PipelineSettings, setup: Setup, helpers: Helpers) -> None:
+        self.last_pose: PoseSample | None = None
+        self._observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
         fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
-        self.fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
-        self.last_pose: Posed | None = None
+        self._fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         self._setup = setup
         self._calibrator, self._observer, self._tracker = helpers.calibrator, helpers.observer, helpers.tracker
-        self._images = images
-        self._switched = switched
-        self._match_tolerance_ns = settings.match_tolerance_ns
         self._height_source: HeightSource | None = None
+        self._begin_step()
 
     def warm_up(self) -> None:
         """Load and compile what answers are made with, whatever may be asked."""
-        standard_draws(shared_count(self._setup.camera) + 2)
-        down = PoseSample(stamp_ns=0, status=Status.OK, pose=camera_pose(height_agl_m=10.0, tilt_rad=0.5))
-        measure(self._setup, down, self.fixed)
-        measure(self._setup, down, _one_of_each_kind(self._setup.camera))
+        measure(self._setup, _LOOKING_DOWN, (*self._fixed, *_one_of_each_kind(self._setup.camera)))
 
-    def uses(self, observation: Observation) -> Uses:
-        """What an observation is good for."""
-        probe, observer = self.observed.get(observation.name), self._observer
-        is_named = observer is not None and observer.observes(observation.name)
+    def tasks(self, observation: Observation) -> tuple[bool, list[Task]]:
+        """Whether an observation's name says anything to anybody, and what it is good for."""
+        probe, observer = self._observed.get(observation.name), self._observer
+        is_landmark = observer is not None and observer.observes(observation.name)
         is_object = self._tracker is not None and observation.name == OBJECTS
-        return Uses(
-            is_known=probe is not None or is_named or is_object,
-            is_measured=probe is not None and can_answer(probe, observation),
-            is_landmark=is_named and observer is not None and observer.fits(observation),
-            is_object=is_object,
+        wanted = {
+            Task.MEASURE: probe is not None and can_answer(probe, observation),
+            Task.LEARN: is_landmark and observer is not None and observer.fits(observation),
+            Task.TRACK: is_object,
+        }
+        return probe is not None or is_landmark or is_object, [task for task, is_so in wanted.items() if is_so]
+
+    def add(self, ready: ReadyWork, describe_switch: "SwitchDescription") -> None:
+        """Take in what is answered in some ticks of a step: refine its poses, learn, track; it is measured later.
+
+        Args:
+            ready: What is answered.
+            describe_switch: Describes a change of the height's source.
+        """
+        for task, rows in self._segments(ready):
+            work, tick = ready.work.rows(rows), ready.tick[rows]
+            if task is Task.LEARN:
+                self._learn(work, ready.poses.rows(rows), tick)
+                continue
+            poses = self.refined(ready.poses.rows(rows))
+            if task is Task.TRACK:
+                self._track(work, poses, tick)
+                continue
+            order = np.empty(len(rows), dtype=np.int64)
+            switches = self._switches(work, poses, rows, describe_switch)
+            for row in range(len(rows)):
+                if row in switches:
+                    self._add_single(int(tick[row]), switches[row])
+                order[row] = next(self._order)
+            part = _Measured(tick, order, work, poses)
+            self._images.append(part.rows(np.flatnonzero(work.task == Task.IMAGE)))
+            for key, own in _kinds(part):
+                self._observed_parts.setdefault(key, []).append(part.rows(own))
+
+    def outputs(self) -> StepOutputs:
+        """The outputs of a step: what was taken in, with what is measured in it."""
+        images = _Measured.joined(self._images)
+        if images is not None:
+            self.last_pose = images.poses[len(images.tick) - 1]
+        observed = [(name, _Measured.joined(parts)) for (name, _, _), parts in self._observed_parts.items()]
+        outputs = StepOutputs(
+            images=() if images is None else (self._image_outputs(images),),
+            observations=tuple(self._observation_outputs(name, part) for name, part in observed if part is not None),
+            singles=tuple(self._singles),
+        )
+        self._begin_step()
+        return outputs
+
+    def _begin_step(self) -> None:
+        self._order = count()
+        self._singles: list[SingleOutput] = []
+        self._images: list[_Measured] = []
+        self._observed_parts: dict[_RequestKey, list[_Measured]] = {}
+
+    def _add_single(self, tick: int, content: Observation | Estimate | HeightSwitch | MeasurementBatch) -> None:
+        self._singles.append(SingleOutput(tick=tick, order=next(self._order), content=content))
+
+    def refined(self, poses: PoseBatch) -> PoseBatch:
+        """Poses with what the calibrator knows by now."""
+        return poses if self._calibrator is None else self._calibrator.refine(poses)
+
+    def _segments(self, ready: ReadyWork) -> Iterator[tuple[Task, IntArray]]:
+        """Rows that are answered one segment after the other.
+
+        Of one occasion landmarks are learned from before what bears a later stamp, in order of their stamps; objects
+        are tracked last. What neither waits for is one segment over all occasions.
+        """
+        task, stamp_ns = ready.work.task, ready.work.stamp_ns
+        special = np.isin(task, (Task.LEARN, Task.TRACK))
+        plain: list[IntArray] = []
+        first = 0
+        for group in np.unique(ready.group[special]).tolist():
+            start, stop = np.searchsorted(ready.group, [group, group + 1]).tolist()
+            plain.append(np.arange(first, start))
+            first = stop
+            own = np.arange(start, stop)
+            landmarks = own[task[own] == Task.LEARN]
+            landmarks = landmarks[np.argsort(stamp_ns[landmarks], kind="stable")]
+            for row in own[~special[own]].tolist():
+                earlier = landmarks[stamp_ns[landmarks] < stamp_ns[row]]
+                if len(earlier):
+                    yield Task.IMAGE, np.concatenate(plain)
+                    yield Task.LEARN, earlier
+                    plain, landmarks = [], landmarks[len(earlier) :]
+                plain.append(np.array([row]))
+            yield Task.IMAGE, np.concatenate(plain)
+            plain = []
+            if len(landmarks):
+                yield Task.LEARN, landmarks
+            objects = own[task[own] == Task.TRACK]
+            if len(objects):
+                yield Task.TRACK, objects[np.argsort(stamp_ns[objects], kind="stable")]
+        yield Task.IMAGE, np.concatenate([*plain, np.arange(first, len(task))])
+
+    def _learn(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:
+        """Learn from landmarks in order of their stamps, those of one image at once."""
+        if self._observer is not None:
+            for first, stop in _same_stamps(work.stamp_ns):
+                estimate = self._observer.observe(poses[first], _observations(work, first, stop))
+                self._add_single(int(tick[first]), estimate)
+
+    def _track(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:
+        """Follow objects in order of their stamps, those of one image at once."""
+        if self._tracker is not None:
+            for first, stop in _same_stamps(work.stamp_ns):
+                found = _observations(work, first, stop)
+                tracks = self._tracker.follow(self._setup, poses[first], found, found[0].image)
+                for content in (*found, *(() if tracks is None else (tracks,))):
+                    self._add_single(int(tick[first]), content)
+
+    def _switches(
+        self, work: WorkList, poses: PoseBatch, rows: IntArray, describe_switch: "SwitchDescription"
+    ) -> dict[int, HeightSwitch]:
+        """By row, where an image's height is of another source than the last one's."""
+        sources = [variant.height_source for variant in poses.variants]
+        found: dict[int, HeightSwitch] = {}
+        if len(set(sources) | {self._height_source}) == 1:
+            return found
+        for row in np.flatnonzero(work.task == Task.IMAGE).tolist():
+            before, after = self._height_source, sources[int(poses.variant_index[row])]
+            self._height_source = after or before
+            if before is not None and after is not None and before is not after:
+                found[row] = describe_switch(before, after, int(work.stamp_ns[row]), int(rows[row]))
+        return found
+
+    def _image_outputs(self, part: _Measured) -> ImageOutputs:
+        measured = measure(self._setup, part.poses, self._fixed, part.work.image) if self._fixed else None
+        return ImageOutputs(
+            tick=part.tick, order=part.order, images=part.work.image, poses=part.poses, measurements=measured
         )
 
-    def done(self, ready: Sequence[Ready]) -> list[Output | Asked]:
-        """The answers in order of arrival; landmarks are learned from before what bears a later stamp."""
-        outputs: list[Output | Asked] = []
-        landmarks = [each for each in ready if each.job.is_landmark]
-        landmarks.sort(key=lambda each: each.job.stamp_ns)
-        for each in ready:
-            if each.job.is_landmark or each.job.is_object:
-                continue
-            if landmarks:
-                earlier = [seen for seen in landmarks if seen.job.stamp_ns < each.job.stamp_ns]
-                landmarks = landmarks[len(earlier) :]
-                outputs += self._learn(earlier)
-            outputs += self._answer(each.job.subject, self.refined(each.posed))
-        if self._observer is not None:
-            outputs += self._learn(landmarks)
-        if self._tracker is not None:
-            outputs += self._follow(self._tracker, [each for each in ready if each.job.is_object])
-        return outputs
+    def _observation_outputs(self, name: str, part: _Measured) -> ObservationOutputs:
+        probe, observations = self._observed[name], _observations(part.work, 0, len(part.work))
+        if observations[0].is_empty:
+            measured = unseen(self._setup, part.poses, probe, observations, part.work.image)
+        else:
+            request = request_of(probe, observations, self._setup, part.poses)
+            measured = measure(self._setup, part.poses, linked([request], self._fixed), part.work.image)
+        return ObservationOutputs(tick=part.tick, order=part.order, observations=observations, measurements=measured)
 
-    def may_be_rows(self, poses: PoseRows) -> bool:
-        """Whether images with such poses come to nothing but their answers: nobody refines, no height switches."""
-        return self._calibrator is None and poses.columns.alike[0].height_source is self._height_source
 
-    def _follow(self, tracker: ObjectTracker, seen: Sequence[Ready]) -> list[Output | Asked]:
-        """Follow objects in order of their stamps, those of one image at once."""
-        outputs: list[Output | Asked] = []
-        seen = sorted(seen, key=lambda each: each.job.stamp_ns)
-        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
-            image = tuple(group)
-            sample = sample_of(self.refined(image[0].posed))
-            found = tuple(self._linked(each.job.subject) for each in image if isinstance(each.job.subject, Observation))
-            outputs += [*found, *tracker.follow(self._setup, sample, found, found[0].image)]
-        return outputs
+class SwitchDescription(Protocol):
+    """Describes that heights are of another source from a stamp on."""
 
-    def _learn(self, seen: Sequence[Ready]) -> list[Output]:
-        """Learn from landmarks in order of their stamps, those of one image at once."""
-        if self._observer is None:
-            return []
-        estimates: list[Output] = []
-        for _, group in groupby(seen, key=lambda each: each.job.stamp_ns):
-            image = tuple(group)
-            observations = tuple(each.job.subject for each in image if isinstance(each.job.subject, Observation))
-            estimates.append(self._observer.observe(sample_of(image[0].posed), observations))
-        return estimates
+    def __call__(self, before: HeightSource, after: HeightSource, stamp_ns: int, row: int, /) -> HeightSwitch:
+        """The change at a stamp (UTC), which is that of a row of ``ReadyWork``."""
+        ...
 
-    def refined(self, posed: Posed) -> Posed:
-        """A pose with what the calibrator knows by now."""
-        return self._calibrator.refine(sample_of(posed)) if self._calibrator else posed
 
-    def _answer(self, subject: Image | Observation, posed: Posed) -> list[Output | Asked]:
-        if isinstance(subject, Image):
-            switch, self.last_pose = self._height_switch(posed), posed
-            index = None if subject.width_px is None else subject.index
-            asked = [Asked(posed, self.fixed, index)] if self.fixed else []
-            return [subject, *switch, posed, *asked]
-        sample = sample_of(posed)
-        observation = self._linked(subject)
-        probe = self.observed[observation.name]
-        if observation.is_empty:
-            return [observation, unseen(self._setup, sample, probe, observation)]
-        request = request_of(probe, observation, zoomed(self._setup, sample)[0].camera, sample.pose)
-        return [observation, Asked(sample, linked([request], self.fixed), observation.image)]
+def _kinds(part: _Measured) -> Iterator[tuple[_RequestKey, IntArray]]:
+    """Observations that one request can be measured by, as rows of the part; an outline's request is its own."""
+    kinds: dict[_RequestKey, list[int]] = {}
+    for row in np.flatnonzero(part.work.task == Task.MEASURE).tolist():
+        seen = part.work.observations[row]
+        if seen is not None:
+            pixels = -1 - int(part.order[row]) if seen.has_outline else len(seen.pixels)
+            kinds.setdefault((seen.name, pixels, seen.std_px), []).append(row)
+    for key, rows in kinds.items():
+        yield key, np.array(rows)
 
-    def _height_switch(self, posed: Posed) -> list[Output]:
-        """Whether an image's height is of another source than the last one's."""
-        before, after = self._height_source, posed.height_source
-        self._height_source = after or before
-        if before is None or after is None or before is after:
-            return []
-        return [self._switched(before, after, posed.stamp_ns)]
 
-    def _linked(self, observation: Observation) -> Observation:
-        if observation.image is not None:
-            return observation
-        index = self._images.nearest(observation.stamp_ns, self._match_tolerance_ns)
-        return observation if index is None else replace(observation, image=index)
+def _same_stamps(stamps_ns: IntArray) -> Iterator[tuple[int, int]]:
+    """First and stop of each run of one stamp."""
+    edges = np.flatnonzero(np.diff(stamps_ns)) + 1
+    yield from pairwise([0, *edges.tolist(), len(stamps_ns)])
+
+
+def _observations(work: WorkList, first: int, stop: int) -> tuple[Observation, ...]:
+    """The observations of some rows, each with the number of its image."""
+    pairs = zip(work.observations[first:stop], work.image[first:stop].tolist(), strict=True)
+    return tuple(
+        seen if seen.image is not None or image == NO_IMAGE else replace(seen, image=image)
+        for seen, image in pairs
+        if seen is not None
+    )
 
 
 def _one_of_each_kind(camera: Camera) -> tuple[Request, ...]:

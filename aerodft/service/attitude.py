@@ -1,21 +1,21 @@
-"""The camera's attitude at a stamp, from the first source in the configured order that has one."""
+"""The camera's attitude at stamps, each from the first source in the configured order that has one."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
+from aerodft.geometry.interpolation import Brackets
+from aerodft.geometry.rotation import slerp
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
-from aerodft.service.attitude_readings import CameraAttitude, CameraAttitudes, Readings, Resolver, Told
+from aerodft.service.attitude_readings import AttitudeBatch, Readings, Resolver
 from aerodft.service.carried import Ends
 from aerodft.service.gimbal import Gimbal
 from aerodft.service.gimbal_frame import FrameEvidence
-from aerodft.service.reports import Asked, Refused, readings_of, refused
+from aerodft.service.reports import Asked, readings_of, refusal
 from aerodft.service.settings import AttitudeSettings
-from aerodft.service.streams import Missing, Stream
-
-__all__ = ["AttitudeSources", "CameraAttitude", "CameraAttitudes", "Refused", "Told"]
+from aerodft.service.streams import LAST, Missing, Stream
 
 
 class AttitudeSources:
@@ -28,8 +28,6 @@ class AttitudeSources:
             source: Gimbal(settings) for source in settings.order if source is not GimbalSource.FIXED_MOUNT
         }
         self._resolver = Resolver(settings)
-        self._tick = -1
-        self._vehicle_at: dict[int, FloatArray] = {}
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, for the watermark."""
@@ -47,123 +45,106 @@ class AttitudeSources:
             gimbal.shift(by_ns, self._vehicle)
         self._vehicle.shift(by_ns)
 
-    def append(self, track: Track, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
-        """Take a track in, if it is one of attitude; ``edges`` as in ``TrackBuffer.append``."""
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take a track of a step in, if it is one of attitude; as ``Stream.append``."""
         if isinstance(track, VehicleTrack):
-            self._vehicle.append(stamps_ns, edges, wxyz=track.wxyz)
+            self._vehicle.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz)
         elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
-            self._gimbals[track.source].append(track, stamps_ns, edges)
+            self._gimbals[track.source].append(track, stamps_ns, row_end_by_tick)
 
-    def see(self, tick: int) -> None:
-        """Look at the gimbals' reports as at one of the ticks of those that came last; the streams are seen apart."""
-        self._tick = tick
+    def commit(self) -> None:
+        """The ticks so far are over."""
+        self._vehicle.commit()
         for gimbal in self._gimbals.values():
-            gimbal.see(tick)
-
-    def settle(self) -> None:
-        """All ticks so far are over."""
-        self._tick = -1
-        self._vehicle_at = {}
-        for gimbal in self._gimbals.values():
-            gimbal.settle(self._vehicle)
+            gimbal.commit(self._vehicle)
 
     def evidence(self) -> dict[GimbalSource, FrameEvidence]:
         """What the gimbals that reported are against, as far as it is known."""
-        heard = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.reports}
+        heard = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.has_reported}
         return {source: gimbal.evidence(self._vehicle) for source, gimbal in heard.items()}
 
     def demands(self) -> dict[GimbalSource, bool]:
         """Whether the gimbals that reported may say what they were told, not where they are."""
-        heard = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.reports}
-        return {source: gimbal.is_demand(gimbal.evidence(self._vehicle).frame) for source, gimbal in heard.items()}
+        return {
+            source: bool(self._gimbals[source].is_demand(evidence.frame, LAST)[0])
+            for source, evidence in self.evidence().items()
+        }
 
-    def vehicle_at(self, watermark_ns: int, stamp_ns: int) -> FloatArray | Missing:
-        """``ned_SO3_body (4,)`` at the stamp; kept until the ticks are over: heights ask for each many times."""
-        known = self._vehicle_at.get(stamp_ns)
-        if known is not None:
-            return known
-        found = self._vehicle.find(stamp_ns, watermark_ns)
-        if isinstance(found, Missing):
-            return found
-        turned = self._vehicle_at[stamp_ns] = found.spherical(self._vehicle.column("wxyz"))
-        return turned
+    def vehicle_at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> tuple[FloatArray, IntArray]:
+        """``ned_SO3_body (n, 4)`` at stamps, NaN where it is not known, and as ``Missing`` why."""
+        found, missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
+        wxyz = np.full((len(stamps_ns), 4), np.nan)
+        rows = np.flatnonzero(missing == Missing.NO)
+        if len(rows):
+            known = found.rows(rows)
+            wxyz[rows] = slerp(*known.ends(self._vehicle.column("wxyz")), known.weight)
+        return wxyz, missing
 
-    def at(self, stamp_ns: int, watermark_ns: int) -> CameraAttitude | Missing | Refused:
-        """The camera's attitude at the stamp."""
-        worst = Missing.NEVER
-        for source in self._settings.order:
-            if source is GimbalSource.FIXED_MOUNT:
-                missing: Missing | Refused | None = self._bolted(stamp_ns, watermark_ns)
-            else:
-                missing = self._gimballed(source, stamp_ns, watermark_ns)
-            if missing is None:
-                asked = Asked(np.array([stamp_ns]), np.array([self._tick]), np.array([True]))
-                ((_, found),) = self._resolved(source, asked)
-                return found.row(0)
-            if isinstance(missing, Refused) or missing is Missing.PENDING:
-                return missing
-            worst = Missing.STALE if Missing.STALE in (worst, missing) else worst
-        return worst
-
-    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> CameraAttitudes:
-        """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
-
-        Not known where it is not that simple: unknown, refused, or more may come.
-        """
-        found = CameraAttitudes.none(len(stamps_ns))
+    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> AttitudeBatch:
+        """The camera's attitudes at stamps ``(n,)``; arguments as in ``Stream.find``."""
+        found = AttitudeBatch.none(len(stamps_ns))
         left = np.arange(len(stamps_ns))
         for source in self._settings.order:
-            stream = self._vehicle if source is GimbalSource.FIXED_MOUNT else self._gimbals[source].stream
-            if not stream.has_begun or not len(left):
-                continue
-            is_over = (self._vehicle.newest_at(ticks) >= stamps_ns) | (not self._vehicle.has_begun)
-            for rows, attitudes in self._resolved(source, Asked(stamps_ns[left], ticks[left], is_over[left])):
-                found = found.put(left[rows], attitudes)
-            is_known = stream.find_all(stamps_ns[left], ticks[left]).is_known
-            left = left[~is_known & (stream.newest_at(ticks[left]) >= stamps_ns[left])]  # the next source is asked
+            if not len(left):
+                break
+            missing, attitudes = self._source_at(source, found, left, stamps_ns[left], ticks[left], watermark_ns[left])
+            for rows, own in attitudes:
+                found = found.put(left[rows], own)
+            keeps = (missing == Missing.NEVER) & (found.missing[left] == Missing.STALE)
+            found.missing[left] = np.where(keeps, Missing.STALE, missing)
+            left = left[np.isin(missing, (Missing.STALE, Missing.NEVER))]
         return found
 
-    def _bolted(self, stamp_ns: int, watermark_ns: int) -> Missing | None:
-        """Why a camera that is bolted to the vehicle has no attitude; None where it has."""
-        found = self._vehicle.find(stamp_ns, watermark_ns)
-        if isinstance(found, Missing):
-            return found
-        return Missing.NEVER if self._settings.fixed_mount is None else None
+    def _source_at(
+        self,
+        source: GimbalSource,
+        batch: AttitudeBatch,
+        left: IntArray,
+        stamps_ns: IntArray,
+        ticks: IntArray,
+        watermark_ns: IntArray,
+    ) -> tuple[IntArray, Iterator[tuple[IntArray, AttitudeBatch]]]:
+        """Why a source tells no attitude at stamps ``(n,)``, as ``Missing``, and the attitudes that it tells."""
+        vehicle, carrier_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
+        if source is GimbalSource.FIXED_MOUNT:
+            if self._settings.fixed_mount is None:
+                carrier_missing = np.where(carrier_missing == Missing.NO, Missing.NEVER, carrier_missing)
+            rows = np.flatnonzero(carrier_missing == Missing.NO)
+            return carrier_missing, self._bolted(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
+        gimbal, stated = self._gimbals[source], self._settings.frame
+        found, missing = gimbal.stream.find(stamps_ns, ticks, watermark_ns)
+        rows = np.flatnonzero(missing == Missing.NO)
+        if not len(rows):
+            return missing, iter(())
+        carrier = carrier_missing[rows]
+        known, which = gimbal.evidence_at(self._vehicle, ticks[rows])
+        before, after = found.rows(rows).ends(gimbal.stream.column("yaw_in_earth"))
+        frames = [stated or evidence.frame or ReportFrame.EARTH for evidence in known]
+        is_against_earth = np.array([frame is ReportFrame.EARTH for frame in frames])[which] & (before > 0)
+        refusals = [refusal(source, evidence, stated) for evidence in known]
+        is_refused = np.array([why is not None for why in refusals])[which]
+        own = np.where((carrier != Missing.NO) & ~is_against_earth, carrier, Missing.NO)
+        own = np.where(before != after, Missing.STALE, own)  # no rotation leads from one reference to the other
+        own = np.where(is_refused, Missing.REFUSED, own)
+        missing[rows] = np.where(carrier == Missing.PENDING, carrier, own)
+        for row in np.flatnonzero(missing[rows] == Missing.REFUSED).tolist():
+            batch.refusals[int(left[rows[row]])] = refusals[which[row]] or ""
+        rows = rows[missing[rows] == Missing.NO]
+        asked = Asked(stamps_ns[rows], ticks[rows], found.rows(rows), vehicle.rows(rows))
+        return missing, self._gimballed(source, rows, asked) if len(rows) else iter(())
 
-    def _gimballed(self, source: GimbalSource, stamp_ns: int, watermark_ns: int) -> Missing | Refused | None:
-        """Why a gimbal's reports tell no attitude; None where they do."""
-        gimbal = self._gimbals[source]
-        found, vehicle = gimbal.stream.find(stamp_ns, watermark_ns), self._vehicle.find(stamp_ns, watermark_ns)
-        if isinstance(found, Missing):
-            return found
-        if vehicle is Missing.PENDING:
-            return vehicle
-        evidence = gimbal.evidence(self._vehicle)
-        refusal = refused(source, evidence, self._settings.frame)
-        if refusal is not None:
-            return refusal
-        in_earth = gimbal.stream.column("yaw_in_earth")
-        if in_earth[found.before] != in_earth[found.after]:
-            return Missing.STALE  # no rotation leads from one reference to the other
-        is_against_earth = bool(in_earth[found.before]) and self._frame(evidence) is ReportFrame.EARTH
-        return vehicle if isinstance(vehicle, Missing) and not is_against_earth else None
+    def _gimballed(
+        self, source: GimbalSource, rows: IntArray, asked: Asked
+    ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
+        """Attitudes at some rows by a gimbal's reports."""
+        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings.frame, asked):
+            yield rows[own], self._resolver.resolved(readings)
 
-    def _frame(self, evidence: FrameEvidence) -> ReportFrame:
-        return self._settings.frame or evidence.frame or ReportFrame.EARTH
-
-    def _resolved(self, source: GimbalSource, asked: Asked) -> Iterator[tuple[IntArray, CameraAttitudes]]:
-        """Attitudes at the stamps for which a source tells one, with their rows among them."""
-        if source is not GimbalSource.FIXED_MOUNT:
-            gimbal, stated = self._gimbals[source], self._settings.frame
-            for rows, readings in readings_of(source, gimbal, self._vehicle, stated, asked):
-                yield rows, self._resolver.resolved(readings)
-            return
-        vehicle = self._vehicle.find_all(asked.stamps_ns, asked.ticks)
-        rows = np.flatnonzero(vehicle.is_known & (self._settings.fixed_mount is not None))
-        if len(rows):
-            known = vehicle.rows(rows)
-            own, age_s = (
-                Ends.of(self._vehicle.all_of("wxyz"), known),
-                self._vehicle.ages_s(asked.stamps_ns[rows], known),
-            )
-            yield rows, self._resolver.resolved(Readings(source=source, age_s=age_s, vehicle=own))
+    def _bolted(
+        self, source: GimbalSource, rows: IntArray, stamps_ns: IntArray, vehicle: Brackets
+    ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
+        """Attitudes at some rows of a camera that is bolted to the vehicle."""
+        known = vehicle.rows(rows)
+        age_s = self._vehicle.ages_s(stamps_ns[rows], known)
+        ends = Ends.of(self._vehicle.column("wxyz"), known)
+        yield rows, self._resolver.resolved(Readings(source=source, age_s=age_s, vehicle=ends))

@@ -9,9 +9,11 @@ from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
 from aerodft.service.attitude import AttitudeSources
+from aerodft.service.clock_ticks import Ticks
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source, TelemetryDecoder
 from aerodft.service.settings import AttitudeSettings
+from aerodft.service.streams import LAST
 from aerodft.service.timing import ClockMap
 
 
@@ -76,9 +78,11 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
     """
     clock, sources = ClockMap(), AttitudeSources(settings)
     vehicle, gimbals = _Rows(), dict[GimbalSource, _Rows]()
-    for batch in MergedFeed([log], SECOND_NS, linger_ns=0).batches():
+    for batch in MergedFeed([log], SECOND_NS, linger_ns=0, longest_ns=0).batches():
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
-        heard = clock.update(tracks)
+        heard = clock.update(Ticks.one(tracks))
+        if heard is None:
+            continue
         if heard.restarted:
             vehicle, gimbals = _Rows(), {}
             sources.clear()
@@ -86,9 +90,9 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
             for rows in (vehicle, *gimbals.values()):
                 rows.shift(heard.shift_ns)
             sources.shift(heard.shift_ns)
-        sources.settle()
-        for track in heard.tracks:
-            stamps_ns = clock.to_utc(track)
+        sources.commit()
+        for track in heard.ticks.tracks:
+            stamps_ns = clock.to_utc(track, LAST)
             sources.append(track, stamps_ns)
             _take(track, stamps_ns, vehicle, gimbals)
     found = {source: rows.series() for source, rows in gimbals.items()}

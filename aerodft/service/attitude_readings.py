@@ -1,6 +1,7 @@
 """What tells a camera's attitude at a stamp, and the attitudes that many such readings come to at once."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -17,43 +18,26 @@ from aerodft.geometry.rotation import (
     to_rotation_vector,
     turned,
 )
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.carried import Ends, Turning, carrier, heading_of
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
 from aerodft.service.slew import Demands, jump_std, lag_std
+from aerodft.service.streams import Missing
 
 _CAM_FROM_STRAIGHT: Final = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ)))  # of a camera that looks along x
 _USUAL_TILT_RAD: Final = math.radians(5)  # of a vehicle that does not report its attitude
 
 
-@dataclass(frozen=True, slots=True)
-class CameraAttitude:
-    """Where the camera looks.
+class AttitudeNote(NamedTuple):
+    """What an attitude says besides its numbers.
 
     Attributes:
-        wxyz: ``(4,)`` ``enu_SO3_cam``.
-        rate_cam_radps: ``(3,)`` angular rate in camera axes.
         source: Where it came from.
-        age_s: Distance in time to the nearest sample used.
-        report_std_rad: About the camera's axes, beside the settings': how far off the report may be at this
-            stamp, because it jumps, leads the camera, or may be against the vehicle.
         is_demand: Whether the report may be what the gimbal was told, not what it did.
         reasons: What was corrected, or is not known of the report.
     """
-
-    wxyz: FloatArray
-    rate_cam_radps: FloatArray
-    source: GimbalSource
-    age_s: float
-    report_std_rad: tuple[float, float, float]
-    is_demand: bool = False
-    reasons: tuple[str, ...] = ()
-
-
-class Told(NamedTuple):
-    """What an attitude says besides its numbers; see ``CameraAttitude``."""
 
     source: GimbalSource
     is_demand: bool
@@ -61,71 +45,62 @@ class Told(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraAttitudes:
-    """Where cameras look at ``n`` stamps, as columns.
+class AttitudeBatch:
+    """Where the camera looks at ``n`` stamps.
 
     Attributes:
-        wxyz: ``(n, 4)``, see ``CameraAttitude`` for all of these.
-        rate_cam_radps: ``(n, 3)``.
-        age_s: ``(n,)``.
-        report_std_rad: ``(n, 3)``.
-        which: ``(n,)`` what is told with each; -1 where there is no attitude.
-        told: All that is.
+        wxyz: ``(n, 4)`` ``enu_SO3_cam``.
+        rate_cam_radps: ``(n, 3)`` angular rate in camera axes.
+        age_s: ``(n,)`` distance in time to the nearest sample used.
+        report_std_rad: ``(n, 3)`` about the camera's axes, beside the settings': how far off the report may be at this
+            stamp, because it jumps, leads the camera, or may be against the vehicle.
+        note: ``(n,)`` which of ``notes`` belongs to each; -1 where there is no attitude.
+        notes: What attitudes say besides their numbers.
+        missing: ``(n,)`` why there is none, as ``Missing``.
+        refusals: By row, why reports cannot be believed, in a sentence.
     """
 
     wxyz: FloatArray
     rate_cam_radps: FloatArray
     age_s: FloatArray
     report_std_rad: FloatArray
-    which: IntArray
-    told: tuple[Told, ...]
+    note: IntArray
+    notes: tuple[AttitudeNote, ...]
+    missing: IntArray
+    refusals: dict[int, str]
 
     @staticmethod
-    def none(count: int) -> "CameraAttitudes":
-        """Of ``count`` stamps without an attitude."""
-        wxyz, rate, std = np.empty((count, 4)), np.empty((count, 3)), np.empty((count, 3))
-        return CameraAttitudes(wxyz, rate, np.empty(count), std, np.full(count, -1), ())
+    def none(count: int) -> "AttitudeBatch":
+        """``count`` stamps without an attitude."""
+        wxyz, rate, std = np.full((count, 4), np.nan), np.full((count, 3), np.nan), np.full((count, 3), np.nan)
+        note, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
+        return AttitudeBatch(wxyz, rate, np.full(count, np.nan), std, note, (), missing, {})
 
     @staticmethod
-    def of(attitude: CameraAttitude) -> "CameraAttitudes":
-        """The one."""
-        age_s, std = np.array([attitude.age_s]), np.array([attitude.report_std_rad])
-        told = Told(attitude.source, attitude.is_demand, attitude.reasons)
-        which = np.zeros(1, dtype=np.int64)
-        return CameraAttitudes(attitude.wxyz[None], attitude.rate_cam_radps[None], age_s, std, which, (told,))
+    def known(
+        wxyz: FloatArray,
+        rate: FloatArray,
+        age_s: FloatArray,
+        std: FloatArray,
+        note: IntArray,
+        notes: Sequence[AttitudeNote],
+    ) -> "AttitudeBatch":
+        """Attitudes at all of ``n`` stamps."""
+        missing = np.full(len(wxyz), int(Missing.NO))
+        return AttitudeBatch(wxyz, rate, age_s, std, note, tuple(notes), missing, {})
 
-    def __len__(self) -> int:
-        return len(self.which)
-
-    @property
-    def is_known(self) -> BoolArray:
-        """``(n,)`` where there is one."""
-        return self.which >= 0
-
-    def put(self, rows: IntArray, others: "CameraAttitudes") -> "CameraAttitudes":
+    def put(self, rows: IntArray, others: "AttitudeBatch") -> "AttitudeBatch":
         """With ``others`` written into some rows ``(m,)`` of these arrays."""
         for name in ("wxyz", "rate_cam_radps", "age_s", "report_std_rad"):
             getattr(self, name)[rows] = getattr(others, name)
-        self.which[rows] = others.which + len(self.told)
-        return replace(self, told=(*self.told, *others.told))
+        self.note[rows] = others.note + len(self.notes)
+        return replace(self, notes=(*self.notes, *others.notes))
 
-    def rows(self, rows: IntArray) -> "CameraAttitudes":
-        """Some of them."""
+    def rows(self, rows: IntArray) -> "AttitudeBatch":
+        """Attitudes by their indices ``(m,)``."""
         numbers = self.wxyz[rows], self.rate_cam_radps[rows], self.age_s[rows], self.report_std_rad[rows]
-        return CameraAttitudes(*numbers, self.which[rows], self.told)
-
-    def row(self, row: int) -> CameraAttitude:
-        """One that is known."""
-        told = self.told[self.which[row]]
-        return CameraAttitude(
-            self.wxyz[row],
-            self.rate_cam_radps[row],
-            told.source,
-            float(self.age_s[row]),
-            tuple(self.report_std_rad[row].tolist()),
-            told.is_demand,
-            told.reasons,
-        )
+        refusals = {new: self.refusals[old] for new, old in enumerate(rows.tolist()) if old in self.refusals}
+        return AttitudeBatch(*numbers, self.note[rows], self.notes, self.missing[rows], refusals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,22 +139,22 @@ class Resolver:
         self._settings = settings
         self._camera = _mounted(settings.camera_on_gimbal)
 
-    def resolved(self, readings: Readings) -> CameraAttitudes:
+    def resolved(self, readings: Readings) -> AttitudeBatch:
         """The attitudes that readings come to."""
         if readings.report is None:
             return self._carried(readings)
         return self._stabilised(readings, readings.report)
 
-    def _carried(self, readings: Readings) -> CameraAttitudes:
+    def _carried(self, readings: Readings) -> AttitudeBatch:
         """Cameras that are bolted to the vehicle."""
         assert readings.vehicle is not None  # noqa: S101 - the callers' own condition, for the type checker
         bolted = readings.vehicle.between().carrying(_mounted(self._settings.fixed_mount))
         wxyz, rate = _camera_axes(bolted)
         which = np.zeros(len(wxyz), dtype=np.int64)
-        told = (Told(readings.source, is_demand=False, reasons=()),)
-        return CameraAttitudes(wxyz, rate, readings.age_s, np.zeros((len(wxyz), 3)), which, told)
+        notes = (AttitudeNote(readings.source, is_demand=False, reasons=()),)
+        return AttitudeBatch.known(wxyz, rate, readings.age_s, np.zeros((len(wxyz), 3)), which, notes)
 
-    def _stabilised(self, readings: Readings, report: Ends) -> CameraAttitudes:
+    def _stabilised(self, readings: Readings, report: Ends) -> AttitudeBatch:
         """Cameras on gimbals."""
         looking, vehicle = report.between(), readings.vehicle
         if vehicle is not None and not (readings.yaw_in_earth and readings.frame is ReportFrame.EARTH):
@@ -190,7 +165,7 @@ class Resolver:
         cam_from_gimbal = _CAM_FROM_STRAIGHT @ matrix(inverse(self._camera.wxyz[0]))
         stds = np.sqrt(turned(cam_from_gimbal**2, std**2))
         wxyz, rate = _camera_axes(looking.carrying(self._camera))
-        return CameraAttitudes(wxyz, rate, readings.age_s, stds, *self._told(readings, doubt, slew))
+        return AttitudeBatch.known(wxyz, rate, readings.age_s, stds, *self._notes(readings, doubt, slew))
 
     def _report_std(self, readings: Readings, report: Ends) -> FloatArray:
         """How far cameras may be from their reports ``(n, 3)``, in gimbal axes, because these jump or lead."""
@@ -215,11 +190,13 @@ class Resolver:
         tilt_ned = to_rotation_vector(multiply(attitude, inverse(heading_of(attitude))))
         return np.abs(share * turned(matrix(inverse(looking.wxyz)), tilt_ned))
 
-    def _told(self, readings: Readings, doubt: FloatArray, slew: FloatArray) -> tuple[IntArray, tuple[Told, ...]]:
+    def _notes(
+        self, readings: Readings, doubt: FloatArray, slew: FloatArray
+    ) -> tuple[IntArray, tuple[AttitudeNote, ...]]:
         """What was corrected, or is not known, by standard deviations ``(n, 3)``; a turn counts from its own std on.
 
         Returns:
-            Which of the words ``(n,)``, and these.
+            Which of the notes ``(n,)``, and these.
         """
         source, stated_rad = readings.source, self._settings.std.tilt_rad
         if readings.is_body_found:
@@ -230,8 +207,8 @@ class Resolver:
         turning = f"the gimbal may still be turning to what {source} says: the std covers its way there"
         is_doubtful = np.max(doubt, axis=1) > stated_rad
         is_turning = np.max(slew, axis=1) > max(stated_rad, DEMAND_TILT_STD_RAD)
-        told = tuple(
-            Told(
+        notes = tuple(
+            AttitudeNote(
                 source,
                 readings.demands is not None,
                 (*((added or unknown,) if added or doubts else ()), *((turning,) if turns else ())),
@@ -239,7 +216,7 @@ class Resolver:
             for doubts in (False, True)
             for turns in (False, True)
         )
-        return 2 * is_doubtful + is_turning, told
+        return 2 * is_doubtful + is_turning, notes
 
 
 def _mounted(mount: FixedMount | None) -> Turning:

@@ -1,86 +1,84 @@
-"""Some ticks' events together: what came is cut by ticks only where somebody asks for a single one."""
+"""Everything that arrived within some ticks: what the pipeline eats."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby, pairwise
-from typing import TypeVar, overload
+from itertools import groupby
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Arrival, Batch
-from aerodft.model.image import Image
+from aerodft.dft.measurement_batch import NO_IMAGE
+from aerodft.model.arrays import BoolArray, IntArray
+from aerodft.model.batch import Arrival
+from aerodft.model.image import Image, StampClock
 from aerodft.model.image_rows import ImageRows, joined_images
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
-Happened = TypeVar("Happened", Image, Observation)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Batches(Sequence[Batch]):
-    """All events of ``n`` ticks, one after the other, each kind in order of arrival.
+class Batches:
+    """All events of ``n`` ticks, each kind in order of arrival.
+
+    The pipeline's answers depend on the ticks alone, not on how events were cut into reads nor ticks into batches: this
+    is what makes a recomputed flight byte-identical to the live one.
 
     Attributes:
-        now_ns: ``(n,)`` when the ticks end.
-        raw: One block for each sender.
+        now_ns: ``(n,)`` when the ticks end; all that came before the first one's end is the first's.
+        raw: One block for each sender, in order of first arrival, then protocol and sender.
         images: Images of all ticks.
-        observations: Observations likewise.
+        observations: Observations of all ticks.
     """
 
     now_ns: IntArray
-    raw: tuple[RawBlock, ...]
-    images: Sequence[Image]
-    observations: Sequence[Observation]
+    raw: tuple[RawBlock, ...] = ()
+    images: Sequence[Image] = ()
+    observations: Sequence[Observation] = ()
 
     @staticmethod
-    def of(batches: Sequence[Batch]) -> "Batches":
-        """Batches as one."""
-        if isinstance(batches, Batches):
-            return batches
-        events: list[Arrival] = []
-        for batch in batches:
-            events += (*batch.raw, *batch.images, *batch.observations)
-        return Batches.from_events(np.array([batch.now_ns for batch in batches], dtype=np.int64), events)
-
-    @staticmethod
-    def from_events(now_ns: IntArray, events: Iterable[Arrival]) -> "Batches":
-        """Events of ticks that end at ``now_ns (n,)``."""
-        raw, images, observations = by_kind(events)
-        return Batches(now_ns=now_ns, raw=tuple(raw), images=images, observations=observations)
+    def of(now_ns: IntArray, events: Iterable[Arrival]) -> "Batches":
+        """Events of ticks that end at ``now_ns (n,)``; blocks of one sender become one block."""
+        senders: dict[tuple[WireProtocol, str], list[RawBlock]] = {}
+        images: list[Image | ImageRows] = []
+        observations: list[Observation] = []
+        for event in events:
+            if isinstance(event, RawBlock):
+                senders.setdefault((event.protocol, event.sender), []).append(event)
+            elif isinstance(event, (Image, ImageRows)):
+                images.append(event)
+            else:
+                observations.append(event)
+        raw = [joined_blocks(blocks) for blocks in senders.values()]
+        return Batches(
+            now_ns=now_ns,
+            raw=tuple(sorted(raw, key=lambda block: (int(block.arrival_ns[0]), block.protocol, block.sender))),
+            images=joined_images(images),
+            observations=sorted(observations, key=lambda observation: observation.arrival_ns),
+        )
 
     def __len__(self) -> int:
         return len(self.now_ns)
 
-    @overload
-    def __getitem__(self, index: int) -> Batch: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> "Batches": ...
-
-    def __getitem__(self, index: int | slice) -> "Batch | Batches":
-        if isinstance(index, int):
-            return self._each[index]
-        if index == slice(0, None):
+    def __getitem__(self, ticks: slice) -> "Batches":
+        first, stop, _ = ticks.indices(len(self))
+        if (first, stop) == (0, len(self)):
             return self
-        first, stop, _ = index.indices(len(self))
-        edges_ns = self._edges_ns()[[first, stop]]
-        raw = [each for block in self.raw for each in _parts(block, edges_ns) if each is not None]
-        images = self.images[slice(*np.searchsorted(self.image_tick, (first, stop)).tolist())]
-        observations = self.observations[slice(*np.searchsorted(self.observation_tick, (first, stop)).tolist())]
-        return Batches(now_ns=self.now_ns[first:stop], raw=tuple(raw), images=images, observations=observations)
-
-    def __iter__(self) -> Iterator[Batch]:
-        edges_ns = self._edges_ns()
-        raw = zip(*(_parts(block, edges_ns) for block in self.raw), strict=True) if self.raw else [()] * len(self)
-        images, observations = _cut(self.images, edges_ns), _cut(self.observations, edges_ns)
-        for now_ns, blocks, seen, found in zip(self.now_ns.tolist(), raw, images, observations, strict=True):
-            yield one_batch(now_ns, [block for block in blocks if block is not None], seen, found)
-
-    @cached_property
-    def _each(self) -> list[Batch]:
-        return list(self)
+        earliest_ns = np.iinfo(np.int64).min if first == 0 else self.now_ns[first - 1]
+        own_ns = earliest_ns, self.now_ns[stop - 1]
+        blocks = [_between(block, *own_ns) for block in self.raw]
+        images, observations = (
+            slice(*np.searchsorted(tick, (first, stop)).tolist()) for tick in (self.image_tick, self.observation_tick)
+        )
+        raw = sorted(
+            (block for block in blocks if block is not None),
+            key=lambda block: (int(block.arrival_ns[0]), block.protocol, block.sender),
+        )
+        return Batches(
+            now_ns=self.now_ns[first:stop],
+            raw=tuple(raw),
+            images=self.images[images],
+            observations=self.observations[observations],
+        )
 
     @cached_property
     def image_arrival_ns(self) -> IntArray:
@@ -94,39 +92,13 @@ class Batches(Sequence[Batch]):
 
     @cached_property
     def observation_tick(self) -> IntArray:
-        """The same of the observations."""
+        """Number of the tick ``(k,)`` in which each of the observations arrived."""
         return np.asarray(np.searchsorted(self.now_ns, _arrivals_ns(self.observations)))
 
     @property
     def event_count(self) -> int:
         """How many events, each frame of its own."""
         return sum(len(block.length) for block in self.raw) + len(self.images) + len(self.observations)
-
-    def _edges_ns(self) -> IntArray:
-        """``(n + 1,)`` times between which the events of each tick came; all that came early is the first's."""
-        return np.concatenate([[np.iinfo(np.int64).min], self.now_ns])
-
-
-def by_kind(events: Iterable[Arrival]) -> tuple[list[RawBlock], Sequence[Image], list[Observation]]:
-    """Events each kind in order of arrival, and those of one sender as one block."""
-    senders: dict[tuple[WireProtocol, str], list[RawBlock]] = {}
-    images: list[Image | ImageRows] = []
-    observations: list[Observation] = []
-    for event in events:
-        if isinstance(event, RawBlock):
-            senders.setdefault((event.protocol, event.sender), []).append(event)
-        elif isinstance(event, (Image, ImageRows)):
-            images.append(event)
-        else:
-            observations.append(event)
-    observations.sort(key=lambda observation: observation.arrival_ns)
-    return [joined_blocks(blocks) for blocks in senders.values()], joined_images(images), observations
-
-
-def one_batch(now_ns: int, raw: list[RawBlock], images: Sequence[Image], observations: Sequence[Observation]) -> Batch:
-    """The batch of one tick; blocks stand in order of first arrival, then protocol and sender."""
-    raw.sort(key=lambda block: (int(block.arrival_ns[0]), block.protocol, block.sender))
-    return Batch(now_ns=now_ns, raw=tuple(raw), images=tuple(images), observations=tuple(observations))
 
 
 def joined_blocks(blocks: list[RawBlock]) -> RawBlock:
@@ -157,16 +129,26 @@ def joined_blocks(blocks: list[RawBlock]) -> RawBlock:
     )
 
 
-def _parts(block: RawBlock, edges_ns: IntArray) -> list[RawBlock | None]:
-    """The parts of a block that arrived between every two of some times; None where there was nothing."""
-    edges = np.searchsorted(block.arrival_ns, edges_ns, side="right").tolist()
-    return [block.rows(start, stop) if stop > start else None for start, stop in pairwise(edges)]
+def stamps_of(events: Sequence[Image] | Sequence[Observation]) -> tuple[IntArray, BoolArray]:
+    """Stamps ``(n,)`` by the events' own clocks, and whether that is UTC."""
+    if isinstance(events, ImageRows):
+        return events.stamp_ns, np.full(len(events), events.clock is StampClock.UTC)
+    stamps_ns = np.array([event.stamp_ns for event in events], dtype=np.int64)
+    return stamps_ns, np.array([event.clock is StampClock.UTC for event in events], dtype=np.bool_)
 
 
-def _cut(events: Sequence[Happened], edges_ns: IntArray) -> list[Sequence[Happened]]:
-    """Images or observations likewise."""
-    edges = np.searchsorted(_arrivals_ns(events), edges_ns, side="right").tolist()
-    return [events[start:stop] for start, stop in pairwise(edges)]
+def numbers_of(images: Sequence[Image]) -> IntArray:
+    """Running numbers ``(n,)`` of images, ``NO_IMAGE`` of stamps alone."""
+    if isinstance(images, ImageRows):
+        return images.indices if images.width_px is not None else np.full(len(images), NO_IMAGE)
+    numbers = [NO_IMAGE if image.width_px is None else image.index for image in images]
+    return np.array(numbers, dtype=np.int64)
+
+
+def _between(block: RawBlock, after_ns: int, until_ns: int) -> RawBlock | None:
+    """The part of a block that arrived after one time and by another; None where there is nothing."""
+    start, stop = np.searchsorted(block.arrival_ns, [after_ns, until_ns], side="right").tolist()
+    return block.rows(start, stop) if stop > start else None
 
 
 def _arrivals_ns(events: Sequence[Image] | Sequence[Observation]) -> IntArray:

@@ -17,15 +17,17 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Arrival, Batch
+from aerodft.model.batch import Arrival
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
-from aerodft.service.batches import Batches, by_kind, one_batch
+from aerodft.service.batches import Batches
 from aerodft.service.ports import Clock, GatheredSource, Source
 
-_TICKS_AHEAD: Final = 64  # that are read where they are asked for one by one
+LONGEST_SPAN_NS: Final = 32 * SECOND_NS
+"""Recorded input comes in batches of so many ticks."""
+
 _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
 _MOST_FRAMES: Final = 50_000  # four minutes of a link's
 
@@ -50,15 +52,6 @@ def block_of(protocol: WireProtocol, sender: str, arrivals_ns: Sequence[int], fr
     )
 
 
-def batch_of(now_ns: int, events: Iterable[Arrival]) -> Batch:
-    """Build the batch of one tick from its events, each kind in order of arrival.
-
-    Blocks of one sender become one block; blocks stand in order of first arrival, then protocol and sender.
-    """
-    raw, images, observations = by_kind(events)
-    return one_batch(now_ns, raw, images, observations)
-
-
 class MergedFeed:
     """Recorded sources merged by arrival, as fast as the pipeline takes the batches.
 
@@ -68,26 +61,30 @@ class MergedFeed:
     Args:
         sources: Sources whose events come in order of (first) arrival.
         tick_ns: The grid.
-        linger_ns: How long after an event empty batches still come.
+        linger_ns: How long after an event empty ticks still come.
+        longest_ns: Ticks that come together at most; 0 for one by one.
 
     Raises:
         ValueError: From ``batches``: a source goes back to a tick that is over.
     """
 
-    def __init__(self, sources: Iterable[Source], tick_ns: int, *, linger_ns: int = 2 * SECOND_NS) -> None:
+    def __init__(
+        self,
+        sources: Iterable[Source],
+        tick_ns: int,
+        *,
+        linger_ns: int = 2 * SECOND_NS,
+        longest_ns: int = LONGEST_SPAN_NS,
+    ) -> None:
         self._sources = tuple(sources)
         self._tick_ns = tick_ns
         self._linger_ns = linger_ns
+        self._longest_ns = longest_ns // tick_ns * tick_ns
 
-    def batches(self) -> Iterator[Batch]:
-        """Batches with increasing ``now_ns``, until every source has ended."""
-        for span in self.spans(_TICKS_AHEAD * self._tick_ns):
-            yield from span
+    def batches(self) -> Iterator[Batches]:
+        """Batches of increasing ticks, until every source has ended; but images with pixels never wait for others.
 
-    def spans(self, longest_ns: int) -> Iterator[Batches]:
-        """The same, those of up to ``longest_ns`` together; but images with pixels never wait for others.
-
-        Where many images or observations are to be answered a span ends earlier: all its answers are in memory at once.
+        Where many images or observations are to be answered a batch ends earlier: its answers are in memory at once.
 
         Raises:
             ValueError: A source goes back to a tick that is over.
@@ -99,14 +96,15 @@ class MergedFeed:
         while begun or events.next is not None:
             coming = begun if events.next is None else [*begun, events.next]
             first_ns = tick_after(min(map(first_arrival_ns, coming)), self._tick_ns)
-            end_ns = self._collected(events, begun, first_ns, first_ns + longest_ns // self._tick_ns * self._tick_ns)
+            end_ns = self._collected(events, begun, first_ns, first_ns + self._longest_ns)
             due, begun = cut_all(begun, end_ns)
             ticks_ns = np.unique(-(-arrivals_ns(due) // self._tick_ns)) * self._tick_ns
-            yield Batches.from_events(self._with_lingering(last_ns, ticks_ns), due)
+            yield Batches.of(self._with_lingering(last_ns, ticks_ns), due)
             last_ns = int(ticks_ns[-1])
         if last_ns is not None:
-            count = self._linger_ns // self._tick_ns
-            yield Batches.from_events(last_ns + self._tick_ns * np.arange(1, count + 1), ())
+            lingering = self._tick_ns * np.arange(1, self._linger_ns // self._tick_ns + 1)
+            if len(lingering):
+                yield Batches.of(last_ns + lingering, ())
 
     def _collected(self, events: "Peekable", begun: list[Arrival], first_ns: int, end_ns: int) -> int:
         """Add to ``begun`` what comes in ticks up to ``end_ns``, or to an earlier one, which is given back."""
@@ -217,7 +215,7 @@ class Inbox:
         with self._lock:
             self._events.extend(replace(each, arrival_ns=self._stamp(1)) for each in observations)
 
-    def take(self, until_ns: int) -> Batch:
+    def take(self, until_ns: int) -> Batches:
         """Take all that arrived by ``until_ns``; what comes later is stamped later."""
         due: list[Arrival] = []
         with self._lock:
@@ -232,7 +230,7 @@ class Inbox:
                 self._events.popleft()
             while self._images and self._images[0].arrival_ns <= until_ns:
                 due.append(self._images.popleft())
-        return batch_of(until_ns, due)
+        return Batches.of(np.array([until_ns]), due)
 
     def _stamp(self, count: int) -> int:
         """Reserve ``count`` arrivals, one nanosecond apart; returns the first."""
@@ -242,7 +240,7 @@ class Inbox:
 
 
 class LiveFeed:
-    """What is in an inbox, as one batch a tick, empty ones included."""
+    """What is in an inbox, tick by tick, empty ones included."""
 
     def __init__(self, inbox: Inbox, clock: Clock, tick_ns: int) -> None:
         self._inbox = inbox
@@ -251,8 +249,8 @@ class LiveFeed:
         self._stopping = threading.Event()
         self._last_ns = 0
 
-    def batches(self) -> Iterator[Batch]:
-        """Batches, each at its tick or later where the reader is late, until ``stop``.
+    def batches(self) -> Iterator[Batches]:
+        """Batches of one tick, each at its tick or later where the reader is late, until ``stop``.
 
         The first is that of what waits: links may be open long before, and a recording of it begins there as well.
         """

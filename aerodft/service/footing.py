@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.geometry.ground import Ground
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import Pose
 from aerodft.model.status import CODES, Status
 
@@ -15,39 +15,44 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footing:
-    """Ground at one place.
+    """Ground at ``n`` places.
 
     Attributes:
-        status: ``BEYOND_TERRAIN`` or ``NO_ELEVATION`` where its height is unknown.
-        height_m: Above ENU 0; NaN where it is unknown.
-        slope: ``(2,)`` its rise per metre to the east and to the north; NaN likewise.
+        status: ``(n,)`` indices into ``CODES``: ``BEYOND_TERRAIN`` or ``NO_ELEVATION`` where its height is unknown.
+        height_m: ``(n,)`` above ENU 0; NaN where it is unknown.
+        slope: ``(n, 2)`` its rise per metre to the east and to the north; NaN where it is unknown.
     """
 
-    status: Status
-    height_m: float
+    status: IntArray
+    height_m: FloatArray
     slope: FloatArray
 
-    @property
-    def what(self) -> str:
-        """What there is instead of ground whose height is known."""
-        return "a hole in the elevation model" if self.status is Status.NO_ELEVATION else "no more elevation model"
-
-    def carrying(self, pose: Pose) -> Pose:
-        """The pose in ENU of a camera whose height, and its variance, are counted from this ground.
-
-        Who is farther up the hill than he thinks, is higher too: errors in east and north become errors in height.
-
-        Args:
-            pose: One pose; its third component is the height above this ground.
-        """
-        follows = np.eye(6)
-        follows[2, :2] = self.slope
-        position = pose.position_enu_m + np.array([0.0, 0.0, self.height_m])
-        return replace(pose, position_enu_m=position, cov=follows @ pose.cov @ follows.T)
+    @staticmethod
+    def what(code: int) -> str:
+        """What there is instead of ground whose height is known, by a status's index."""
+        return "a hole in the elevation model" if CODES[code] is Status.NO_ELEVATION else "no more elevation model"
 
 
 def footing(ground: Ground, east_north_m: FloatArray) -> Footing:
-    """The ground at ``east_north_m (2,)``."""
-    below = ground.meet(np.array([*east_north_m, _ALOFT_M]), _DOWN, 0.0)
-    normal = below.normal_enu
-    return Footing(CODES[int(below.status)], float(below.points_enu_m[2]), -normal[:2] / normal[2])
+    """The ground at ``east_north_m (n, 2)``."""
+    aloft = np.column_stack([east_north_m, np.full(len(east_north_m), _ALOFT_M)])
+    below = ground.meet(aloft, np.broadcast_to(_DOWN, aloft.shape).copy(), np.zeros(len(aloft)))
+    slope = -below.normal_enu[:, :2] / below.normal_enu[:, 2:]
+    return Footing(below.status.astype(np.int64), below.points_enu_m[:, 2], slope)
+
+
+def raised(pose: Pose, height_m: FloatArray, slope: FloatArray) -> Pose:
+    """Poses ``(n,)`` in ENU of cameras whose height, and its variance, are counted from ground below them.
+
+    Who is farther up the hill than he thinks, is higher too: errors in east and north become errors in height.
+
+    Args:
+        pose: The third component of its positions is the height above that ground.
+        height_m: ``(n,)`` of the ground.
+        slope: ``(n, 2)`` of the ground.
+    """
+    follows = np.broadcast_to(np.eye(6), (len(height_m), 6, 6)).copy()
+    follows[:, 2, :2] = slope
+    position = pose.position_enu_m.copy()
+    position[:, 2] += height_m
+    return replace(pose, position_enu_m=position, cov=follows @ pose.cov @ follows.swapaxes(-1, -2))

@@ -12,7 +12,7 @@ from aerodft.service.gimbal_frame import FrameDetector, FrameEvidence
 from aerodft.service.gravity import moments
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.slew import Demands, demands_before
-from aerodft.service.streams import Stream
+from aerodft.service.streams import LAST, Stream
 
 _LONGEST_WAIT_NS: Final = 10 * SECOND_NS  # reports are weighed when their verdict is asked for, at the latest by then
 _ENOUGH_REPORTS: Final = 100
@@ -24,7 +24,6 @@ class Gimbal:
 
     Attributes:
         stream: Their samples.
-        reports: How many came.
     """
 
     def __init__(self, settings: AttitudeSettings) -> None:
@@ -32,35 +31,34 @@ class Gimbal:
         self._settings = settings
         self._detector = FrameDetector()
         self._weighed_ns: int | None = None
-        self.reports = self._repeats = 0
         self._last_wxyz: FloatArray | None = None
         self._unweighed = self._detector.evidence
         self._verdicts: list[tuple[int, FrameEvidence]] = []  # other ones, and from which whole second on they hold
-        self._ticks: IntArray = np.empty((0, 2), dtype=np.int64)  # reports and repeats at each of those that came last
+        self._counts: IntArray = np.zeros((1, 2), dtype=np.int64)  # reports and repeats by each tick
 
-    def append(self, track: GimbalTrack, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
-        """Take reports in; they count from when the camera follows them. ``edges`` as in ``TrackBuffer.append``."""
+    @property
+    def has_reported(self) -> bool:
+        """Whether there was any report."""
+        return bool(self._counts[-1, 0] > 0)
+
+    def append(self, track: GimbalTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take in the reports of a step, as ``Stream.append``; they count from when the camera follows them."""
         if not len(stamps_ns):
             return
         stamps_ns = stamps_ns + self._settings.delay_ns
         earth = track.yaw_in_earth.astype(np.float64)
-        self.stream.append(stamps_ns, edges, wxyz=track.wxyz, yaw_in_earth=earth)
+        self.stream.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz, yaw_in_earth=earth)
         before = track.wxyz[:1] + 1 if self._last_wxyz is None else self._last_wxyz
         same = np.diff(track.wxyz, axis=0, prepend=before) == 0
         repeats = np.concatenate([[0], np.cumsum(np.all(same, axis=-1))])
-        ends = np.array([len(stamps_ns)]) if edges is None else edges
-        self._ticks = np.stack([self.reports + ends, self._repeats + repeats[ends]], axis=-1)
-        self.see(-1)
+        ends = np.array([len(stamps_ns)]) if row_end_by_tick is None else row_end_by_tick
+        self._counts = self._counts[-1] + np.stack([ends, repeats[ends]], axis=-1)
         self._last_wxyz = track.wxyz[-1:]
 
-    def see(self, tick: int) -> None:
-        """Count the reports that had come by one of the ticks of those that came last."""
-        if len(self._ticks):
-            self.reports, self._repeats = self._ticks[tick].tolist()
-
-    def settle(self, vehicle: Stream) -> None:
-        """All ticks so far are over: weigh what waits for it too long."""
-        self._ticks = self._ticks[:0]
+    def commit(self, vehicle: Stream) -> None:
+        """The ticks so far are over: weigh what waits for it too long."""
+        self.stream.commit()
+        self._counts = self._counts[-1:]
         self._forget_verdicts()
         if (self.stream.last_ns or 0) - (self._weighed_ns or 0) > _LONGEST_WAIT_NS:
             self._weigh(vehicle)
@@ -87,33 +85,31 @@ class Gimbal:
         self.stream.shift(by_ns)
 
     def evidence(self, vehicle: Stream) -> FrameEvidence:
-        """What is known of the reports' frame."""
-        last_ns = self._passed_ns(vehicle)
-        self._weigh(vehicle)
-        return next((known for from_ns, known in reversed(self._verdicts) if from_ns <= last_ns), self._unweighed)
+        """What is known of the reports' frame as of the last tick."""
+        known, (which,) = self.evidence_at(vehicle, LAST)
+        return known[which]
 
     def evidence_at(self, vehicle: Stream, ticks: IntArray) -> tuple[list[FrameEvidence], IntArray]:
-        """What was known at ticks ``(n,)`` of those that came last: all that was, and which of it each time."""
+        """What was known as of ticks ``(n,)``: all that was, and which of it each time."""
         self._weigh(vehicle)
-        passed_ns = np.minimum(self.stream.newest_at(ticks), vehicle.newest_at(ticks)) // SECOND_NS * SECOND_NS
+        passed_ns = np.minimum(self.stream.newest_ns(ticks), vehicle.newest_ns(ticks)) // SECOND_NS * SECOND_NS
         held_from = np.array([from_ns for from_ns, _ in self._verdicts], dtype=np.int64)
         return [self._unweighed, *(known for _, known in self._verdicts)], held_from.searchsorted(passed_ns, "right")
 
-    def is_demand(self, frame: ReportFrame | None) -> bool:
-        """Whether the reports may be demands; only what moves by itself and keeps to the horizon is a measurement.
+    def is_demand(self, frame: ReportFrame | None, ticks: IntArray) -> BoolArray:
+        """Whether the reports may be demands as of ticks ``(n,)``.
+
+        Only what moves by itself and keeps to the horizon is a measurement.
 
         Args:
             frame: The evidence's verdict.
+            ticks: As in ``Stream.find``.
         """
-        return bool(self._are_demands(frame, np.array([[self.reports, self._repeats]]))[0])
-
-    def is_demand_at(self, frame: ReportFrame | None, ticks: IntArray) -> BoolArray:
-        """The same at ticks ``(n,)`` of those that came last."""
-        counts = self._ticks[ticks] if len(self._ticks) else np.array([[self.reports, self._repeats]])
-        return np.broadcast_to(self._are_demands(frame, counts), len(ticks))
+        counts = self._counts[ticks if len(self._counts) > 1 else np.zeros_like(ticks)]
+        return self._are_demands(frame, counts)
 
     def _are_demands(self, frame: ReportFrame | None, counts: IntArray) -> BoolArray:
-        """As ``is_demand``, by so many reports and repeats ``(n, 2)``."""
+        """Whether reports may be demands, by so many reports and repeats ``(n, 2)``."""
         if self._settings.is_demand is not None:
             return np.full(len(counts), self._settings.is_demand)
         reports, repeats = counts.T
@@ -121,7 +117,7 @@ class Gimbal:
         return np.asarray(~varied | ((self._settings.frame or frame) is not ReportFrame.EARTH))
 
     def demands(self, before: IntArray, stamps_ns: IntArray, ticks: IntArray) -> Demands:
-        """What was demanded before stamps ``(n,)`` at ticks ``(n,)`` of those that came last.
+        """What was demanded before stamps ``(n,)`` as of ticks ``(n,)``.
 
         Args:
             before: ``(n,)`` rows of the last samples that are not after the stamps.
@@ -130,10 +126,10 @@ class Gimbal:
         """
         limits, stream = self._settings, self.stream
         return demands_before(
-            stream.all_stamps_ns,
+            stream.stamps_ns,
             before,
             stamps_ns,
-            stream.first_at(ticks),
+            stream.rows_known_at(ticks)[0],
             lag_ns=limits.lag_ns,
             slew_radps=limits.slew_radps,
         )

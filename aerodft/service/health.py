@@ -19,6 +19,7 @@ from aerodft.model.health import (
     LinkTrack,
     RivalTrack,
 )
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.telemetry import (
     CameraTrack,
     ClockTrack,
@@ -63,47 +64,48 @@ class HealthSources:
         own = (self._heartbeat, self._gps, self._estimator, self._link, self._resumed)
         return (*own, *self._rivals.streams(), *self._failures.streams(), *self._kinds.values())
 
-    def append(self, track: Track, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
-        """Take a track in, whatever it is of; ``edges`` as in ``TrackBuffer.append``."""
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take a track of a step in, whatever it is of; as ``Stream.append``."""
         if isinstance(track, RivalTrack | GimbalFailureTrack):
             lately = self._rivals if isinstance(track, RivalTrack) else self._failures
-            lately.append(track.what, stamps_ns)
+            lately.append(track.what, stamps_ns, row_end_by_tick)
             return
         if len(stamps_ns):
-            self._note_silence(stamps_ns, edges)
+            self._note_silence(stamps_ns, row_end_by_tick)
         match track:
             case HeartbeatTrack():
-                self._heartbeat.append(stamps_ns, edges)
+                self._heartbeat.append(stamps_ns, row_end_by_tick)
             case GpsTrack():
                 self._gps.append(
                     stamps_ns,
-                    edges,
+                    row_end_by_tick,
                     fix=track.fix,
                     satellites=track.satellites,
                     horizontal_std_m=track.horizontal_std_m,
                     vertical_std_m=track.vertical_std_m,
                 )
             case EstimatorTrack():
-                self._estimator.append(stamps_ns, edges, ratios=track.ratios, has_attitude=track.has_attitude)
+                self._estimator.append(stamps_ns, row_end_by_tick, ratios=track.ratios, has_attitude=track.has_attitude)
             case LinkTrack():
-                self._append_link(track, stamps_ns, np.array([len(stamps_ns)]) if edges is None else edges)
+                ends = np.array([len(stamps_ns)]) if row_end_by_tick is None else row_end_by_tick
+                self._append_link(track, stamps_ns, ends)
                 return
-        self._kinds.setdefault(_name(track), Stream(self._settings.heartbeat_ns)).append(stamps_ns, edges)
+        self._kinds.setdefault(_name(track), Stream(self._settings.heartbeat_ns)).append(stamps_ns, row_end_by_tick)
 
-    def knows(self, track: Track) -> bool:
-        """Whether such a track was taken in before, since clocks were last set."""
+    def may_append_ticks(self, track: Track) -> bool:
+        """Whether a track of several ticks may be appended at once: one of its kind came before, since clocks were set."""
         if isinstance(track, LinkTrack):
             return True
-        return _name(track) in self._kinds and len(self._kinds[_name(track)].stamps_ns) > 0
+        return _name(track) in self._kinds and not self._kinds[_name(track)].is_empty
 
-    def goes_on(self, stamps: Sequence[IntArray], edges: Sequence[IntArray]) -> bool:
-        """Whether there is no silence in or before tracks ``(n,)`` of several ticks, edges as in ``append``."""
+    def goes_on(self, stamps: Sequence[IntArray], row_ends: Sequence[IntArray]) -> bool:
+        """Whether there is no silence in or before tracks of several ticks: their stamps ``(n,)`` and rows by tick."""
         newest, limit = self._newest_ns, self._settings.heartbeat_ns
         if newest is None:
             return False
-        ticks = len(edges[0])
+        ticks = len(row_ends[0])
         firsts, lasts = np.full(ticks, newest), np.full(ticks, newest)
-        for stamps_ns, ends in zip(stamps, edges, strict=True):
+        for stamps_ns, ends in zip(stamps, row_ends, strict=True):
             starts = np.concatenate([[0], ends[:-1]])
             came = np.flatnonzero(ends > starts)
             firsts[came] = np.maximum(firsts[came], stamps_ns[starts[came]])
@@ -111,20 +113,24 @@ class HealthSources:
         before = np.concatenate([[newest], np.maximum.accumulate(lasts)[:-1]])
         return bool(np.all(firsts <= before + limit))
 
-    def _append_link(self, track: LinkTrack, stamps_ns: IntArray, edges: IntArray) -> None:
+    def _append_link(self, track: LinkTrack, stamps_ns: IntArray, row_end_by_tick: IntArray) -> None:
         """Count the frames of each tick, at its last one's stamp."""
-        starts = np.concatenate([[0], edges[:-1]])
-        came = edges > starts
-        ends = edges[came]
+        starts = np.concatenate([[0], row_end_by_tick[:-1]])
+        came = row_end_by_tick > starts
+        ends = row_end_by_tick[came]
         lost = np.add.reduceat(track.lost, starts[came])
         self._link.append(stamps_ns[ends - 1], np.cumsum(came), received=ends - starts[came], lost=lost)
 
-    def _note_silence(self, stamps_ns: IntArray, edges: IntArray | None) -> None:
+    def _note_silence(self, stamps_ns: IntArray, row_end_by_tick: IntArray | None) -> None:
         """A link that was dead, or a clock that was set, is no autopilot without heartbeat: that counts from there."""
         first_ns = int(stamps_ns[0])
-        if edges is None and self._newest_ns is not None and first_ns > self._newest_ns + self._settings.heartbeat_ns:
+        if (
+            row_end_by_tick is None
+            and self._newest_ns is not None
+            and first_ns > self._newest_ns + self._settings.heartbeat_ns
+        ):
             self._resumed.append(stamps_ns[:1])
-        lasts = stamps_ns[-1:] if edges is None else stamps_ns[edges[edges > 0] - 1]
+        lasts = stamps_ns[-1:] if row_end_by_tick is None else stamps_ns[row_end_by_tick[row_end_by_tick > 0] - 1]
         self._newest_ns = max(int(lasts.max()), self._newest_ns or 0)
 
     def at(self, stamp_ns: int) -> Health:
@@ -149,8 +155,12 @@ class HealthSources:
             ages_s={name: age for name, each in self._kinds.items() if (age := _age_s(each, stamp_ns)) is not None},
         )
 
-    def verdicts(self, stamps_ns: IntArray, ticks: IntArray) -> Verdicts:
-        """What follows for poses at stamps ``(n,)``, each at a tick ``(n,)`` of those that came last.
+    def judged(self, poses: PoseBatch, ticks: IntArray) -> PoseBatch:
+        """Poses with what follows for them, each as of a tick ``(n,)``: a status, a wider std, no place, remarks."""
+        return self._verdicts(poses.stamp_ns, ticks).applied(poses)
+
+    def _verdicts(self, stamps_ns: IntArray, ticks: IntArray) -> Verdicts:
+        """What follows for poses at stamps ``(n,)``, each as of a tick ``(n,)``.
 
         Facts change a few times a second at most: the rules are gone through once for each of them.
         """
@@ -179,14 +189,14 @@ class HealthSources:
         """Rows of the estimator ``(n,)``, -1 also for those that nothing follows from."""
         if len(rows) <= 1 or self._estimator.is_empty:
             return rows
-        ratios, has_attitude = (self._estimator.all_of(name)[rows] for name in ("ratios", "has_attitude"))
+        ratios, has_attitude = (self._estimator.column(name)[rows] for name in ("ratios", "has_attitude"))
         return np.where(is_calm(ratios, has_attitude, self._settings), -1, rows)
 
     def _first_alike(self, rows: IntArray) -> IntArray:
         """Rows of GPS ``(n,)``, of those one after the other that say the same the first."""
         if len(rows) <= 1 or self._gps.is_empty:
             return rows
-        said = [self._gps.all_of(name)[rows] for name in ("fix", "horizontal_std_m", "vertical_std_m")]
+        said = [self._gps.column(name)[rows] for name in ("fix", "horizontal_std_m", "vertical_std_m")]
         is_other = np.any(np.diff(np.nan_to_num([*said, rows < 0])) != 0, axis=0)
         first = np.where(np.concatenate([[True], is_other]), np.arange(len(rows)), 0)
         return np.asarray(rows[np.maximum.accumulate(first)])
@@ -194,7 +204,7 @@ class HealthSources:
     def _facts(self, row: "_Row", failures: tuple[str, ...], rivals: tuple[str, ...]) -> Facts:
         estimator, gps = row.estimator, row.gps
         speaks, knows = estimator >= 0 and not row.is_estimator_silent, gps >= 0
-        of_gps, of_estimator = self._gps.all_of, self._estimator.all_of
+        of_gps, of_estimator = self._gps.column, self._estimator.column
         return Facts(
             is_silent=row.is_silent,
             has_attitude=bool(of_estimator("has_attitude")[estimator]) if speaks else None,
@@ -214,9 +224,9 @@ class HealthSources:
         link, shares = self._link, np.zeros(len(stamps_ns))
         if link.is_empty:
             return shares
-        first = link.first_at(ticks)
+        first, _ = link.rows_known_at(ticks)
         ends = [np.maximum(link.last_before(stamps_ns - ago_ns, ticks) + 1, first) for ago_ns in (0, self._window_ns)]
-        lost, received = (np.concatenate([[0], np.cumsum(link.all_of(name))]) for name in ("lost", "received"))
+        lost, received = (np.concatenate([[0], np.cumsum(link.column(name))]) for name in ("lost", "received"))
         gone, came = (counts[ends[0]] - counts[ends[1]] for counts in (lost, received))
         some = gone > 0
         shares[some] = gone[some] / (gone[some] + came[some])
@@ -265,7 +275,7 @@ def _ages_ns(stream: Stream, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
     rows = stream.last_before(stamps_ns, ticks)
     if stream.is_empty:
         return np.full(len(stamps_ns), _NEVER)
-    return np.where(rows >= 0, stamps_ns - stream.all_stamps_ns[rows], _NEVER)
+    return np.where(rows >= 0, stamps_ns - stream.stamps_ns[rows], _NEVER)
 
 
 def _name(track: Track) -> str:

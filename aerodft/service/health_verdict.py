@@ -1,17 +1,18 @@
 """What follows for a pose from what a vehicle says of itself; ``docs/health.md`` states the rules."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.poses import pose_covariance
+from aerodft.geometry.poses import pose_covariances
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import FIX_3D
 from aerodft.model.pose import GimbalSource, PoseSample
-from aerodft.model.status import Status
+from aerodft.model.pose_batch import HORIZONTAL, PoseBatch
+from aerodft.model.status import CODE_OF, Status
 from aerodft.service.health_settings import HealthSettings
 
 _WARNING_SHARE: Final = 0.8  # of the largest ratio
@@ -72,30 +73,30 @@ class Verdict:
 
     @property
     def is_silent(self) -> bool:
-        """Whether there is nothing to say of a pose that is ok, but for the least std of its place."""
+        """Whether there is nothing to say of a pose, but for the least std of its place."""
         return self.has_place and not (self.faults or self.remarks or self.failures or self.rivals)
 
-    def judged(self, sample: PoseSample) -> PoseSample:
-        """A pose with what follows: another status, a wider std, no place, remarks."""
-        status, faults = self.status, self.faults
+    def refuses(self, sample: PoseSample) -> bool:
+        """Whether a pose that is ok gets no answer: by a fault, or by what its own gimbal failed in."""
+        return bool(self.faults) or (bool(self.failures) and sample.attitude_source in _OF_THE_GIMBAL)
+
+    def varied(self, sample: PoseSample) -> PoseSample:
+        """A sample without its numbers, with the status, the reasons and the origin that follow."""
         if sample.status is not Status.OK:
-            said = (*faults, *self.failures, *self.rivals)
-            return replace(sample, reasons=(*sample.reasons, *said)) if said else sample
-        if not faults and self.failures and sample.attitude_source in _OF_THE_GIMBAL:
-            status = Status.UNHEALTHY
-            faults = tuple(f"{each}: its other reports are not believed" for each in self.failures)
-        if faults:
-            return replace(sample, status=status, reasons=(*faults, *sample.reasons))
+            said = (*self.faults, *self.failures, *self.rivals)
+            return replace(sample, reasons=(*sample.reasons, *said))
+        if self.refuses(sample):
+            not_believed = tuple(f"{each}: its other reports are not believed" for each in self.failures)
+            status = self.status if self.faults else Status.UNHEALTHY
+            return replace(sample, status=status, reasons=(*(self.faults or not_believed), *sample.reasons))
         remarks = (*self.remarks, *self.failures, *self.rivals)
-        sample = _with_horizontal_std(sample, self.horizontal_std_m)
-        if not self.has_place:
-            sample = replace(sample, origin=None, lat_rad=None, lon_rad=None, alt_msl_m=None)
-        return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
+        origin = sample.origin if self.has_place else None
+        return replace(sample, origin=origin, reasons=(*sample.reasons, *remarks))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdicts:
-    """Of ``n`` poses.
+    """What the vehicle's health means for ``n`` poses.
 
     Attributes:
         each: All that there are.
@@ -105,16 +106,24 @@ class Verdicts:
     each: tuple[Verdict, ...]
     which: IntArray
 
-    def of(self, row: int) -> Verdict:
-        """That of one pose."""
-        return self.each[int(self.which[row])]
+    def applied(self, poses: PoseBatch) -> PoseBatch:
+        """Poses ``(n,)`` with their verdicts."""
+        stays = (poses.status == CODE_OF[Status.OK]) & ~self._refuses(poses)
+        least_m = np.array([verdict.horizontal_std_m for verdict in self.each])[self.which]
+        has_place = np.array([verdict.has_place for verdict in self.each], dtype=np.bool_)[self.which]
+        widened = _with_horizontal_std(poses, stays & poses.has_pose & (least_m > poses.std[:, HORIZONTAL]), least_m)
+        lat_lon_alt = np.where((stays & ~has_place)[:, None], np.nan, widened.lat_lon_alt)
+        keys = [None if verdict.is_silent else verdict for verdict in self.each]
+        return replace(widened, lat_lon_alt=lat_lon_alt).varied([keys[k] for k in self.which.tolist()], _varied)
 
-    def leave(self, rows: Sequence[int], horizontal_std_m: FloatArray) -> BoolArray:
-        """Whether some of the poses ``(m,)``, which are ok, stay as they are with such stds ``(m,)`` of their place."""
-        is_silent = np.array([each.is_silent for each in self.each], dtype=np.bool_)
-        least_m = np.array([each.horizontal_std_m for each in self.each])
-        which = self.which[rows]
-        return np.asarray(is_silent[which] & (least_m[which] <= horizontal_std_m))
+    def _refuses(self, poses: PoseBatch) -> BoolArray:
+        """``(n,)`` as ``Verdict.refuses``."""
+        table = [[verdict.refuses(variant) for verdict in self.each] for variant in poses.variants]
+        return np.array(table, dtype=np.bool_)[poses.variant_index, self.which]
+
+
+def _varied(sample: PoseSample, verdict: Hashable) -> PoseSample:
+    return verdict.varied(sample) if isinstance(verdict, Verdict) else sample
 
 
 def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:
@@ -180,10 +189,13 @@ def _remarks(facts: Facts, limits: HealthSettings) -> list[str]:
     return remarks
 
 
-def _with_horizontal_std(sample: PoseSample, horizontal_m: float) -> PoseSample:
-    """The sample, with no smaller standard deviation of its place."""
-    if sample.pose is None or horizontal_m <= sample.std.horizontal_m:
-        return sample
-    std = replace(sample.std, horizontal_m=horizontal_m)
-    widened = pose_covariance(sample.pose.wxyz, std) - pose_covariance(sample.pose.wxyz, sample.std)
-    return replace(sample, pose=replace(sample.pose, cov=sample.pose.cov + widened), std=std)
+def _with_horizontal_std(poses: PoseBatch, rows: BoolArray, least_m: FloatArray) -> PoseBatch:
+    """Poses of which those of some rows ``(n,)`` have standard deviations ``least_m (n,)`` of their place."""
+    at = np.flatnonzero(rows)
+    if not len(at):
+        return poses
+    before, std = poses.std[at], poses.std.copy()
+    std[at, HORIZONTAL] = least_m[at]
+    wxyz, cov = poses.pose.wxyz[at], poses.pose.cov.copy()
+    cov[at] += pose_covariances(wxyz, std[at]) - pose_covariances(wxyz, before)
+    return replace(poses, std=std, pose=replace(poses.pose, cov=cov))

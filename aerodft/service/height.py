@@ -1,26 +1,30 @@
-"""The height above the measured plane at a stamp, from the first source in the configured order that has one."""
+"""Heights above the measured plane, each from the first source in the configured order that has one."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
-from aerodft.geometry.interpolation import Bracket
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.interpolation import Brackets
+from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import GpsTrack
 from aerodft.model.height import HeightDifference, HeightSwitch
 from aerodft.model.pose import HeightSource
 from aerodft.model.telemetry import HeightTrack, PositionTrack, Track
-from aerodft.service.height_samples import HeightSamples
 from aerodft.service.receiver import VerticalAccuracy
 from aerodft.service.settings import HeightSettings
-from aerodft.service.streams import END_OF_TIME, Missing, Stream
+from aerodft.service.streams import END_OF_TIME, LAST, Missing, Stream
 
-VehicleAt = Callable[[int], FloatArray | Missing]
-"""``ned_SO3_body (4,)`` at a stamp."""
+VehicleAt: TypeAlias = Callable[[IntArray, IntArray, IntArray], tuple[FloatArray, IntArray]]
+"""``ned_SO3_body (n, 4)`` at stamps as of ticks, by watermarks ``(n,)`` each; and why there is none, as ``Missing``."""
+
+SOURCES: Final = tuple(HeightSource)
+"""Arrays hold a source as its index here."""
 
 DATUM: Final = {
     HeightSource.RANGEFINDER: "surface",
@@ -29,54 +33,50 @@ DATUM: Final = {
     HeightSource.MANUAL: "manual",
 }
 
-
-@dataclass(frozen=True, slots=True)
-class Height:
-    """A height above the measured plane, its standard deviation, source, datum and age.
-
-    ``foot_m`` is east and north, from the vehicle, of the surface that was measured to: a rangefinder that is bolted to
-    a vehicle which leans does not look straight down. ``reasons`` say which other sources it disagrees with.
-    """
-
-    height_agl_m: float
-    std_m: float
-    source: HeightSource
-    datum: str
-    age_s: float
-    foot_m: tuple[float, float] = (0.0, 0.0)
-    reasons: tuple[str, ...] = ()
+_EARTH_M: Final = 6_371_008.8
+_CLIMB_MPS: Final = 10.0  # faster is no flight of a vehicle that measures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heights:
-    """Heights of one source at ``n`` stamps, as columns; see ``Height``. NaN where there is none."""
+class HeightBatch:
+    """Heights above the measured plane at ``n`` stamps; NaN where there is none.
+
+    Attributes:
+        height_agl_m: ``(n,)``.
+        std_m: ``(n,)`` standard deviations.
+        age_s: ``(n,)`` distance in time to the nearest sample.
+        foot_m: ``(n, 2)`` east and north, from the vehicle, of the surface that was measured to: a rangefinder that is
+            bolted to a vehicle which leans does not look straight down.
+        source: ``(n,)`` indices into ``SOURCES``.
+        missing: ``(n,)`` why there is none, as ``Missing``.
+        reasons: By row, which other sources it disagrees with and which were passed over, in sentences.
+    """
 
     height_agl_m: FloatArray
     std_m: FloatArray
     age_s: FloatArray
-    source: HeightSource
-    datum: str
-    reasons: tuple[str, ...] = ()
+    foot_m: FloatArray
+    source: IntArray
+    missing: IntArray
+    reasons: dict[int, tuple[str, ...]]
 
-    @staticmethod
-    def of(height: Height) -> "Heights":
-        """The one."""
-        height_m, std_m, age_s = np.array([[height.height_agl_m], [height.std_m], [height.age_s]])
-        return Heights(height_m, std_m, age_s, height.source, height.datum, height.reasons)
+    def rows(self, rows: IntArray) -> "HeightBatch":
+        """Heights by their indices ``(m,)``."""
+        numbers = self.height_agl_m[rows], self.std_m[rows], self.age_s[rows], self.foot_m[rows], self.source[rows]
+        reasons = {new: self.reasons[old] for new, old in enumerate(rows.tolist()) if old in self.reasons}
+        return HeightBatch(*numbers, self.missing[rows], reasons)
 
-    @property
-    def is_known(self) -> BoolArray:
-        """``(n,)`` where there is one."""
-        return ~(np.isnan(self.height_agl_m) | np.isnan(self.std_m))
 
-    def rows(self, rows: IntArray) -> "Heights":
-        """Some of them."""
-        return replace(self, height_agl_m=self.height_agl_m[rows], std_m=self.std_m[rows], age_s=self.age_s[rows])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Values:
+    """What one source says at ``n`` stamps; see ``HeightBatch``."""
 
-    def row(self, row: int) -> Height:
-        """One that is known."""
-        height_m, std_m, age_s = (float(column[row]) for column in (self.height_agl_m, self.std_m, self.age_s))
-        return Height(height_m, std_m, self.source, self.datum, age_s, reasons=self.reasons)
+    height_m: FloatArray
+    std_m: FloatArray
+    age_s: FloatArray
+    foot_m: FloatArray
+    missing: IntArray
+    is_far: BoolArray
 
 
 class HeightSources:
@@ -84,177 +84,298 @@ class HeightSources:
 
     def __init__(self, settings: HeightSettings) -> None:
         self._settings = settings
-        self._samples = {
-            source: HeightSamples(settings, source) for source in settings.order if source is not HeightSource.MANUAL
-        }
+        sources = [source for source in settings.order if source is not HeightSource.MANUAL]
+        self._streams = {source: Stream(settings.gap_ns(source)) for source in sources}
         self._receiver = VerticalAccuracy()
 
     def streams(self) -> tuple[Stream, ...]:
         """The streams of the sources, for the watermark."""
-        return tuple(samples.stream for samples in self._samples.values())
+        return tuple(self._streams.values())
 
     def remarks(self) -> tuple[Stream, ...]:
         """Streams that nothing waits for."""
         return (self._receiver.stream,)
 
-    def may_come_together(self, track: Track) -> bool:
-        """Whether several ticks of a track may be taken in at once."""
-        return (
-            not isinstance(track, GpsTrack)
-            or self._receiver.has_begun()
-            or not np.any(np.isfinite(track.vertical_std_m))
-        )
+    def may_append_ticks(self, track: Track) -> bool:
+        """Whether a track of several ticks may be appended at once."""
+        return not isinstance(track, GpsTrack) or self._receiver.may_append_ticks(track)
 
-    def append(self, track: Track, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
-        """Take a track in, if it carries a height, or how good one is; ``edges`` as in ``TrackBuffer.append``."""
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take a track of a step in, if it carries a height, or how good one is; as ``Stream.append``."""
         if isinstance(track, GpsTrack):
-            self._receiver.append(track, stamps_ns, edges)
-        elif isinstance(track, PositionTrack) and HeightSource.HOME in self._samples:
-            height = track.height_home_m + self._settings.home_above_plane_m
-            self._samples[HeightSource.HOME].append(stamps_ns, height, np.full_like(height, np.nan), edges)
-        elif isinstance(track, HeightTrack) and track.source in self._samples:
-            self._samples[track.source].append(
-                stamps_ns, track.value_m, track.std_m, edges, is_slant=track.slant, lat_lon_rad=track.lat_lon_rad
-            )
+            self._receiver.append(track, stamps_ns, row_end_by_tick)
+        elif isinstance(track, PositionTrack) and HeightSource.HOME in self._streams:
+            height_m = track.height_home_m + self._settings.home_above_plane_m
+            self._append(HeightSource.HOME, stamps_ns, row_end_by_tick, height_m, np.full_like(height_m, np.nan))
+        elif isinstance(track, HeightTrack) and track.source in self._streams:
+            places, slant = track.lat_lon_rad, track.slant
+            self._append(track.source, stamps_ns, row_end_by_tick, track.value_m, track.std_m, places, is_slant=slant)
+
+    def _append(
+        self,
+        source: HeightSource,
+        stamps_ns: IntArray,
+        row_end_by_tick: IntArray | None,
+        value_m: FloatArray,
+        std_m: FloatArray,
+        lat_lon_rad: FloatArray | None = None,
+        *,
+        is_slant: bool = False,
+    ) -> None:
+        places = np.full((len(value_m), 2), np.nan) if lat_lon_rad is None else lat_lon_rad
+        columns = {"value_m": value_m, "std_m": std_m, "slant": np.full_like(value_m, float(is_slant))}
+        self._streams[source].append(stamps_ns, row_end_by_tick, **columns, lat_lon_rad=places)
 
     def at(
         self,
-        stamp_ns: int,
-        watermark_ns: int,
+        stamps_ns: IntArray,
+        ticks: IntArray,
+        watermark_ns: IntArray,
         vehicle_at: VehicleAt,
-        lat_lon_rad: tuple[float, float] | None = None,
-    ) -> Height | Missing:
-        """The height at the stamp.
+        lat_lon_rad: FloatArray,
+    ) -> HeightBatch:
+        """Heights at stamps.
 
         Args:
-            stamp_ns: UTC.
-            watermark_ns: See ``Stream.find``.
+            stamps_ns: ``(n,)`` UTC.
+            ticks: ``(n,)`` as in ``Stream.find``.
+            watermark_ns: ``(n,)`` as in ``Stream.find``.
             vehicle_at: The vehicle's attitude, which slant ranges along the body need.
-            lat_lon_rad: Where the vehicle is, for the distance to what a terrain report is about; None skips that.
+            lat_lon_rad: ``(n, 2)`` where the vehicle is, for the distance to what a terrain report is about; NaN where
+                that is unknown.
         """
-        worst = Missing.NEVER
-        passed_over: list[str] = []
+        found = _nothing(len(stamps_ns))
+        left = np.arange(len(stamps_ns))
+        far: dict[int, list[str]] = {}
         for source in self._settings.order:
-            found = self._found(source, stamp_ns, watermark_ns, vehicle_at, lat_lon_rad)
-            if isinstance(found, Height):
-                against = [self._difference(source, other, stamp_ns, vehicle_at) for other in self._samples]
-                remarks = _remarks([each for each in against if each is not None])
-                return replace(found, reasons=(*passed_over, *remarks))
-            if self._is_far(source, stamp_ns, watermark_ns, lat_lon_rad):
-                limit_m = self._settings.terrain_max_distance_m
-                passed_over.append(f"{source} is of a place more than {limit_m:g} m away, and is not taken")
-            if found is Missing.PENDING:
-                return found
-            worst = Missing.STALE if Missing.STALE in (worst, found) else worst
-        return worst
+            if not len(left):
+                break
+            asked = stamps_ns[left], ticks[left], watermark_ns[left]
+            values = self._values(source, *asked, vehicle_at, lat_lon_rad[left])
+            for row in left[values.is_far].tolist():
+                far.setdefault(row, []).append(self._far_sentence(source))
+            _take_values(found, left, values, source)
+            left = left[np.isin(values.missing, (Missing.STALE, Missing.NEVER))]
+        known = np.flatnonzero(found.missing == Missing.NO)
+        disagreements = self._disagreements(stamps_ns, ticks, found, known, vehicle_at)
+        for row in sorted(far.keys() | disagreements.keys()):
+            if found.missing[row] == Missing.NO:
+                found.reasons[row] = (*far.get(row, ()), *disagreements.get(row, ()))
+        return found
 
-    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> Heights:
-        """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
-
-        None is known where it is not that simple: another source than home has ever spoken, or home itself has nothing
-        plain.
-        """
-        home: Final = HeightSource.HOME
-        first = next((source for source in self._settings.order if self._has_spoken(source)), None)
-        if first is not home or sum(not each.stream.is_empty for each in self._samples.values()) > 1:
-            nothing = np.full(len(stamps_ns), np.nan)
-            return Heights(nothing, nothing, nothing, home, DATUM[home])
-        height_m, std_m, age_s = self._samples[home].level_at_all(stamps_ns, ticks)
-        return Heights(height_m, np.maximum(std_m, self._receiver.stds_m(stamps_ns, ticks)), age_s, home, DATUM[home])
-
-    def _has_spoken(self, source: HeightSource) -> bool:
-        if source is HeightSource.MANUAL:
-            return self._settings.manual_m is not None
-        return self._samples[source].stream.has_begun
-
-    def differences(self, stamp_ns: int, vehicle_at: VehicleAt) -> list[HeightDifference]:
+    def latest_differences(self, stamp_ns: int, vehicle_at: VehicleAt) -> list[HeightDifference]:
         """What every two sources said last, by a stamp, where both spoke of the same time."""
         pairs = combinations(self._settings.order, 2)
-        found = (self._difference(first, second, stamp_ns, vehicle_at) for first, second in pairs)
+        found = (self._one_difference(first, second, stamp_ns, LAST, vehicle_at) for first, second in pairs)
         return [each for each in found if each is not None]
 
-    def switch(self, before: HeightSource, after: HeightSource, stamp_ns: int, vehicle_at: VehicleAt) -> HeightSwitch:
-        """That one source follows another at a stamp, with the step between the two when both last spoke."""
-        step = self._difference(before, after, stamp_ns, vehicle_at, max_age_ns=END_OF_TIME)
-        if step is None and before in self._samples:
-            turned = self._difference(after, before, stamp_ns, vehicle_at, max_age_ns=END_OF_TIME)
-            step = None if turned is None else turned.turned()
+    def switch(
+        self, before: HeightSource, after: HeightSource, stamp_ns: int, tick: IntArray, vehicle_at: VehicleAt
+    ) -> HeightSwitch:
+        """That one source follows another at a stamp, with the step between the two when both last spoke.
+
+        ``tick (1,)`` as in ``Stream.find``.
+        """
+        step = self._one_difference(before, after, stamp_ns, tick, vehicle_at, max_age_ns=END_OF_TIME)
+        if step is None and before in self._streams:
+            reverse = self._one_difference(after, before, stamp_ns, tick, vehicle_at, max_age_ns=END_OF_TIME)
+            step = None if reverse is None else reverse.turned()
         return HeightSwitch(stamp_ns=stamp_ns, before=before, after=after, step=step)
 
-    def _found(
+    def _values(
         self,
         source: HeightSource,
-        stamp_ns: int,
-        watermark_ns: int,
+        stamps_ns: IntArray,
+        ticks: IntArray,
+        watermark_ns: IntArray,
         vehicle_at: VehicleAt,
-        lat_lon_rad: tuple[float, float] | None,
-    ) -> Height | Missing:
+        lat_lon_rad: FloatArray,
+    ) -> _Values:
+        """What a source says at stamps ``(n,)``."""
+        count = len(stamps_ns)
+        numbers, foot_m, is_far = np.full((3, count), np.nan), np.zeros((count, 2)), np.full(count, fill_value=False)
         if source is HeightSource.MANUAL:
-            manual_m = self._settings.manual_m
-            std_m = self._settings.std_m[source]
-            return Missing.NEVER if manual_m is None else Height(manual_m, std_m, source, DATUM[source], 0.0)
-        samples = self._samples[source]
-        found = samples.stream.find(stamp_ns, watermark_ns)
-        if isinstance(found, Missing):
-            return found
-        if self._is_far(source, stamp_ns, watermark_ns, lat_lon_rad):
-            return Missing.STALE
-        vertical = samples.vertical(found, stamp_ns, vehicle_at)
-        if isinstance(vertical, Missing):
-            return vertical
-        height = self._height(vertical.height_m, vertical.std_m, source, stamp_ns)
-        return replace(height, age_s=samples.stream.age_s(stamp_ns) or 0.0, foot_m=vertical.foot_m)
+            manual_m, std_m = self._settings.manual_m, self._settings.std_m[source]
+            if manual_m is None:
+                return _Values(*numbers, foot_m, np.full(count, Missing.NEVER), is_far)
+            height_m = np.full(count, manual_m)
+            return _Values(height_m, np.full(count, std_m), np.zeros(count), foot_m, np.full(count, Missing.NO), is_far)
+        stream = self._streams[source]
+        found, missing = stream.find(stamps_ns, ticks, watermark_ns)
+        rows = np.flatnonzero(missing == Missing.NO)
+        if len(rows):
+            is_far[rows] = self._is_far(stream, found.rows(rows), lat_lon_rad[rows])
+            missing[is_far] = Missing.STALE
+            rows = rows[~is_far[rows]]
+            own = stamps_ns[rows], ticks[rows]
+            vertical = self._vertical(source, found.rows(rows), *own, watermark_ns[rows], vehicle_at)
+            numbers[0, rows], numbers[1, rows], foot_m[rows], missing[rows] = vertical
+            numbers[2, rows] = stream.ages_s(stamps_ns[rows], found.rows(rows))
+            numbers[1, rows] = np.maximum(numbers[1, rows], self._receiver_std_m(source, *own))
+        return _Values(*numbers, foot_m, missing, is_far)
 
-    def _is_far(
-        self, source: HeightSource, stamp_ns: int, watermark_ns: int, lat_lon_rad: tuple[float, float] | None
-    ) -> bool:
-        """Whether what a source says at a stamp is about a place too far away."""
-        if lat_lon_rad is None or source not in self._samples:
-            return False
-        samples = self._samples[source]
-        found = samples.stream.find(stamp_ns, watermark_ns)
-        return not isinstance(found, Missing) and samples.is_far(found, lat_lon_rad)
+    def _receiver_std_m(self, source: HeightSource, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
+        """The receiver's own opinion, where a height comes with the position; else 0."""
+        return self._receiver.std_m(stamps_ns, ticks) if source is HeightSource.HOME else np.zeros(len(stamps_ns))
 
-    def _height(self, value_m: float, std_m: float, source: HeightSource, stamp_ns: int) -> Height:
-        """With the receiver's own opinion, where a height comes with the position and it is the worse one."""
-        receivers_m = self._receiver.std_m(stamp_ns) if source is HeightSource.HOME else 0.0
-        return Height(value_m, max(std_m, receivers_m), source, DATUM[source], 0.0)
+    def _vertical(
+        self,
+        source: HeightSource,
+        found: Brackets,
+        stamps_ns: IntArray,
+        ticks: IntArray,
+        watermark_ns: IntArray,
+        vehicle_at: VehicleAt,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Vertical heights ``(n,)`` between two samples, standard deviations, feet ``(n, 2)`` and what is missing.
 
-    def _difference(
+        Each slant range is turned by the vehicle's attitude of its own moment (of the stamp where that one is not
+        known), so that over level ground a swaying vehicle keeps its height.
+        """
+        stream, count = self._streams[source], len(stamps_ns)
+        values_m, std_m = stream.column("value_m"), self._std_m(source, found)
+        missing, foot_m = np.full(count, int(Missing.NO)), np.zeros((count, 2))
+        if not np.any(stream.column("slant")[found.before]):
+            return found.linear(values_m), std_m, foot_m, missing
+        now, missing = vehicle_at(stamps_ns, ticks, watermark_ns)
+        beams = []
+        for ends in (found.before, found.after):
+            then, gone = vehicle_at(stream.stamps_ns[ends], ticks, watermark_ns)
+            missing = np.where((missing == Missing.NO) & (gone == Missing.PENDING), gone, missing)
+            attitude = np.where((gone == Missing.NO)[:, None], then, now)
+            beams.append(values_m[ends, None] * matrix(attitude)[:, :, 2])
+        north, east, down = (beams[0] + found.weight[:, None] * (beams[1] - beams[0])).T
+        missing = np.where((missing == Missing.NO) & ~(down > 0), Missing.STALE, missing)  # it looks up
+        with np.errstate(invalid="ignore"):
+            level_m = np.hypot(north, east)
+            upright = down / np.hypot(level_m, down)
+            leaning_m = np.hypot(upright * std_m, level_m * self._settings.lean_std_rad)
+        height_m = np.where(missing == Missing.NO, down, np.nan)
+        return height_m, leaning_m, np.stack([east, north], axis=-1), missing
+
+    def _std_m(self, source: HeightSource, found: Brackets) -> FloatArray:
+        """What the message says of itself, else the stated one; and what a step between two samples adds.
+
+        Whatever no vehicle climbs, an edge below or a correction, happened at any time between the two: a share ``w``
+        into the gap the interpolation is then off by ``step sqrt(w (1 - w))``.
+        """
+        stream = self._streams[source]
+        reported_m, (before_m, after_m) = found.linear(stream.column("std_m")), found.ends(stream.column("value_m"))
+        known_m = np.where(np.isfinite(reported_m), reported_m, self._settings.std_m[source])
+        step_m = np.maximum(0.0, np.abs(after_m - before_m) - _CLIMB_MPS * found.gap_ns / SECOND_NS)
+        return np.asarray(np.hypot(known_m, step_m * np.sqrt(found.weight * (1 - found.weight))))
+
+    def _is_far(self, stream: Stream, found: Brackets, lat_lon_rad: FloatArray) -> BoolArray:
+        """Whether one of two samples is of another place than the vehicle's; unknown places are not far."""
+        is_far = np.full(len(lat_lon_rad), fill_value=False)
+        for ends in found.ends(stream.column("lat_lon_rad")):
+            apart = np.remainder(ends - lat_lon_rad + math.pi, 2 * math.pi) - math.pi  # over 180 degrees of longitude
+            apart[:, 1] *= np.cos(lat_lon_rad[:, 0])
+            is_far |= _EARTH_M * np.hypot(*apart.T) > self._settings.terrain_max_distance_m
+        return is_far
+
+    def _far_sentence(self, source: HeightSource) -> str:
+        limit_m = self._settings.terrain_max_distance_m
+        return f"{source} is of a place more than {limit_m:g} m away, and is not taken"
+
+    def _disagreements(
+        self, stamps_ns: IntArray, ticks: IntArray, heights: HeightBatch, known: IntArray, vehicle_at: VehicleAt
+    ) -> dict[int, tuple[str, ...]]:
+        """By row, which sources the heights at some rows ``known`` disagree with, in sentences."""
+        beyond: dict[int, list[HeightDifference]] = {}
+        for source in self._settings.order:
+            rows = known[heights.source[known] == SOURCES.index(source)]
+            for other, stream in self._streams.items():
+                if other is source or stream.is_empty or not len(rows):
+                    continue
+                asked = stamps_ns[rows], ticks[rows]
+                for row, found in self._differences(source, other, *asked, vehicle_at, only_beyond=True):
+                    beyond.setdefault(int(rows[row]), []).append(found)
+        return {row: _remarks(differences) for row, differences in beyond.items()}
+
+    def _one_difference(
         self,
         source: HeightSource,
         other: HeightSource,
         stamp_ns: int,
+        tick: IntArray,
         vehicle_at: VehicleAt,
         max_age_ns: int | None = None,
     ) -> HeightDifference | None:
-        """``other`` against ``source`` when ``other`` last spoke; None: long ago, or the source was silent."""
-        if source is other or other is HeightSource.MANUAL:
-            return None
-        stream = self._samples[other].stream
-        row = int(np.searchsorted(stream.stamps_ns, stamp_ns, side="right")) - 1
-        limit_ns = stream.max_gap_ns if max_age_ns is None else max_age_ns
-        if row < 0 or stamp_ns - int(stream.stamps_ns[row]) > limit_ns:
-            return None
-        when_ns = int(stream.stamps_ns[row])
-        vertical = self._samples[other].vertical(Bracket(row, row, 0.0, 0), when_ns, vehicle_at)
-        own = self._found(source, when_ns, END_OF_TIME, vehicle_at, None)
-        if isinstance(vertical, Missing) or isinstance(own, Missing):
-            return None
-        theirs = self._height(vertical.height_m, vertical.std_m, other, when_ns)
-        return HeightDifference(
-            stamp_ns=when_ns,
-            source=source,
-            other=other,
-            height_m=own.height_agl_m,
-            other_m=theirs.height_agl_m,
-            std_m=math.hypot(own.std_m, theirs.std_m),
-        )
+        """The difference at one stamp, as of a tick ``(1,)``."""
+        asked = np.array([stamp_ns]), tick
+        found = self._differences(source, other, *asked, vehicle_at, max_age_ns=max_age_ns)
+        return found[0][1] if found else None
+
+    def _differences(
+        self,
+        source: HeightSource,
+        other: HeightSource,
+        stamps_ns: IntArray,
+        ticks: IntArray,
+        vehicle_at: VehicleAt,
+        *,
+        max_age_ns: int | None = None,
+        only_beyond: bool = False,
+    ) -> list[tuple[int, HeightDifference]]:
+        """``other`` against ``source`` when ``other`` last spoke before each of the stamps ``(n,)``, by row.
+
+        Left out is what was said too long ago, or while the source was silent.
+        """
+        if source is other or other is HeightSource.MANUAL or self._streams[other].is_empty:
+            return []
+        stream = self._streams[other]
+        last, limit_ns = stream.last_before(stamps_ns, ticks), stream.max_gap_ns if max_age_ns is None else max_age_ns
+        rows = np.flatnonzero((last >= 0) & (stamps_ns - stream.stamps_ns[last] <= limit_ns))
+        last, ticks = last[rows], ticks[rows]
+        when_ns, end = stream.stamps_ns[last], np.full(len(rows), END_OF_TIME)
+        exact = Brackets(last, last, np.zeros(len(rows)), np.zeros_like(last), np.full(len(rows), fill_value=True))
+        other_m, other_std_m, _, gone = self._vertical(other, exact, when_ns, ticks, end, vehicle_at)
+        other_std_m = np.maximum(other_std_m, self._receiver_std_m(other, when_ns, ticks))
+        nowhere = np.full((len(rows), 2), np.nan)
+        own = self._values(source, when_ns, ticks, end, vehicle_at, nowhere)
+        std_m = np.hypot(own.std_m, other_std_m)
+        is_told = (gone == Missing.NO) & (own.missing == Missing.NO)
+        if only_beyond:
+            is_told &= HeightDifference.is_step_beyond(other_m - own.height_m, std_m)
+        return [
+            (
+                int(rows[k]),
+                HeightDifference(
+                    stamp_ns=int(when_ns[k]),
+                    source=source,
+                    other=other,
+                    height_m=float(own.height_m[k]),
+                    other_m=float(other_m[k]),
+                    std_m=float(std_m[k]),
+                ),
+            )
+            for k in np.flatnonzero(is_told).tolist()
+        ]
 
 
-def _remarks(differences: list[HeightDifference]) -> tuple[str, ...]:
+def _nothing(count: int) -> HeightBatch:
+    numbers = np.full((3, count), np.nan)
+    source, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
+    return HeightBatch(*numbers, np.zeros((count, 2)), source, missing, {})
+
+
+def _take_values(found: HeightBatch, rows: IntArray, values: _Values, source: HeightSource) -> None:
+    """Write what a source says at some rows into heights; of what is missing, stale outlasts never."""
+    own = values.missing == Missing.NO
+    at = rows[own]
+    found.height_agl_m[at], found.std_m[at], found.age_s[at] = (
+        values.height_m[own],
+        values.std_m[own],
+        values.age_s[own],
+    )
+    found.foot_m[at], found.source[at] = values.foot_m[own], SOURCES.index(source)
+    keeps = (values.missing == Missing.NEVER) & (found.missing[rows] == Missing.STALE)
+    found.missing[rows] = np.where(keeps, found.missing[rows], values.missing)
+
+
+def _remarks(beyond: list[HeightDifference]) -> tuple[str, ...]:
     """Which sources a height disagrees with, in sentences."""
-    beyond = [each for each in differences if each.is_beyond]
     sentences = [each.sentence() for each in beyond]
     for first, second in combinations(beyond, 2):
         between_m = abs(first.step_m - second.step_m)

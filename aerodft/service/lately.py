@@ -22,19 +22,19 @@ class HeardLately:
         """All streams."""
         return tuple(self._streams.values())
 
-    def append(self, what: str, stamps_ns: IntArray) -> None:
-        """Take in when a sentence held."""
+    def append(self, what: str, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take in when a sentence held, as ``Stream.append``."""
         if what not in self._streams:
             _LOG.warning("%s", what)
             self._streams[what] = Stream(self._window_ns)
-        self._streams[what].append(stamps_ns)
+        self._streams[what].append(stamps_ns, row_end_by_tick)
 
     def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[tuple[str, ...]]:
-        """What was heard in the time before each of the stamps ``(n,)``, at a tick ``(n,)`` of those that came last."""
+        """What was heard in the time before each of the stamps ``(n,)``, as of ticks ``(n,)``."""
         found: list[tuple[str, ...]] = [()] * len(stamps_ns)
         for what, each in self._streams.items():
             rows = each.last_before(stamps_ns, ticks)
             for k in np.flatnonzero(rows >= 0).tolist():
-                if stamps_ns[k] - each.all_stamps_ns[rows[k]] <= self._window_ns:
+                if stamps_ns[k] - each.stamps_ns[rows[k]] <= self._window_ns:
                     found[k] = (*found[k], what)
         return found

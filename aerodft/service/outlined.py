@@ -1,20 +1,22 @@
 """Observations to requests: pixels as they are, boxes and contours by where the object that they show stands."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from aerodft.dft.answers import ImageAnswers
-from aerodft.dft.record import no_answer
-from aerodft.dft.request import Request, Setup
+from aerodft.dft.measurement_batch import MeasurementBatch, MeasurementColumn
+from aerodft.dft.quantities import KINDS
+from aerodft.dft.request import Request, Setup, zoomed
 from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.pose import Pose
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import PixelSource, Probe, ProbeKind, takes_pixels
-from aerodft.model.status import Status
+from aerodft.model.status import CODE_OF, Status
 
 _OF_STANDING: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
 
@@ -36,33 +38,48 @@ def can_answer(probe: Probe, observation: Observation) -> bool:
     return kind in _OF_STANDING or (kind is ProbeKind.AREA and bool(observation.contour))
 
 
-def unseen(setup: Setup, sample: PoseSample, probe: Probe, observation: Observation) -> ImageAnswers:
-    """What is measured of a probe that was looked for and not seen: nothing, and why."""
-    answer = no_answer(probe, sample.status, sample.reasons)
-    if sample.status is Status.OK:
-        status = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
-        answer = no_answer(probe, status, (observation.unseen or _UNSEEN[status], *sample.reasons))
-    request = Request(probe=probe, pixels=(), std_px=probe.std_px)
-    return ImageAnswers.of(setup, sample, observation.image, (request,), (answer,))
+def unseen(
+    setup: Setup, poses: PoseBatch, probe: Probe, observations: Sequence[Observation], images: IntArray
+) -> MeasurementBatch:
+    """What is measured of a probe that was looked for in images ``(n,)`` and not seen: nothing, and why."""
+    status, reasons = poses.status, dict[int, tuple[str, ...]]()
+    why = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
+    for row in np.flatnonzero(status == CODE_OF[Status.OK]).tolist():
+        said = poses.variants[int(poses.variant_index[row])].reasons
+        status[row], reasons[row] = CODE_OF[why], (observations[row].unseen or _UNSEEN[why], *said)
+    column = MeasurementColumn(KINDS[probe.kind].unit, status, reasons, {})
+    return MeasurementBatch(
+        requests=(Request(probe=probe, pixels=(), std_px=probe.std_px),),
+        poses=poses,
+        images=images,
+        columns=(column,),
+        model=setup.model,
+        camera=setup.camera.name,
+        config=setup.config_id,
+    )
 
 
-def request_of(probe: Probe, observation: Observation, camera: Camera, pose: Pose | None) -> Request:
-    """What is asked of the engine for an observation that can answer.
+def request_of(probe: Probe, observations: Sequence[Observation], setup: Setup, poses: PoseBatch) -> Request:
+    """What is asked of the engine for observations ``(n,)`` that can answer.
 
     Args:
         probe: The probe.
-        observation: Of that probe.
-        camera: The camera.
-        pose: Of the image; None where it has none.
+        observations: Of that probe, of as many pixels with one std; an outline comes alone.
+        setup: The station's circumstances.
+        poses: Of the images.
     """
-    if not observation.has_outline:
-        return Request(probe=probe, pixels=observation.pixels, std_px=observation.std_px or probe.std_px)
-    std_px = observation.std_px or probe.std_px or EDGE_STD_PX
+    seen = observations[0]
+    if not seen.has_outline:
+        pixels = np.array([each.pixels for each in observations], dtype=np.float64)
+        return Request(probe=probe, pixels=pixels, std_px=seen.std_px or probe.std_px)
+    std_px = seen.std_px or probe.std_px or EDGE_STD_PX
     if probe.kind is ProbeKind.AREA:
-        return Request(probe=probe, pixels=_pairs(corners_of(np.array(observation.contour))), std_px=std_px)
-    seen = standing_of(observation, camera, pose, std_px)
-    pixels, std_px = _PIXELS_OF[probe.kind].of(seen)
-    return Request(probe=probe, pixels=pixels, std_px=std_px)
+        corners = corners_of(np.array(seen.contour))
+        return Request(probe=probe, pixels=_pairs(corners), std_px=std_px)
+    zoomed_setup, sample = zoomed(setup, poses[0])
+    standing = standing_of(seen, zoomed_setup.camera, sample.pose, std_px)
+    points, std_px = _PIXELS_OF[probe.kind].of(standing)
+    return Request(probe=probe, pixels=points, std_px=std_px)
 
 
 def standing_of(observation: Observation, camera: Camera, pose: Pose | None, edge_std_px: float) -> Standing:

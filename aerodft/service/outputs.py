@@ -8,7 +8,6 @@ from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.model.arrays import IntArray
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
-from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.steadiness import SteadinessEstimate
@@ -24,14 +23,14 @@ class ImageOutputs:
     Attributes:
         tick: ``(n,)`` on which of the step's ticks each was answered, not decreasing.
         order: ``(n,)`` ascending place of each among all outputs of the step.
-        images: The images, stamps in UTC.
+        images: ``(n,)`` their running numbers, ``NO_IMAGE`` for a stamp alone; when they were taken, the poses say.
         poses: Their ``(n,)`` poses.
         measurements: Of all fixed probes in each image; None where there are no such probes.
     """
 
     tick: IntArray
     order: IntArray
-    images: Sequence[Image]
+    images: IntArray
     poses: PoseBatch
     measurements: MeasurementBatch | None
 

@@ -1,38 +1,38 @@
 """Batches in, poses and measurements out: the one path that live, imported and recomputed flights take.
 
-What comes out is a function of the batches alone. An image (or an observation) becomes a job at its stamp; a job is
-done on the first tick at which its telemetry is complete on both sides, or when it has waited long enough. What
-landmarks teach is used from the next stamp on: of what is done on one tick, in the order of the stamps.
+What comes out is a function of the ticks alone, however many of them are advanced by at once. An image (or an
+observation) waits at its stamp until the first tick as of which its telemetry is complete on both sides, or until it
+has waited long enough; it is answered no earlier than what came before it with an earlier stamp. What landmarks teach
+is used from the next stamp on: of what is done on one tick, in the order of the stamps.
 """
 
 import threading
-from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from aerodft.dft.measure import Request, Setup, measure
-from aerodft.model.batch import Batch
+from aerodft.dft.measurement_batch import NO_IMAGE
+from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.health import Health
+from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import Posed, PoseRows, sample_of
+from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
-from aerodft.service.answering import Answering, Helpers
-from aerodft.service.asked import Asked, AskedImages, Work
-from aerodft.service.batches import Batches
-from aerodft.service.coming import Coming
+from aerodft.service.answering import Answering, Helpers, ReadyWork
+from aerodft.service.batches import Batches, numbers_of, stamps_of
 from aerodft.service.counts import Counts
-from aerodft.service.feed import tick_after
-from aerodft.service.intake import FEWEST_TOGETHER, Intake
-from aerodft.service.made import Made
-from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, Output, TelemetryDecoder
+from aerodft.service.intake import Intake
+from aerodft.service.outputs import StepOutputs
+from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, TelemetryDecoder
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
-from aerodft.service.waiting import ImageMemory, Job, Ready
+from aerodft.service.streams import LAST
+from aerodft.service.waiting import RecentImages, Task, WorkList, answer_in_order
 
 
 class Pipeline:
@@ -44,6 +44,9 @@ class Pipeline:
         calibrator: Refines every pose; None uses poses as they come.
         observer: Learns from observed landmarks; None where there are none.
         tracker: Follows what moves; None where nobody asks for that.
+
+    Attributes:
+        counts: What came in, and what could not be used.
     """
 
     def __init__(
@@ -73,15 +76,10 @@ class Pipeline:
             camera=settings.camera,
         )
         self._intake = Intake(decoder, self._poses)
-        self._jobs: deque[Job] = deque()
-        self._images = ImageMemory()
-        self._answering = Answering(
-            settings,
-            self._setup,
-            Helpers(calibrator=calibrator, observer=observer, tracker=tracker),
-            self._images,
-            self._poses.height_switch,
-        )
+        self._work = WorkList.none()
+        self._images = RecentImages()
+        helpers = Helpers(calibrator=calibrator, observer=observer, tracker=tracker)
+        self._answering = Answering(settings, self._setup, helpers)
         self._lock = threading.Lock()  # between the ticks and the questions from outside
 
     def warm_up(self) -> None:
@@ -90,126 +88,64 @@ class Pipeline:
 
     @property
     def last_pose(self) -> PoseSample | None:
-        """The pose of the newest finished image; None before the first."""
-        posed = self._answering.last_pose
-        return None if posed is None else sample_of(posed)
+        """The pose of the newest answered image; None before the first."""
+        return self._answering.last_pose
 
-    def step(self, batch: Batch) -> tuple[Output, ...]:
-        """Advance by one tick.
-
-        Returns:
-            Finished work: for an image the image (stamp in UTC), its pose and its measurements; for an observation
-            the observation with its image, and its measurement; for the landmarks of an image the new estimate.
-        """
-        with self._lock:
-            work = Work()
-            work.add_tick(self._tick(batch, None))
-            return work.measured(self._setup, self._answering.fixed)[0]
-
-    def advance(self, batches: Sequence[Batch]) -> Made:
-        """Advance by some ticks at once.
+    def advance(self, batches: Batches) -> StepOutputs:
+        """Advance by some ticks: one, live, or many, recorded.
 
         Returns:
-            What ``step`` gives for each of them: it does not matter which ticks are together, only how long it takes.
-            But poses that were made together are rows of their columns; ``sample_of`` makes samples of them.
+            For an image its pose and its measurements; for an observation its measurement; for the landmarks of an
+            image the new estimate. They do not depend on which ticks are advanced by together.
         """
         with self._lock:
-            work, together = Work(), Batches.of(batches)
-            while work.count < len(together):
-                self._work(together[work.count :], work)
-            return work.measured(self._setup, self._answering.fixed)
+            first = 0
+            while first < len(batches):
+                rest = batches[first:]
+                self._answer_overdue(int(rest.now_ns[0]), first)
+                count, shift_ns = self._intake.take(rest)
+                self._work = self._work.shifted(shift_ns)
+                self._images.shift(shift_ns)
+                part = rest[:count]
+                self._work = WorkList.joined([self._work, self._accept(part)]).in_order_of_ticks()
+                self._answer(part.now_ns, first)
+                first += count
+            return self._answering.outputs()
 
-    def _work(self, batches: Batches, work: Work) -> None:
-        """Do what is to be done in the first of some ticks: in as many as can be taken in together."""
-        before = self._wait_until(int(batches.now_ns[0]))
-        together = self._intake.take_together(batches)
-        if not together:
-            for batch in batches[:FEWEST_TOGETHER]:
-                work.add_tick(before + self._tick(batch, None))
-                before = []
-            return
-        batches = batches[:together]
-        coming = Coming.of(batches, self._poses.clock)
-        self._poses.prepare(coming.asked(self._jobs))
-        poses = self._poses.ready(coming.tick, coming.stamps_ns)
-        odd = coming.odd_ticks(batches, poses, self._wait_ns, self._settings.tick_ns)
-        tick = 0
-        while tick < together:
-            stop = int(odd[np.searchsorted(odd, tick)])
-            if poses is None or stop == tick or before or self._jobs or not self._answering.may_be_rows(poses):
-                work.add_tick(before + self._tick(batches[tick], tick))
-                before, tick = [], tick + 1
-            else:
-                work.add_ticks(stop - tick, self._images_alone(coming, poses, tick, stop))
-                tick = stop
-
-    def _images_alone(self, coming: Coming, poses: PoseRows, first: int, stop: int) -> AskedImages:
-        """What is done in ticks in which nothing comes but images, whose poses are ready."""
-        own = coming.between(first, stop)
-        images, rows = coming.images[own], poses[own]
-        self._poses.see(stop - 1)
-        self.counts.images += len(images)
-        self._images.add_all(images, rows.stamp_ns)
-        if images:
-            self._answering.last_pose = rows[-1]
-        return AskedImages(coming.tick[own] - first, images, rows)
-
-    def _tick(self, batch: Batch, tick: int | None) -> list[Output | Asked]:
-        """What is done in one tick, yet to be measured; its telemetry is there already where it has a number."""
-        outputs = self._wait_until(batch.now_ns)
-        if tick is not None:
-            self._poses.see(tick)
-        else:
-            for shift_ns in self._intake.take(batch):
-                self._shift(shift_ns)
-        for image in batch.images:
-            self._accept_image(image)
-        for observation in batch.observations:
-            self._accept_observation(observation)
-        return outputs + self._finish(batch.now_ns)
-
-    def _shift(self, by_ns: int) -> None:
-        """What UTC is became known better: stamps made of this machine's are made anew."""
-        if by_ns:
-            self._jobs = deque(job.shifted(by_ns) for job in self._jobs)
-            self._images.shift(by_ns)
-
-    def finish(self) -> tuple[Output, ...]:
-        """The end of the input: what still waits is answered with what there is."""
+    def finish(self) -> StepOutputs:
+        """The end of the input: what still waits is answered with what there is, on a tick of its own."""
         with self._lock:
-            work = Work()
-            work.add_tick(self._wait_until(None))
-            return work.measured(self._setup, self._answering.fixed)[0]
+            self._answer_overdue(None, 0)
+            return self._answering.outputs()
 
     def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
         """Answer a question from outside, from any thread.
 
         Args:
             requests: What to measure.
-            stamp_ns: UTC of the recent past; None for the newest finished image, or a fixed camera's pose.
+            stamp_ns: UTC of the recent past; None for the newest answered image, or a fixed camera's pose.
         """
         with self._lock:
             if stamp_ns is not None or self._settings.fixed_pose is not None:
-                sample = self._pose(stamp_ns or 0, final=True)
+                sample = self._refined_at(stamp_ns or 0)
             else:
                 sample = self.last_pose
         if sample is None:
             reason = "no image has been measured yet"
             sample = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY, reasons=(reason,))
-        return measure(self._setup, sample, tuple(requests))
+        return measure(self._setup, PoseBatch.of([sample]), tuple(requests))[0]
 
     def pose_at(self, stamp_ns: int) -> PoseSample:
         """The pose at a stamp of the recent past, with what has arrived so far."""
         with self._lock:
-            sample = self._pose(stamp_ns, final=True)
-        return sample or PoseSample(stamp_ns=stamp_ns, status=Status.STALE_TELEMETRY)
+            return self._refined_at(stamp_ns)
 
     def health(self, host_ns: int) -> Health | None:
         """What the vehicle had said of itself by this machine's time; None of a fixed camera."""
         if self._settings.telemetry is None:
             return None
         with self._lock:
-            return self._poses.health_at(self._utc(host_ns, StampClock.HOST))
+            return self._poses.health_at(self._host_to_utc(host_ns))
 
     def rejected(self) -> dict[str, int]:
         """Telemetry that held no value so far, by ``MESSAGE: reason``."""
@@ -218,82 +154,168 @@ class Pipeline:
 
     def in_utc(self, image: Image) -> Image:
         """The image with its stamp in UTC as it is known now, from any thread; what an observer's answer refers to."""
+        if image.clock is StampClock.UTC:
+            return image
         with self._lock:
-            return replace(image, stamp_ns=self._utc(image.stamp_ns, image.clock), clock=StampClock.UTC)
+            return replace(image, stamp_ns=self._host_to_utc(image.stamp_ns), clock=StampClock.UTC)
 
-    def _accept_image(self, image: Image) -> None:
-        self.counts.images += 1
-        stamp_ns = self._utc(image.stamp_ns, image.clock)
-        if image.width_px is not None:
-            self._images.add(image.index, stamp_ns, image.clock)
-        known = image
-        if image.clock is not StampClock.UTC or image.pixels is not None:
-            known = image.known_at(stamp_ns)
-        deadline_ns = tick_after(image.arrival_ns + self._wait_ns, self._settings.tick_ns)
-        self._jobs.append(Job(stamp_ns, deadline_ns, known, image.clock))
+    def _accept(self, batches: Batches) -> WorkList:
+        """What comes in some ticks."""
+        images, tick = batches.images, batches.image_tick
+        self.counts.images += len(images)
+        stamps_ns, by_utc = stamps_of(images)
+        stamps_ns = np.where(by_utc, stamps_ns, self._poses.clock.host_to_utc(stamps_ns, tick))
+        numbers = numbers_of(images)
+        has_pixels = numbers != NO_IMAGE
+        remembered = numbers[has_pixels], stamps_ns[has_pixels], by_utc[has_pixels], tick[has_pixels]
+        self._images.add(*remembered, len(batches))
+        of_images = WorkList(
+            task=np.full(len(images), int(Task.IMAGE)),
+            stamp_ns=stamps_ns,
+            by_utc=by_utc,
+            deadline_ns=self._deadline_ns(batches.image_arrival_ns),
+            tick=tick,
+            image=numbers,
+            observations=[None] * len(images),
+        )
+        return WorkList.joined([of_images, self._accept_observations(batches)])
 
-    def _accept_observation(self, observation: Observation) -> None:
-        self.counts.observations += 1
-        uses = self._answering.uses(observation)
-        if not uses.is_known:
-            self.counts.unknown_probe += 1
-        elif not any(uses[1:]):
-            self.counts.wrong_pixel_count += 1
-        else:
-            stamp_ns = self._seen_ns(observation)
-            known = replace(observation, stamp_ns=stamp_ns, clock=StampClock.UTC)
-            deadline_ns = tick_after(observation.arrival_ns + self._wait_ns, self._settings.tick_ns)
-            self._jobs += uses.jobs(stamp_ns, deadline_ns, known, observation.clock)
+    def _accept_observations(self, batches: Batches) -> WorkList:
+        accepted: list[tuple[Task, int, Observation]] = []
+        self.counts.observations += len(batches.observations)
+        for tick, seen in zip(batches.observation_tick.tolist(), batches.observations, strict=True):
+            is_known, tasks = self._answering.tasks(seen)
+            self.counts.unknown_probe += not is_known
+            self.counts.wrong_pixel_count += is_known and not tasks
+            accepted += [(task, tick, seen) for task in tasks]
+        observations = [seen for _, _, seen in accepted]
+        task, tick = (np.array([each[k] for each in accepted], dtype=np.int64) for k in (0, 1))
+        stamps_ns = self._stamps_of_observations(observations, tick)
+        arrivals_ns = np.array([seen.arrival_ns for seen in observations], dtype=np.int64)
+        pairs = zip(observations, stamps_ns.tolist(), strict=True)
+        return WorkList(
+            task=task,
+            stamp_ns=stamps_ns,
+            by_utc=np.array([seen.clock is StampClock.UTC for seen in observations], dtype=np.bool_),
+            deadline_ns=self._deadline_ns(arrivals_ns),
+            tick=tick,
+            image=np.array([NO_IMAGE if seen.image is None else seen.image for seen in observations], dtype=np.int64),
+            observations=[replace(seen, stamp_ns=own_ns, clock=StampClock.UTC) for seen, own_ns in pairs],
+        )
 
-    def _seen_ns(self, observation: Observation) -> int:
-        """UTC of an observation: on the host's clock its image's own, though the clocks are known better by now."""
-        stamp_ns = self._utc(observation.stamp_ns, observation.clock)
-        if observation.clock is StampClock.UTC or observation.image is None:
-            return stamp_ns
-        own_ns = self._images.stamp_ns(observation.image)
-        return stamp_ns if own_ns is None else own_ns
+    def _stamps_of_observations(self, observations: list[Observation], tick: IntArray) -> IntArray:
+        """UTC ``(n,)``: on the host's clock that of the image, though the clocks are known better by now."""
+        stamps_ns, by_utc = stamps_of(observations)
+        stamps_ns = np.where(by_utc, stamps_ns, self._poses.clock.host_to_utc(stamps_ns, tick))
+        for row in np.flatnonzero(~by_utc).tolist():
+            image = observations[row].image
+            own_ns = None if image is None else self._images.stamp_ns(image, int(tick[row]))
+            stamps_ns[row] = stamps_ns[row] if own_ns is None else own_ns
+        return stamps_ns
 
-    def _utc(self, stamp_ns: int, clock: StampClock) -> int:
-        return stamp_ns if clock is StampClock.UTC else self._poses.clock.host_to_utc(stamp_ns)
+    def _deadline_ns(self, arrival_ns: IntArray) -> IntArray:
+        """The tick ``(n,)`` on which what arrived then is answered with what there is."""
+        tick_ns = self._settings.tick_ns
+        return -(-(arrival_ns + self._wait_ns) // tick_ns) * tick_ns
 
-    def _wait_until(self, now_ns: int | None) -> list[Output | Asked]:
-        """What the empty ticks before ``now_ns`` would have answered, whether they came or were left out."""
-        if not self._jobs:
-            return []
-        deadlines_ns = {job.deadline_ns for job in self._jobs if now_ns is None or job.deadline_ns < now_ns}
-        return [output for deadline_ns in sorted(deadlines_ns) for output in self._finish(deadline_ns)]
+    def _answer_overdue(self, now_ns: int | None, tick: int) -> None:
+        """Answer what was due before a time, or all there is, as of the last tick; on the tick of that number."""
+        is_due = np.full(len(self._work), fill_value=True) if now_ns is None else self._work.deadline_ns < now_ns
+        rows = np.flatnonzero(is_due)
+        if not len(rows):
+            return
+        rows = rows[np.argsort(self._work.deadline_ns[rows], kind="stable")]
+        due = self._work.rows(rows)
+        self._work = self._work.rows(np.flatnonzero(~is_due))
+        last, final = np.full(len(due), -1), np.full(len(due), fill_value=True)
+        poses, _ = self._poses_at(due.stamp_ns, last, final=final, by_utc=due.by_utc)
+        self._add(due, poses, last, np.full(len(due), tick), due.deadline_ns)
 
-    def _finish(self, now_ns: int) -> list[Output | Asked]:
-        ready: list[Ready] = []
-        waiting: deque[Job] = deque()
-        # An image and all that was seen in it share their pose.
-        found: dict[tuple[int, bool, bool], Posed | None] = {}
-        blocked_ns = None  # what one stamp waits for, later ones wait for too
-        for job in self._jobs:
-            final = job.deadline_ns <= now_ns
-            if not final and self._images.are_behind(job, self._settings.match_tolerance_ns):
-                waiting.append(job)
-                continue
-            look = final or blocked_ns is None or job.stamp_ns < blocked_ns
-            by_utc = job.clock is StampClock.UTC
-            key = (job.stamp_ns, by_utc, final)
-            if look and key not in found:
-                found[key] = self._telemetry_pose(job.stamp_ns, final=final, by_utc=by_utc)
-            posed = found[key] if look else None
-            if posed is None:
-                waiting.append(job)
-                blocked_ns = min(job.stamp_ns, blocked_ns or job.stamp_ns)
-            else:
-                ready.append(Ready(job, posed))
-        self._jobs = waiting
-        return self._answering.done(ready)
+    def _answer(self, now_ns: IntArray, first: int) -> None:
+        """Answer what is ready in the ticks ``now_ns (n,)`` of the newest step, numbered from ``first``."""
+        work, count = self._work, len(now_ns)
+        if not len(work):
+            return
+        deadline_tick = np.searchsorted(now_ns, work.deadline_ns)
+        ready_tick, parts = self._ready(work, np.minimum(deadline_tick, count), count)
+        is_final = (ready_tick >= deadline_tick) & (deadline_tick < count)
+        final = np.flatnonzero(is_final)
+        is_on_tick = now_ns[np.minimum(deadline_tick, count - 1)] == work.deadline_ns
+        as_of = np.where(is_final, deadline_tick - ~is_on_tick, ready_tick)
+        if len(final):
+            known = np.full(len(final), fill_value=True)
+            poses, _ = self._poses_at(work.stamp_ns[final], as_of[final], final=known, by_utc=work.by_utc[final])
+            parts.append((final, poses))
+        answer_tick = answer_in_order(work.stamp_ns, np.where(is_final, deadline_tick, ready_tick), deadline_tick)
+        is_answered = answer_tick < count
+        self._work = work.rows(np.flatnonzero(~is_answered)).at_first_tick()
+        if not parts:
+            return
+        place = np.empty(len(work), dtype=np.int64)
+        place[np.concatenate([rows for rows, _ in parts])] = np.arange(sum(len(rows) for rows, _ in parts))
+        # What is due between two ticks comes before what is answered on the second of them.
+        is_before = is_final & ~is_on_tick & (answer_tick == deadline_tick)
+        due_ns = np.where(is_before, work.deadline_ns, np.iinfo(np.int64).max)
+        rows = np.flatnonzero(is_answered)
+        rows = rows[np.lexsort((due_ns[rows], answer_tick[rows]))]
+        poses = PoseBatch.joined([poses for _, poses in parts]).rows(place[rows])
+        self._add(work.rows(rows), poses, as_of[rows], first + answer_tick[rows], due_ns[rows])
 
-    def _pose(self, stamp_ns: int, *, final: bool) -> PoseSample | None:
-        posed = self._telemetry_pose(stamp_ns, final=final)
-        return None if posed is None else sample_of(self._answering.refined(posed))
+    def _ready(
+        self, work: WorkList, until_tick: IntArray, count: int
+    ) -> tuple[IntArray, list[tuple[IntArray, PoseBatch]]]:
+        """Ticks ``(n,)`` as of which the telemetry of work is complete, before ``until_tick (n,)``; else ``count``.
 
-    def _telemetry_pose(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> Posed | None:
+        And the poses as of these ticks, with the rows of the work that they are of.
+        """
+        tick = work.tick.copy()
+        waits_for_image = np.flatnonzero((work.task != Task.IMAGE) & (work.image == NO_IMAGE))
+        if len(waits_for_image):
+            near_ns = work.stamp_ns[waits_for_image] - self._settings.match_tolerance_ns
+            tick[waits_for_image] = self._images.ticks_with(near_ns, tick[waits_for_image])
+        if self._settings.fixed_pose is None:
+            passed = np.searchsorted(np.maximum.accumulate(self._poses.watermark_ns(count)), work.stamp_ns)
+            tick = np.maximum(tick, passed)
+        ready_tick, parts = np.full(len(work), count), list[tuple[IntArray, PoseBatch]]()
+        rows = np.flatnonzero(tick < until_tick)
+        while len(rows):
+            no = np.full(len(rows), fill_value=False)
+            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick[rows], final=no, by_utc=work.by_utc[rows])
+            done = np.flatnonzero(~is_pending)
+            ready_tick[rows[done]] = tick[rows[done]]
+            parts.append((rows[done], poses.rows(done)))
+            rows = rows[is_pending]
+            tick[rows] += 1
+            rows = rows[tick[rows] < until_tick[rows]]
+        return ready_tick, [part for part in parts if len(part[0])]
+
+    def _add(self, work: WorkList, poses: PoseBatch, as_of: IntArray, tick: IntArray, due_ns: IntArray) -> None:
+        """Have work answered on ticks ``(n,)``, in order, with poses as of ticks of the newest step."""
+        for row in np.flatnonzero((work.task != Task.IMAGE) & (work.image == NO_IMAGE)).tolist():
+            tolerance_ns = self._settings.match_tolerance_ns
+            work.image[row] = self._images.nearest(int(work.stamp_ns[row]), tolerance_ns, int(as_of[row]))
+        occasion = np.stack([tick, due_ns])
+        group = np.cumsum(np.any(np.diff(occasion, axis=1, prepend=occasion[:, :1]) != 0, axis=0))
+
+        def describe_switch(before: HeightSource, after: HeightSource, stamp_ns: int, row: int) -> HeightSwitch:
+            return self._poses.height_switch(before, after, stamp_ns, int(as_of[row]))
+
+        self._answering.add(ReadyWork(work, poses, tick, group), describe_switch)
+
+    def _poses_at(
+        self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray
+    ) -> tuple[PoseBatch, BoolArray]:
+        """As ``PoseSource.at``; of a fixed camera nothing is ever waited for."""
         fixed = self._settings.fixed_pose
         if fixed is not None:
-            return replace(fixed, stamp_ns=stamp_ns)
-        return self._poses.posed_at(stamp_ns, final=final, by_utc=by_utc)
+            return PoseBatch.repeated(fixed, stamps_ns), np.full(len(stamps_ns), fill_value=False)
+        return self._poses.at(stamps_ns, ticks, final=final, by_utc=by_utc)
+
+    def _refined_at(self, stamp_ns: int) -> PoseSample:
+        """The refined pose at a stamp (UTC), as of the last tick."""
+        asked, no = (np.array([stamp_ns]), LAST), np.array([False])
+        poses, _ = self._poses_at(*asked, final=~no, by_utc=no)
+        return self._answering.refined(poses)[0]
+
+    def _host_to_utc(self, host_ns: int) -> int:
+        return int(self._poses.clock.host_to_utc(np.array([host_ns]))[0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.geodesy import east_north
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GeoOrigin
 from aerodft.model.telemetry import PositionTrack
 from aerodft.service.settings import HeightSettings
@@ -18,47 +18,26 @@ _JUMP_M: Final = 50.0  # an estimator may correct itself by that
 _FASTEST_MPS: Final = 150.0  # what moves faster between two samples is none of them
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A position: metres, m/s, and latitude, longitude (rad) and altitude (m MSL)."""
-
-    east_north_m: tuple[float, float]
-    velocity_enu_mps: tuple[float, float, float]
-    lat_lon_alt: tuple[float, float, float]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaceColumns:
-    """Places at ``n`` stamps; see ``Place``.
+class PlaceBatch:
+    """Positions at ``n`` stamps; NaN where there is none.
 
     Attributes:
         east_north_m: ``(n, 2)``.
         velocity_enu_mps: ``(n, 3)``.
-        lat_lon_alt: ``(n, 3)``.
-        is_known: ``(n,)`` where there is one.
+        lat_lon_alt: ``(n, 3)`` latitude, longitude (rad) and altitude (m MSL).
+        missing: ``(n,)`` why there is none, as ``Missing``.
     """
 
     east_north_m: FloatArray
     velocity_enu_mps: FloatArray
     lat_lon_alt: FloatArray
-    is_known: BoolArray
+    missing: IntArray
 
-    @staticmethod
-    def of(place: Place) -> "PlaceColumns":
-        """The one."""
-        places, velocity = np.array([place.east_north_m]), np.array([place.velocity_enu_mps])
-        return PlaceColumns(places, velocity, np.array([place.lat_lon_alt]), np.ones(1, dtype=np.bool_))
-
-    def rows(self, rows: IntArray) -> "PlaceColumns":
-        """Some of them."""
+    def rows(self, rows: IntArray) -> "PlaceBatch":
+        """Positions by their indices ``(m,)``."""
         numbers = self.east_north_m[rows], self.velocity_enu_mps[rows], self.lat_lon_alt[rows]
-        return PlaceColumns(*numbers, self.is_known[rows])
-
-    def row(self, row: int) -> Place:
-        """One that is known."""
-        numbers = self.east_north_m[row], self.velocity_enu_mps[row], self.lat_lon_alt[row]
-        place, velocity, lat_lon_alt = (tuple(each.tolist()) for each in numbers)
-        return Place(place, velocity, lat_lon_alt)
+        return PlaceBatch(*numbers, self.missing[rows])
 
 
 class Places:
@@ -78,9 +57,10 @@ class Places:
         self.origin = origin
         self._home_above_plane_m = settings.home_above_plane_m
 
-    def append(self, track: PositionTrack, stamps_ns: IntArray, edges: IntArray | None = None) -> None:
-        """Take positions in, at least one; ``edges`` as in ``TrackBuffer.append``."""
-        self.stream.append(stamps_ns, edges, lat_rad=track.lat_rad, lon_rad=track.lon_rad, alt_msl_m=track.alt_msl_m)
+    def append(self, track: PositionTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take in the positions of a step, at least one; ``row_end_by_tick`` as in ``Stream.append``."""
+        columns = {"lat_rad": track.lat_rad, "lon_rad": track.lon_rad, "alt_msl_m": track.alt_msl_m}
+        self.stream.append(stamps_ns, row_end_by_tick, **columns)
         if self.origin is None:
             above_plane = float(track.height_home_m[0]) + self._home_above_plane_m
             self.origin = GeoOrigin(
@@ -89,49 +69,37 @@ class Places:
                 alt_msl_m=float(track.alt_msl_m[0]) - above_plane,
             )
 
-    def at(self, stamp_ns: int, watermark_ns: int) -> Place | Missing:
-        """Position and velocity at the stamp; ``watermark_ns`` as in ``Stream.find``."""
-        found = self.stream.find(stamp_ns, watermark_ns)
-        if isinstance(found, Missing) or self.origin is None:
-            return found if isinstance(found, Missing) else Missing.NEVER
-        lat, lon, alt = (self.stream.column(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
-        ends = [found.before, found.after]
-        corners = np.column_stack([east_north(self.origin, lat[ends], lon[ends]), alt[ends]])
-        apart = corners[1] - corners[0]
-        if np.linalg.norm(apart[:2]) > _JUMP_M + _FASTEST_MPS * found.gap_ns / SECOND_NS:
-            return Missing.STALE
-        velocity = apart * (SECOND_NS / found.gap_ns) if found.gap_ns else np.zeros(3)
-        eastward_rad = math.remainder(lon[found.after] - lon[found.before], 2 * math.pi)  # also over the 180th meridian
-        return Place(
-            tuple((corners[0, :2] + found.weight * apart[:2]).tolist()),
-            tuple(velocity.tolist()),
-            (
-                float(found.linear(lat)),
-                math.remainder(lon[found.before] + found.weight * eastward_rad, 2 * math.pi),
-                float(found.linear(alt)),
-            ),
-        )
-
-    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> PlaceColumns:
-        """What ``at`` gives for stamps ``(n,)`` at ticks ``(n,)`` of those that came last, to the last bit.
-
-        Not known where it is not that simple: unknown, a jump, or the 180th meridian.
-        """
+    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> PlaceBatch:
+        """Positions and velocities at stamps ``(n,)``; arguments as in ``Stream.find``."""
         count = len(stamps_ns)
-        velocity = np.zeros((count, 3))
-        if self.origin is None or self.stream.is_empty:
-            return PlaceColumns(np.zeros((count, 2)), velocity, velocity, np.zeros(count, dtype=np.bool_))
-        found = self.stream.find_all(stamps_ns, ticks)
-        lat, lon, alt = (self.stream.all_of(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
-        before, after = (east_north(self.origin, lat[rows], lon[rows]) for rows in (found.before, found.after))
-        apart, eastward_rad = after - before, lon[found.after] - lon[found.before]
-        with np.errstate(divide="ignore"):
-            per_s = SECOND_NS / found.gap_ns
+        found, missing = self.stream.find(stamps_ns, ticks, watermark_ns)
+        places, velocity, lat_lon_alt = np.full((count, 2), np.nan), np.zeros((count, 3)), np.full((count, 3), np.nan)
+        if self.origin is None:
+            return PlaceBatch(places, velocity, lat_lon_alt, np.where(missing == Missing.NO, Missing.NEVER, missing))
+        rows = np.flatnonzero(missing == Missing.NO)
+        if not len(rows):
+            return PlaceBatch(places, velocity, lat_lon_alt, missing)
+        found = found.rows(rows)
+        lat, lon, alt = (self.stream.column(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
+        before, after = (east_north(self.origin, lat[ends], lon[ends]) for ends in (found.before, found.after))
+        apart = after - before
         moves = found.gap_ns > 0
-        velocity[moves, :2] = apart[moves] * per_s[moves, None]
-        velocity[moves, 2] = (alt[found.after] - alt[found.before])[moves] * per_s[moves]
-        lon_rad = lon[found.before] + found.weight * eastward_rad
-        is_plain = found.is_known & (np.abs(eastward_rad) < math.pi) & (np.abs(lon_rad) < math.pi)
-        is_plain &= np.hypot(*apart.T) < _JUMP_M  # at any speed
-        lat_lon_alt = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])
-        return PlaceColumns(before + found.weight[:, None] * apart, velocity, lat_lon_alt, is_plain)
+        per_s = np.where(moves, SECOND_NS / np.where(moves, found.gap_ns, 1), 0.0)
+        places[rows] = before + found.weight[:, None] * apart
+        velocity[rows, :2] = apart * per_s[:, None]
+        velocity[rows, 2] = (alt[found.after] - alt[found.before]) * per_s
+        eastward_rad = _within_half_a_turn(lon[found.after] - lon[found.before])  # also over the 180th meridian
+        lon_rad = _within_half_a_turn(lon[found.before] + found.weight * eastward_rad)
+        lat_lon_alt[rows] = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])
+        is_jump = np.hypot(*apart.T) > _JUMP_M + _FASTEST_MPS * found.gap_ns / SECOND_NS
+        missing[rows[is_jump]] = Missing.STALE
+        places[rows[is_jump]] = lat_lon_alt[rows[is_jump]] = np.nan
+        velocity[rows[is_jump]] = 0.0
+        return PlaceBatch(places, velocity, lat_lon_alt, missing)
+
+
+def _within_half_a_turn(angle_rad: FloatArray) -> FloatArray:
+    """Angles less whole turns; those within half a turn as they are, to the last bit."""
+    return np.where(
+        np.abs(angle_rad) <= math.pi, angle_rad, angle_rad - 2 * math.pi * np.rint(angle_rad / (2 * math.pi))
+    )

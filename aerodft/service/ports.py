@@ -3,15 +3,14 @@
 from collections.abc import Iterator, Mapping
 from typing import Protocol, runtime_checkable
 
-from aerodft.dft.answers import ImageAnswers
+from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.dft.request import Setup
-from aerodft.model.batch import Arrival, Batch, Event
+from aerodft.model.batch import Arrival, Event
 from aerodft.model.estimate import CalibrationEstimate
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
-from aerodft.model.pose_columns import Posed
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, Track
 from aerodft.service.batches import Batches
@@ -49,19 +48,10 @@ class GatheredSource(Source, Protocol):
 
 
 class Feed(Protocol):
-    """Live or recorded input as batches, one a tick."""
+    """Live or recorded input as batches of ticks: one, live, or many."""
 
-    def batches(self) -> Iterator[Batch]:
-        """Batches with increasing ``now_ns``, empty ones included where time alone matters, until the end."""
-        ...
-
-
-@runtime_checkable
-class SpanFeed(Feed, Protocol):
-    """Recorded input that has the batches of some ticks at once, too."""
-
-    def spans(self, longest_ns: int) -> Iterator[Batches]:
-        """``batches``, those of up to ``longest_ns`` together."""
+    def batches(self) -> Iterator[Batches]:
+        """Batches with increasing ticks, empty ones included where time alone matters, until the end."""
         ...
 
 
@@ -81,8 +71,8 @@ class TelemetryDecoder(Protocol):
 class Calibrator(Protocol):
     """Turns a telemetry pose into a better one."""
 
-    def refine(self, sample: PoseSample) -> PoseSample:
-        """The corrected pose, with the calibration's covariance and id; anything not ok passes unchanged."""
+    def refine(self, poses: PoseBatch) -> PoseBatch:
+        """The corrected poses, with the calibration's covariance and id; anything not ok passes unchanged."""
         ...
 
 
@@ -119,25 +109,6 @@ class ObjectTracker(Protocol):
 
     def follow(
         self, setup: Setup, sample: PoseSample, observations: tuple[Observation, ...], image: int | None
-    ) -> tuple[ImageAnswers, ...]:
-        """What is known of all objects after the next image, seen from ``sample``."""
+    ) -> MeasurementBatch | None:
+        """What is known of all objects after the next image, seen from ``sample``; None where that is nothing new."""
         ...
-
-
-class Sink(Protocol):
-    """Takes what was read and what was measured; must not block (queues, sheds and counts instead)."""
-
-    def inputs(self, batch: Batch) -> None:
-        """Raw input of one tick."""
-        ...
-
-    def outputs(self, outputs: tuple["Output", ...]) -> None:
-        """What the pipeline made of it."""
-        ...
-
-    def close(self) -> None:
-        """Write out what is left; no calls after this."""
-        ...
-
-
-Output = ImageAnswers | Posed | Observation | Image | Estimate | HeightSwitch

@@ -1,8 +1,8 @@
-"""Pose samples out of attitudes, heights and places, many at once, in ENU; and of what is missing among them."""
+"""Batches of poses out of attitudes, heights and places, in ENU over the station's ground; and why there is none."""
 
-import math
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariances
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
-from aerodft.model.pose_columns import PoseColumns
-from aerodft.model.status import Status
-from aerodft.service.attitude import CameraAttitude, CameraAttitudes, Refused, Told
-from aerodft.service.footing import footing
-from aerodft.service.height import Height, Heights
-from aerodft.service.places import Place, PlaceColumns
+from aerodft.model.pose_batch import TIME, PoseBatch
+from aerodft.model.status import CODE_OF, CODES, Status
+from aerodft.service.attitude_readings import AttitudeBatch
+from aerodft.service.footing import footing, raised
+from aerodft.service.height import DATUM, SOURCES, HeightBatch
+from aerodft.service.places import PlaceBatch
 from aerodft.service.pose_words import (
+    BY_GUESS,
+    BY_HOST,
     HOME_MOVED,
     REBOOTED,
-    by_guess,
-    by_host,
     no_height,
     no_place,
     sentence,
@@ -28,46 +28,48 @@ from aerodft.service.pose_words import (
 )
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.streams import Missing
-from aerodft.service.timing import ClockMap
+from aerodft.service.timing import HOST_STD_S, ClockMap
+
+_HOME = SOURCES.index(HeightSource.HOME)
 
 
-class Parts(NamedTuple):
-    """What a pose is made of; a height and an attitude may come without a place."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseInputs:
+    """What poses at ``n`` stamps are made of.
 
-    stamp_ns: int
-    height: Height
-    attitude: CameraAttitude
-    place: Place | None
-
-
-class PartColumns(NamedTuple):
-    """What ``n`` poses are made of, all of it known, or no place at all."""
+    Attributes:
+        stamps_ns: ``(n,)`` UTC.
+        by_utc: ``(n,)`` whether each is UTC by another clock than this machine's.
+        heights: Heights.
+        attitudes: Attitudes.
+        places: Positions.
+    """
 
     stamps_ns: IntArray
-    heights: Heights
-    attitudes: CameraAttitudes
-    places: PlaceColumns | None
+    by_utc: BoolArray
+    heights: HeightBatch
+    attitudes: AttitudeBatch
+    places: PlaceBatch
 
-    @staticmethod
-    def of(parts: Parts) -> "PartColumns":
-        """Those of one pose."""
-        stamp_ns, height, attitude, place = parts
-        places = None if place is None else PlaceColumns.of(place)
-        return PartColumns(np.array([stamp_ns]), Heights.of(height), CameraAttitudes.of(attitude), places)
+    @property
+    def is_pending(self) -> BoolArray:
+        """``(n,)`` whether telemetry that matters may still come."""
+        parts = self.heights.missing, self.attitudes.missing, self.places.missing
+        return np.any([missing == Missing.PENDING for missing in parts], axis=0)
 
-    def rows(self, rows: IntArray) -> "PartColumns":
-        """Those of some of the poses."""
-        places = None if self.places is None else self.places.rows(rows)
-        return PartColumns(self.stamps_ns[rows], self.heights.rows(rows), self.attitudes.rows(rows), places)
+    @property
+    def is_whole(self) -> BoolArray:
+        """``(n,)`` whether there is a height and an attitude; a pose may come without a place."""
+        return np.asarray((self.heights.missing == Missing.NO) & (self.attitudes.missing == Missing.NO))
 
-    def row(self, row: int) -> Parts:
-        """Those of one of the poses."""
-        place = None if self.places is None else self.places.row(row)
-        return Parts(int(self.stamps_ns[row]), self.heights.row(row), self.attitudes.row(row), place)
+    def rows(self, rows: IntArray) -> "PoseInputs":
+        """The parts of some poses by their indices ``(m,)``."""
+        parts = self.heights.rows(rows), self.attitudes.rows(rows), self.places.rows(rows)
+        return PoseInputs(self.stamps_ns[rows], self.by_utc[rows], *parts)
 
 
 class PoseMaker:
-    """Makes samples.
+    """Makes poses.
 
     Args:
         settings: Stated standard deviations.
@@ -80,144 +82,190 @@ class PoseMaker:
         self._time_std_s = time_std_s
         self._ground = ground
 
-    def sample(self, parts: Parts, origin: GeoOrigin | None) -> PoseSample:
-        """The sample of its parts; what its clock has to say is not in its reasons yet."""
-        return self.columns(PartColumns.of(parts), origin).sample(0)
+    def poses(self, inputs: PoseInputs, origin: GeoOrigin | None, clock: ClockMap) -> PoseBatch:
+        """Poses of whole inputs ``(n,)``, over their ground, with what is to be said of their clock."""
+        poses = self._in_telemetry(inputs, origin)
+        poses = self._with_clock(poses, inputs, clock)
+        if self._ground is not None:
+            poses = self._over_ground(poses, inputs, self._ground)
+        return self._high_enough(poses, inputs.heights)
 
-    def columns(self, parts: PartColumns, origin: GeoOrigin | None) -> PoseColumns:
-        """The same of many parts."""
-        stamps_ns, heights, attitudes, places = parts
-        std, still = self._stds(heights.std_m, attitudes), np.zeros((len(stamps_ns), 3))
-        position = still.copy()
-        position[:, 2] = heights.height_agl_m
-        if places is not None:
-            position[:, :2] = places.east_north_m
+    def _in_telemetry(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
+        """Poses as the telemetry has them."""
+        heights, attitudes, places = inputs.heights, inputs.attitudes, inputs.places
+        std, has_place = self._stds(heights.std_m, attitudes), places.missing == Missing.NO
+        east_north_m = np.where(has_place[:, None], places.east_north_m, 0.0)
         pose = Pose(
-            position_enu_m=position,
+            position_enu_m=np.column_stack([east_north_m, heights.height_agl_m]),
             wxyz=attitudes.wxyz,
             cov=pose_covariances(attitudes.wxyz, std),
-            velocity_enu_mps=still if places is None else places.velocity_enu_mps,
+            velocity_enu_mps=places.velocity_enu_mps,
             rate_cam_radps=attitudes.rate_cam_radps,
-            time_std_s=self._time_std_s,
+            time_std_s=np.full(len(std), self._time_std_s),
         )
-        return PoseColumns(
-            stamp_ns=stamps_ns,
+        keys = zip(attitudes.note.tolist(), heights.source.tolist(), has_place.tolist(), strict=True)
+        whys = (heights.reasons.get(row, ()) for row in range(len(std)))
+        alike = [(*key, why) for key, why in zip(keys, whys, strict=True)]
+        numbers = {key: number for number, key in enumerate(dict.fromkeys(alike))}
+        variants = []
+        for note_number, source_number, is_placed, reasons in numbers:
+            note, source = attitudes.notes[note_number], SOURCES[source_number]
+            variants.append(
+                PoseSample(
+                    stamp_ns=0,
+                    status=Status.OK,
+                    reasons=(*note.reasons, *reasons),
+                    origin=origin if is_placed else None,
+                    height_source=source,
+                    height_datum=DATUM[source],
+                    attitude_source=note.source,
+                )
+            )
+        return PoseBatch(
+            stamp_ns=inputs.stamps_ns,
             pose=pose,
             std=std,
-            lat_lon_alt=None if places is None else places.lat_lon_alt,
+            lat_lon_alt=places.lat_lon_alt,
             height_age_s=heights.age_s,
             telemetry_age_s=np.maximum(heights.age_s, attitudes.age_s),
-            which=attitudes.which,
-            alike=tuple(_without_numbers(told, heights, None if places is None else origin) for told in attitudes.told),
+            datum_enu_m=np.zeros(len(std)),
+            zoom=np.full((len(std), 2), np.nan),
+            variant_index=np.array([numbers[key] for key in alike], dtype=np.int64),
+            variants=tuple(variants),
         )
 
-    def _stds(self, height_m: FloatArray, attitudes: CameraAttitudes) -> FloatArray:
+    def _stds(self, height_m: FloatArray, attitudes: AttitudeBatch) -> FloatArray:
         """Standard deviations ``(n, 7)`` as in ``PoseStd``."""
         stated = self._settings.attitude.std
         demanded_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD)
-        tilt_rad = np.array([demanded_rad if told.is_demand else stated.tilt_rad for told in attitudes.told])
+        tilt_rad = np.array([demanded_rad if note.is_demand else stated.tilt_rad for note in attitudes.notes])
         std = np.empty((len(height_m), 7))
         std[:, 0], std[:, 1] = height_m, stated.horizontal_m
-        std[:, 2], std[:, 3], std[:, 4] = tilt_rad[attitudes.which], stated.pan_rad, stated.roll_rad
-        for axis in range(3):  # Python's own: numpy's differs in the last bit of one in a hundred
-            stated_rad, report_rad = std[:, 2 + axis].tolist(), attitudes.report_std_rad[:, axis].tolist()
-            std[:, 2 + axis] = list(map(math.hypot, stated_rad, report_rad))
+        std[:, 2], std[:, 3], std[:, 4] = tilt_rad[attitudes.note], stated.pan_rad, stated.roll_rad
+        std[:, 2:5] = np.hypot(std[:, 2:5], attitudes.report_std_rad)
         std[:, 5], std[:, 6] = stated.heading_rad, self._time_std_s
         return std
 
-    def leaves(self, heights: Heights, clock: ClockMap) -> BoolArray:
-        """Where ``completed`` leaves samples ``(n,)`` that have a place as they are."""
-        is_said = not clock.has_nothing_to_say or self._ground is not None
-        return (heights.height_agl_m >= self._settings.height.min_m) & (not is_said)
+    def _with_clock(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:
+        """Poses with what is to be said of the clock behind their stamps, and of a place that is not known."""
+        is_home = (inputs.heights.source == _HOME) & clock.has_restarted
+        is_stale = inputs.places.missing == Missing.STALE
+        no_utc = not clock.is_utc_known
+        columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc
+        nowhere = f"{no_place(self._settings.height)}: the place is not stated"
 
-    def completed(
-        self, sample: PoseSample, height: Height, place: Place | Missing, clock: ClockMap, *, by_utc: bool
-    ) -> PoseSample:
-        """A sample of these parts with what its clock has to say, over its ground, and high enough.
+        def with_remarks(sample: PoseSample, key: Hashable) -> PoseSample:
+            is_repeated, has_home, has_no_place, is_guess = cast("tuple[bool, ...]", key)
+            remarks = (
+                *clock.remarks(is_repeated=is_repeated),
+                *((HOME_MOVED,) if has_home else ()),
+                *((nowhere,) if has_no_place else ()),
+                *(((BY_GUESS if is_guess else BY_HOST),) if no_utc else ()),
+            )
+            return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
 
-        Args:
-            sample: As ``samples`` made it.
-            height: Of it.
-            place: Of it, or why it has none.
-            clock: Of the vehicle.
-            by_utc: Whether it is for a stamp that is UTC by another clock than this machine's.
-        """
-        home = (HOME_MOVED,) if clock.has_restarted and height.source is HeightSource.HOME else ()
-        nowhere = (f"{no_place(self._settings.height)}: the place is not stated",) if place is Missing.STALE else ()
-        remarks = (*clock.remarks(sample.stamp_ns), *home, *nowhere)
-        sample = replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
-        if not clock.is_utc_known:
-            sample = by_guess(sample) if by_utc else by_host(sample)
-        if self._ground is not None:
-            sample = self._over_ground(sample, self._ground, height, place)
-        minimum = self._settings.height.min_m
-        if height.height_agl_m < minimum and sample.status is Status.OK:
-            reason = f"{height.source} says {height.height_agl_m:.2f} m, the minimum is {minimum:g} m"
-            return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(reason,))
-        return sample
+        poses = poses.varied(list(zip(*(column.tolist() for column in columns), strict=True)), with_remarks)
+        if not np.any(columns[3]):
+            return poses
+        time_s = np.where(columns[3], np.hypot(poses.std[:, TIME], HOST_STD_S), poses.std[:, TIME])
+        std = poses.std.copy()
+        std[:, TIME] = time_s
+        return replace(poses, std=std, pose=replace(poses.pose, time_std_s=time_s))
 
-    def _over_ground(self, sample: PoseSample, ground: Ground, height: Height, place: Place | Missing) -> PoseSample:
-        """The sample in ENU, where its height may be counted from the surface below; or why it has no place there."""
-        from_zero, pose = height.source is HeightSource.HOME, sample.pose
-        if pose is None:
+    def _over_ground(self, poses: PoseBatch, inputs: PoseInputs, ground: Ground) -> PoseBatch:
+        """Poses in ENU whose height may be counted from the surface below; or why they have no place there."""
+        from_zero, missing = inputs.heights.source == _HOME, inputs.places.missing
+        # A slope is alike everywhere.
+        is_unplaced = (missing != Missing.NO) & (from_zero | (not isinstance(ground, Plane)))
+        refused: list[PoseSample | None] = [None] * len(poses)
+        for row in np.flatnonzero(is_unplaced).tolist():
+            refused[row] = unplaced(Missing(missing[row]), self._settings.height)
+        rows = np.flatnonzero(~is_unplaced)
+        feet_m = poses.pose.position_enu_m[rows, :2] + inputs.heights.foot_m[rows]
+        below = footing(ground, feet_m)
+        is_known = below.status == CODE_OF[Status.OK]
+        is_beyond = below.status == CODE_OF[Status.BEYOND_TERRAIN]
+        for k in np.flatnonzero(is_beyond | ~(from_zero[rows] | is_known)).tolist():
+            east, north = feet_m[k].tolist()
+            where = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin"
+            reason = f"{where}, is {below.what(below.status[k])}"
+            refused[rows[k]] = PoseSample(stamp_ns=0, status=CODES[below.status[k]], reasons=(reason,))
+        height_m, slope = np.zeros(len(poses)), np.zeros((len(poses), 2))
+        is_counted = ~from_zero[rows] & is_known
+        height_m[rows[is_counted]], slope[rows[is_counted]] = below.height_m[is_counted], below.slope[is_counted]
+        over = replace(poses, pose=raised(poses.pose, height_m, slope), datum_enu_m=height_m)
+        return _refused(over, refused)
+
+    def _high_enough(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
+        """Poses without an answer where they are below the least height."""
+        minimum_m = self._settings.height.min_m
+        is_low = (heights.height_agl_m < minimum_m) & (poses.status == CODE_OF[Status.OK])
+        if not np.any(is_low):
+            return poses
+        keys: list[str | None] = [None] * len(poses)
+        for row in np.flatnonzero(is_low).tolist():
+            source, height_m = SOURCES[heights.source[row]], heights.height_agl_m[row]
+            keys[row] = f"{source} says {height_m:.2f} m, the minimum is {minimum_m:g} m"
+
+        def with_reason(sample: PoseSample, reason: Hashable) -> PoseSample:
+            if reason is None:
+                return sample
+            return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(cast("str", reason),))
+
+        return poses.varied(keys, with_reason)
+
+
+def _refused(poses: PoseBatch, refused: list[PoseSample | None]) -> PoseBatch:
+    """Poses, without one where there is a refusal with its status and reasons instead."""
+    rows = np.array([each is not None for each in refused])
+    if not np.any(rows):
+        return poses
+    keys = [None if each is None else (each.status, each.reasons) for each in refused]
+
+    def with_refusal(sample: PoseSample, key: Hashable) -> PoseSample:
+        if key is None:
             return sample
-        if isinstance(place, Missing) and (from_zero or not isinstance(ground, Plane)):  # a slope is alike everywhere
-            return unplaced(sample, place, self._settings.height)
-        foot = pose.position_enu_m[:2] + height.foot_m
-        below = footing(ground, foot)
-        if below.status is Status.BEYOND_TERRAIN or not (from_zero or below.status is Status.OK):
-            east, north = foot.tolist()
-            reason = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin, is {below.what}"
-            return replace(sample, status=below.status, reasons=(reason,), pose=None)
-        return sample if from_zero else replace(sample, pose=below.carrying(pose), datum_enu_m=below.height_m)
+        status, reasons = cast("tuple[Status, tuple[str, ...]]", key)
+        return replace(sample, status=status, reasons=reasons)
 
-
-def _without_numbers(told: Told, heights: Heights, origin: GeoOrigin | None) -> PoseSample:
-    return PoseSample(
-        stamp_ns=0,
-        status=Status.OK,
-        reasons=(*told.reasons, *heights.reasons),
-        origin=origin,
-        height_source=heights.source,
-        height_datum=heights.datum,
-        attitude_source=told.source,
+    pose = poses.pose
+    without = replace(
+        pose,
+        position_enu_m=np.where(rows[:, None], np.nan, pose.position_enu_m),
+        wxyz=np.where(rows[:, None], np.nan, pose.wxyz),
+        cov=np.where(rows[:, None, None], np.nan, pose.cov),
     )
+    return replace(poses.varied(keys, with_refusal), pose=without)
 
 
-def missed(
-    stamp_ns: int,
-    parts: tuple[Height | Missing, CameraAttitude | Missing | Refused],
-    settings: TelemetrySettings,
-    clock: ClockMap,
-    *,
-    began: bool,
-) -> PoseSample:
-    """Why there is no pose at a stamp (UTC).
+def missed(inputs: PoseInputs, settings: TelemetrySettings, clock: ClockMap, began: BoolArray) -> list[PoseSample]:
+    """Why there are no poses at stamps ``(n,)``.
 
     Args:
-        stamp_ns: The stamp.
-        parts: Height and attitude, at least one of which is missing.
+        inputs: Of each the height or the attitude is missing.
         settings: Limits.
         clock: Of the vehicle.
-        began: Whether there was any telemetry by then.
+        began: ``(n,)`` whether there was any telemetry by then.
     """
-    height, attitude = parts
-    reasons = []
-    if isinstance(height, Missing):
-        reasons.append(no_height(height, settings.height))
-    if isinstance(attitude, Missing):
-        limits = settings.attitude
-        reasons.append(sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
-    if isinstance(attitude, Refused):
-        reasons.append(attitude.reason)
-    broken_off = clock.broken_off()
-    if broken_off is not None:
-        return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(broken_off, *reasons))
-    if not began:
-        status = Status.NO_TELEMETRY
-        reasons = [*([REBOOTED] if clock.has_restarted else []), *reasons]
-    elif Missing.STALE in (height, attitude):
-        status = Status.STALE_TELEMETRY
-    else:
-        status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
-    return PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons))
+    broken_off, limits = clock.broken_off(), settings.attitude
+    samples = []
+    for row, stamp_ns in enumerate(inputs.stamps_ns.tolist()):
+        height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])
+        reasons = []
+        if height is not Missing.NO:
+            reasons.append(no_height(height, settings.height))
+        if attitude is Missing.REFUSED:
+            reasons.append(inputs.attitudes.refusals[row])
+        elif attitude is not Missing.NO:
+            reasons.append(sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
+        if broken_off is not None:
+            status, reasons = Status.CLOCK_JUMPED, [broken_off, *reasons]
+        elif not began[row]:
+            status = Status.NO_TELEMETRY
+            reasons = [*([REBOOTED] if clock.has_restarted else []), *reasons]
+        elif Missing.STALE in (height, attitude):
+            status = Status.STALE_TELEMETRY
+        else:
+            status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
+        samples.append(PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons)))
+    return samples

@@ -1,7 +1,5 @@
 """Why there is no pose, or what is to be said of one, in sentences."""
 
-import math
-from dataclasses import replace
 from typing import Final
 
 from aerodft.conventions import SECOND_NS
@@ -9,33 +7,21 @@ from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.status import Status
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import Missing
-from aerodft.service.timing import HOST_STD_S
 
 REBOOTED: Final = "the vehicle rebooted: what it had said before is forgotten"
 HOME_MOVED: Final = "the vehicle rebooted: home may be elsewhere since, and heights above it count from there"
 
 
-def by_guess(sample: PoseSample) -> PoseSample:
-    """A sample whose stamp is held against a clock that nobody vouches for."""
-    reason = "the vehicle has not said what UTC is: the receiving machine's clock is taken for it"
-    time_s = math.hypot(sample.std.time_s, HOST_STD_S)
-    pose = None if sample.pose is None else replace(sample.pose, time_std_s=time_s)
-    std = replace(sample.std, time_s=time_s)
-    return replace(sample, pose=pose, std=std, reasons=(*sample.reasons, reason))
+BY_GUESS: Final = "the vehicle has not said what UTC is: the receiving machine's clock is taken for it"
+BY_HOST: Final = "the vehicle has not said what UTC is: the stamp is the receiving machine's clock"
 
 
-def by_host(sample: PoseSample) -> PoseSample:
-    """A sample whose stamp is of this machine's clock, as its telemetry's: the right pose, at another time of day."""
-    reason = "the vehicle has not said what UTC is: the stamp is the receiving machine's clock"
-    return replace(sample, reasons=(*sample.reasons, reason))
-
-
-def unplaced(sample: PoseSample, missing: Missing, settings: HeightSettings) -> PoseSample:
-    """What a sample becomes over ground of which nobody knows which part is below."""
+def unplaced(missing: Missing, settings: HeightSettings) -> PoseSample:
+    """Status and reason of a pose over ground of which nobody knows which part is below."""
     status, what = Status.NO_HEIGHT, "no position received yet"
     if missing is Missing.STALE:
         status, what = Status.STALE_TELEMETRY, no_place(settings)
-    return replace(sample, pose=None, status=status, reasons=(f"{what}, and the ground is uneven",))
+    return PoseSample(stamp_ns=0, status=status, reasons=(f"{what}, and the ground is uneven",))
 
 
 def no_place(settings: HeightSettings) -> str:

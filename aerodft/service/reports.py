@@ -18,29 +18,24 @@ from aerodft.service.streams import Stream
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
-    """There are reports, and they cannot be believed: ``reason`` says why, in a sentence."""
-
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class Asked:
     """What is asked of a gimbal.
 
     Attributes:
         stamps_ns: ``(n,)`` UTC.
-        ticks: ``(n,)`` those of the ticks that came last by which it is asked.
-        is_over: ``(n,)`` whether nothing of the vehicle is waited for: where it is not known, it is left out.
+        ticks: ``(n,)`` as of which each is asked.
+        found: The gimbal's samples around the stamps, all of which are known.
+        vehicle: The vehicle's samples around them.
     """
 
     stamps_ns: IntArray
     ticks: IntArray
-    is_over: BoolArray
+    found: Brackets
+    vehicle: Brackets
 
     def rows(self, rows: IntArray) -> "Asked":
         """Some of it."""
-        return Asked(self.stamps_ns[rows], self.ticks[rows], self.is_over[rows])
+        return Asked(self.stamps_ns[rows], self.ticks[rows], self.found.rows(rows), self.vehicle.rows(rows))
 
 
 class _Way(NamedTuple):
@@ -53,16 +48,16 @@ class _Way(NamedTuple):
     has_vehicle: bool
 
 
-def refused(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame | None) -> Refused | None:
-    """Why reports cannot be read as stated, or cannot be read at all."""
+def refusal(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame | None) -> str | None:
+    """Why reports cannot be read as stated, or cannot be read at all, in a sentence; None where they can."""
     if stated is ReportFrame.EARTH and evidence.frame is ReportFrame.BODY:
-        return Refused(
+        return (
             f"{source} is body-frame (against the vehicle, not the horizon): it undid {evidence.undone} of the "
             f"vehicle's {evidence.motions} motions; "
             'set telemetry.attitude.frame = "auto" or "body"'
         )
     if stated is None and evidence.contradictory:
-        return Refused(
+        return (
             f"{source} is earth-frame (against the horizon) at times and body-frame (against the vehicle) at others; "
             'set telemetry.attitude.frame = "earth" or "body"'
         )
@@ -72,41 +67,36 @@ def refused(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame |
 def readings_of(
     source: GimbalSource, gimbal: Gimbal, vehicle: Stream, stated: ReportFrame | None, asked: Asked
 ) -> Iterator[tuple[IntArray, Readings]]:
-    """Readings, with the rows of what was asked that they answer: those that can be read.
+    """Readings of reports, with the rows of what was asked that they answer.
 
     Args:
         source: The message.
         gimbal: Its reports.
         vehicle: The vehicle's attitude.
         stated: What roll and pitch are against, where that is not to be found.
-        asked: What is asked.
+        asked: What is asked; its reports can be read.
     """
-    stream = gimbal.stream
-    found, carrier = (each.find_all(asked.stamps_ns, asked.ticks) for each in (stream, vehicle))
-    before, after = found.ends(stream.all_of("yaw_in_earth"))
-    is_open = found.is_known & (before == after) & (carrier.is_known | asked.is_over)
+    in_earth, _ = asked.found.ends(gimbal.stream.column("yaw_in_earth"))
     known, which = gimbal.evidence_at(vehicle, asked.ticks)
-    probability = np.zeros(len(is_open))
+    probability = np.zeros(len(which))
     rows_of: dict[_Way, list[IntArray]] = {}
-    for number in np.unique(which[is_open]).tolist():
+    for number in np.unique(which).tolist():
         evidence = known[number]
-        rows = np.flatnonzero(is_open & (which == number))
-        if refused(source, evidence, stated) is not None:
-            continue
+        rows = np.flatnonzero(which == number)
         if stated is None and evidence.frame is None:
             probability[rows] = evidence.body_probability
         is_body_found = stated is None and evidence.frame is ReportFrame.BODY
-        bits = gimbal.is_demand_at(evidence.frame, asked.ticks[rows]), before[rows] > 0, carrier.is_known[rows]
+        is_demand = gimbal.is_demand(evidence.frame, asked.ticks[rows])
+        bits = is_demand, in_earth[rows] > 0, asked.vehicle.is_known[rows]
         ways = [_Way(stated or evidence.frame or ReportFrame.EARTH, is_body_found, *each) for each in _combined(*bits)]
         for way in ways:
             alike = np.all([bit == wanted for bit, wanted in zip(bits, way[2:], strict=True)], axis=0)
             rows_of.setdefault(way, []).append(rows[alike])
     for way, parts in rows_of.items():
-        if way.has_vehicle or (way.yaw_in_earth and way.frame is ReportFrame.EARTH):
-            rows = np.concatenate(parts)
-            own = carrier.rows(rows) if way.has_vehicle else None
-            ends = None if own is None else Ends.of(vehicle.all_of("wxyz"), own)
-            yield rows, _read(source, gimbal, way, asked.rows(rows), found.rows(rows), ends, probability[rows])
+        rows = np.concatenate(parts)
+        own = asked.rows(rows)
+        ends = Ends.of(vehicle.column("wxyz"), own.vehicle) if way.has_vehicle else None
+        yield rows, _read(source, gimbal, way, own, ends, probability[rows])
 
 
 def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
@@ -115,16 +105,10 @@ def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
 
 
 def _read(
-    source: GimbalSource,
-    gimbal: Gimbal,
-    way: _Way,
-    asked: Asked,
-    found: Brackets,
-    vehicle: Ends | None,
-    body_probability: FloatArray,
+    source: GimbalSource, gimbal: Gimbal, way: _Way, asked: Asked, vehicle: Ends | None, body_probability: FloatArray
 ) -> Readings:
-    stream, reported = gimbal.stream, gimbal.stream.all_of("wxyz")
-    has_previous = found.before > stream.first_at(asked.ticks)
+    stream, reported, found = gimbal.stream, gimbal.stream.column("wxyz"), asked.found
+    has_previous = found.before > stream.rows_known_at(asked.ticks)[0]
     demands = gimbal.demands(found.before, asked.stamps_ns, asked.ticks) if way.is_demand else None
     return Readings(
         source=source,

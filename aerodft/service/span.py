@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from aerodft.conventions import SECOND_NS
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, Track, VehicleTrack
+from aerodft.service.clock_ticks import Ticks
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source, TelemetryDecoder
+from aerodft.service.streams import LAST
 from aerodft.service.timing import ClockMap
 
 PAUSE_NS = 600 * SECOND_NS
@@ -65,19 +67,21 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
     """Read through a log once, decoding but measuring nothing."""
     span, clock = LogSpan(), ClockMap()
     late: list[int] = []
-    for batch in MergedFeed([log], SECOND_NS, linger_ns=0).batches():
+    for batch in MergedFeed([log], SECOND_NS, linger_ns=0, longest_ns=0).batches():
         for block in batch.raw:
             _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
-        was_known, heard = clock.is_utc_known, clock.update(tracks)
+        was_known, heard = clock.is_utc_known, clock.update(Ticks.one(tracks))
+        if heard is None:
+            continue
         if (heard.restarted or heard.shift_ns) and late:
             _close_stretch(span, late)
             late.clear()
             if not was_known:
                 span.stretches.clear()  # they were not in UTC
-        for track in heard.tracks:
+        for track in heard.ticks.tracks:
             _note_source(span, track)
-            stamps = clock.to_utc(track)
+            stamps = clock.to_utc(track, LAST)
             if not late:
                 since_ns = int(track.arrival_ns.min()) if span.stretches else 0
                 span.stretches.append((int(stamps.min()), since_ns, 0))

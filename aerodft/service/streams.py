@@ -1,158 +1,193 @@
-"""One telemetry stream around a stamp: its two neighbours, or why there are none."""
+"""Recent samples of one telemetry stream, and what of them was known at each tick of the newest step."""
 
-from enum import Enum, auto
+from enum import IntEnum
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Bracket, Brackets, bracket, brackets
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.service.buffers import TrackBuffer
+from aerodft.geometry.interpolation import Brackets, brackets
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 
-HISTORY_NS = 120 * SECOND_NS
+HISTORY_NS: Final = 120 * SECOND_NS
 """How long samples are kept: longer than any image waits for its telemetry."""
 
-END_OF_TIME = np.iinfo(np.int64).max
+END_OF_TIME: Final = np.iinfo(np.int64).max
 """The watermark of a stream that will not go on."""
 
-_ON_ANOTHER_CLOCK = np.iinfo(np.int64).min
+LAST: Final = np.array([-1])
+"""The last tick of the newest step."""
+
+_ON_ANOTHER_CLOCK: Final = np.iinfo(np.int64).min
 
 
-class Missing(Enum):
-    """Why a stream has no value at a stamp."""
+class Missing(IntEnum):
+    """Why there is no value at a stamp; arrays hold these as ``int64``."""
 
-    PENDING = auto()  # the next sample may still come
-    STALE = auto()  # there were samples, none close enough on both sides
-    NEVER = auto()  # there was no sample by then
+    NO = 0  # there is a value
+    PENDING = 1  # the next sample may still come
+    STALE = 2  # there were samples, none close enough on both sides
+    NEVER = 3  # there was no sample by then
+    REFUSED = 4  # there are samples, and they cannot be believed
 
 
 class Stream:
-    """A buffer with the longest gap that may be interpolated over."""
+    """Samples in order of their UTC stamps, in arrays that grow at one end and are trimmed at the other.
+
+    A sample whose stamp is not after the last one's is dropped and counted: what a stamp's neighbours are must not
+    depend on how late a stray sample came. A step appends the samples of one tick or of several; questions name the
+    tick as of which they are answered, by its number in the newest step.
+
+    Args:
+        max_gap_ns: The longest gap that is interpolated over.
+    """
 
     def __init__(self, max_gap_ns: int) -> None:
         self.max_gap_ns = max_gap_ns
+        self.out_of_order = 0
         self._first_ns: int | None = None
-        self._buffer = TrackBuffer(HISTORY_NS)
-
-    @property
-    def last_ns(self) -> int | None:
-        """Stamp of the newest sample."""
-        return int(self._buffer.stamps_ns[-1]) if len(self._buffer) else None
-
-    @property
-    def stamps_ns(self) -> IntArray:
-        """``(n,)`` strictly ascending."""
-        return self._buffer.stamps_ns
+        self._stamps: IntArray = np.empty(0, dtype=np.int64)
+        self._columns: dict[str, npt.NDArray[np.generic]] = {}
+        self._start = self._stop = 0
+        self._view_first, self._view_end = np.zeros((2, 1), dtype=np.int64)  # rows that are known at each tick
 
     @property
     def has_begun(self) -> bool:
         """Whether there ever was a sample."""
         return self._first_ns is not None
 
-    def append(self, stamps_ns: IntArray, edges: IntArray | None = None, **columns: npt.NDArray[np.generic]) -> None:
-        """Add samples in order of arrival; ``edges`` as in ``TrackBuffer.append``."""
-        self._buffer.append(stamps_ns, edges, **columns)
-        if self._first_ns is None and len(stamps_ns):
+    @property
+    def is_empty(self) -> bool:
+        """Whether no sample is kept."""
+        return self._start == self._stop
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the newest sample; None where none is kept."""
+        return None if self.is_empty else int(self._stamps[self._stop - 1])
+
+    @property
+    def stamps_ns(self) -> IntArray:
+        """``(m,)`` strictly ascending."""
+        return self._stamps[self._start : self._stop]
+
+    def column(self, name: str) -> FloatArray:
+        """``(m, ...)`` values."""
+        return np.asarray(self._columns[name][self._start : self._stop])
+
+    def append(
+        self, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None, **columns: npt.NDArray[np.generic]
+    ) -> None:
+        """Add the samples of a step.
+
+        Args:
+            stamps_ns: ``(k,)`` in order of arrival.
+            row_end_by_tick: ``(ticks,)`` how many of them had come by each tick; None for a step of one tick.
+            columns: ``(k, ...)`` values.
+        """
+        if len(stamps_ns) == 0:
+            return
+        last = self.last_ns if not self.is_empty else np.iinfo(np.int64).min
+        ceiling = np.maximum.accumulate(np.concatenate([[last], stamps_ns]))[:-1]
+        keep = stamps_ns > ceiling
+        kept = np.cumsum(keep)
+        count = int(kept[-1])
+        self.out_of_order += len(keep) - count
+        self._reserve(count, columns)
+        before, rows = self._stop, slice(self._stop, self._stop + count)
+        self._stamps[rows] = stamps_ns[keep]
+        for name, values in columns.items():
+            self._columns[name][rows] = values[keep]
+        self._stop += count
+        if self._first_ns is None:
             self._first_ns = int(stamps_ns[0])
+        ends = np.array([len(keep)]) if row_end_by_tick is None else row_end_by_tick
+        self._note_views(before + np.concatenate([[0], kept])[ends])
 
-    def began_by(self, stamp_ns: int) -> bool:
-        """Whether there was a sample at the stamp or before it."""
-        return self._first_ns is not None and self._first_ns <= stamp_ns
-
-    def newest_by_tick(self) -> IntArray:
-        """As ``TrackBuffer.newest_by_tick``."""
-        return self._buffer.newest_by_tick()
-
-    def settle(self) -> None:
-        """All ticks so far are over."""
-        self._buffer.settle()
-
-    def see(self, tick: int) -> None:
-        """Look at the samples that had come by one of the ticks of those that came last."""
-        self._buffer.see(tick)
+    def commit(self) -> None:
+        """The ticks so far are over: questions are answered as of the last of them from now on."""
+        self._view_first, self._view_end = self._view_first[-1:], self._view_end[-1:]
 
     def clear(self) -> None:
         """Forget all samples: their stamps are of another clock."""
-        self._buffer.clear()
+        self._start = self._stop = 0
+        self._view_first, self._view_end = np.zeros((2, 1), dtype=np.int64)
         if self._first_ns is not None:
             self._first_ns = _ON_ANOTHER_CLOCK
 
     def shift(self, by_ns: int) -> None:
         """Move all samples: what time it was when they were taken is known better now."""
-        self._buffer.shift(by_ns)
+        self._stamps[self._start : self._stop] += by_ns
         if self._first_ns is not None and self._first_ns != _ON_ANOTHER_CLOCK:
             self._first_ns += by_ns
 
-    def column(self, name: str) -> FloatArray:
-        """``(n, ...)`` values."""
-        return self._buffer.column(name)
+    def rows_known_at(self, ticks: IntArray) -> tuple[IntArray, IntArray]:
+        """First row of ``stamps_ns`` that is known, and the one behind the last, at ticks ``(n,)``."""
+        if len(self._view_end) == 1:
+            ticks = np.zeros_like(ticks)
+        return self._view_first[ticks] - self._start, self._view_end[ticks] - self._start
 
-    def find(self, stamp_ns: int, watermark_ns: int) -> Bracket | Missing:
-        """The samples around a stamp.
-
-        Args:
-            stamp_ns: UTC.
-            watermark_ns: Newest stamp of any stream: once it has passed the stamp, and the last sample by more than
-                the longest gap, there is nothing left to wait for.
-        """
-        last = self.last_ns
-        gone = Missing.STALE if self.began_by(stamp_ns) else Missing.NEVER
-        if last is not None and last >= stamp_ns:
-            return bracket(self._buffer.stamps_ns, stamp_ns, self.max_gap_ns) or gone
-        over = watermark_ns >= stamp_ns and (last is None or watermark_ns - last > self.max_gap_ns)
-        return gone if over else Missing.PENDING
-
-    def find_all(self, stamps_ns: IntArray, ticks: IntArray) -> Brackets:
-        """The samples around stamps ``(n,)``, each at a tick ``(n,)`` of those that came last; others are not known.
-
-        Returns:
-            Rows of ``all_of``.
-        """
-        buffer = self._buffer
-        return brackets(buffer.all_stamps_ns, stamps_ns, self.max_gap_ns, buffer.seen_by(ticks))
-
-    def last_before(self, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
-        """Rows of ``all_of`` that are the newest by stamps ``(n,)`` at ticks ``(n,)``; -1 where none is there."""
-        first, end = self._buffer.seen_by(ticks)
-        rows = np.minimum(np.searchsorted(self._buffer.all_stamps_ns, stamps_ns, side="right"), end) - 1
-        return np.where(rows >= first, rows, -1)
-
-    def all_of(self, name: str) -> FloatArray:
-        """``(n, ...)`` values, those of later ticks too."""
-        return self._buffer.all_of(name)
-
-    def newest_at(self, ticks: IntArray) -> IntArray:
-        """Stamps of the newest samples at ticks ``(n,)`` of those that came last; 0 where none is there."""
-        first, end = self._buffer.seen_by(ticks)
+    def newest_ns(self, ticks: IntArray) -> IntArray:
+        """Stamps of the newest samples known at ticks ``(n,)``; 0 where there is none."""
         if self.is_empty:
             return np.zeros(len(ticks), dtype=np.int64)
-        return np.where(end > first, self._buffer.all_stamps_ns[np.maximum(end, 1) - 1], 0)
+        first, end = self.rows_known_at(ticks)
+        return np.where(end > first, self.stamps_ns[np.maximum(end, 1) - 1], 0)
 
-    def first_at(self, ticks: IntArray) -> IntArray:
-        """The first rows of ``all_of`` that are there at ticks ``(n,)`` of those that came last."""
-        return self._buffer.seen_by(ticks)[0]
+    def began_by(self, stamps_ns: IntArray) -> BoolArray:
+        """Whether there was a sample at stamps ``(n,)`` or before."""
+        return np.full(len(stamps_ns), False) if self._first_ns is None else stamps_ns >= self._first_ns
 
-    @property
-    def all_stamps_ns(self) -> IntArray:
-        """``(n,)`` strictly ascending, those of later ticks too."""
-        return self._buffer.all_stamps_ns
+    def find(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> tuple[Brackets, IntArray]:
+        """The samples around stamps.
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is no sample, of no tick."""
-        return len(self._buffer.all_stamps_ns) == 0
+        Args:
+            stamps_ns: ``(n,)`` UTC.
+            ticks: ``(n,)`` as of which each is asked.
+            watermark_ns: ``(n,)`` newest stamp of any stream: once it has passed the stamp, and the last sample by more
+                than the longest gap, there is nothing left to wait for.
+
+        Returns:
+            Rows of ``column``, and as ``Missing`` ``(n,)`` why there is none.
+        """
+        first, end = self.rows_known_at(ticks)
+        found = brackets(self.stamps_ns, stamps_ns, self.max_gap_ns, (first, end))
+        newest_ns, is_any = self.newest_ns(ticks), end > first
+        gone = np.where(self.began_by(stamps_ns), Missing.STALE, Missing.NEVER)
+        is_over = (watermark_ns >= stamps_ns) & (~is_any | (watermark_ns - newest_ns > self.max_gap_ns))
+        waits = ~(is_any & (newest_ns >= stamps_ns)) & ~is_over
+        return found, np.where(found.is_known, Missing.NO, np.where(waits, Missing.PENDING, gone))
+
+    def last_before(self, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
+        """Rows of ``column`` that are the newest by stamps ``(n,)`` as of ticks ``(n,)``; -1 where there is none."""
+        first, end = self.rows_known_at(ticks)
+        rows = np.minimum(np.searchsorted(self.stamps_ns, stamps_ns, side="right"), end) - 1
+        return np.where(rows >= first, rows, -1)
 
     def ages_s(self, stamps_ns: IntArray, found: Brackets) -> FloatArray:
         """Distances in time ``(n,)`` of stamps to the nearer of the samples around them."""
-        before, after = found.ends(self._buffer.all_stamps_ns)
+        before, after = found.ends(self.stamps_ns)
         return np.asarray(np.minimum(stamps_ns - before, after - stamps_ns) / SECOND_NS)
 
-    def age_s(self, stamp_ns: int) -> float | None:
-        """Distance in time to the nearest sample."""
-        stamps = self._buffer.stamps_ns
-        if len(stamps) == 0:
-            return None
-        after = int(np.searchsorted(stamps, stamp_ns))
-        near = stamps[max(after - 1, 0) : after + 1]
-        return float(np.min(np.abs(near - stamp_ns))) / SECOND_NS
+    def _note_views(self, ends: IntArray) -> None:
+        """What is known at each tick, if rows end there; what is older than any tick looks at is given free."""
+        stamps = self._stamps[self._start : self._stop]
+        newest = stamps[np.maximum(ends - self._start - 1, 0)]
+        firsts = self._start + np.searchsorted(stamps, newest - HISTORY_NS)
+        self._start = int(firsts[0])
+        self._view_first, self._view_end = firsts, ends
+
+    def _reserve(self, count: int, columns: dict[str, npt.NDArray[np.generic]]) -> None:
+        if self._stop + count <= len(self._stamps):
+            return
+        kept, held = self._stop - self._start, slice(self._start, self._stop)
+        size = 2 * (kept + count) + 64
+        stamps = np.empty(size, dtype=np.int64)
+        stamps[:kept] = self._stamps[held]
+        for name, values in columns.items():
+            grown = np.empty((size, *values.shape[1:]), dtype=values.dtype)
+            if name in self._columns:
+                grown[:kept] = self._columns[name][held]
+            self._columns[name] = grown
+        self._stamps, self._start, self._stop = stamps, 0, kept

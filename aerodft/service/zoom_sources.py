@@ -1,16 +1,21 @@
 """The camera at a stamp: as its file has it, or as it is reported to be zoomed; of several cameras the one chosen."""
 
+import math
+from collections.abc import Hashable
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
+from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample
-from aerodft.model.status import Status
+from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.status import CODE_OF, Status
 from aerodft.model.telemetry import CameraTrack, Track
+from aerodft.model.zoom import Zoom, ZoomSource
 from aerodft.service.streams import Stream
-from aerodft.service.zoom import CameraReports, Seen
+from aerodft.service.zoom import CameraReports, ZoomBatch
 from aerodft.service.zoom_settings import ZoomSettings
 
 
@@ -36,50 +41,89 @@ class ZoomSources:
         """All streams, to be forgotten or moved when clocks jump."""
         return tuple(stream for camera in self._cameras.values() for stream in camera.streams())
 
-    def append(self, track: Track, stamps_ns: IntArray) -> None:
-        """Take a track in, if it is of a camera that counts."""
+    def may_append_ticks(self, track: Track) -> bool:
+        """Whether a track of several ticks may be appended at once."""
+        if not isinstance(track, CameraTrack) or track.source not in self._settings.order:
+            return True
+        numbers = [number for number in np.unique(track.device).tolist() if self._settings.camera in {None, number}]
+        return all(
+            number in self._cameras and self._cameras[number].may_append_ticks(_of_camera(track, number)[0])
+            for number in numbers
+        )
+
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take a track of a step in, if it is of a camera that counts; as ``Stream.append``."""
         if not isinstance(track, CameraTrack) or track.source not in self._settings.order:
             return
         for number in np.unique(track.device).tolist():
             if self._settings.camera in {None, number}:
-                own = track.device == number
                 reports = self._cameras.setdefault(number, CameraReports(self._settings, self._camera))
-                reports.append(track.rows(own, boot_ns=track.boot_ns), stamps_ns[own])
+                own, is_own = _of_camera(track, number)
+                ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(is_own)])[row_end_by_tick]
+                reports.append(own, stamps_ns[is_own], ends)
 
-    def seen(self, sample: PoseSample, watermark_ns: int) -> PoseSample | None:
-        """A pose with the camera's zoom and what contradicts the camera's file.
+    def commit(self) -> None:
+        """The ticks so far are over."""
+        for stream in self.streams():
+            stream.commit()
+
+    def applied(self, poses: PoseBatch, ticks: IntArray, watermark_ns: IntArray) -> tuple[PoseBatch, BoolArray]:
+        """Poses with the camera's zoom and what contradicts the camera's file.
 
         Args:
-            sample: The pose.
-            watermark_ns: Newest stamp of any telemetry; ``END_OF_TIME`` where no more will be waited for.
+            poses: ``(n,)``.
+            ticks: ``(n,)`` as in ``Stream.find``.
+            watermark_ns: ``(n,)`` as in ``Stream.find``.
 
         Returns:
-            None as long as a report that matters may still come.
+            The poses, and where a report that matters may still come.
         """
-        if sample.status is not Status.OK:
-            return sample
-        found = {number: camera.at(sample.stamp_ns, watermark_ns) for number, camera in self._cameras.items()}
-        known = {number: seen for number, seen in sorted(found.items()) if seen is not None}
-        if len(known) < len(found):
-            return None
-        seen = next(iter(known.values()), Seen()) if len(known) < 2 else _of_several(known)  # noqa: PLR2004
-        if seen.is_unknown:
-            return replace(sample, status=Status.CAMERA_ZOOMED, reasons=(*seen.reasons, *sample.reasons))
-        if seen.zoom is None and not seen.reasons:
-            return sample
-        return replace(sample, zoom=seen.zoom, reasons=(*sample.reasons, *seen.reasons))
+        is_ok = poses.status == CODE_OF[Status.OK]
+        if not self._cameras or not np.any(is_ok):
+            return poses, np.full(len(poses), fill_value=False)
+        asked = poses.stamp_ns, ticks, watermark_ns
+        found = {number: camera.at(*asked) for number, camera in sorted(self._cameras.items())}
+        is_pending = np.logical_or.reduce([zoom.is_pending for zoom in found.values()]) & is_ok
+        zoom = next(iter(found.values())) if len(found) == 1 else _of_several(found)
+        keys = [
+            (zoom.sources[k], zoom.reasons[k], bool(zoom.is_unknown[k])) if is_ok[k] else (None, (), False)
+            for k in range(len(poses))
+        ]
+        varied = poses.varied(keys, _varied)
+        is_zoomed = is_ok & ~zoom.is_unknown & ~np.isnan(zoom.magnification)
+        numbers = np.where(is_zoomed[:, None], np.stack([zoom.magnification, zoom.std], axis=-1), poses.zoom)
+        return replace(varied, zoom=numbers), is_pending
 
 
-def _of_several(cameras: dict[int, Seen]) -> Seen:
+def _of_camera(track: CameraTrack, number: int) -> tuple[CameraTrack, BoolArray]:
+    """The rows of one camera, and which rows these are."""
+    own = track.device == number
+    return track.rows(own, boot_ns=track.boot_ns), own
+
+
+def _varied(sample: PoseSample, key: Hashable) -> PoseSample:
+    """A sample without its numbers, with a zoom of that source, reasons, and whether the focal length is unknown."""
+    source, reasons, is_unknown = cast("tuple[ZoomSource | None, tuple[str, ...], bool]", key)
+    if is_unknown:
+        return replace(sample, status=Status.CAMERA_ZOOMED, reasons=(*reasons, *sample.reasons))
+    zoom = None if source is None else Zoom(magnification=math.nan, std=math.nan, source=source)
+    return replace(sample, zoom=zoom, reasons=(*sample.reasons, *reasons))
+
+
+def _of_several(cameras: dict[int, ZoomBatch]) -> ZoomBatch:
     """What cameras say of which none is chosen: whose images these are matters as soon as one of them is zoomed."""
     numbers = ", ".join(map(str, cameras))
-    said = tuple(f"camera {number}: {reason}" for number, seen in cameras.items() for reason in _reasons(seen))
-    if any(seen.zoom is not None or seen.is_unknown for seen in cameras.values()):
-        choose = f"several cameras report ({numbers}), and not the same zoom: set telemetry.zoom.camera to one of them"
-        return Seen(reasons=(choose, *said), is_unknown=True)
-    return Seen(reasons=said)
+    choose = f"several cameras report ({numbers}), and not the same zoom: set telemetry.zoom.camera to one of them"
+    found = ZoomBatch.of_file(len(next(iter(cameras.values())).reasons))
+    for row in range(len(found.reasons)):
+        said = tuple(f"camera {number}: {why}" for number, zoom in cameras.items() for why in _reasons(zoom, row))
+        matters = any(zoom.sources[row] is not None or zoom.is_unknown[row] for zoom in cameras.values())
+        found.is_unknown[row] = matters
+        found.reasons[row] = (choose, *said) if matters else said
+    return found
 
 
-def _reasons(seen: Seen) -> tuple[str, ...]:
-    zoom = () if seen.zoom is None else (f"{seen.zoom.source} says zoom x {seen.zoom.magnification:.2f}",)
-    return (*zoom, *seen.reasons)
+def _reasons(zoom: ZoomBatch, row: int) -> tuple[str, ...]:
+    source = zoom.sources[row]
+    own = () if source is None else (f"{source} says zoom x {zoom.magnification[row]:.2f}",)
+    return (*own, *zoom.reasons[row])

@@ -11,8 +11,8 @@ from aerodft.geometry.ground import Ground
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.status import Status
-from aerodft.service.footing import footing
+from aerodft.model.status import CODE_OF, Status
+from aerodft.service.footing import footing, raised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,11 +114,11 @@ def pose_sample(
 
 
 def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
-    below = footing(ground, pose.position_enu_m[:2])
-    if below.status is not Status.OK:
+    below = footing(ground, pose.position_enu_m[None, :2])
+    if below.status[0] != CODE_OF[Status.OK]:
         hint = "check the position, or set fill_msl_m or radius_m in [ground]"
-        raise ConfigError("below the pose", where=where, got=below.what, expected="ground", hint=hint)
-    return below.carrying(pose)
+        raise ConfigError("below the pose", where=where, got=below.what(below.status[0]), expected="ground", hint=hint)
+    return raised(Pose.stacked([pose]), below.height_m, below.slope).row(0)
 
 
 def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:

@@ -18,8 +18,8 @@ from aerodft.cli.output import say
 from aerodft.cli.signed import opened_signing
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.model.batch import Batch
 from aerodft.model.telemetry import RawBlock
+from aerodft.service.batches import Batches
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
 from aerodft.service.settings import TelemetrySettings
@@ -127,7 +127,7 @@ def survey_link(
     return (after if after.first_ns is not None and after.is_heard else replace(report, is_silent_since=True)), fixed
 
 
-def _surveyed(batches: Iterator[Batch], survey: Survey) -> Iterator[Batch]:
+def _surveyed(batches: Iterator[Batches], survey: Survey) -> Iterator[Batches]:
     """The batches, each taken in by a survey."""
     for batch in batches:
         for block in batch.raw:
@@ -135,12 +135,13 @@ def _surveyed(batches: Iterator[Batch], survey: Survey) -> Iterator[Batch]:
         yield batch
 
 
-def _listened(wanted: Listening, link: MavlinkLink, surveyed: Iterator[Batch], survey: Survey) -> SurveyReport:
+def _listened(wanted: Listening, link: MavlinkLink, surveyed: Iterator[Batches], survey: Survey) -> SurveyReport:
     """The survey that takes these batches in, after the next seconds of an open link."""
     end_ns = None
     for batch in surveyed:
-        end_ns = batch.now_ns + int(wanted.seconds * SECOND_NS) if end_ns is None else end_ns
-        if batch.now_ns >= end_ns:
+        now_ns = int(batch.now_ns[-1])
+        end_ns = now_ns + int(wanted.seconds * SECOND_NS) if end_ns is None else end_ns
+        if now_ns >= end_ns:
             break
     return survey.report(counts=link.counts, signing=link.signing)
 

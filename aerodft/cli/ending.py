@@ -3,13 +3,9 @@
 import signal
 from collections.abc import Iterator
 from types import FrameType
-from typing import TypeVar
 
-from aerodft.model.batch import Batch
 from aerodft.service.batches import Batches
-from aerodft.service.ports import SpanFeed
-
-Given = TypeVar("Given")
+from aerodft.service.ports import Feed
 
 
 class Interruptible:
@@ -19,10 +15,10 @@ class Interruptible:
         feed: What is read, in the main thread.
     """
 
-    def __init__(self, feed: SpanFeed) -> None:
+    def __init__(self, feed: Feed) -> None:
         self._feed = feed
 
-    def batches(self) -> Iterator[Batch]:
+    def batches(self) -> Iterator[Batches]:
         """The feed's batches.
 
         Raises:
@@ -30,12 +26,8 @@ class Interruptible:
         """
         return _until_asked(self._feed.batches())
 
-    def spans(self, longest_ns: int) -> Iterator[Batches]:
-        """The same, some together."""
-        return _until_asked(self._feed.spans(longest_ns))
 
-
-def _until_asked(batches: Iterator[Given]) -> Iterator[Given]:
+def _until_asked(batches: Iterator[Batches]) -> Iterator[Batches]:
     """What comes before somebody asks for the end."""
     asked: list[tuple[int, FrameType | None]] = []
 

@@ -9,7 +9,7 @@ from aerodft.cli.flight import open_flight
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import progress_bar
 from aerodft.cli.summary import report
-from aerodft.cli.wiring import RECORDED_SPAN_NS, Tally, build_pipeline, build_recorder, closing_recorder, run
+from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
 from aerodft.service.feed import MergedFeed
 from replay.segments import is_mcap
 
@@ -43,6 +43,6 @@ def measure_flight(
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
         feed = Interruptible(MergedFeed(flight.sources, station.pipeline.tick_ns))
-        run(feed, pipeline, (recorder, tally), progress, span_ns=0 if eyes.lookouts else RECORDED_SPAN_NS)
+        run(feed, pipeline, (recorder, tally), progress)
     seen = eyes.report(flight.looked.counts)
     report(recorder.totals, tally, pipeline.counts, as_json=as_json, warnings=flight.warnings(), seen=seen)

@@ -17,11 +17,13 @@ from aerodft.model.image import Image, StampClock
 from aerodft.model.pose import GeoOrigin, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock
+from aerodft.service.clock_ticks import Ticks
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
+from aerodft.service.streams import LAST
 
 _TICK_NS = SECOND_NS // 20
 
@@ -115,10 +117,10 @@ def poses_of(
     waiting = sorted(set(stamps), reverse=True)
     poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
     late_ns = offsets_ns[-1] + span.lateness_ns + 2 * telemetry.settings.height.max_gap_ns
-    for batch in MergedFeed([telemetry.source], _TICK_NS, linger_ns=0).batches():
-        for block in batch.raw:
-            poses.append(decoder.decode(block))
-        while waiting and waiting[-1] + late_ns < batch.now_ns:
+    for batches in MergedFeed([telemetry.source], _TICK_NS, linger_ns=0, longest_ns=0).batches():
+        for block in batches.raw:
+            poses.append(Ticks.one(decoder.decode(block)))
+        while waiting and waiting[-1] + late_ns < int(batches.now_ns[-1]):
             stamp_ns = waiting.pop()
             found[stamp_ns] = _around(poses, stamp_ns, offsets_ns)
     found |= {stamp_ns: _around(poses, stamp_ns, offsets_ns) for stamp_ns in waiting}
@@ -130,8 +132,10 @@ def _pose_source(telemetry: Telemetry) -> PoseSource:
 
 
 def _around(poses: PoseSource, stamp_ns: int, offsets_ns: Sequence[int]) -> tuple[PoseSample, ...]:
-    samples = (poses.at(stamp_ns + offset_ns, final=True) for offset_ns in offsets_ns)
-    return tuple(sample for sample in samples if sample is not None)
+    stamps_ns = stamp_ns + np.array(offsets_ns)
+    no = np.full(len(stamps_ns), fill_value=False)
+    found, _ = poses.at(stamps_ns, np.broadcast_to(LAST, stamps_ns.shape), final=~no, by_utc=no)
+    return tuple(found)
 
 
 def _stamps(telemetry: Telemetry, images: Sequence[GivenImage]) -> list[int]:
@@ -159,9 +163,9 @@ def _recorded_stamps(telemetry: Telemetry) -> dict[int, int]:
             stamp_ns = event.stamp_ns
             if event.clock is StampClock.HOST:
                 by_host.add(event.index)
-                stamp_ns = poses.clock.host_to_utc(stamp_ns)
+                stamp_ns = int(poses.clock.host_to_utc(np.array([stamp_ns]))[0])
             stamps[event.index] = stamp_ns - telemetry.offset_ns
-        elif isinstance(event, RawBlock) and (shift_ns := poses.append(decoder.decode(event))):
+        elif isinstance(event, RawBlock) and (shift_ns := poses.append(Ticks.one(decoder.decode(event)))):
             stamps |= {index: stamps[index] + shift_ns for index in by_host}
     return stamps
 

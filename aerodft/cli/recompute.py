@@ -18,7 +18,7 @@ from aerodft.cli.recompute_many import Many, are_many, recompute_many
 from aerodft.cli.recomputing import prepare
 from aerodft.cli.summary import report
 from aerodft.cli.topics import TopicOption, parse_topics
-from aerodft.cli.wiring import RECORDED_SPAN_NS, Tally, build_recorder, closing_recorder, run
+from aerodft.cli.wiring import Tally, build_recorder, closing_recorder, run
 from aerodft.errors import InputError, UsageError
 from replay.opening import is_foreign
 from replay.recording import Recording
@@ -115,8 +115,7 @@ def _recompute_one(
     texts = {COMPUTED_FROM: computed_from_toml(source)}
     recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
-        span_ns = 0 if vision else RECORDED_SPAN_NS
-        run(Interruptible(ready.feed), ready.pipeline, (recorder, tally), progress, span_ns=span_ns)
+        run(Interruptible(ready.feed), ready.pipeline, (recorder, tally), progress)
     if next(old.image_messages(), None) is not None:
         _copy_images(old, output)
         say(f"images: {len(old.images)} segments copied as they are")

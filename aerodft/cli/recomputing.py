@@ -10,7 +10,7 @@ from aerodft.cli.wiring import build_pipeline
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.feed import MergedFeed
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Source, SpanFeed
+from aerodft.service.ports import Feed, Source
 from replay.recording import Recording
 from replay.seen_again import SeenAgain
 from replay.source import RecordingSource
@@ -34,7 +34,7 @@ class Recomputation:
     was: StationConfig
     station: StationConfig
     pipeline: Pipeline
-    feed: SpanFeed
+    feed: Feed
     again: SeenAgain | None = None
     eyes: Eyes = field(default_factory=Eyes)
 

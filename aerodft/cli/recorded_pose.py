@@ -129,8 +129,8 @@ def _pose_at(source: Source, station: StationConfig, stamp_ns: int) -> PoseSampl
     pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, probes=())))
     wait_ns = _LATEST_NS if station.pipeline.telemetry else 0
     feed = MergedFeed([_PoseOnly(source, station, stamp_ns)], station.pipeline.tick_ns)
-    for batch in feed.batches():
-        pipeline.step(batch)
-        if batch.now_ns > stamp_ns + wait_ns:
+    for batches in feed.batches():
+        pipeline.advance(batches)
+        if int(batches.now_ns[-1]) > stamp_ns + wait_ns:
             break
     return pipeline.pose_at(stamp_ns)

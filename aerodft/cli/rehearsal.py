@@ -10,14 +10,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
-from aerodft.model.batch import Batch
 from aerodft.model.image import Image, StampClock
 from aerodft.model.pose import GeoOrigin
 from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import batch_of, block_of
+from aerodft.service.batches import Batches
+from aerodft.service.feed import block_of
 from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.telemetry import DEFAULT_RATES_HZ, Autopilot, datagrams
 
@@ -37,11 +39,11 @@ def rehearse(station: StationConfig) -> None:
     anybody = replace(telemetry, system=None, component=None, gimbal=None)
     pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, telemetry=anybody)))
     for batch in _flight():
-        pipeline.step(batch)
+        pipeline.advance(batch)
     pipeline.finish()
 
 
-def _flight() -> Iterator[Batch]:
+def _flight() -> Iterator[Batches]:
     """The ticks of a vehicle that sets off and turns its gimbal."""
     begin = Waypoint(
         time_s=0.0, east_m=0.0, north_m=0.0, height_m=30.0, heading_rad=0.0, gimbal_pitch_rad=math.radians(-70.0)
@@ -54,4 +56,6 @@ def _flight() -> Iterator[Batch]:
     for index, now_ns in enumerate(range(_BEGIN_NS, _END_NS, _TICK_NS)):
         came = [each for each in sent if now_ns - _TICK_NS < each.due_ns <= now_ns]
         block = block_of(WireProtocol.MAVLINK, "", [each.due_ns for each in came], [each.data for each in came])
-        yield batch_of(now_ns, (block, Image(index=index, stamp_ns=now_ns, arrival_ns=now_ns, clock=StampClock.HOST)))
+        yield Batches.of(
+            np.array([now_ns]), (block, Image(index=index, stamp_ns=now_ns, arrival_ns=now_ns, clock=StampClock.HOST))
+        )

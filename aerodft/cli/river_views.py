@@ -229,14 +229,10 @@ class _Noted:
 def _samples(station: StationConfig, source: Source) -> Iterator[tuple[int, PoseSample]]:
     """Every image's index and pose."""
     pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, probes=())))
-    index = -1
     feed = MergedFeed([source], station.pipeline.tick_ns)
-    for outputs in (*map(pipeline.step, feed.batches()), pipeline.finish()):
-        for output in outputs:
-            if isinstance(output, Image):
-                index = output.index
-            elif isinstance(output, PoseSample):
-                yield index, output
+    for outputs in (*map(pipeline.advance, feed.batches()), pipeline.finish()):
+        for block in outputs.images:
+            yield from zip(block.images.tolist(), block.poses, strict=True)
 
 
 def _rows(count: int, most: int) -> list[int]:

@@ -88,7 +88,7 @@ def serve(
         say(f"recording to {folder}; stop with Ctrl-C")
         receivers = (recorder,) if bus is None else (bus, recorder)
         status = _StatusEverySecond(station, pipeline, inbox, look, tally, bus, recorder, link)
-        run(feed, pipeline, (*receivers, tally), status, span_ns=0)
+        run(feed, pipeline, (*receivers, tally), status)
     images.raise_refusal()
     if bus is not None and bus.malformed:
         say(f"{bus.malformed} observations on the bus were none; the first was said when it came")

@@ -2,10 +2,9 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
 
 from aerodft.adapters.config.ground import COPY_NAME, TerrainGround, copy_terrain, travels
 from aerodft.adapters.config.resolved import resolved_toml
@@ -13,9 +12,7 @@ from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
-from aerodft.cli.collector import without_collector
 from aerodft.cli.output import say
-from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.batch import Batch, Event
@@ -27,10 +24,10 @@ from aerodft.model.status import Status
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
-from aerodft.service.made import Made, SpanSink
+from aerodft.service.made import Made
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Feed, ObjectTracker, Output, Sink, Source, SpanFeed
+from aerodft.service.ports import Feed, ObjectTracker, Output, Sink, Source
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
 from calibration.steadiness import SteadyCalibrator
@@ -111,10 +108,6 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
     recorder.close()
 
 
-RECORDED_SPAN_NS: Final = 32 * SECOND_NS
-"""Recorded input is advanced by so much at once."""
-
-
 @dataclass(slots=True)
 class Tally:
     """What a run made.
@@ -177,14 +170,7 @@ class Tally:
         """Nothing to write out."""
 
 
-def run(
-    feed: Feed,
-    pipeline: Pipeline,
-    sinks: tuple[Sink, ...],
-    on_tick: Callable[[int], None] | None = None,
-    *,
-    span_ns: int = RECORDED_SPAN_NS,
-) -> None:
+def run(feed: Feed, pipeline: Pipeline, sinks: tuple[Sink, ...], on_tick: Callable[[int], None] | None = None) -> None:
     """Drive a pipeline with a feed until it ends; every sink sees every input and output.
 
     Args:
@@ -192,48 +178,23 @@ def run(
         pipeline: What measures.
         sinks: Who takes inputs and outputs.
         on_tick: Called with the time that has been reached.
-        span_ns: Ticks that are advanced by at once: nothing comes out before the last; 0 for one by one, live.
     """
-    with without_collector() if span_ns else nullcontext():
-        _drive(feed, pipeline, sinks, on_tick, span_ns)
-
-
-def _drive(
-    feed: Feed,
-    pipeline: Pipeline,
-    sinks: tuple[Sink, ...],
-    on_tick: Callable[[int], None] | None,
-    span_ns: int,
-) -> None:
-    if span_ns and isinstance(feed, SpanFeed):
-        for batches in feed.spans(span_ns):
-            made = pipeline.advance(batches)
-            for sink in sinks:
-                _hand_over(sink, batches, made)
-            if on_tick is not None:
-                on_tick(int(batches.now_ns[-1]))
-            del made  # some megabytes, while the next is made
-    else:
-        for batch in feed.batches():
-            outputs = pipeline.step(batch)
-            for sink in sinks:
-                sink.inputs(batch)
-                sink.outputs(outputs)
-            if on_tick is not None:
-                on_tick(batch.now_ns)
+    now_ns = 0
+    for batches in feed.batches():
+        now_ns = int(batches.now_ns[-1])
+        _advance(pipeline, batches, sinks)
+        if on_tick is not None:
+            on_tick(now_ns)
     outputs = pipeline.finish()
     for sink in sinks:
-        sink.outputs(outputs)
+        sink.take(Batches(now_ns=np.array([now_ns])), outputs)
 
 
-def _hand_over(sink: Sink, batches: Batches, made: Made) -> None:
-    """Give a sink some ticks, all at once where it takes them so."""
-    if isinstance(sink, SpanSink):
-        sink.span(batches, made)
-        return
-    for batch, outputs in zip(batches, made, strict=True):
-        sink.inputs(batch)
-        sink.outputs(outputs)
+def _advance(pipeline: Pipeline, batches: Batches, sinks: tuple[Sink, ...]) -> None:
+    """Some ticks; their outputs, some megabytes, are not kept while the next are made."""
+    outputs = pipeline.advance(batches)
+    for sink in sinks:
+        sink.take(batches, outputs)
 
 
 class Late:

@@ -5,10 +5,13 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+import numpy as np
+
 from aerodft.conventions import SECOND_NS
 from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status
 from aerodft.service.poses import PoseSource
+from aerodft.service.streams import LAST
 
 _FINE_FOR_NS: Final = 10 * SECOND_NS  # a link is listened to for that long
 _MOST_MOMENTS, _FEWEST_MOMENTS = 2000, 50  # asked for at once: the fewer, the more often the clock has jumped
@@ -134,19 +137,24 @@ class PoseSurvey:
             step_ns = max(usual_ns, min(least_ns, now_ns - self._next_ns))
             self._waiting.append((self._next_ns, step_ns))
             self._next_ns += step_ns
-        while self._waiting and self._ask(*self._waiting[0], final=False):
-            self._waiting.popleft()
+        self._ask(final=False)
 
     def poses(self) -> Poses:
         """What became of all moments; nothing is waited for any more."""
-        while self._waiting:
-            self._ask(*self._waiting.popleft(), final=True)
+        self._ask(final=True)
         return self._poses
 
-    def _ask(self, arrival_ns: int, step_ns: int, *, final: bool) -> bool:
-        sample = self._source.at(self._source.clock.host_to_utc(arrival_ns), final=final)
-        if sample is not None:
+    def _ask(self, *, final: bool) -> None:
+        """Ask for the poses at the moments that wait, up to the first whose telemetry may still come."""
+        if not self._waiting:
+            return
+        arrivals_ns = np.array([arrival_ns for arrival_ns, _ in self._waiting])
+        ticks, no = np.broadcast_to(LAST, arrivals_ns.shape), np.full(len(arrivals_ns), fill_value=False)
+        stamps_ns = self._source.clock.host_to_utc(arrivals_ns, ticks)
+        poses, is_pending = self._source.at(stamps_ns, ticks, final=no | final, by_utc=no)
+        count = int(np.argmax(is_pending)) if np.any(is_pending) else len(is_pending)
+        for sample in poses[:count]:
+            arrival_ns, step_ns = self._waiting.popleft()
             # A pose speaks for no more than a second, the silence of a clock that jumped for all of it.
             spoken_ns = min(step_ns, SECOND_NS) if sample.status is Status.OK else step_ns
             self._poses.add(sample, (arrival_ns - (self._first_ns or 0)) / SECOND_NS, spoken_ns / SECOND_NS)
-        return sample is not None

@@ -15,9 +15,9 @@ from aerodft.adapters.mavlink.rows import MOST_ATTACHED
 from aerodft.adapters.mavlink.streams import Parameters, Stream
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Batch
 from aerodft.model.telemetry import RawBlock
 from aerodft.model.zoom import ZoomSource
+from aerodft.service.batches import Batches
 from aerodft.service.zoom_settings import ZoomSettings
 
 ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -351,7 +351,7 @@ class Outcome:
         }
 
 
-def ask(link: MavlinkLink, batches: Iterator[Batch], requests: Iterable[MessageRequest]) -> tuple[Outcome, ...]:
+def ask(link: MavlinkLink, batches: Iterator[Batches], requests: Iterable[MessageRequest]) -> tuple[Outcome, ...]:
     """Send each request to who shall fulfil it, and wait for the answer; up to three times.
 
     An acknowledgement does not say which message it is about: the next request is sent only after it.
@@ -365,24 +365,25 @@ def ask(link: MavlinkLink, batches: Iterator[Batch], requests: Iterable[MessageR
     return tuple(Outcome(request, _asked(link, batches, request, senders)) for request in requests)
 
 
-def _asked(link: MavlinkLink, batches: Iterator[Batch], request: MessageRequest, senders: _Senders) -> str:
+def _asked(link: MavlinkLink, batches: Iterator[Batches], request: MessageRequest, senders: _Senders) -> str:
     attempts, due_ns, first_ns = 0, 0, None
     for batch in batches:
-        first_ns = batch.now_ns if first_ns is None else first_ns
+        now_ns = int(batch.now_ns[-1])
+        first_ns = now_ns if first_ns is None else first_ns
         for block in batch.raw:
             heads = headers(block)
             senders |= dict.fromkeys(map(tuple, np.unique(heads[1:3, heads[0] >= 0], axis=1).T.tolist()), block.sender)
             answer = _answer(block, heads, request) if attempts else None
             if answer is not None:
                 return answer
-        if batch.now_ns < due_ns:
+        if now_ns < due_ns:
             continue
-        if attempts == _ATTEMPTS or batch.now_ns - first_ns > _ATTEMPTS * _PATIENCE_NS:
+        if attempts == _ATTEMPTS or now_ns - first_ns > _ATTEMPTS * _PATIENCE_NS:
             break
         sender = _sender_of(request, senders)
         if sender is not None:
             link.send(sender, request.command(attempts))
-            attempts, due_ns = attempts + 1, batch.now_ns + _PATIENCE_NS
+            attempts, due_ns = attempts + 1, now_ns + _PATIENCE_NS
     return _NO_ANSWER
 
 

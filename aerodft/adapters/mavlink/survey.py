@@ -36,6 +36,7 @@ from aerodft.model.telemetry import (
     WireProtocol,
 )
 from aerodft.service.clock_line import JUMP_NS
+from aerodft.service.clock_ticks import Ticks
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.timing import ClockHealth
@@ -164,7 +165,7 @@ class Survey:
     def _add_rows(self, rows: RawBlock) -> None:
         tracks = self._decoder.decode(rows)
         for source in self._sources:
-            source.append(tracks)
+            source.append(Ticks.one(tracks))
         self._poses.add(int(rows.arrival_ns[0]), int(rows.arrival_ns[-1]))
         self._pairs.add(self._frames.height_differences())
         for track in tracks:

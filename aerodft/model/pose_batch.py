@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Final, overload
+from typing import Final, TypeVar, overload
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GeoOrigin, Pose, PoseSample, PoseStd
 from aerodft.model.status import CODE_OF, Status
 from aerodft.model.zoom import Zoom
+
+_Key = TypeVar("_Key", bound=Hashable)
 
 _STDS: Final = tuple(each.name for each in fields(PoseStd))
 HORIZONTAL: Final = _STDS.index("horizontal_m")
@@ -103,7 +105,7 @@ class PoseBatch(Sequence[PoseSample]):
     @property
     def status(self) -> IntArray:
         """``(n,)`` indices into ``CODES``."""
-        return np.array([CODE_OF[variant.status] for variant in self.variants], dtype=np.int64)[self.variant_index]
+        return self.told(lambda variant: CODE_OF[variant.status])
 
     @property
     def has_pose(self) -> BoolArray:
@@ -122,7 +124,31 @@ class PoseBatch(Sequence[PoseSample]):
             pose=self.pose.rows(rows), variant_index=self.variant_index[rows], variants=self.variants, **columns
         )
 
-    def varied(self, key: Sequence[Hashable], vary: Callable[[PoseSample, Hashable], PoseSample]) -> "PoseBatch":
+    def where_ok(self, change: Callable[["PoseBatch"], "PoseBatch"]) -> "PoseBatch":
+        """The batch with those of its samples changed that are ok, and all others as they are.
+
+        Args:
+            change: Takes at least one sample, all of them ok, and gives as many back.
+        """
+        rows = np.flatnonzero(self.is_ok)
+        if len(rows) == len(self):
+            return change(self)
+        if not len(rows):
+            return self
+        order = np.arange(len(self))
+        order[rows] = len(self) + np.arange(len(rows))
+        return PoseBatch.joined([self, change(self.rows(rows))]).rows(order)
+
+    def told(self, tell: Callable[[PoseSample], int]) -> IntArray:
+        """``(n,)`` of every sample what its variant tells; variants that no sample is like are not asked."""
+        used, own = np.unique(self.variant_index, return_inverse=True)
+        return np.array([tell(self.variants[index]) for index in used.tolist()], dtype=np.int64)[own]
+
+    def all_varied(self, vary: Callable[[PoseSample], PoseSample]) -> "PoseBatch":
+        """The batch with a new variant for each of the present ones."""
+        return replace(self, variants=tuple(map(vary, self.variants)))
+
+    def varied(self, key: Sequence[_Key], vary: Callable[[PoseSample, _Key], PoseSample]) -> "PoseBatch":
         """The batch with other variants.
 
         Args:
@@ -135,6 +161,10 @@ class PoseBatch(Sequence[PoseSample]):
         return replace(
             self, variants=variants, variant_index=np.array([numbers[pair] for pair in pairs], dtype=np.int64)
         )
+
+    def without_poses(self) -> "PoseBatch":
+        """The batch with nothing known of where its cameras are."""
+        return replace(self, pose=_stacked([None]).rows(np.zeros(len(self), dtype=np.int64)))
 
     def _sample(self, row: int) -> PoseSample:
         variant = self.variants[int(self.variant_index[row])]

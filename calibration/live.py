@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import Calibration
 from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample, PoseStd
+from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
 from calibration.live_filter import BiasFilter, Expectation, Sight
-from calibration.live_model import BiasModel, relocated
+from calibration.live_model import BiasedPoses, BiasModel, propagated, relocated, stds_of
 
 _RECENT, _MOST_REFUSED = 12, 8
 """When so many of the last sights were refused, it is the estimate that is wrong, and it begins anew."""
@@ -52,21 +52,25 @@ class LiveCalibrator:
         self._seen: set[str] = set()
         self._seen_ns: int | None = None
 
-    def refine(self, sample: PoseSample) -> PoseSample:
-        """The corrected pose with what is known by now; a sample that is not ok passes unchanged."""
-        if sample.pose is None or sample.status is not Status.OK or self._calibration is None:
-            return sample
-        biases, cov, with_lens = self._filter.biases(sample.stamp_ns)
-        pose = self._model.corrected(sample, biases)
-        by = self._model.by_biases(sample, biases, pose.wxyz)
+    def refine(self, poses: PoseBatch) -> PoseBatch:
+        """The corrected poses with what is known by now; samples that are not ok pass unchanged."""
+        return poses if self._calibration is None else poses.where_ok(self._refined)
+
+    def _refined(self, poses: PoseBatch) -> PoseBatch:
+        biases, cov, with_lens = self._filter.biases(poses.stamp_ns)
+        biased = self._model.biased(poses)
+        noise = self._model.noise_of(poses.std, biased.height_column)
+        pose = biased.corrected(biases)
+        by = biased.by_biases(biases, pose.wxyz)
         known = replace(
             pose,
-            cov=by @ cov @ by.T + self._model.noise_covariance(sample, pose.wxyz),
+            cov=propagated(by, cov) + biased.noise_covariance(pose.wxyz, noise),
             lens_cov=by @ with_lens,
             time_std_s=0.0,  # it is one of the biases
         )
-        refined = relocated(sample, known)
-        return replace(refined, std=self._stds(sample, cov), calibration=self._calibration)
+        std = np.hypot(stds_of(biased.of_heights(np.diagonal(cov, axis1=-2, axis2=-1))), noise)
+        named = poses.all_varied(lambda sample: replace(sample, calibration=self._calibration))
+        return relocated(replace(named, pose=known, std=std))
 
     def observes(self, name: str) -> bool:
         """Whether a landmark has that name."""
@@ -87,10 +91,10 @@ class LiveCalibrator:
             self._refused += len(observations)
             refused = tuple(Innovation(name=each.name, reason=why) for each in observations)
             return self._estimate(sample, refused)
-        self._filter.look(sample)
+        image = self._filter.look(PoseBatch.of([sample]))
         if sample.stamp_ns != self._seen_ns:
             self._seen_ns, self._seen = sample.stamp_ns, set()
-        sights = [self._sight(sample, each) for each in sorted(observations, key=lambda each: each.name)]
+        sights = [self._sight(image, each) for each in sorted(observations, key=lambda each: each.name)]
         ranked = sights if len(sights) == 1 else sorted(sights, key=lambda each: _rank(self._filter.expect(each)))
         estimate = self._estimate(sample, tuple(self._judged(sight) for sight in ranked))
         self._restart_if_lost()
@@ -100,10 +104,10 @@ class LiveCalibrator:
     def _calibration(self) -> str | None:
         return f"{self._id}:{self._updates}" if self._updates or self._has_start else None
 
-    def _sight(self, sample: PoseSample, seen: Observation) -> Sight:
+    def _sight(self, image: BiasedPoses, seen: Observation) -> Sight:
         landmark = self._landmarks[seen.name]
         std_px = max(seen.std_px or landmark.std_px, _FINEST_PX)
-        return Sight(sample, landmark, np.array(seen.pixels[0]), std_px)
+        return Sight(image, landmark, np.array(seen.pixels[0]), std_px)
 
     def _judged(self, sight: Sight) -> Innovation:
         """Follow a sight, or say why not."""
@@ -140,19 +144,6 @@ class LiveCalibrator:
             self._recent.clear()
             self._restarts += 1
 
-    def _stds(self, sample: PoseSample, cov: FloatArray) -> PoseStd:
-        noise = self._model.noise_of(sample)
-        std = BiasValues(**self._model.said(sample, np.sqrt(np.diag(cov))))
-        return PoseStd(
-            height_agl_m=math.hypot(std.height_m, noise.height_agl_m),
-            horizontal_m=math.hypot(std.east_m / math.sqrt(2), std.north_m / math.sqrt(2), noise.horizontal_m),
-            tilt_rad=math.hypot(std.tilt_rad, noise.tilt_rad),
-            pan_rad=math.hypot(std.pan_rad, noise.pan_rad),
-            roll_rad=math.hypot(std.roll_rad, noise.roll_rad),
-            heading_rad=math.hypot(std.heading_rad, noise.heading_rad),
-            time_s=std.time_s,
-        )
-
     def _estimate(self, sample: PoseSample, innovations: tuple[Innovation, ...]) -> CalibrationEstimate:
         estimate = CalibrationEstimate(
             stamp_ns=sample.stamp_ns,
@@ -164,7 +155,7 @@ class LiveCalibrator:
         )
         if sample.pose is None or sample.height_source is None:
             return estimate
-        biases, cov, _ = self._filter.biases(sample.stamp_ns)
+        (biases,), (cov,), _ = self._filter.biases(np.array([sample.stamp_ns]))
         return replace(
             estimate,
             height_source=sample.height_source,

@@ -14,11 +14,11 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.geometry.reprojection import reproject
 from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.landmark import SurveyedLandmark
-from aerodft.model.pose import PoseSample
-from calibration.live_model import BiasModel
+from aerodft.model.pose_batch import PoseBatch
+from calibration.live_model import BiasedPoses, BiasModel, propagated
 
 _ITERATIONS = 6
 _CURVED = 0.01
@@ -34,13 +34,13 @@ class Sight:
     """One pixel that is said to be a landmark's.
 
     Attributes:
-        sample: The image's pose, by telemetry alone.
+        image: The image's pose ``()``, by telemetry alone.
         landmark: The landmark.
         pixel: ``(2,)``.
         std_px: Of each coordinate.
     """
 
-    sample: PoseSample
+    image: BiasedPoses
     landmark: SurveyedLandmark
     pixel: FloatArray
     std_px: float
@@ -106,28 +106,44 @@ class BiasFilter:
         self._stamp_ns: int | None = None
         self._image_ns: int | None = None
 
-    def biases(self, stamp_ns: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The biases at a stamp: mean ``(k,)``, covariance ``(k, k)`` and that with the lens ``(k, m or 0)``."""
-        mean, cov = self._drifted(stamp_ns)
-        return mean[self._biases], cov[self._biases, self._biases], cov[self._biases, self._lens]
+    def biases(self, stamp_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The biases at stamps ``(n,)``: mean ``(n, k)``, covariance ``(n, k, k)``, that with the lens ``(n, k, m)``.
 
-    def look(self, sample: PoseSample) -> None:
-        """Go to an image: all that comes next is seen in it. An earlier one than the last is looked at from here."""
-        if self._stamp_ns is None or sample.stamp_ns > self._stamp_ns:
-            self._mean, self._cov = self._drifted(sample.stamp_ns)
-            self._stamp_ns = sample.stamp_ns
-        if sample.stamp_ns == self._image_ns:
-            return
-        self._image_ns = sample.stamp_ns
-        pose = self._model.corrected(sample, self._mean[self._biases])
+        At a stamp before the last image's those of that image; ``m`` is 0 where the lens is exact.
+        """
+        left, returned = self._drifted(stamp_ns)
+        mean = self._model.mean + left * (self._mean[self._biases] - self._model.mean)
+        cov = left[:, :, None] * self._cov[self._biases, self._biases] * left[:, None]
+        every = np.arange(cov.shape[-1])
+        cov[:, every, every] += returned
+        return mean, cov, left[:, :, None] * self._cov[self._biases, self._lens]
+
+    def look(self, image: PoseBatch) -> BiasedPoses:
+        """Go to an image: all that comes next is seen in it. An earlier one than the last is looked at from here.
+
+        Args:
+            image: Its pose by telemetry alone, in a batch of one.
+
+        Returns:
+            That pose ``()``.
+        """
+        stamp_ns, pose = int(image.stamp_ns[0]), self._model.biased(image).row(0)
+        if self._stamp_ns is None or stamp_ns > self._stamp_ns:
+            self._go_on(stamp_ns)
+            self._stamp_ns = stamp_ns
+        if stamp_ns == self._image_ns:
+            return pose
+        self._image_ns = stamp_ns
+        biases = self._mean[self._biases]
+        wxyz = pose.corrected(biases).wxyz
+        noise = pose.noise_covariance(wxyz, self._model.noise_of(image.std[0], pose.height_column))
+        if stamp_ns < self._stamp_ns:  # the biases of then are not quite those of now
+            _, returned = self._model.drifted(np.array((self._stamp_ns - stamp_ns) / SECOND_NS))
+            noise = noise + propagated(pose.by_biases(biases, wxyz), np.diag(returned))
         self._mean[self._image] = 0.0
         self._cov[self._image, :] = self._cov[:, self._image] = 0.0
-        noise = self._model.noise_covariance(sample, pose.wxyz)
-        if sample.stamp_ns < self._stamp_ns:  # the biases of then are not quite those of now
-            _, returned = self._model.drifted((self._stamp_ns - sample.stamp_ns) / SECOND_NS)
-            by = self._model.by_biases(sample, self._mean[self._biases], pose.wxyz)
-            noise = noise + by * returned @ by.T
         self._cov[self._image, self._image] = noise
+        return pose
 
     def expect(self, sight: Sight) -> Expectation:
         """What a sight would be expected to be, against what it is."""
@@ -173,14 +189,14 @@ class BiasFilter:
     def _linearised(self, sight: Sight, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The landmark's pixel ``(2,)`` in a state ``(n,)``, and its derivative ``(2, n)`` by that."""
         biases = state[self._biases]
-        pose = self._model.corrected(sight.sample, biases, state[self._image])
+        pose = sight.image.corrected(biases, state[self._image])
         place, point = self._places.get(sight.landmark.name), np.array(sight.landmark.position_enu_m)
         if place is not None:
             point = point + state[place]
         seen = reproject(self._camera, pose.position_enu_m, matrix(pose.wxyz), point)
         by_pose = np.hstack([-seen.by_point, seen.by_rotation])
         by = np.zeros((2, len(state)))
-        by[:, self._biases] = by_pose @ self._model.by_biases(sight.sample, biases, pose.wxyz)
+        by[:, self._biases] = by_pose @ sight.image.by_biases(biases, pose.wxyz)
         by[:, self._image] = by_pose
         if self._lens.stop > self._lens.start:
             by[:, self._lens] = seen.by_intrinsics
@@ -188,17 +204,18 @@ class BiasFilter:
             by[:, place] = seen.by_point
         return seen.pixels_px, by
 
-    def _drifted(self, stamp_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of the state at a stamp, copied; of now for a stamp of the past."""
-        mean, cov = self._mean.copy(), self._cov.copy()
-        if self._stamp_ns is None or stamp_ns <= self._stamp_ns:
-            return mean, cov
-        left, returned = self._model.drifted((stamp_ns - self._stamp_ns) / SECOND_NS)
-        mean[self._biases] = self._model.mean + left * (mean[self._biases] - self._model.mean)
-        cov[self._biases, :] *= left[:, None]
-        cov[:, self._biases] *= left
-        cov[self._biases, self._biases] += np.diag(returned)
-        return mean, cov
+    def _go_on(self, stamp_ns: int) -> None:
+        """Bring the state to a later stamp."""
+        (left,), (returned,) = self._drifted(np.array([stamp_ns]))
+        self._mean[self._biases] = self._model.mean + left * (self._mean[self._biases] - self._model.mean)
+        self._cov[self._biases, :] *= left[:, None]
+        self._cov[:, self._biases] *= left
+        self._cov[self._biases, self._biases] += np.diag(returned)
+
+    def _drifted(self, stamp_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+        """As ``BiasModel.drifted`` at stamps ``(n,)``: nothing has drifted at one of the past."""
+        since_ns = np.zeros_like(stamp_ns) if self._stamp_ns is None else np.maximum(stamp_ns - self._stamp_ns, 0)
+        return self._model.drifted(since_ns / SECOND_NS)
 
 
 def _from(start: int) -> range:

@@ -11,9 +11,10 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.geometry.rotation import inverse, to_rotation_vector
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.model.steadiness import STEADY, Steadiness, SteadinessEstimate
 from aerodft.service.settings import PipelineSettings
@@ -52,20 +53,23 @@ class SteadyCalibrator:
         self._looks = 0
         self._id = f"watch:{hashlib.sha256((pipeline.config_id or '').encode()).hexdigest()[:16]}"
 
-    def refine(self, sample: PoseSample) -> PoseSample:
-        """The corrected pose; without one, ``CAMERA_MOVED``, while nobody knows where the camera looks."""
-        if sample.pose is None or sample.status is not Status.OK:
-            return sample
+    def refine(self, poses: PoseBatch) -> PoseBatch:
+        """The corrected poses; without one, ``CAMERA_MOVED``, while nobody knows where the camera looks."""
+        return poses.where_ok(self._refined)
+
+    def _refined(self, poses: PoseBatch) -> PoseBatch:
         state = self._state
         if (why := _NUMBERLESS.get(state.state)) is not None:
             reason = f"{why} (since {_utc(state.since_ns)})"
-            return replace(sample, pose=None, status=Status.CAMERA_MOVED, reasons=(reason,))
-        turn = self._turn(sample.stamp_ns)
-        said = (*sample.reasons, *self._said(sample.stamp_ns, turn))
+            moved = poses.all_varied(lambda each: replace(each, status=Status.CAMERA_MOVED, reasons=(reason,)))
+            return moved.without_poses()
+        turn, calibration = self._turn(poses.stamp_ns), self._calibration
+        said = self._said(poses.stamp_ns, turn)
+        told = poses.varied(said, lambda each, own: replace(each, reasons=(*each.reasons, *own)))
         if turn is None:
-            return replace(sample, reasons=said)
-        pose, std = turned_pose(sample.pose, turn), turned_std(sample.std, turn)
-        return replace(sample, pose=pose, std=std, reasons=said, calibration=self._calibration)
+            return told
+        pose, std = turned_pose(poses.pose, turn), turned_std(poses.std, turn)
+        return replace(told.all_varied(lambda each: replace(each, calibration=calibration)), pose=pose, std=std)
 
     def observes(self, name: str) -> bool:
         """Whether that is what observations of steady points are called."""
@@ -86,42 +90,47 @@ class SteadyCalibrator:
     def _calibration(self) -> str | None:
         return f"{self._id}:{self._looks}" if self._looks else None
 
-    def _turn(self, stamp_ns: int) -> KnownTurn | None:
-        """Where the camera looks in an image, against where it looked; None before the first look that told."""
+    def _turn(self, stamp_ns: IntArray) -> KnownTurn | None:
+        """Where the camera looks in images, against where it looked; None before the first look that told.
+
+        Args:
+            stamp_ns: ``(n,)``; the turn's covariance is ``(n, 3, 3)``.
+        """
         state, level = self._state, self._state.level
         if level is None:
             return None
         cov = level.covariance(self._camera.fx_px, state.variance_rad2) + np.outer(state.off_rad, state.off_rad)
         return KnownTurn(
             wxyz=level.wxyz,
-            cov=cov + self._unwatched_rad2(stamp_ns) * np.eye(3),
+            cov=cov + self._unwatched_rad2(stamp_ns)[:, None, None] * np.eye(3),
             by_intrinsics=level.last.by_intrinsics,
             lens_cov=self._lens_cov,
             shift_m=shift_of(self._watch.lever_arm_m, level.wxyz),
         )
 
-    def _unwatched_rad2(self, stamp_ns: int) -> float:
-        """Variance about each axis since the camera was last recognised: the limit in an hour, as a random walk."""
+    def _unwatched_rad2(self, stamp_ns: IntArray) -> FloatArray:
+        """Variances ``(n,)`` about each axis since the camera was last recognised: a random walk of 1 limit an hour."""
         told_ns = self._state.told_ns
         if self._state.state is not Steadiness.UNCHECKED or told_ns is None:
-            return 0.0
-        return self._watch.limit_rad**2 * max(stamp_ns - told_ns, 0) / _HOUR_NS
+            return np.zeros(len(stamp_ns))
+        return np.asarray(self._watch.limit_rad**2 * np.maximum(stamp_ns - told_ns, 0) / _HOUR_NS)
 
-    def _said(self, stamp_ns: int, turn: KnownTurn | None) -> tuple[str, ...]:
-        """What people should know of a pose that has numbers."""
+    def _said(self, stamp_ns: IntArray, turn: KnownTurn | None) -> list[tuple[str, ...]]:
+        """What people should know of poses that have numbers, for each stamp ``(n,)``."""
         state, said = self._state, []
         if turn is not None and state.moved_ns is not None:
             angle_deg = math.degrees(turn.angle_rad)
             said.append(f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)}; corrected")
-        if state.state is Steadiness.UNCHECKED and state.has_looked:
-            when = "yet"
-            if state.told_ns is not None:
-                when = f"for {max(stamp_ns - state.told_ns, 0) / SECOND_NS:.0f} s"
-            said.append(f"no steady points were recognised {when}: whether the camera was moved is not known")
-        return tuple(said)
+        if state.state is not Steadiness.UNCHECKED or not state.has_looked:
+            return [tuple(said)] * len(stamp_ns)
+        whens = ["yet"] * len(stamp_ns)
+        if state.told_ns is not None:
+            whens = [f"for {max(each - state.told_ns, 0) / SECOND_NS:.0f} s" for each in stamp_ns.tolist()]
+        unknown = "whether the camera was moved is not known"
+        return [(*said, f"no steady points were recognised {when}: {unknown}") for when in whens]
 
     def _estimate(self, stamp_ns: int, look: Look) -> SteadinessEstimate:
-        state, turn = self._state, self._turn(stamp_ns)
+        state, turn = self._state, self._turn(np.array([stamp_ns]))
         estimate = SteadinessEstimate(
             stamp_ns=stamp_ns,
             state=state.state,
@@ -139,7 +148,7 @@ class SteadyCalibrator:
             )
         if turn is None:
             return estimate
-        return replace(estimate, turn_rad=_three(turn.rotvec_rad), std_rad=_three(turn.std_rad))
+        return replace(estimate, turn_rad=_three(turn.rotvec_rad), std_rad=_three(turn.std_rad[0]))
 
 
 def _three(values: FloatArray) -> tuple[float, float, float]:

@@ -12,6 +12,7 @@ from aerodft.dft.request import Setup
 from aerodft.errors import UsageError
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
+from aerodft.model.pose_batch import PoseBatch
 from calibration.biases import BiasCalibrator
 
 
@@ -52,4 +53,5 @@ def corrected(setup: Setup, sample: PoseSample, path: Path) -> tuple[Setup, Pose
     lens, own_model = load_calibrated_lens(path)
     if lens is not None and setup.model is not own_model:
         raise UsageError(f"--model {setup.model} beside --calibration", expected=f"{own_model}, which it was made with")
-    return replace(setup, camera=lens or setup.camera), BiasCalibrator(load_calibration(path)).refine(sample)
+    refined = BiasCalibrator(load_calibration(path)).refine(PoseBatch.of([sample]))
+    return replace(setup, camera=lens or setup.camera), refined[0]

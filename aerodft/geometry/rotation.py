@@ -201,6 +201,6 @@ def skew(vectors: FloatArray) -> FloatArray:
 
 
 def right_jacobian(rotvec_rad: FloatArray) -> FloatArray:
-    """``J (3, 3)`` with ``exp(v + d) = exp(v) exp(J d)``, of small ``v (3,)``: to the third order."""
+    """``J (..., 3, 3)`` with ``exp(v + d) = exp(v) exp(J d)``, of small ``v (..., 3)``: to the third order."""
     cross = skew(rotvec_rad)
     return np.asarray(np.eye(3) - cross / 2 + cross @ cross / 6)

@@ -69,7 +69,7 @@ class TelemetryDecoder(Protocol):
 
 
 class Calibrator(Protocol):
-    """Turns a telemetry pose into a better one."""
+    """Turns the telemetry's poses into better ones."""
 
     def refine(self, poses: PoseBatch) -> PoseBatch:
         """The corrected poses, with the calibration's covariance and id; anything not ok passes unchanged."""

@@ -12,6 +12,7 @@ from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.calibration import Calibration
 from aerodft.model.pose import PoseSample, PoseStd
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from calibration.biases import BiasCalibrator
 
@@ -35,7 +36,7 @@ def sample(tilt_deg=50.0, heading_deg=30.0, roll_deg=0.0, **rest):
 
 
 def refined(given=None, **biases):
-    return BiasCalibrator(Calibration(id="sha256:x", **biases)).refine(given or sample())
+    return BiasCalibrator(Calibration(id="sha256:x", **biases)).refine(PoseBatch.of([given or sample()]))[0]
 
 
 def angles_deg(refined_sample):
@@ -111,9 +112,14 @@ def test_without_a_covariance_the_telemetrys_stays():
 def test_what_is_not_ok_passes_unchanged():
     calibrator = BiasCalibrator(Calibration(id="x", height_bias_m=1.0))
     lost = PoseSample(stamp_ns=1, status=Status.STALE_TELEMETRY)
-    assert calibrator.refine(lost) is lost
     low = PoseSample(stamp_ns=1, status=Status.BELOW_MIN_HEIGHT, pose=sample().pose)
-    assert calibrator.refine(low) is low
+    bad = PoseBatch.of([lost, low])
+    assert calibrator.refine(bad) is bad
+    mixed = calibrator.refine(PoseBatch.of([lost, sample(), low]))
+    assert (mixed[0].status, mixed[0].pose, mixed[0].calibration) == (lost.status, None, None)
+    assert mixed[1].pose.position_enu_m[2] == 41.0
+    assert (mixed[2].status, mixed[2].calibration) == (low.status, None)
+    assert_allclose(mixed[2].pose.position_enu_m, low.pose.position_enu_m)
 
 
 def test_above_a_slope_the_corrected_height_still_goes_with_the_place():

@@ -22,6 +22,7 @@ from aerodft.model.camera import CameraStd
 from aerodft.model.landmark import SurveyedLandmark
 from aerodft.model.observation import Observation
 from aerodft.model.pose import GeoOrigin, HeightSource, PoseSample, PoseStd
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.settings import (
     AttitudeSettings,
@@ -88,9 +89,17 @@ def model(**live):
     return BiasModel.of(LiveCalibration(landmarks=(), **live), settings().telemetry, STD.time_s, None)
 
 
+def refined_by(calibrator, given):
+    return calibrator.refine(PoseBatch.of([given]))[0]
+
+
+def corrected(given, biases):
+    return model().biased(PoseBatch.of([given])).row(0).corrected(biases)
+
+
 def moved(of, given, biases):
     """Position and rotation (a vector in camera axes) from the pose by ``of`` to that by ``biases``."""
-    start, end = (model().corrected(given, each) for each in (of, biases))
+    start, end = (corrected(given, each) for each in (of, biases))
     turn = Rotation.from_quat(start.wxyz, scalar_first=True).inv() * Rotation.from_quat(end.wxyz, scalar_first=True)
     return np.append(end.position_enu_m - start.position_enu_m, turn.as_rotvec())
 
@@ -102,7 +111,7 @@ def seen(name, at_s, pixel, std_px=1.0):
 
 def truly_at(given, biases, name):
     """The pixel of a landmark where the telemetry is wrong by ``biases``."""
-    pose = model().corrected(given, np.asarray(biases))
+    pose = corrected(given, np.asarray(biases))
     return pixels_from_rays(CAMERA, (np.array(PLACES[name]) - pose.position_enu_m) @ matrix(pose.wxyz))
 
 
@@ -115,7 +124,7 @@ def test_poses_depend_on_biases_as_finite_differences_say():
     follows[2, :2] = 0.2, -0.1  # a height that is counted from sloping ground goes with the place
     given = replace(given, pose=replace(given.pose, cov=follows @ given.pose.cov @ follows.T))
     step = 1e-6
-    by = model().by_biases(given, WRONG, model().corrected(given, WRONG).wxyz)
+    by = model().biased(PoseBatch.of([given])).row(0).by_biases(WRONG, corrected(given, WRONG).wxyz)
     for column, unit in enumerate(np.eye(len(WRONG))):
         expected = (moved(WRONG, given, WRONG + step * unit) - moved(WRONG, given, WRONG - step * unit)) / (2 * step)
         assert_allclose(by[:, column], expected, atol=2e-5, err_msg=f"bias {column}")
@@ -126,9 +135,10 @@ def test_biases_turn_and_raise_as_a_calibration_files_do():
         id="x", height_bias_m=1.5, tilt_bias_rad=1.2 * DEG, roll_bias_rad=-DEG, heading_bias_rad=3 * DEG,
         bias_cov=np.diag([0.3, 0.01, 0.02, 0.03, 0.0, 0.0, 0.0, 0.0]) ** 2,
     )  # fmt: skip
-    alone = BiasCalibrator(start).refine(sample())
+    alone = refined_by(BiasCalibrator(start), sample())
     station = replace(settings(), time_std_s=0.0)
-    live = LiveCalibrator(LiveCalibration(landmarks=landmarks(), noise_share=0.0), station, start).refine(sample())
+    calibrated = LiveCalibrator(LiveCalibration(landmarks=landmarks(), noise_share=0.0), station, start)
+    live = refined_by(calibrated, sample())
     assert_allclose(live.pose.position_enu_m, alone.pose.position_enu_m, atol=1e-12)
     turn = Rotation.from_quat(alone.pose.wxyz, scalar_first=True).inv() * Rotation.from_quat(
         live.pose.wxyz, scalar_first=True
@@ -139,14 +149,15 @@ def test_biases_turn_and_raise_as_a_calibration_files_do():
 
 
 def test_before_the_first_landmark_poses_are_the_telemetrys():
-    given = sample()
-    assert calibrator().refine(given) is given
+    poses = PoseBatch.of([sample()])
+    assert calibrator().refine(poses) is poses
 
 
 def test_a_pose_that_is_not_ok_passes_unchanged_and_teaches_nothing():
     live = calibrator(start=Calibration(id="x"))
     lost = replace(sample(), pose=None, status=Status.STALE_TELEMETRY, reasons=("no height",))
-    assert live.refine(lost) is lost
+    poses = PoseBatch.of([lost])
+    assert live.refine(poses) is poses
     told = live.observe(lost, (seen("a", 0.0, (900.0, 500.0)),))
     assert (told.updates, told.refused, told.height_source) == (0, 1, None)
     assert told.innovations[0].reason == "no pose: STALE_TELEMETRY; no height"
@@ -198,7 +209,7 @@ def test_many_sights_give_what_least_squares_gives():
 def test_what_was_learned_fades_into_what_the_telemetry_states():
     live = calibrator(noise_share=0.1)
     live.observe(sample(), tuple(seen(n, 0.0, truly_at(sample(), WRONG, n)) for n in PLACES))
-    soon, late = live.refine(sample(0.1)), live.refine(sample(1e7))
+    soon, late = live.refine(PoseBatch.of([sample(0.1), sample(1e7)]))
     assert soon.std.tilt_rad < 0.9 * STD.tilt_rad
     for name in ("height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad"):
         assert getattr(late.std, name) == pytest.approx(getattr(STD, name), rel=1e-6), name
@@ -235,9 +246,9 @@ def test_the_lens_is_considered_and_not_estimated():
         sights = tuple(seen(n, number / 10, truly_at(given, np.zeros(9), n)) for n in PLACES)
         live.observe(given, sights)
         exact.observe(given, sights)
-    refined = live.refine(sample(6.0))
+    refined = refined_by(live, sample(6.0))
     pose, lens_cov = refined.pose, intrinsics_covariance(LENS)
-    assert refined.std.tilt_rad > 1.2 * exact.refine(sample(6.0)).std.tilt_rad
+    assert refined.std.tilt_rad > 1.2 * refined_by(exact, sample(6.0)).std.tilt_rad
     joint = np.block([[pose.cov, pose.lens_cov], [pose.lens_cov.T, lens_cov]])
     assert np.linalg.eigvalsh(joint)[0] > -1e-9
     by = reproject(LENS, pose.position_enu_m, matrix(pose.wxyz), np.array(PLACES["b"]))
@@ -258,7 +269,7 @@ def test_with_an_uncertain_lens_the_biases_are_off_by_what_they_say():
         live = calibrator(camera=LENS, **CERTAIN)
         for number in range(6):
             given = sample(float(number), heading_deg=8.0 * number - 20)
-            pose = model().corrected(given, wrong)
+            pose = corrected(given, wrong)
             sights = []
             for name, place in PLACES.items():
                 pixel = pixels_from_rays(true, (np.array(place) - pose.position_enu_m) @ matrix(pose.wxyz))
@@ -342,10 +353,10 @@ def test_a_late_sight_counts_from_then_on():
     for number in range(5):
         at = sample(number)
         live.observe(at, (seen("a", number, truly_at(at, WRONG, "a")),))
-    before = live.refine(sample(5.0))
+    before = refined_by(live, sample(5.0))
     late = sample(2.5)
     told = live.observe(late, (seen("b", 2.5, truly_at(late, WRONG, "b")),))
-    after = live.refine(sample(5.0))
+    after = refined_by(live, sample(5.0))
     assert told.innovations[0].accepted
     assert after.std.height_agl_m < before.std.height_agl_m
     assert after.calibration != before.calibration
@@ -356,9 +367,8 @@ def test_another_height_source_has_a_bias_of_its_own():
     for number in range(20):
         at = sample(number / 2)
         live.observe(at, tuple(seen(n, number / 2, truly_at(at, WRONG, n)) for n in PLACES))
-    home = live.refine(sample(10.0))
     ranged = replace(sample(10.0), height_source=HeightSource.RANGEFINDER, std=replace(STD, height_agl_m=0.3))
-    other = live.refine(ranged)
+    home, other = live.refine(PoseBatch.of([sample(10.0), ranged]))
     assert home.pose.position_enu_m[2] == pytest.approx(40.0 + WRONG[1] + 0.5 * WRONG[-1], abs=0.5)
     assert home.std.height_agl_m < 0.5 * STD.height_agl_m
     assert other.std.height_agl_m == pytest.approx(0.3, rel=0.05)
@@ -370,7 +380,7 @@ def test_the_corrected_place_is_where_the_map_shows_it():
     for number in range(20):
         at = sample(number / 2)
         live.observe(at, tuple(seen(n, number / 2, truly_at(at, WRONG, n)) for n in PLACES))
-    refined = live.refine(sample(10.0))
+    refined = refined_by(live, sample(10.0))
     metres_per_rad = 6.37e6
     north_m = (refined.lat_rad - ORIGIN.lat_rad) * metres_per_rad
     assert north_m == pytest.approx(refined.pose.position_enu_m[1], rel=0.01)
@@ -398,7 +408,7 @@ def test_whatever_is_seen_the_estimate_stays_one(observed, std_m, outlier_share)
         if np.all(np.isfinite(pixel)):
             told = live.observe(image, (seen(name, at_s, pixel, std_px),))
             assert told.updates + told.refused > 0
-    refined = live.refine(sample(20.0))
+    refined = refined_by(live, sample(20.0))
     assert np.all(np.isfinite(refined.pose.cov))
     assert np.linalg.eigvalsh(refined.pose.cov)[0] > -1e-12
     for name in ("height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad"):

@@ -16,11 +16,14 @@ from aerodft.dft.projection import (
     POSITION,
     PRINCIPAL_POINT,
     ROTATION,
+    GroundPoints,
+    pixel_directions,
+    pixel_rays,
     project,
     shared_count,
 )
-from aerodft.dft.seen import Seen, dependence
-from aerodft.dft.values import scalar_with_gradient
+from aerodft.dft.quantities import KINDS, Sight
+from aerodft.dft.uncertainty import dependence, scalars
 from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.geometry.rotation import camera_angles, cross, skew
@@ -77,24 +80,14 @@ def condition_of(evidence: Evidence) -> Condition:
             return partial(_CONDITIONS[type(evidence)], evidence)
 
 
-def _seen(state: State, kind: ProbeKind, pixels: tuple[Px, ...], elevation_m: float) -> Seen:
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
+def _ground(state: State, pixels: tuple[Px, ...], elevation_m: float) -> GroundPoints:
+    """What pixels show of the level plane that lies so high above the ground."""
     at = np.array(pixels, dtype=np.float64)
-    up = state.elevation_m + elevation_m
-    ground = project(state.camera, pose, at, up, state.model)
-    count = ground.jac_shared.shape[-1]
-    return Seen(
-        kind=kind,
-        camera=state.camera,
-        pose=pose,
-        model=state.model,
-        pixels_px=at,
-        elevation_m=up,
-        surface=None,
-        ground=ground,
-        shared_cov=np.zeros((count, count)),
-        std_px=1.0,
-    )
+    return project(state.camera, _pose(state), at, state.elevation_m + elevation_m, state.model)
+
+
+def _pose(state: State) -> Pose:
+    return Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
 
 
 def _scalar(
@@ -104,19 +97,25 @@ def _scalar(
     known: float,
     state: State,
 ) -> Found:
-    seen = _seen(state, kind, pixels, evidence.elevation_m if isinstance(evidence, KnownLength) else 0.0)
+    up_m = evidence.elevation_m if isinstance(evidence, KnownLength) else 0.0
+    pose, ground, rays = _pose(state), _ground(state, pixels, up_m), None
+    sight = Sight(state.position_m, np.empty((0, 3)), ground.points_enu_m)
+    if state.model is ProjectionModel.PINHOLE and KINDS[kind].sees_rays:
+        rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)
+        sight = Sight(state.position_m, rays.directions_enu, ground.points_enu_m)
+    _, _, heading = camera_angles(state.wxyz)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value, by = scalar_with_gradient(seen)
-        shared, own = dependence(seen, by)
+        value, by = scalars(kind, state.model, sight, heading, np.array(state.elevation_m + up_m))
+        shared, own = dependence(by, ground, rays)
     variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
-    return Found(np.array([value - known]), shared[None], np.array([[variance]]), evidence.std_px)
+    return Found(np.array([float(value) - known]), shared[None], np.array([[variance]]), evidence.std_px)
 
 
 def _ground_point(evidence: GroundPoint, state: State) -> Found:
     """In the ground frame: right and ahead of the camera's foot."""
     _, _, heading = camera_angles(state.wxyz)
     axes = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
-    ground = _seen(state, ProbeKind.POSITION, (evidence.pixel,), 0.0).ground
+    ground = _ground(state, (evidence.pixel,), 0.0)
     away = ground.points_enu_m[0, :2] - state.position_m[:2]
     by_shared = ground.jac_shared[0, :2].copy()
     by_shared[:, :2] -= np.eye(2)
@@ -158,7 +157,7 @@ def _landmark(evidence: Landmark, state: State) -> Found:
 
 def _on_level(evidence: Landmark, state: State) -> Found:
     east, north, up = evidence.position_m
-    ground = _seen(state, ProbeKind.POSITION, (evidence.pixel,), (up or 0.0) - state.elevation_m).ground
+    ground = _ground(state, (evidence.pixel,), (up or 0.0) - state.elevation_m)
     rows = [axis for axis, known in enumerate((east, north)) if known is not None]
     known = np.array([value for value in (east, north) if value is not None])
     by_shared = ground.jac_shared[0, rows].copy()
@@ -190,7 +189,7 @@ def _rays(state: State, pixels: tuple[Px, ...]) -> _Rays:
 
 def _foot_rays(state: State, pixel: Px) -> _Rays:
     """The paper's model has no rays: from the camera to the ground point, of which the azimuth counts."""
-    ground = _seen(state, ProbeKind.POSITION, (pixel,), 0.0).ground
+    ground = _ground(state, (pixel,), 0.0)
     shared = ground.jac_shared.copy()
     shared[:, :, POSITION] -= np.eye(3)
     return _Rays(ground.points_enu_m - state.position_m, shared, ground.jac_px)

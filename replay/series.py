@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.codec import events
-from aerodft.dft.record import UNITS
+from aerodft.dft.quantities import KINDS
 from aerodft.errors import InputError, located
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.probe import ProbeKind
@@ -157,7 +157,7 @@ def _key(row: Item) -> ProbeKey:
 def _unit(row: Item) -> str:
     """The unit of a measurement; where early recordings have metres for want of a number, that of its kind."""
     unit: str = row["unit"]
-    return UNITS.get(row["kind"], (unit,))[0] if row["value"] in {None, ""} else unit
+    return KINDS[row["kind"]].unit if row["kind"] in KINDS and row["value"] in {None, ""} else unit
 
 
 def _place(row: Item) -> tuple[float, ...]:

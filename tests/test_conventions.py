@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft import conventions
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import Request, Setup
 from aerodft.dft.points import to_ground_frame
 from aerodft.dft.projection import project
 from aerodft.geometry.lens import pixels_from_rays
@@ -28,6 +28,7 @@ from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import CODES, Status
+from tests.one_image import measure
 
 EAST, NORTH, UP = np.eye(3)
 RIGHT_CAM, DOWN_CAM, FORWARD_CAM = np.eye(3)

@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.cli.output import say
 from aerodft.dft.depth_map import DepthMap, depth_map, measured_plane
 from aerodft.dft.depth_spread import range_std
-from aerodft.dft.limits import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.judging import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.request import Setup
 from aerodft.errors import NoAnswerError
 from aerodft.geometry.dense import Float32Array

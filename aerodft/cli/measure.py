@@ -26,6 +26,7 @@ from aerodft.dft.models import compare_models
 from aerodft.errors import InputError, UsageError
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 
 
@@ -139,7 +140,7 @@ def measure(
     if compare:
         _compare(setup, sample, requests, as_json=json)
     else:
-        measurements = measure_requests(setup, sample, requests)
+        measurements = measure_requests(setup, PoseBatch.of([sample]), requests)[0]
         budgets = [explain_request(setup, sample, request) for request in requests] if explain else []
         _show(measurements, budgets, as_json=json)
         _finish(measurements)

@@ -14,7 +14,7 @@ from aerodft.cli.times import parse_instant
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Setup
-from aerodft.dft.zoomed import zoomed
+from aerodft.dft.request import zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.batch import Event
 from aerodft.model.observation import Observation

@@ -16,8 +16,7 @@ from aerodft.cli.output import steps
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline, check_size
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.request import Setup
-from aerodft.dft.zoomed import zoomed
+from aerodft.dft.request import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.arrays import ImageArray, IntArray
 from aerodft.model.batch import Event

@@ -1,18 +1,16 @@
 """Where a measurement's uncertainty comes from, and what to do about it: first order, input by input."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
 
-from aerodft.dft.object_top import ObjectTop
 from aerodft.dft.projection import DISTORTION, ELEVATION, FOCAL, PRINCIPAL_POINT, ROTATION
-from aerodft.dft.seen import Seen, dependence
-from aerodft.dft.values import scalar_with_gradient
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import PoseStd
+from aerodft.model.pose_batch import PoseBatch
 
 _ROUNDING = 1e-12
 _ADVICE = {
@@ -33,6 +31,10 @@ _ADVICE = {
 }
 _UNSETTLED_RAD: Final = math.radians(2)  # no gimbal that holds still is known worse
 _ANGLES: Final = ("tilt", "pan", "roll", "attitude")
+_INTRINSICS: Final = {"focal": FOCAL, "principal point": PRINCIPAL_POINT, "distortion": DISTORTION}
+_TURNS: Final = np.arange(ROTATION.start, ROTATION.stop)
+_STD_NAMES: Final = tuple(each.name for each in fields(PoseStd))
+_STATED: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _UNSETTLED: Final = "know the attitude better: wait until the gimbal has settled, or add a landmark"
 
 
@@ -54,42 +56,55 @@ class Share:
     remedy: str
 
 
-def variance_budget(seen: Seen, std: PoseStd, top: ObjectTop | None = None) -> tuple[Share, ...]:
-    """The parts of a probe's variance, the largest first; empty for a position, which has no one scalar.
+def variance_budgets(
+    by_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray
+) -> list[tuple[Share, ...]]:
+    """The parts of the variances of scalars in ``r`` images, the largest first; empty where nothing is uncertain.
 
     Args:
-        seen: The probe as it is seen.
-        std: How the pose's covariance was stated; where it does not reproduce it (a calibration's full covariance),
-            tilt, pan, roll and heading are given as one ``attitude``.
-        top: What the probe lies on top of; None where it lies on the ground.
+        by_shared: ``(r, s)`` derivatives of the scalars.
+        pixel_var: ``(r,)`` what pixels add to their variances.
+        poses: The ``(r,)`` poses. Where a stated standard deviation does not reproduce the covariance (a calibration's
+            full one), tilt, pan, roll and heading are given as one ``attitude``.
+        shared_cov: ``(r, s, s)``.
     """
-    if not seen.has_scalar:
-        return ()
-    _, by = scalar_with_gradient(seen)
-    shared, own = dependence(seen, by)
-    by_pixels = seen.std_px**2 * float(np.sum(own * own))
-    if top is not None:
-        by_pixels += (float(shared[ELEVATION]) * top.own_std_m) ** 2
-        shared = top.by_errors(shared)
-    pose_cov, cov = seen.pose.cov, seen.shared_cov
-    motion = np.concatenate([seen.pose.velocity_enu_mps, seen.pose.rate_cam_radps])
-    variances = {
-        "height": shared[2] ** 2 * pose_cov[2, 2],
-        "position": shared[:2] @ pose_cov[:2, :2] @ shared[:2],
-        **_attitude(shared[ROTATION], seen, std),
-        "time": float(shared[:6] @ motion) ** 2 * seen.pose.time_std_s**2,
-        "focal": shared[FOCAL] @ cov[FOCAL, FOCAL] @ shared[FOCAL],
-        "principal point": shared[PRINCIPAL_POINT] @ cov[PRINCIPAL_POINT, PRINCIPAL_POINT] @ shared[PRINCIPAL_POINT],
-        "distortion": shared[DISTORTION] @ cov[DISTORTION, DISTORTION] @ shared[DISTORTION],
-        "elevation": shared[ELEVATION] ** 2 * cov[ELEVATION, ELEVATION],
-        "pixels": by_pixels,
+    pose_cov = poses.pose.cov
+    motion = np.concatenate([poses.pose.velocity_enu_mps, poses.pose.rate_cam_radps], axis=-1)
+    motion = np.broadcast_to(motion, (len(by_shared), 6))
+
+    def part(of: slice, cov: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("ri,rij,rj->r", by_shared[:, of], cov, by_shared[:, of]))
+
+    by_motion = np.sum(by_shared[:, :6] * motion, axis=-1)
+    columns = {
+        "height": by_shared[:, 2] ** 2 * pose_cov[:, 2, 2],
+        "position": part(slice(2), pose_cov[:, :2, :2]),
+        **_attitude(by_shared[:, ROTATION], poses),
+        "time": np.square(by_motion * poses.pose.time_std_s),
+        **{name: part(of, shared_cov[:, of, of]) for name, of in _INTRINSICS.items()},
+        "elevation": by_shared[:, ELEVATION] ** 2 * shared_cov[:, ELEVATION, ELEVATION],
+        "pixels": pixel_var,
     }
-    total = float(shared @ cov @ shared) + float(variances["pixels"])
+    total = part(slice(None), shared_cov) + pixel_var
+    columns["correlations"] = total - np.sum(list(columns.values()), axis=0)
+    is_settled = np.sqrt(pose_cov[:, _TURNS, _TURNS]).max(axis=-1) <= _UNSETTLED_RAD
+    variances = np.stack(list(columns.values()), axis=-1)
+    return [
+        _shares(dict(zip(columns, row, strict=True)), whole, is_settled=settled)
+        for row, whole, settled in zip(variances.tolist(), total.tolist(), is_settled.tolist(), strict=True)
+    ]
+
+
+def _shares(variances: dict[str, float], total: float, *, is_settled: bool) -> tuple[Share, ...]:
     if not total > 0:
         return ()
-    variances["correlations"] = total - sum(map(float, variances.values()))
     parts = [
-        Share(source, math.copysign(math.sqrt(abs(variance)), variance), float(variance) / total, _remedy(source, seen))
+        Share(
+            source,
+            math.copysign(math.sqrt(abs(variance)), variance),
+            variance / total,
+            _ADVICE[source] if is_settled or source not in _ANGLES else _UNSETTLED,
+        )
         for source, variance in variances.items()
         if abs(variance) > _ROUNDING * total
     ]
@@ -104,22 +119,18 @@ def advice(budget: tuple[Share, ...]) -> str:
     return f"{100 * first.share:.0f} % from {first.source}: {first.remedy}"
 
 
-def _remedy(source: str, seen: Seen) -> str:
-    stds_rad = np.sqrt(seen.pose.cov.diagonal()[ROTATION])
-    if source in _ANGLES and stds_rad.max() > _UNSETTLED_RAD:
-        return _UNSETTLED
-    return _ADVICE[source]
-
-
-def _attitude(by_rotation: FloatArray, seen: Seen, std: PoseStd) -> dict[str, float]:
-    up_cam = matrix(seen.pose.wxyz)[2, :]
-    stated = np.diag([std.tilt_rad**2, std.pan_rad**2, std.roll_rad**2]) + std.heading_rad**2 * np.outer(up_cam, up_cam)
-    actual = seen.pose.cov[ROTATION, ROTATION]
-    if not np.allclose(stated, actual, rtol=1e-6, atol=1e-15):
-        return {"attitude": float(by_rotation @ actual @ by_rotation)}
-    return {
-        "tilt": float(by_rotation[0] * std.tilt_rad) ** 2,
-        "pan": float(by_rotation[1] * std.pan_rad) ** 2,
-        "roll": float(by_rotation[2] * std.roll_rad) ** 2,
-        "heading": float(by_rotation @ up_cam * std.heading_rad) ** 2,
+def _attitude(by_rotation: FloatArray, poses: PoseBatch) -> dict[str, FloatArray]:
+    up_cam = matrix(poses.pose.wxyz)[:, 2]
+    tilt, pan, roll, heading = (poses.std[:, _STD_NAMES.index(name)] for name in _STATED)
+    stated = np.square(heading)[:, None, None] * up_cam[:, :, None] * up_cam[:, None]
+    stated[:, [0, 1, 2], [0, 1, 2]] += np.square([tilt, pan, roll]).T
+    actual = poses.pose.cov[:, ROTATION, ROTATION]
+    is_stated = np.all(np.abs(stated - actual) <= 1e-15 + 1e-6 * np.abs(actual), axis=(1, 2))
+    parts = {
+        "attitude": np.einsum("ri,rij,rj->r", by_rotation, actual, by_rotation),
+        "tilt": np.square(by_rotation[:, 0] * tilt),
+        "pan": np.square(by_rotation[:, 1] * pan),
+        "roll": np.square(by_rotation[:, 2] * roll),
+        "heading": np.square(np.sum(by_rotation * up_cam, axis=-1) * heading),
     }
+    return {name: np.where(is_stated == (name != "attitude"), part, 0.0) for name, part in parts.items()}

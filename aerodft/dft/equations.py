@@ -35,12 +35,12 @@ def tilt_warning(tilt_rad: float, vfov_rad: float) -> str | None:
     )
 
 
-def rotation_angle(i_px: FloatLike, width_px: float, hfov_rad: float) -> FloatArray:
+def rotation_angle(i_px: FloatLike, width_px: float, hfov_rad: FloatLike) -> FloatArray:
     """Eq. 2: ``phi = (i - W/2) FOV_H / W``; negative on the left."""
     return np.asarray((np.asarray(i_px, dtype=np.float64) - width_px / 2) * (hfov_rad / width_px))
 
 
-def vertical_angle(j_px: FloatLike, tilt_rad: FloatLike, height_px: float, vfov_rad: float) -> FloatArray:
+def vertical_angle(j_px: FloatLike, tilt_rad: FloatLike, height_px: float, vfov_rad: FloatLike) -> FloatArray:
     """Eq. 3: ``psi = theta + (H/2 - j) FOV_V / H``; 0 straight down."""
     return np.asarray(tilt_rad + (height_px / 2 - np.asarray(j_px, dtype=np.float64)) * (vfov_rad / height_px))
 

@@ -1,252 +1,237 @@
-"""Probes to measurements: any number of poses, any number of probes, one projection."""
+"""Requests to measurements: any number of images, any number of probes, one projection."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodft.dft.answer_columns import AnswerBlock, AnswerColumn, ImageColumns
-from aerodft.dft.answers import Answer, ImageAnswers
-from aerodft.dft.budget import Share, variance_budget
-from aerodft.dft.first_order import first_order_answers
-from aerodft.dft.object_top import ObjectTop, object_top
-from aerodft.dft.one_answer import blocked, measure_one, seen_in
-from aerodft.dft.points import ImagePoints, ProbePoints, image_points
-from aerodft.dft.projection import project
-from aerodft.dft.record import UNITS, Record, no_answer
+from aerodft.dft.budget import Share, variance_budgets
+from aerodft.dft.judging import Judgement, View
+from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
+from aerodft.dft.points import places
+from aerodft.dft.projection import ELEVATION
+from aerodft.dft.quantities import KINDS
 from aerodft.dft.request import Request, Setup
-from aerodft.dft.uncertainty import point_spread, shared_covariance
-from aerodft.dft.zoomed import zoomed
-from aerodft.model.arrays import FloatArray
-from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import GeoOrigin, Pose, PoseSample
-from aerodft.model.pose_columns import Posed, PoseRow, PoseRows, by_columns, sample_of
-from aerodft.model.status import Status
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.probe import ProbeKind
 
-__all__ = ["Request", "Setup", "explain", "measure", "measure_each", "measure_images", "measure_rows"]
+__all__ = ["Request", "Setup", "explain", "measure"]
 
 _AT_ONCE = 512  # images: their derivatives stay in the cache
 
+_Part = tuple[IntArray, MeasurementColumn]
+"""What a request came to in some of the images ``(m,)``, by their indices."""
+
 
 def measure(
-    setup: Setup, sample: PoseSample, requests: tuple[Request, ...], image: int | None = None
-) -> list[Measurement]:
-    """Measure every request at one pose.
+    setup: Setup, poses: PoseBatch, requests: tuple[Request, ...], images: IntArray | None = None
+) -> MeasurementBatch:
+    """Measure the same requests in every image; what an image's come to does not depend on the other images.
+
+    Args:
+        setup: What all share.
+        poses: The images' ``(n,)`` poses.
+        requests: What is measured in each.
+        images: ``(n,)`` their running numbers; None where no image has one.
 
     Returns:
-        One measurement a request, in order; without a value, but with a status and its reasons, where there is none.
+        A column for each request; without a number, but with a status and its reasons, where there is none.
     """
-    (found,) = measure_images(setup, (sample,), requests, (image,))
-    return list(found)
-
-
-def measure_images(
-    setup: Setup, poses: Sequence[Posed], requests: tuple[Request, ...], images: Sequence[int | None]
-) -> list[ImageAnswers]:
-    """Measure the same requests in several images; an image's answers do not depend on the others.
-
-    Args:
-        setup: What all share.
-        poses: The images'.
-        requests: What is measured in each.
-        images: Their indices, where they have one.
-    """
-    return _measured(setup, poses, [requests] * len(poses), images)
-
-
-def measure_each(
-    setup: Setup, poses: Sequence[Posed], requests: Sequence[Request], images: Sequence[int | None]
-) -> list[ImageAnswers]:
-    """The same where each image has a request of its own.
-
-    Args:
-        setup: What all share.
-        poses: The images'.
-        requests: Theirs, which differ in where their pixels are only; none lies on top of something.
-        images: The images' indices, where they have one.
-    """
-    return _measured(setup, poses, [(request,) for request in requests], images)
-
-
-def _measured(
-    setup: Setup, poses: Sequence[Posed], requests: Sequence[tuple[Request, ...]], images: Sequence[int | None]
-) -> list[ImageAnswers]:
-    found: list[Sequence[Answer]] = [() for _ in poses]
-    for rows, seen_with in _alike(setup, poses):
-        answers = _answered(seen_with, [poses[row] for row in rows], [requests[row] for row in rows])
-        for row, own in zip(rows, answers.rows(), strict=True):
-            found[row] = own
-    return [
-        ImageAnswers.of(setup, posed, image, own, answers or _missed(posed, own))
-        for answers, posed, own, image in zip(found, poses, requests, images, strict=True)
-    ]
-
-
-def measure_rows(
-    setup: Setup, poses: PoseRows, requests: tuple[Request, ...], images: Sequence[int | None]
-) -> Iterator[ImageColumns]:
-    """The same of images whose poses were made together, some images after the other."""
-    most = 1 if _is_one_by_one(setup) else _AT_ONCE
-    for first in range(0, len(poses), most):
-        own = slice(first, first + most)
-        answers = _answered(setup, poses[own], [requests] * len(poses[own]))
-        yield ImageColumns(setup, requests, poses[own], images[own], answers)
-
-
-def _is_one_by_one(setup: Setup) -> bool:
-    """Whether images can be measured alone only."""
-    return setup.model is not ProjectionModel.PINHOLE or setup.ground is not None
-
-
-def _missed(posed: Posed, requests: tuple[Request, ...]) -> list[Answer]:
-    return [no_answer(request.probe, posed.status, posed.reasons) for request in requests]
-
-
-def _alike(setup: Setup, poses: Sequence[Posed]) -> Iterator[tuple[list[int], Setup]]:
-    """Images with a pose that can be measured at once: seen with one camera, on level ground, from one origin."""
-    one_by_one = _is_one_by_one(setup)
-    waiting: list[int] = []
-    for row, posed in enumerate(poses):
-        if posed.status is not Status.OK or (isinstance(posed, PoseSample) and posed.pose is None):
-            continue
-        apart = one_by_one or (waiting and not _may_be_together(poses[waiting[0]], posed))
-        if waiting and (apart or len(waiting) == _AT_ONCE):
-            yield waiting, _seen_with(setup, poses[waiting[0]])
-            waiting = []
-        waiting.append(row)
-    if waiting:
-        yield waiting, _seen_with(setup, poses[waiting[0]])
-
-
-def _may_be_together(first: Posed, posed: Posed) -> bool:
-    if isinstance(first, PoseRow) or isinstance(posed, PoseRow):
-        return isinstance(first, PoseRow) and isinstance(posed, PoseRow) and first.columns is posed.columns
-    return first.zoom is None and posed.zoom is None and first.origin is posed.origin
-
-
-def _seen_with(setup: Setup, posed: Posed) -> Setup:
-    return setup if isinstance(posed, PoseRow) else zoomed(setup, posed)[0]
-
-
-def _answered(setup: Setup, poses: Sequence[Posed], each: Sequence[tuple[Request, ...]]) -> AnswerBlock:
-    """The answers of images that are alike, to the same requests or to such as differ in where their pixels are."""
-    requests = each[0]
-    if not requests:
-        return AnswerBlock((), poses)
-    if not isinstance(poses, PoseRows):
-        poses = [posed if isinstance(posed, PoseRow) else zoomed(setup, posed)[1] for posed in poses]
-    on_ground = tuple(request for request in requests if request.on_top_of is None)
-    points = _points(setup, poses, on_ground, None if each[-1] is requests else _pixels(each))
-    plain = iter(first_order_answers(setup, len(poses), on_ground, points))
-    none = AnswerColumn("m", np.zeros(len(poses), dtype=np.bool_), {}, {})
-    columns = [none if request.on_top_of is not None else next(plain) for request in requests]
-    counts = [0 if request.on_top_of is not None else len(request.pixels) for request in requests]
-    others: list[dict[int, Answer]] = [{} for _ in requests]
-    is_plain = np.array([column.is_plain for column in columns])
-    not_plain = np.argwhere(~is_plain.T).tolist()  # image after image: what its probes draw is shared
-    samples = {row: sample_of(poses[row]) for row in dict.fromkeys(row for row, _ in not_plain)}
-    for row, member in not_plain:
-        record, first = Record(setup, samples[row], each[row][member]), sum(counts[:member])
-        if counts[member]:
-            others[member][row] = measure_one(record, points.probe(row, first, first + counts[member]))
-        else:
-            others[member][row] = _on_top(record)
-    columns = [replace(column, others=own) for column, own in zip(columns, others, strict=True)]
-    return AnswerBlock(tuple(columns), poses)
-
-
-def _pixels(each: Sequence[tuple[Request, ...]]) -> FloatArray:
-    """``(n, k, 2)`` pixels of images that have their own."""
-    return np.array([[pixel for request in own for pixel in request.pixels] for own in each], dtype=np.float64)
-
-
-def _points(
-    setup: Setup, poses: Sequence[Posed], requests: tuple[Request, ...], pixels_px: FloatArray | None = None
-) -> ImagePoints:
-    """The points of all requests in all images; uneven ground and the dft model take one image only.
-
-    Args:
-        setup: What all share.
-        poses: The images'.
-        requests: Theirs.
-        pixels_px: ``(n, k, 2)`` where each image has its own; None for those of the requests.
-    """
-    pose, origin = _together(poses)
-    counts = [len(request.pixels) for request in requests]
-    of_each = pixels_px is not None
-    if pixels_px is None:
-        pixels_px = _pixels([requests]).reshape(-1, 2)
-    elevation = np.repeat([request.probe.elevation_m for request in requests], counts)
-    if setup.model is ProjectionModel.PINHOLE and setup.ground is None:
-        ground = project(setup.camera, pose, pixels_px, elevation, setup.model, of_each=of_each)
-    else:
-        alone_px = pixels_px[0] if of_each else pixels_px
-        ground = project(setup.camera, pose.row(0), alone_px, elevation, setup.model, setup.ground)[None]
-    elevation_std = np.repeat([request.probe.elevation_std_m for request in requests], counts)
-    std_px = np.repeat([request.std_px for request in requests], counts)
-    shared_cov = shared_covariance(setup.camera, pose, np.zeros(len(poses)))
-    return image_points(pixels_px, ground, origin, pose, shared_cov, elevation_std, std_px)
-
-
-def _together(poses: Sequence[Posed]) -> tuple[Pose, GeoOrigin | None]:
-    """The ``(n,)`` poses, all of which are rows of the same columns or none is, and their origin."""
-    rows = [] if isinstance(poses, PoseRows) else [posed for posed in poses if isinstance(posed, PoseRow)]
-    if rows:
-        poses = PoseRows(*next(by_columns(rows)))
-    if isinstance(poses, PoseRows):
-        return poses.columns.pose.rows(poses.rows), poses[0].alike.origin
-    samples = [posed for posed in poses if isinstance(posed, PoseSample)]
-    return Pose.stacked([sample.pose for sample in samples if sample.pose is not None]), samples[0].origin
-
-
-def _probe_points(record: Record) -> ProbePoints:
-    """The points of one request in one image."""
-    return _points(record.setup, [record.sample], (record.request,)).probe(0, 0, len(record.request.pixels))
-
-
-def _on_top(record: Record) -> Answer:
-    """Measure in the level plane through an object's top, of which base and top are seen in the same image."""
-    top = _top(record)
-    if isinstance(top, Answer):
-        name = record.request.probe.on_top_of
-        return record.miss(top.status, *(f"it lies on top of {name}: {reason}" for reason in top.reasons))
-    level = top.levelled(record)
-    points = _probe_points(level)
-    return measure_one(level, _known(level, points, top.covariance(points.shared_cov)))
-
-
-def _known(record: Record, points: ProbePoints, shared_cov: FloatArray) -> ProbePoints:
-    """The points under another covariance ``(s, s)`` of what they share."""
-    assert record.sample.pose is not None  # noqa: S101 - the callers' own condition, for the type checker
-    count = len(points.range_m)
-    std_px, none = np.full(count, record.request.std_px), np.zeros(count)
-    spread = point_spread(points.ground[None], record.sample.pose.position_enu_m[None], shared_cov[None], none, std_px)
-    return replace(points, shared_cov=shared_cov, cov_enu_m2=spread.cov_enu_m2[0], range_std_m=spread.range_std_m[0])
-
-
-def _top(record: Record) -> ObjectTop | Answer:
-    """The elevation of the top that a record lies on, or why there is none."""
-    assert record.request.on_top_of is not None  # noqa: S101 - the callers' own condition, for the type checker
-    under = replace(record, request=record.request.on_top_of)
-    points = _probe_points(under)
-    answer = measure_one(under, points)
-    return object_top(seen_in(under, points)) if answer.status is Status.OK else answer
+    rows = np.flatnonzero(poses.is_ok)
+    parts: list[list[_Part]] = [[] for _ in requests]
+    for first in range(0, len(rows), _AT_ONCE):
+        own = rows[first : first + _AT_ONCE]
+        for found, column in zip(parts, _measured(setup, poses, requests, own), strict=True):
+            found.append((own, column))
+    return MeasurementBatch(
+        requests=requests,
+        poses=poses,
+        images=np.full(len(poses), NO_IMAGE) if images is None else images,
+        columns=tuple(
+            _joined(MeasurementColumn(KINDS[request.probe.kind].unit, poses.status, {}, {}), found)
+            for request, found in zip(requests, parts, strict=True)
+        ),
+        model=setup.model,
+        camera=setup.camera.name,
+        config=setup.config_id,
+    )
 
 
 def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, ...]:
     """Where one request's uncertainty comes from, the largest part first; empty where it has no scalar or no ground."""
-    setup, sample = zoomed(setup, sample)
-    record = Record(setup, sample, request)
-    if sample.pose is None:
+    kind = KINDS[request.probe.kind]
+    if sample.pose is None or kind.scalar is None:
         return ()
-    top = None if request.on_top_of is None else _top(record)
-    if isinstance(top, Answer):
-        return ()
-    if top is not None:
-        record = top.levelled(record)
-    points = _probe_points(record)
-    seen = seen_in(record, points)
-    if blocked(record, seen.pose, points, points.first(seen.on_ground)) is not None:
-        return ()
-    _, scale = UNITS.get(seen.kind, ("m", 1.0))
-    return tuple(replace(share, std=scale * share.std) for share in variance_budget(seen, sample.std, top))
+    poses, top = PoseBatch.of([sample]), None
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        if request.on_top_of is not None:
+            below = _below(setup, poses, request.on_top_of)
+            if not below.is_open[0, 0]:
+                return ()
+            top = _Top.of(below)
+            view = top.view(setup, poses, (request,))
+        else:
+            view = _view(setup, poses, (request,))
+        judged = Judgement(view, request.probe.kind, np.arange(request.count)[None])
+        if judged.is_blocked[0, 0]:
+            return ()
+        by_shared, pixel_var, cov = judged.explained(0)
+        if top is not None:
+            pixel_var = pixel_var + np.square(by_shared[:, ELEVATION] * top.own_std_m)
+            by_shared, cov = (by_shared[:, None] @ top.follows)[:, 0], top.ground_cov
+        (budget,) = variance_budgets(by_shared, pixel_var, poses, cov)
+    return tuple(replace(share, std=kind.scale * share.std) for share in budget)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Top:
+    """The tops of an upright object in ``n`` images (the paper's Section 5.4), and what their elevations depend on.
+
+    Attributes:
+        elevation_m: ``(n,)``.
+        follows: ``(n, s, s)`` from the ground's errors to those that have the top's elevation in place of the ground's.
+        own_std_m: ``(n,)`` what the pixels of base and top alone make of the elevations' standard deviations.
+        ground_cov: ``(n, s, s)`` of the errors of the ground that the object stands on.
+    """
+
+    elevation_m: FloatArray
+    follows: FloatArray
+    own_std_m: FloatArray
+    ground_cov: FloatArray
+
+    @staticmethod
+    def of(below: Judgement) -> "_Top":
+        """The tops of the one object that was judged."""
+        base_m, shared, own = below.base_up(0)
+        by_shared, _, cov = below.explained(0)
+        by_px = below.by_px[:, 0].copy()
+        by_px[:, 0] += own
+        follows = np.zeros(cov.shape)
+        follows[:] = np.eye(cov.shape[-1])
+        follows[:, ELEVATION] = by_shared + shared
+        own_std = below.std_px[0] * np.sqrt(np.sum(np.square(by_px), axis=(1, 2)))
+        return _Top(base_m + below.value[:, 0], follows, own_std, cov)
+
+    def view(self, setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> View:
+        """What is seen in the level planes through the tops, instead of on the ground."""
+        cov = self.follows @ self.ground_cov @ self.follows.swapaxes(-1, -2)
+        cov[:, ELEVATION, ELEVATION] += np.square(self.own_std_m)
+        counts = [request.count for request in requests]
+        elevation = np.repeat(self.elevation_m[:, None], sum(counts), axis=1)
+        stds = np.zeros(sum(counts)), np.repeat([request.std_px for request in requests], counts)
+        return View.of(replace(setup, ground=None), poses, _pixels(requests, len(poses)), elevation, stds, cov)
+
+    def rows(self, rows: IntArray) -> "_Top":
+        """Those in some images."""
+        return _Top(self.elevation_m[rows], self.follows[rows], self.own_std_m[rows], self.ground_cov[rows])
+
+
+def _measured(setup: Setup, poses: PoseBatch, requests: tuple[Request, ...], rows: IntArray) -> list[MeasurementColumn]:
+    """What requests come to in some images, all of whose poses are ok."""
+    own = tuple(request.rows(rows) for request in requests)
+    poses = poses.rows(rows) if len(rows) < len(poses) else poses
+    on_ground = [member for member, request in enumerate(requests) if request.on_top_of is None]
+    on_top: dict[int, list[int]] = {}
+    for member, request in enumerate(requests):
+        if request.on_top_of is not None:
+            on_top.setdefault(id(request.on_top_of), []).append(member)
+    columns: dict[int, MeasurementColumn] = {}
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # misses
+        if on_ground:
+            standing = [own[member] for member in on_ground]
+            columns |= zip(on_ground, _columns(_view(setup, poses, standing), standing), strict=True)
+        for members in on_top.values():
+            lying = [own[member] for member in members]
+            columns |= zip(members, _measured_on_top(setup, poses, lying), strict=True)
+    return [columns[member] for member in range(len(requests))]
+
+
+def _measured_on_top(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> list[MeasurementColumn]:
+    """What requests come to that all lie on top of one object, of which base and top are seen in the same image."""
+    under = requests[0].on_top_of
+    assert under is not None  # noqa: S101 - the caller's own condition, for the type checker
+    below = _below(setup, poses, under)
+    rows = np.flatnonzero(below.is_open[:, 0])
+    found: list[MeasurementColumn] = []
+    if len(rows):
+        own = [request.rows(rows) for request in requests]
+        found = _columns(_Top.of(below).rows(rows).view(setup, poses.rows(rows), own), own)
+    columns = []
+    for member, request in enumerate(requests):
+        prefix = f"it lies on top of {request.probe.on_top_of}: "
+        reasons = {row: tuple(prefix + reason for reason in why) for row, why in below.reasons[0].items()}
+        missed = MeasurementColumn(KINDS[request.probe.kind].unit, below.code[:, 0], reasons, {})
+        columns.append(_joined(missed, [(rows, found[member])] if found else []))
+    return columns
+
+
+def _below(setup: Setup, poses: PoseBatch, under: Request) -> Judgement:
+    """An object that something lies on top of."""
+    return Judgement(_view(setup, poses, (under,)), ProbeKind.HEIGHT, np.arange(under.count)[None])
+
+
+def _columns(view: View, requests: Sequence[Request]) -> list[MeasurementColumn]:
+    """A column for each of the requests that have a view's pixels, one after the other."""
+    alike: dict[tuple[ProbeKind, int], list[int]] = {}
+    for member, request in enumerate(requests):
+        alike.setdefault((request.probe.kind, request.count), []).append(member)
+    starts = np.cumsum([0, *(request.count for request in requests)])
+    judged = [
+        Judgement(view, kind, starts[members][:, None] + np.arange(count)) for (kind, count), members in alike.items()
+    ]
+    columns: dict[int, MeasurementColumn] = {}
+    where = places(view.poses, [each.shown_m() for each in judged])
+    for each, members, own in zip(judged, alike.values(), where, strict=True):
+        numbers = each.numbers(own)
+        ordered = {name: numbers[name] for name in NUMBERS if name in numbers}
+        for at, member in enumerate(members):
+            of_request = {name: values[:, at] for name, values in ordered.items()}
+            columns[member] = MeasurementColumn(KINDS[each.kind].unit, each.code[:, at], each.reasons[at], of_request)
+    return [columns[member] for member in range(len(requests))]
+
+
+def _view(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> View:
+    """What requests see on the ground."""
+    counts = [request.count for request in requests]
+    elevation, elevation_std, std_px = (
+        np.repeat([each(request) for request in requests], counts) for each in (_elevation_m, _elevation_std_m, _std_px)
+    )
+    return View.of(setup, poses, _pixels(requests, len(poses)), elevation, (elevation_std, std_px))
+
+
+def _elevation_m(request: Request) -> float:
+    return request.probe.elevation_m
+
+
+def _elevation_std_m(request: Request) -> float:
+    return request.probe.elevation_std_m
+
+
+def _std_px(request: Request) -> float:
+    return request.std_px
+
+
+def _pixels(requests: Sequence[Request], count: int) -> FloatArray:
+    """``(k, 2)`` of all requests one after the other, or ``(n, k, 2)`` where images have their own."""
+    pixels = [request.pixels_px for request in requests]
+    if all(each.ndim == 2 for each in pixels):  # noqa: PLR2004
+        return np.concatenate(pixels)
+    return np.concatenate([np.broadcast_to(each, (count, *each.shape[-2:])) for each in pixels], axis=1)
+
+
+def _joined(elsewhere: MeasurementColumn, parts: Sequence[_Part]) -> MeasurementColumn:
+    """A column whose rows stand in parts, with the status and the reasons of ``elsewhere`` in all others."""
+    count = len(elsewhere.status)
+    if len(parts) == 1 and len(parts[0][0]) == count:
+        return parts[0][1]
+    status, reasons = elsewhere.status.copy(), dict(elsewhere.reasons)
+    shapes = {name: values.shape[1:] for _, column in parts for name, values in column.numbers.items()}
+    numbers = {name: np.full((count, *shapes[name]), np.nan) for name in NUMBERS if name in shapes}
+    for rows, column in parts:
+        status[rows] = column.status
+        reasons |= {int(rows[row]): why for row, why in column.reasons.items()}
+        for name, values in column.numbers.items():
+            numbers[name][rows] = values
+    return MeasurementColumn(elsewhere.unit, status, reasons, numbers)

@@ -8,14 +8,24 @@ from typing import Final, overload
 
 import numpy as np
 
-from aerodft.dft.request import Request
+from aerodft.dft.request import Request, Setup
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
-from aerodft.model.status import CODES, Status
+from aerodft.model.status import CODE_OF, CODES, Status
 
-NUMBERS: Final = ("value", "std", "ci95", "ellipse95", "ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
+NUMBERS: Final[tuple[str, ...]] = (
+    "value",
+    "std",
+    "ci95",
+    "ellipse95",
+    "ground_m",
+    "enu_m",
+    "cov_enu_m2",
+    "geo",
+    "range_m",
+)
 """The fields of a ``Measurement`` that hold numbers, in their order."""
 
 NO_IMAGE: Final = -1
@@ -39,6 +49,14 @@ class MeasurementColumn:
     status: IntArray
     reasons: Mapping[int, tuple[str, ...]]
     numbers: Mapping[str, FloatArray]
+
+    @staticmethod
+    def of_one(
+        unit: str, status: Status, reasons: tuple[str, ...], numbers: Mapping[str, FloatArray] | None = None
+    ) -> "MeasurementColumn":
+        """What one request came to in one image, numbers without the axis of images."""
+        in_order = {name: numbers[name][None] for name in NUMBERS if name in numbers} if numbers else {}
+        return MeasurementColumn(unit, np.array([CODE_OF[status]]), {0: reasons}, in_order)
 
     def rows(self, rows: IntArray) -> "MeasurementColumn":
         """The images ``(m,)`` by their indices."""
@@ -134,6 +152,25 @@ class MeasurementBatch(Sequence[list[Measurement]]):
             calibration=sample.calibration,
             config=self.config,
         )
+
+
+def of_one_image(
+    setup: Setup,
+    sample: PoseSample,
+    image: int | None,
+    requests: tuple[Request, ...],
+    columns: tuple[MeasurementColumn, ...],
+) -> MeasurementBatch:
+    """What was found in one image by somebody else than the engine."""
+    return MeasurementBatch(
+        requests=requests,
+        poses=PoseBatch.of([sample]),
+        images=np.array([NO_IMAGE if image is None else image]),
+        columns=columns,
+        model=setup.model,
+        camera=setup.camera.name,
+        config=setup.config_id,
+    )
 
 
 def _known(values: FloatArray) -> FloatArray | None:

@@ -11,6 +11,7 @@ from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.pose_batch import PoseBatch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,14 +56,12 @@ def right_by_geometry(height_m: FloatLike, tilt_rad: FloatLike, psi_rad: FloatLi
 
 def compare_models(setup: Setup, sample: PoseSample, requests: tuple[Request, ...]) -> list[ModelDifference]:
     """Measure every request at one pose under both models; the model of ``setup`` does not matter."""
-    by_model = [
-        measure(replace(setup, model=model), sample, requests)
+    poses = PoseBatch.of([sample])
+    pinhole, dft = (
+        measure(replace(setup, model=model), poses, requests)[0]
         for model in (ProjectionModel.PINHOLE, ProjectionModel.DFT)
-    ]
-    return [
-        _difference(setup, sample, request, pinhole, dft)
-        for request, pinhole, dft in zip(requests, *by_model, strict=True)
-    ]
+    )
+    return [_difference(setup, sample, *each) for each in zip(requests, pinhole, dft, strict=True)]
 
 
 def _difference(
@@ -80,14 +79,14 @@ def _difference(
         ground_m=here[:, :2] - there[:, :2],
     )
     on_plane = [
-        len(points) == len(request.pixels) and np.allclose(points[:, 2], request.probe.elevation_m)
+        len(points) == request.count and np.allclose(points[:, 2], request.probe.elevation_m)
         for points in (there, here)
     ]
     return _split(found, setup.camera, sample.pose, request) if all(on_plane) else found
 
 
 def _split(found: ModelDifference, camera: Camera, pose: Pose, request: Request) -> ModelDifference:
-    pixels = np.array(request.pixels, dtype=np.float64)
+    pixels = request.pixels_px
     tilt, _, _ = camera_angles(pose.wxyz)
     height = float(pose.position_enu_m[2]) - request.probe.elevation_m
     psi = equations.vertical_angle(pixels[:, 1], tilt, camera.height_px, camera.vfov_rad)

@@ -1,98 +1,14 @@
-"""What is found for all ground points of many images at once, before it is told apart by image and probe."""
+"""Where points of the ground are: in the ground frame, on earth, and how far away."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, GroundPoints
-from aerodft.dft.uncertainty import PointSpread, point_spread
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin, Pose
-
-
-@dataclass(frozen=True, slots=True)
-class ImagePoints:
-    """Ground points of ``n`` images, of ``k`` pixels in each.
-
-    Attributes:
-        pixels_px: ``(k, 2)`` the same in each, or ``(n, k, 2)``.
-        pose: The ``(n,)`` poses.
-        origin: Of ENU; None where it is not known where that is.
-        ground: The ``(n, k)`` points with what they depend on.
-        shared_cov: ``(n, s, s)``, see ``shared_covariance``; 0 for the elevation.
-        elevation_std_m: ``(k,)``.
-        std_px: ``(k,)``.
-        spread: How well they are known.
-    """
-
-    pixels_px: FloatArray
-    pose: Pose
-    origin: GeoOrigin | None
-    ground: GroundPoints
-    shared_cov: FloatArray
-    elevation_std_m: FloatArray
-    std_px: FloatArray
-    spread: PointSpread
-
-    def probe(self, image: int, first: int, stop: int) -> "ProbePoints":
-        """The points of one image from ``first`` to ``stop`` (half-open)."""
-        rows = (image, slice(first, stop))
-        cov = self.shared_cov[image].copy()
-        cov[ELEVATION, ELEVATION] = self.elevation_std_m[first] ** 2
-        return ProbePoints(
-            self.ground[rows],
-            cov,
-            self.spread.cov_enu_m2[rows],
-            self.spread.range_m[rows],
-            self.spread.range_std_m[rows],
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ProbePoints:
-    """One probe's ``k`` points in one image.
-
-    Attributes:
-        ground: The points.
-        shared_cov: ``(s, s)``, see ``shared_covariance``.
-        cov_enu_m2: ``(k, 3, 3)``.
-        range_m: ``(k,)`` from the camera.
-        range_std_m: ``(k,)``.
-    """
-
-    ground: GroundPoints
-    shared_cov: FloatArray
-    cov_enu_m2: FloatArray
-    range_m: FloatArray
-    range_std_m: FloatArray
-
-    def first(self, count: int) -> "ProbePoints":
-        """The first ``count`` of them."""
-        rows = slice(count)
-        return replace(
-            self,
-            ground=self.ground[rows],
-            cov_enu_m2=self.cov_enu_m2[rows],
-            range_m=self.range_m[rows],
-            range_std_m=self.range_std_m[rows],
-        )
-
-
-def image_points(
-    pixels_px: FloatArray,
-    ground: GroundPoints,
-    origin: GeoOrigin | None,
-    pose: Pose,
-    shared_cov: FloatArray,
-    elevation_std_m: FloatArray,
-    std_px: FloatArray,
-) -> ImagePoints:
-    """The points of images with how well they are known; arguments as the attributes."""
-    with np.errstate(invalid="ignore", over="ignore"):  # misses are NaN, and have infinite derivatives
-        spread = point_spread(ground, pose.position_enu_m, shared_cov, elevation_std_m, std_px)
-    return ImagePoints(pixels_px, pose, origin, ground, shared_cov, elevation_std_m, std_px, spread)
+from aerodft.model.pose_batch import PoseBatch
 
 
 def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
@@ -114,3 +30,40 @@ def lat_lon_alt(origin: GeoOrigin, points_enu_m: FloatArray) -> FloatArray:
     plane = np.nan if origin.alt_msl_m is None else origin.alt_msl_m
     places = lat_lon(origin, points_enu_m[..., :2])
     return np.concatenate([places, (plane + points_enu_m[..., 2])[..., None]], axis=-1)
+
+
+def places(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, FloatArray]]:
+    """The numbers of a ``MeasurementColumn`` that say where points are, those of several groups in one go.
+
+    Args:
+        poses: The ``(n,)`` poses that points are seen from.
+        groups: ENU points ``(n, g, q, 3)``.
+    """
+    count = len(poses)
+    enu_m = np.concatenate([each.reshape(count, -1, 3) for each in groups], axis=1)
+    away = enu_m - poses.pose.position_enu_m[:, None]
+    numbers = {"ground_m": to_ground_frame(poses.pose, enu_m), "enu_m": enu_m}
+    origins = [variant.origin for variant in poses.variants]
+    if any(origin is not None for origin in origins):
+        numbers["geo"] = _geo(poses, origins, enu_m)
+    numbers["range_m"] = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
+    ends = np.cumsum([each.shape[1] * each.shape[2] for each in groups])[:-1]
+    split = {name: np.split(values, ends, axis=1) for name, values in numbers.items()}
+    return [
+        {name: own[at].reshape(*each.shape[:3], *own[at].shape[2:]) for name, own in split.items()}
+        for at, each in enumerate(groups)
+    ]
+
+
+def _geo(poses: PoseBatch, origins: Sequence[GeoOrigin | None], enu_m: FloatArray) -> FloatArray:
+    """``(n, k, 3)``; NaN where the origin of an image's ENU is not known."""
+    alike: dict[tuple[float, float, float | None], list[int]] = {}
+    for index, origin in enumerate(origins):
+        if origin is not None:
+            alike.setdefault((origin.lat_rad, origin.lon_rad, origin.alt_msl_m), []).append(index)
+    found = np.full(enu_m.shape, np.nan)
+    for (lat_rad, lon_rad, alt_msl_m), variants in alike.items():
+        origin = GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=alt_msl_m)
+        rows = np.isin(poses.variant_index, variants)
+        found[rows] = lat_lon_alt(origin, enu_m[rows])
+    return found

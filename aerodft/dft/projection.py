@@ -14,12 +14,11 @@ import numpy.typing as npt
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import equations
-from aerodft.dft.loops import depend
 from aerodft.geometry.ground import Ground, jacobians
-from aerodft.geometry.intrinsics import intrinsics_covariance, rays_by_intrinsics
-from aerodft.geometry.lens import Rays, rays_with_jacobian
+from aerodft.geometry.intrinsics import PINHOLE_PARAMETERS, intrinsics_covariance, rays_by_intrinsics
+from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.geometry.rotation import camera_angles, matrix, turned
-from aerodft.model.arrays import FloatArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
@@ -32,7 +31,7 @@ FOCAL, PRINCIPAL_POINT, DISTORTION = slice(7, 9), slice(9, 11), slice(11, None)
 _LEVEL = 1e-9  # rad: what comes down by less, comes down nowhere
 
 Codes = npt.NDArray[np.uint8]
-Rows = int | slice | tuple[int | slice, ...]
+Rows = int | slice | tuple[int | slice | IntArray, ...]
 
 
 def shared_count(camera: Camera) -> int:
@@ -79,38 +78,62 @@ class _Met:
     status: Codes
 
 
+@dataclass(frozen=True, slots=True)
+class PixelRays:
+    """Rays of pixels in camera axes, and what they depend on.
+
+    Attributes:
+        rays_cam: ``(..., 3)``, see ``lens.Rays``.
+        by_px: ``(..., 3, 2)``.
+        by_intrinsics: ``(..., 3, m)``.
+    """
+
+    rays_cam: FloatArray
+    by_px: FloatArray
+    by_intrinsics: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Directions:
+    """Ray directions in ENU ``(..., 3)``, and derivatives by the shared errors and by the pixels."""
+
+    directions_enu: FloatArray
+    jac_shared: FloatArray
+    jac_px: FloatArray
+
+
 def project(
     camera: Camera,
     pose: Pose,
-    pixels_px: FloatArray,
+    pixels_px: npt.ArrayLike,
     elevation_m: npt.ArrayLike,
     model: ProjectionModel,
     ground: Ground | None = None,
-    *,
-    of_each: bool = False,
+    magnification: FloatArray | None = None,
 ) -> GroundPoints:
-    """Meet the rays of ``pixels_px (..., 2)`` with the surface that lies ``elevation_m (...)`` above the ground.
+    """Meet the rays of pixels with the surface that lies ``elevation_m`` above the ground.
 
     Args:
         camera: The camera.
-        pose: Its position's third component is the height above the elevation 0. With the pinhole model and level
-            ground several poses ``(n,)``, each with all pixels: what is found is then ``(n, ...)``.
-        pixels_px: Pixels; anything outside the image is ``OUT_OF_IMAGE``.
-        elevation_m: Height of the measured surface.
+        pose: One pose, or ``(n,)``. Its position's third component is the height above the elevation 0.
+        pixels_px: ``(..., 2)`` of one pose; of several ``(k, 2)`` that all share, or ``(n, k, 2)``. Anything outside
+            the image is ``OUT_OF_IMAGE``.
+        elevation_m: Height of the measured surface, ``(...)``, ``(k,)`` or ``(n, k)``.
         model: ``pinhole`` or the paper's ``dft``, which knows level ground only.
         ground: What the elevation is counted from; None for the level plane at 0.
-        of_each: Whether of ``pixels_px (n, ..., 2)`` each of several poses has its own.
+        magnification: ``(n,)`` focal lengths of several poses' images over those of the camera; None for 1.
 
     Returns:
-        The points, in ENU, with Jacobians; misses are NaN with a status.
+        The points, in ENU, with Jacobians, ``(...)`` or ``(n, k)``; misses are NaN with a status.
     """
     pixels = np.asarray(pixels_px, dtype=np.float64)
-    elevation = np.broadcast_to(np.asarray(elevation_m, dtype=np.float64), pixels.shape[:-1])
+    shape = pixels.shape[:-1] if pose.wxyz.ndim == 1 else (len(pose.wxyz), pixels.shape[-2])
+    elevation = np.broadcast_to(np.asarray(elevation_m, dtype=np.float64), shape)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         if model is ProjectionModel.PINHOLE:
-            found = _pinhole(camera, pose, pixels, elevation, ground, of_each=of_each)
+            found = _pinhole(pixel_rays(camera, pixels, magnification), pose, elevation, ground)
         else:
-            found = _dft(camera, pose, pixels, elevation)
+            found = _dft(camera, pose, pixels, elevation, magnification)
     size = np.array([camera.width_px, camera.height_px])
     inside = np.all((pixels >= -PIXEL_CENTRE_OFFSET_PX) & (pixels <= size - PIXEL_CENTRE_OFFSET_PX), axis=-1)
     status = np.where(inside, found.status, CODE_OF[Status.OUT_OF_IMAGE]).astype(np.uint8)
@@ -118,76 +141,67 @@ def project(
     return GroundPoints(points, found.jac_shared, found.jac_px, status, found.depression_rad)
 
 
-def _pinhole(
-    camera: Camera,
-    pose: Pose,
-    pixels: FloatArray,
-    elevation: FloatArray,
-    ground: Ground | None,
-    *,
-    of_each: bool,
-) -> GroundPoints:
-    rays = rays_with_jacobian(camera, pixels)
-    rotation = matrix(pose.wxyz)
-    direction = turned(_over(rotation, pixels[0] if of_each else pixels, 2), rays.rays_cam)
+def pixel_rays(camera: Camera, pixels_px: FloatArray, magnification: FloatArray | None = None) -> PixelRays:
+    """Rays of ``pixels_px (..., 2)``; of ``(k, 2)`` or ``(n, k, 2)`` where each of ``n`` images has a magnification."""
+    if magnification is None:
+        rays = rays_with_jacobian(camera, pixels_px)
+        return PixelRays(rays.rays_cam, rays.jac_px, rays_by_intrinsics(camera, pixels_px))
+    # Seen with longer focal lengths, a pixel has the ray that one nearer to the principal point has without.
+    centre, nearer = np.array([camera.cx_px, camera.cy_px]), magnification[:, None, None]
+    moved_px = np.where(nearer == 1.0, pixels_px, centre + (pixels_px - centre) / nearer)
+    rays, by_intrinsics = rays_with_jacobian(camera, moved_px), rays_by_intrinsics(camera, moved_px).copy()
+    by_intrinsics[..., :PINHOLE_PARAMETERS] /= nearer[..., None]
+    return PixelRays(rays.rays_cam, rays.jac_px / nearer[..., None], by_intrinsics)
+
+
+def pixel_directions(rays: PixelRays, pose: Pose) -> Directions:
+    """Rays ``(..., 3)`` of one pose, or ``(k, 3)`` or ``(n, k, 3)`` of ``(n,)`` poses, in ENU."""
+    rotation = _per_point(pose, matrix(pose.wxyz))
+    directions = turned(rotation, rays.rays_cam)
+    itself, none = np.broadcast_to(np.eye(3), (*directions.shape, 3)), np.zeros((*directions.shape, 3))
+    by = itself, none, np.zeros(directions.shape)
+    return Directions(directions, *_dependence(rotation, rays, by))
+
+
+def _pinhole(rays: PixelRays, pose: Pose, elevation: FloatArray, ground: Ground | None) -> GroundPoints:
+    rotation, position = _per_point(pose, matrix(pose.wxyz)), _per_point(pose, pose.position_enu_m)
+    direction = turned(rotation, rays.rays_cam)
     depression = np.arctan2(-direction[..., 2], np.hypot(direction[..., 0], direction[..., 1]))
-    met = _level(pose, direction, elevation) if ground is None else _uneven(pose, direction, elevation, ground)
-    by = met.by_direction, met.by_position, met.by_elevation
-    shared, own = dependence_of_rays(camera, rotation, pixels, rays, by, of_each=of_each)
+    met = _level(position, direction, elevation) if ground is None else _uneven(position, direction, elevation, ground)
+    shared, own = _dependence(rotation, rays, (met.by_direction, met.by_position, met.by_elevation))
     return GroundPoints(met.points_enu_m, shared, own, met.status, depression)
 
 
-def _over(values: FloatArray, pixels: FloatArray, trailing: int) -> FloatArray:
-    """What there is one of for each pose ``(..., *trailing)``, over all pixels of its image."""
-    lead = values.shape[: values.ndim - trailing]
-    return values.reshape(*lead, *([1] * (pixels.ndim - 1)), *values.shape[values.ndim - trailing :])
+def _per_point(pose: Pose, values: FloatArray) -> FloatArray:
+    """What there is one of for each pose, over all points of its image."""
+    return values if pose.wxyz.ndim == 1 else values[:, None]
 
 
-def dependence_of_rays(
-    camera: Camera,
-    rotation: FloatArray,
-    pixels: FloatArray,
-    rays: Rays,
-    by: tuple[FloatArray, FloatArray, FloatArray],
-    *,
-    of_each: bool,
+def _dependence(
+    rotation: FloatArray, rays: PixelRays, by: tuple[FloatArray, FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """``GroundPoints.jac_shared`` and ``jac_px`` of what depends on rays.
 
     Args:
-        camera: The camera.
-        rotation: ``(..., 3, 3)`` from its axes to ENU.
-        pixels: ``(..., 2)``, as in ``project``.
-        rays: Theirs.
+        rotation: ``(..., 3, 3)`` from the camera's axes to ENU.
+        rays: The rays.
         by: What depends on them, by their direction, the camera's position ``(..., 3, 3)``, and elevation ``(..., 3)``.
-        of_each: As in ``project``.
     """
     by_direction, by_position, by_elevation = by
-    shape, images = by_elevation.shape[:-1], rotation.size // 9
-    seen = (images if of_each else 1, pixels[..., 0].size // (images if of_each else 1))
-    by_intrinsics = rays_by_intrinsics(camera, pixels)
-    size = INTRINSICS.start + by_intrinsics.shape[-1]
-    shared, own = np.empty((*shape, 3, size)), np.empty((*shape, 3, 2))
-    flat = (images, seen[1])
-    depend(
-        (
-            by_direction.reshape(*flat, 3, 3),
-            by_position.reshape(*flat, 3, 3),
-            by_elevation.reshape(*flat, 3),
-        ),
-        rotation.reshape(-1, 3, 3),
-        np.array(rays.rays_cam).reshape(*seen, 3),
-        np.array(rays.jac_px).reshape(*seen, 3, 2),
-        np.array(by_intrinsics).reshape(*seen, 3, by_intrinsics.shape[-1]),
-        shared.reshape(*flat, 3, size),
-        own.reshape(*flat, 3, 2),
-    )
-    return shared, own
+    by_ray = by_direction @ rotation
+    x, y, z = (rays.rays_cam[..., axis, None] for axis in range(3))
+    shared = np.empty((*by_elevation.shape, INTRINSICS.start + rays.by_intrinsics.shape[-1]))
+    shared[..., POSITION] = by_position
+    shared[..., ROTATION.start] = y * by_ray[..., 2] - z * by_ray[..., 1]
+    shared[..., ROTATION.start + 1] = z * by_ray[..., 0] - x * by_ray[..., 2]
+    shared[..., ROTATION.start + 2] = x * by_ray[..., 1] - y * by_ray[..., 0]
+    shared[..., ELEVATION] = by_elevation
+    shared[..., INTRINSICS] = by_ray @ rays.by_intrinsics
+    return shared, by_ray @ rays.by_px
 
 
-def _level(pose: Pose, direction: FloatArray, elevation: FloatArray) -> _Met:
+def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -> _Met:
     """As ``meet_level`` with its Jacobians; derivatives also where the ray goes up."""
-    position = _over(pose.position_enu_m, direction[(0,) * (pose.wxyz.ndim - 1)], 1)
     down = direction[..., 2]
     reach = (elevation - position[..., 2]) / down
     points = position + reach[..., None] * direction
@@ -200,51 +214,59 @@ def _level(pose: Pose, direction: FloatArray, elevation: FloatArray) -> _Met:
     return _Met(points, reach[..., None, None] * along_plane, along_plane, by_elevation, status)
 
 
-def _uneven(pose: Pose, direction: FloatArray, elevation: FloatArray, ground: Ground) -> _Met:
-    hits = ground.meet(pose.position_enu_m, direction, elevation)
-    by = jacobians(pose.position_enu_m, direction, hits)
+def _uneven(position: FloatArray, direction: FloatArray, elevation: FloatArray, ground: Ground) -> _Met:
+    hits = ground.meet(position, direction, elevation)
+    by = jacobians(position, direction, hits)
     return _Met(hits.points_enu_m, by.by_direction, by.by_position, by.by_elevation, hits.status)
 
 
-def _dft(camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray) -> GroundPoints:
-    tilt, _, heading = camera_angles(pose.wxyz)
-    height = pose.position_enu_m[2] - elevation
-    step_h, step_v = camera.hfov_rad / camera.width_px, camera.vfov_rad / camera.height_px
-    phi = equations.rotation_angle(pixels[..., 0], camera.width_px, camera.hfov_rad)
-    psi = equations.vertical_angle(pixels[..., 1], tilt, camera.height_px, camera.vfov_rad)
+def _dft(
+    camera: Camera, pose: Pose, pixels: FloatArray, elevation: FloatArray, magnification: FloatArray | None
+) -> GroundPoints:
+    tilt, _, heading = (_per_point(pose, angle) for angle in camera_angles(pose.wxyz))
+    position = _per_point(pose, pose.position_enu_m)
+    nearer = 1.0 if magnification is None else magnification[:, None]
+    fx_px, fy_px = nearer * camera.fx_px, nearer * camera.fy_px
+    hfov, vfov = 2 * np.arctan(camera.width_px / 2 / fx_px), 2 * np.arctan(camera.height_px / 2 / fy_px)
+    height = position[..., 2] - elevation
+    step_h, step_v = hfov / camera.width_px, vfov / camera.height_px
+    phi = np.broadcast_to(equations.rotation_angle(pixels[..., 0], camera.width_px, hfov), elevation.shape)
+    psi = equations.vertical_angle(pixels[..., 1], tilt, camera.height_px, vfov)
     ahead = equations.ground_ahead(height, psi)
     right = equations.ground_right(ahead, phi)
-    axes = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])  # right, ahead in EN
-    foot = pose.position_enu_m[:2]
-    east_north = foot + np.stack([right, ahead], axis=-1) @ axes.T
-    points = np.concatenate([east_north, elevation[..., None]], axis=-1)
+    cos, sin = np.cos(heading), np.sin(heading)
 
-    by_psi = np.stack([height / np.cos(psi) ** 2 * np.tan(phi), height / np.cos(psi) ** 2], axis=-1) @ axes.T
-    by_phi = np.stack([ahead / np.cos(phi) ** 2, np.zeros_like(ahead)], axis=-1) @ axes.T
-    by_height = np.stack([np.tan(psi) * np.tan(phi), np.tan(psi)], axis=-1) @ axes.T
-    shared = np.zeros((*pixels.shape[:-1], 3, shared_count(camera)))
+    def east_north(right_m: FloatArray, ahead_m: FloatArray) -> FloatArray:
+        return np.stack([right_m * cos + ahead_m * sin, ahead_m * cos - right_m * sin], axis=-1)
+
+    from_foot = east_north(right, ahead)
+    points = np.concatenate([position[..., :2] + from_foot, elevation[..., None]], axis=-1)
+
+    steepness = height / np.cos(psi) ** 2
+    by_psi, by_phi = east_north(steepness * np.tan(phi), steepness), east_north(ahead / np.cos(phi) ** 2, 0.0 * ahead)
+    by_height = east_north(np.tan(psi) * np.tan(phi), np.tan(psi))
+    shared = np.zeros((*elevation.shape, 3, shared_count(camera)))
     shared[..., :2, 0:2] = np.eye(2)
     shared[..., :2, 2] = by_height
     shared[..., :2, 3], shared[..., :2, 4] = by_psi, by_phi
     across, up = phi / step_h, (psi - tilt) / step_v  # pixel offsets from the image's centre
     shared[..., :2, 5] = by_phi * (up * step_h)[..., None] - by_psi * (across * step_v)[..., None]
     # Turned about the vertical, clockwise, points go round the foot: exactly, whatever the equations make of a pixel.
-    down = -matrix(pose.wxyz)[2]
-    by_heading = np.stack([east_north[..., 1] - foot[1], foot[0] - east_north[..., 0]], axis=-1)
-    by_heading -= shared[..., :2, ROTATION] @ down
-    shared[..., :2, ROTATION] += by_heading[..., None] * down
+    down = -_per_point(pose, matrix(pose.wxyz)[..., 2, :])
+    by_heading = np.stack([from_foot[..., 1], -from_foot[..., 0]], axis=-1)
+    by_heading -= (shared[..., :2, ROTATION] @ down[..., None])[..., 0]
+    shared[..., :2, ROTATION] += by_heading[..., None] * down[..., None, :]
     # Angles are in proportion to the field of view, 2 atan(width / 2 f).
-    shared[..., :2, 7] = -by_phi * (across / (camera.fx_px**2 + (camera.width_px / 2) ** 2))[..., None]
-    shared[..., :2, 8] = -by_psi * (up / (camera.fy_px**2 + (camera.height_px / 2) ** 2))[..., None]
+    shared[..., :2, 7] = -by_phi * (across / (fx_px**2 + (camera.width_px / 2) ** 2))[..., None]
+    shared[..., :2, 8] = -by_psi * (up / (fy_px**2 + (camera.height_px / 2) ** 2))[..., None]
     shared[..., :2, ELEVATION] = -by_height
     shared[..., 2, ELEVATION] = 1.0
-    jac_px = np.zeros((*pixels.shape[:-1], 3, 2))
-    jac_px[..., :2, 0], jac_px[..., :2, 1] = by_phi * step_h, -by_psi * step_v
+    jac_px = np.zeros((*elevation.shape, 3, 2))
+    jac_px[..., :2, 0] = by_phi * np.asarray(step_h)[..., None]
+    jac_px[..., :2, 1] = -by_psi * np.asarray(step_v)[..., None]
     shared[..., PRINCIPAL_POINT] = -jac_px
     depression = np.pi / 2 - np.abs(psi)
-    return GroundPoints(
-        points, shared, jac_px, _level_status(pose.position_enu_m[2], elevation, depression), depression
-    )
+    return GroundPoints(points, shared, jac_px, _level_status(position[..., 2], elevation, depression), depression)
 
 
 def _level_status(camera_up_m: FloatArray, elevation: FloatArray, down: FloatArray) -> Codes:

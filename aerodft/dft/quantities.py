@@ -3,14 +3,19 @@
 A sight is a camera position, and for each pixel a ray direction and the point where it meets the measured plane.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray, read_only
-from aerodft.model.probe import ProbeKind
+from aerodft.dft.equations import object_height
+from aerodft.model.arrays import BoolArray, FloatArray, read_only
+from aerodft.model.probe import ASKED_KINDS, ProbeKind
 
+_ROUNDING: Final = 1e-10
+"""Of the square of a polygon's size: a corner that is nearer to a side than this share of the size lies on it."""
 _UP, _DOWN = read_only([0.0, 0.0, 1.0]), read_only([0.0, 0.0, -1.0])
 _EAST, _LEVEL = read_only([1.0, 0.0, 0.0]), read_only([1.0, 1.0, 0.0])
 
@@ -121,57 +126,32 @@ def foot_distance(sight: Sight) -> tuple[FloatArray, Gradient]:
     return np.asarray(np.sqrt(_dot(away, away))), by
 
 
-SCALARS: dict[ProbeKind, Callable[[Sight], FloatArray]] = {
-    ProbeKind.RANGE: slant_range,
-    ProbeKind.DISTANCE: ground_distance,
-    ProbeKind.WIDTH: ground_distance,
-    ProbeKind.LENGTH: polyline_length,
-    ProbeKind.AREA: polygon_area,
-    ProbeKind.RIVER: median_width,
-    ProbeKind.HEIGHT: upright_height,
-    ProbeKind.BEARING: bearing,
-}
-"""The scalar of each kind; a ``position`` has none."""
+def range_gradient(sight: Sight) -> Gradient:
+    """Derivatives of ``slant_range``; of a camera in the point itself, those straight down."""
+    by_points, by_directions = _no_derivatives(sight)
+    by_points[..., 0, :] = _unit(sight.points_enu_m[..., 0, :] - sight.camera_enu_m, _DOWN)
+    return Gradient(-by_points[..., 0, :], by_directions, by_points)
 
 
-def gradient(kind: ProbeKind, sight: Sight) -> Gradient:
-    """Analytic derivatives of the scalars.
+def length_gradient(sight: Sight) -> Gradient:
+    """Derivatives of ``polyline_length``, and of ``ground_distance``.
 
     Two points in one have no direction; the one away from the camera, in which points are known worst, stands in.
     """
-    points = sight.points_enu_m
-    by_points, by_directions = np.zeros_like(points), np.zeros_like(sight.directions_enu)
-    if kind is ProbeKind.RANGE:
-        by_points[..., 0, :] = _unit(points[..., 0, :] - sight.camera_enu_m, _DOWN)
-        return Gradient(-by_points[..., 0, :], by_directions, by_points)
-    if kind is ProbeKind.HEIGHT:
-        return _height_gradient(sight, by_directions, by_points)
-    if kind is ProbeKind.BEARING:
-        return _bearing_gradient(sight, by_directions, by_points)
-    if kind is ProbeKind.RIVER:
-        return Gradient(np.zeros_like(points[..., 0, :]), by_directions, _median_gradient(sight))
-    by_points = _area_gradient(points) if kind is ProbeKind.AREA else _length_gradient(sight)
-    return Gradient(np.zeros_like(points[..., 0, :]), by_directions, by_points)
-
-
-def _length_gradient(sight: Sight) -> FloatArray:
-    points = sight.points_enu_m
+    points, (by_points, by_directions) = sight.points_enu_m, _no_derivatives(sight)
     away = _unit((points[..., 0, :] - sight.camera_enu_m) * _LEVEL, _EAST)
     units = _unit(np.diff(points, axis=-2) * _LEVEL, away[..., None, :])
-    by_points = np.zeros_like(points)
     by_points[..., 1:, :] += units
     by_points[..., :-1, :] -= units
-    return by_points
+    return Gradient(np.zeros_like(away), by_directions, by_points)
 
 
-def _pair_widths(points: FloatArray) -> FloatArray:
-    apart = points[..., 1::2, :2] - points[..., ::2, :2]
-    return np.asarray(np.sqrt(apart[..., 0] * apart[..., 0] + apart[..., 1] * apart[..., 1]))
+def median_gradient(sight: Sight) -> Gradient:
+    """Derivatives of ``median_width``: those of the pair in the middle, or of the mean of the two.
 
-
-def _median_gradient(sight: Sight) -> FloatArray:
-    """That of the pair in the middle, or of the mean of the two: the others do nothing as long as their order stays."""
-    points = sight.points_enu_m
+    The others do nothing as long as their order stays. Two points in one as in ``length_gradient``.
+    """
+    points, (by_points, by_directions) = sight.points_enu_m, _no_derivatives(sight)
     order = np.argsort(_pair_widths(points), axis=-1, kind="stable")
     count = order.shape[-1]
     share = np.zeros(order.shape)
@@ -180,21 +160,24 @@ def _median_gradient(sight: Sight) -> FloatArray:
         np.put_along_axis(share, middle, np.take_along_axis(share, middle, axis=-1) + (1.0 if count % 2 else 0.5), -1)
     away = _unit((points[..., 0, :] - sight.camera_enu_m) * _LEVEL, _EAST)
     units = _unit((points[..., 1::2, :] - points[..., ::2, :]) * _LEVEL, away[..., None, :]) * share[..., None]
-    by_points = np.zeros_like(points)
     by_points[..., 1::2, :], by_points[..., ::2, :] = units, -units
-    return by_points
+    return Gradient(np.zeros_like(away), by_directions, by_points)
 
 
-def _area_gradient(points: FloatArray) -> FloatArray:
+def area_gradient(sight: Sight) -> Gradient:
+    """Derivatives of ``polygon_area``."""
+    points, (by_points, by_directions) = sight.points_enu_m, _no_derivatives(sight)
     before, after = np.roll(points, 1, axis=-2), np.roll(points, -1, axis=-2)
-    by_points = np.zeros_like(points)
     by_points[..., 0] = (after[..., 1] - before[..., 1]) / 2
     by_points[..., 1] = (before[..., 0] - after[..., 0]) / 2
-    return by_points * np.sign(_signed_area(points))[..., None, None]
+    by_points *= np.sign(_signed_area(points))[..., None, None]
+    return Gradient(np.zeros_like(points[..., 0, :]), by_directions, by_points)
 
 
-def _height_gradient(sight: Sight, by_directions: FloatArray, by_points: FloatArray) -> Gradient:
+def height_gradient(sight: Sight) -> Gradient:
+    """Derivatives of ``upright_height``; none where it is seen from straight above."""
     base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
+    by_points, by_directions = _no_derivatives(sight)
     along, to_base = ray * _LEVEL, (base - sight.camera_enu_m) * _LEVEL
     square = _dot(along, along)
     seen = (square > 0)[..., None]  # from straight above there is no height, and nothing that it depends on
@@ -205,11 +188,13 @@ def _height_gradient(sight: Sight, by_directions: FloatArray, by_points: FloatAr
     return Gradient(-by_points[..., 0, :], by_directions, by_points)
 
 
-def _bearing_gradient(sight: Sight, by_directions: FloatArray, by_points: FloatArray) -> Gradient:
+def bearing_gradient(sight: Sight) -> Gradient:
+    """Derivatives of ``bearing``; two points in one, and a ray straight down, have no direction."""
+    by_points, by_directions = _no_derivatives(sight)
     one_ray, points = by_points.shape[-2] == 1, sight.points_enu_m
     away = sight.directions_enu[..., 0, :] if one_ray else points[..., 1, :] - points[..., 0, :]
     level = away * _LEVEL
-    with np.errstate(divide="ignore", invalid="ignore"):  # two points in one, and straight down, have no direction
+    with np.errstate(divide="ignore", invalid="ignore"):
         turn = np.stack([away[..., 1], -away[..., 0], np.zeros_like(away[..., 0])], axis=-1)
         turn = turn / _dot(level, level)[..., None]
     if one_ray:
@@ -217,6 +202,155 @@ def _bearing_gradient(sight: Sight, by_directions: FloatArray, by_points: FloatA
     else:
         by_points[..., 0, :], by_points[..., 1, :] = -turn, turn
     return Gradient(np.zeros_like(away), by_directions, by_points)
+
+
+def _all(count: int) -> int:
+    return count
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """How probes of one kind are measured.
+
+    Attributes:
+        scalar: The number ``(...)`` that is asked for, in SI units; None for a position, which is no one number.
+        gradient: Its derivatives.
+        on_ground: How many of so many points, from the first, have to lie on the ground.
+        unit: Of the number as it is said.
+        scale: What an SI value is multiplied with for that.
+        is_signed: Whether values may be negative; no other interval reaches below 0.
+        sees_rays: Whether the number depends on directions of rays, not on points alone.
+    """
+
+    scalar: Callable[[Sight], FloatArray] | None
+    gradient: Callable[[Sight], Gradient] | None
+    on_ground: Callable[[int], int] = _all
+    unit: str = "m"
+    scale: float = 1.0
+    is_signed: bool = False
+    sees_rays: bool = False
+
+
+KINDS: Final = {
+    ProbeKind.POSITION: Kind(scalar=None, gradient=None),
+    ProbeKind.RANGE: Kind(scalar=slant_range, gradient=range_gradient),
+    ProbeKind.DISTANCE: Kind(scalar=ground_distance, gradient=length_gradient),
+    ProbeKind.WIDTH: Kind(scalar=ground_distance, gradient=length_gradient),
+    ProbeKind.LENGTH: Kind(scalar=polyline_length, gradient=length_gradient),
+    ProbeKind.AREA: Kind(scalar=polygon_area, gradient=area_gradient, unit="m2"),
+    ProbeKind.RIVER: Kind(scalar=median_width, gradient=median_gradient),
+    # An object's top is measured against the vertical through its base, and one pixel's bearing by its ray: they may
+    # be seen above the horizon.
+    ProbeKind.HEIGHT: Kind(
+        scalar=upright_height, gradient=height_gradient, on_ground=lambda _: 1, is_signed=True, sees_rays=True
+    ),
+    ProbeKind.BEARING: Kind(
+        scalar=bearing,
+        gradient=bearing_gradient,
+        on_ground=lambda count: 0 if count == 1 else count,
+        unit="deg",
+        scale=math.degrees(1.0),
+        is_signed=True,
+        sees_rays=True,
+    ),
+}
+"""Every kind that can be asked for."""
+
+if set(KINDS) != set(ASKED_KINDS) or any((kind.scalar is None) != (kind.gradient is None) for kind in KINDS.values()):
+    raise TypeError(f"got {', '.join(KINDS)}, expected a scalar with its gradient for each of {', '.join(ASKED_KINDS)}")
+
+
+def paper_height(sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray) -> tuple[FloatArray, Gradient]:
+    """Eq. 8 and its derivatives; NaN unless base and top are both seen against the ground.
+
+    Args:
+        sight: Base and top.
+        heading_rad: ``(...)`` of the camera.
+        elevation_m: ``(...)`` of the ground.
+    """
+    ahead = np.stack([np.sin(heading_rad), np.cos(heading_rad), np.zeros_like(heading_rad)], axis=-1)
+    away = np.sum((sight.points_enu_m - sight.camera_enu_m[..., None, :]) * ahead[..., None, :], axis=-1)
+    base, top = away[..., 0], away[..., 1]
+    height = sight.camera_enu_m[..., 2] - elevation_m
+    by_points = np.zeros_like(sight.points_enu_m)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a top straight below has no height
+        by_points[..., 0, :] = (-height / top)[..., None] * ahead
+        by_points[..., 1, :] = (height * base / top**2)[..., None] * ahead
+        by_height = (1 - base / top)[..., None] * _UP
+        by_camera = by_height - by_points.sum(axis=-2)
+        by_points[..., 0, :] -= by_height
+        value = np.asarray(object_height(height, base, top))
+    return value, Gradient(by_camera, np.zeros_like(by_points), by_points)
+
+
+def paper_bearing(sight: Sight) -> tuple[FloatArray, Gradient]:
+    """Of the ground point from the camera's foot, or of the second from the first, and derivatives."""
+    if sight.points_enu_m.shape[-2] > 1:
+        return bearing(sight), bearing_gradient(sight)
+    ray = Sight(sight.camera_enu_m, sight.points_enu_m - sight.camera_enu_m[..., None, :], sight.points_enu_m)
+    by = bearing_gradient(ray).by_directions
+    return bearing(ray), Gradient(-by[..., 0, :], np.zeros_like(by), by)
+
+
+def crosses_itself(points_enu_m: FloatArray) -> BoolArray:
+    """Whether closed polygons ``(..., k, 3)`` cross or touch themselves, on the map: their area would be another.
+
+    Corners that are named twice in a row count once. Sides that go back on each other, and fewer than three corners,
+    touch as well.
+    """
+    polygons = points_enu_m[..., :2].reshape(-1, *points_enu_m.shape[-2:-1], 2)
+    found = np.zeros(len(polygons), dtype=np.bool_)
+    is_new = np.any(polygons != np.roll(polygons, 1, axis=-2), axis=-1)
+    for pattern in np.unique(is_new, axis=0):
+        alike = np.all(is_new == pattern, axis=-1)
+        found[alike] = _touch(polygons[alike][:, pattern])
+    return found.reshape(points_enu_m.shape[:-2])
+
+
+def _touch(corners: FloatArray) -> BoolArray:
+    """Whether polygons ``(n, k, 2)`` whose corners all differ from the next one touch themselves."""
+    count = corners.shape[1]
+    if count < 3:  # noqa: PLR2004 - corners of a triangle
+        return np.ones(len(corners), dtype=np.bool_)
+    ends, tiny = np.roll(corners, -1, axis=1), (_ROUNDING * np.max(np.ptp(corners, axis=1), axis=-1) ** 2)[:, None]
+    onward = np.roll(ends, -1, axis=1)
+    goes_back = np.sum((ends - corners) * (onward - ends), axis=-1) < 0
+    back = (np.abs(_turns(corners, ends, onward)) <= tiny) & goes_back
+    first, second = np.triu_indices(count, 2)
+    apart = (first != 0) | (second != count - 1)  # the last side and the first are neighbours
+    first, second = first[apart], second[apart]
+    meet = _meet(corners[:, first], ends[:, first], corners[:, second], ends[:, second], tiny)
+    return np.asarray(np.any(back, axis=-1) | np.any(meet, axis=-1))
+
+
+def _meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, tiny: FloatArray) -> BoolArray:
+    """Whether segments from ``a`` to ``b`` and from ``c`` to ``d``, ``(n, m, 2)`` each, have a point in common."""
+    sides = [_signs(_turns(*three), tiny) for three in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
+    crossing = (sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)
+    touching = np.zeros(crossing.shape, dtype=np.bool_)
+    for side, start, end, point in zip(sides, (a, a, c, c), (b, b, d, d), (c, d, a, b), strict=True):
+        touching |= (side == 0) & np.all((np.minimum(start, end) <= point) & (point <= np.maximum(start, end)), axis=-1)
+    return np.asarray(crossing | touching)
+
+
+def _turns(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Twice the signed areas ``(...)`` of triangles."""
+    u, v = b - a, c - a
+    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+
+
+def _signs(turns: FloatArray, tiny: FloatArray) -> FloatArray:
+    return np.where(np.abs(turns) <= tiny, 0.0, np.sign(turns))
+
+
+def _no_derivatives(sight: Sight) -> tuple[FloatArray, FloatArray]:
+    """Zeros by the points and by the directions."""
+    return np.zeros(sight.points_enu_m.shape), np.zeros(sight.directions_enu.shape)
+
+
+def _pair_widths(points: FloatArray) -> FloatArray:
+    apart = points[..., 1::2, :2] - points[..., ::2, :2]
+    return np.asarray(np.sqrt(apart[..., 0] * apart[..., 0] + apart[..., 1] * apart[..., 1]))
 
 
 def _signed_area(points: FloatArray) -> FloatArray:

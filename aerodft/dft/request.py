@@ -10,6 +10,7 @@ from aerodft.geometry.ground import Ground
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 
 
@@ -52,10 +53,22 @@ class Request:
     std_px: float
     on_top_of: Optional["Request"] = None
 
+    @property
+    def pixels_px(self) -> FloatArray:
+        """The pixels as an array."""
+        return np.asarray(self.pixels, dtype=np.float64)
+
+    @property
+    def count(self) -> int:
+        """How many pixels it has in each image."""
+        return len(self.pixels) if isinstance(self.pixels, tuple) else self.pixels.shape[-2]
+
     def rows(self, rows: IntArray) -> "Request":
         """The request in some of its images ``(m,)``, by their indices."""
-        pixels = self.pixels
-        return replace(self, pixels=pixels[rows]) if isinstance(pixels, np.ndarray) and pixels.ndim > 2 else self  # noqa: PLR2004
+        below = None if self.on_top_of is None else self.on_top_of.rows(rows)
+        if isinstance(self.pixels, np.ndarray) and self.pixels.ndim > 2:  # noqa: PLR2004 - each image has its own
+            return replace(self, pixels=self.pixels[rows], on_top_of=below)
+        return self if below is self.on_top_of else replace(self, on_top_of=below)
 
     def pixels_of(self, row: int) -> tuple[tuple[float, float], ...]:
         """Its pixels in one image."""
@@ -63,6 +76,23 @@ class Request:
             return self.pixels
         pixels = self.pixels.reshape(-1, *self.pixels.shape[-2:])
         return tuple((u, v) for u, v in pixels[row if len(pixels) > 1 else 0].tolist())
+
+
+def zoomed(setup: Setup, sample: PoseSample) -> tuple[Setup, PoseSample]:
+    """A setup with the camera as it was at a sample's stamp, and the sample; for what looks at whole images.
+
+    Where pose and lens were calibrated together, the covariance of their errors is in pixels of the file's focal
+    lengths: it is turned into pixels of the zoomed ones.
+    """
+    zoom, pose = sample.zoom, sample.pose
+    if zoom is None:
+        return setup, sample
+    setup = replace(setup, camera=setup.camera.zoomed(zoom.magnification, zoom.std))
+    if pose is None or not pose.lens_cov.size:
+        return setup, sample
+    scales = np.ones(pose.lens_cov.shape[1])
+    scales[:2] = zoom.magnification
+    return setup, replace(sample, pose=replace(pose, lens_cov=pose.lens_cov * scales))
 
 
 def linked(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tuple[Request, ...]:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.limits import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.judging import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.projection import GroundPoints, project
 from aerodft.dft.request import Setup
 from aerodft.dft.uncertainty import Z95, shared_covariance

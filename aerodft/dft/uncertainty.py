@@ -1,15 +1,18 @@
-"""Joint first-order propagation: all points of one measurement share the pose's error, each has its own pixel's."""
+"""Joint first-order propagation: all points of one measurement share the pose's error, each has its own pixel's.
 
-from dataclasses import dataclass
+``n`` images, ``g`` scalars or points in each, ``s`` shared errors as in ``projection``.
+"""
 
 import numpy as np
 
-from aerodft.dft.loops import SharedErrors, spread
-from aerodft.dft.projection import ELEVATION, INTRINSICS, GroundPoints, shared_count
+from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, Directions, GroundPoints, shared_count
+from aerodft.dft.quantities import KINDS, Gradient, Sight, paper_bearing, paper_height
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
+from aerodft.model.probe import ProbeKind
 
 Z95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
@@ -18,15 +21,20 @@ CHI2_2D_95 = 5.991464547107979
 """95 % quantile of chi-square with two degrees of freedom."""
 
 
-def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: FloatLike) -> FloatArray:
+def shared_covariance(
+    camera: Camera, pose: Pose, elevation_std_m: FloatLike, zoom: FloatArray | None = None
+) -> FloatArray:
     """``(..., s, s)`` covariance of the errors that all points have in common, ordered as in ``projection``.
 
-    A stamp that is off by ``dt`` is a pose that is off by ``dt`` times the camera's motion.
+    A stamp that is off by ``dt`` is a pose that is off by ``dt`` times the camera's motion. Where pose and lens were
+    calibrated together, the covariance of their errors is in pixels of the camera's focal lengths: it is turned into
+    pixels of the zoomed ones.
 
     Args:
         camera: The camera.
         pose: One pose, or as many as elevations.
         elevation_std_m: ``(...)``.
+        zoom: ``(n, 2)`` magnification of each of ``(n,)`` poses' images, and its standard deviation; None for 1.
     """
     motion = np.concatenate([pose.velocity_enu_mps, pose.rate_cam_radps], axis=-1)
     time_var = np.square(pose.time_std_s)
@@ -34,51 +42,98 @@ def shared_covariance(camera: Camera, pose: Pose, elevation_std_m: FloatLike) ->
     cov = np.zeros((*np.shape(elevation_std_m), count, count))
     cov[..., :6, :6] = pose.cov + time_var[..., None, None] * motion[..., :, None] * motion[..., None, :]
     cov[..., ELEVATION, ELEVATION] = np.square(elevation_std_m)
-    cov[..., INTRINSICS, INTRINSICS] = intrinsics_covariance(camera)
-    if pose.lens_cov.shape[-1] == count - INTRINSICS.start:
-        cov[..., :6, INTRINSICS] = pose.lens_cov
-        cov[..., INTRINSICS, :6] = pose.lens_cov.swapaxes(-1, -2)
+    intrinsics, lens_cov = intrinsics_covariance(camera), pose.lens_cov
+    if zoom is not None:
+        scales, moved = np.ones((len(zoom), count - INTRINSICS.start)), np.zeros((len(zoom), count - INTRINSICS.start))
+        scales[:, :2], moved[:, :2] = zoom[:, :1], zoom[:, 1:] * [camera.fx_px, camera.fy_px]
+        intrinsics = scales[:, :, None] * scales[:, None] * intrinsics + moved[:, :, None] * moved[:, None]
+        lens_cov = lens_cov * scales[:, None] if lens_cov.shape[-1] == scales.shape[-1] else lens_cov
+    cov[..., INTRINSICS, INTRINSICS] = intrinsics
+    if lens_cov.shape[-1] == count - INTRINSICS.start:
+        cov[..., :6, INTRINSICS] = lens_cov
+        cov[..., INTRINSICS, :6] = lens_cov.swapaxes(-1, -2)
     return cov
 
 
-@dataclass(frozen=True, slots=True)
-class PointSpread:
-    """How well points are known; NaN for misses.
-
-    Attributes:
-        cov_enu_m2: ``(n, k, 3, 3)``.
-        range_m: ``(n, k)`` from the camera.
-        range_std_m: ``(n, k)``.
-    """
-
-    cov_enu_m2: FloatArray
-    range_m: FloatArray
-    range_std_m: FloatArray
-
-
-def point_spread(
-    ground: GroundPoints,
-    camera_enu_m: FloatArray,
-    shared_cov: FloatArray,
-    elevation_std_m: FloatArray,
-    std_px: FloatArray,
-) -> PointSpread:
-    """How well ``n`` images' ``k`` points each are known.
+def scalars(
+    kind: ProbeKind, model: ProjectionModel, sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray
+) -> tuple[FloatArray, Gradient]:
+    """Values ``(...)`` of probes of a kind that has a scalar, in SI units and without errors, and their derivatives.
 
     Args:
-        ground: The points, ``(n, k)``.
-        camera_enu_m: ``(n, 3)``.
-        shared_cov: ``(n, s, s)``, with 0 for the elevation.
-        elevation_std_m: ``(k,)``.
-        std_px: ``(k,)`` of each pixel coordinate.
+        kind: What is measured.
+        model: The paper's has equations of its own for what looks at rays.
+        sight: What is seen of each; directions only for kinds that see rays under the pinhole model.
+        heading_rad: ``(...)`` of the cameras.
+        elevation_m: ``(...)`` of the measured surfaces.
     """
-    sight = ground.points_enu_m - camera_enu_m[:, None]
-    range_m = np.sqrt(sight[..., 0] ** 2 + sight[..., 1] ** 2 + sight[..., 2] ** 2)
-    cov, variance = np.empty((*range_m.shape, 3, 3)), np.empty(range_m.shape)
-    jacobians, errors = (ground.jac_shared, ground.jac_px), SharedErrors.of(shared_cov)
-    unit = sight / range_m[..., None]
-    spread(jacobians, errors, np.square(elevation_std_m), np.square(std_px), unit, cov, variance)
-    return PointSpread(cov, range_m, np.sqrt(np.maximum(variance, 0.0)))
+    traits = KINDS[kind]
+    if model is ProjectionModel.DFT and kind is ProbeKind.HEIGHT:
+        return paper_height(sight, heading_rad, elevation_m)
+    if model is ProjectionModel.DFT and kind is ProbeKind.BEARING:
+        return paper_bearing(sight)
+    assert traits.scalar is not None  # noqa: S101 - the callers' own condition, for the type checker
+    assert traits.gradient is not None  # noqa: S101
+    return traits.scalar(sight), traits.gradient(sight)
+
+
+def dependence(by: Gradient, ground: GroundPoints, rays: Directions | None) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of scalars ``(...)`` by the shared errors ``(..., s)`` and by the pixels ``(..., q, 2)``.
+
+    Args:
+        by: Of each scalar by its camera, points and directions.
+        ground: The points ``(..., q)``.
+        rays: Their directions ``(..., q)``; None for scalars that do not depend on these.
+    """
+    is_used = np.any(by.by_points != 0.0, axis=-1)
+    jac_shared, jac_px = ground.jac_shared, ground.jac_px
+    if not is_used.all():  # a ray that is not used may miss the ground, with infinite derivatives
+        jac_shared = np.where(is_used[..., None, None], jac_shared, 0.0)
+        jac_px = np.where(is_used[..., None, None], jac_px, 0.0)
+    shared = np.einsum("...qi,...qis->...s", by.by_points, jac_shared)
+    shared[..., POSITION] += by.by_camera
+    own = np.einsum("...qi,...qij->...qj", by.by_points, jac_px)
+    if rays is not None:
+        shared += np.einsum("...qi,...qis->...s", by.by_directions, rays.jac_shared)
+        own += np.einsum("...qi,...qij->...qj", by.by_directions, rays.jac_px)
+    return shared, own
+
+
+def standard_deviations(
+    by_shared: FloatArray, by_px: FloatArray, shared_cov: FloatArray, elevation_var: FloatArray, pixel_var: FloatArray
+) -> FloatArray:
+    """Standard deviations ``(n, g)`` of scalars: shared errors add up over points before they are squared.
+
+    Args:
+        by_shared: ``(n, g, s)`` derivatives of the scalars.
+        by_px: ``(n, g, p)`` by their pixels' coordinates.
+        shared_cov: ``(n, s, s)``.
+        elevation_var: ``(g,)`` of each scalar's own elevation, in addition.
+        pixel_var: ``(g,)`` of each pixel coordinate.
+    """
+    rows = by_shared @ shared_cov
+    rows[..., ELEVATION] += elevation_var * by_shared[..., ELEVATION]
+    variance = np.einsum("ngs,ngs->ng", rows, by_shared) + pixel_var * np.einsum("ngp,ngp->ng", by_px, by_px)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def point_covariances(
+    jac_shared: FloatArray, jac_px: FloatArray, shared_cov: FloatArray, elevation_var: FloatArray, pixel_var: FloatArray
+) -> FloatArray:
+    """``(n, g, 3, 3)`` of points.
+
+    Args:
+        jac_shared: ``(n, g, 3, s)``.
+        jac_px: ``(n, g, 3, 2)``.
+        shared_cov: ``(n, s, s)``.
+        elevation_var: ``(g,)`` of each point's own elevation, in addition.
+        pixel_var: ``(g,)`` of each pixel coordinate.
+    """
+    count, requests, axes, errors = jac_shared.shape
+    rows = (jac_shared.reshape(count, requests * axes, errors) @ shared_cov).reshape(jac_shared.shape)
+    rows[..., ELEVATION] += elevation_var[:, None] * jac_shared[..., ELEVATION]
+    own = pixel_var[:, None, None] * (jac_px @ jac_px.swapaxes(-1, -2))
+    return np.asarray(rows @ jac_shared.swapaxes(-1, -2) + own)
 
 
 def ellipses95(cov_enu_m2: FloatArray) -> FloatArray:

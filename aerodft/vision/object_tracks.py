@@ -13,13 +13,12 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.answers import Answer, ImageAnswers
-from aerodft.dft.limits import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.judging import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.measurement_batch import MeasurementBatch, MeasurementColumn, of_one_image
 from aerodft.dft.points import lat_lon_alt, to_ground_frame
 from aerodft.dft.projection import GroundPoints
-from aerodft.dft.request import Request, Setup
+from aerodft.dft.request import Request, Setup, zoomed
 from aerodft.dft.uncertainty import Z95, ellipses95, shared_covariance
-from aerodft.dft.zoomed import zoomed
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
@@ -69,7 +68,7 @@ class ObjectTracks:
 
     def follow(
         self, setup: Setup, sample: PoseSample, observations: tuple[Observation, ...], image: int | None
-    ) -> tuple[ImageAnswers, ...]:
+    ) -> tuple[MeasurementBatch, ...]:
         """Follow what is seen in the next image.
 
         Args:
@@ -83,7 +82,7 @@ class ObjectTracks:
         """
         pose = sample.pose
         if pose is None or sample.status is not Status.OK:
-            nothing = Answer(sample.status, sample.reasons, unit="m/s")
+            nothing = MeasurementColumn.of_one("m/s", sample.status, sample.reasons)
             missed = [(_request(track.name, ProbeKind.TRACK, ()), nothing) for track in self._tracks.confirmed]
             return self._answers(setup, sample, image, missed)
         setup, sample = zoomed(setup, sample)
@@ -108,12 +107,12 @@ class ObjectTracks:
         return _request(name, ProbeKind.DISTANCE, (pair[0].pixel_px, pair[1].pixel_px), self._settings.std_px)
 
     def _answers(
-        self, setup: Setup, sample: PoseSample, image: int | None, found: list[tuple[Request, Answer]]
-    ) -> tuple[ImageAnswers, ...]:
+        self, setup: Setup, sample: PoseSample, image: int | None, found: list[tuple[Request, MeasurementColumn]]
+    ) -> tuple[MeasurementBatch, ...]:
         if not found:
             return ()
-        requests, answers = (tuple(column) for column in zip(*found, strict=True))
-        return (ImageAnswers.of(setup, sample, image, requests, answers),)
+        requests = tuple(request for request, _ in found)
+        return (of_one_image(setup, sample, image, requests, tuple(column for _, column in found)),)
 
 
 def _request(name: str, kind: ProbeKind, pixels: tuple[FloatArray, ...], std_px: float = 1.0) -> Request:
@@ -152,7 +151,7 @@ def _pixels_of(setup: Setup, pose: Pose, places_en_m: FloatArray) -> FloatArray:
     return pixels_from_rays(setup.camera, (points - pose.position_enu_m) @ matrix(pose.wxyz))
 
 
-def _track_answer(at: _Placed, sample: PoseSample, pose: Pose, shared: FloatArray) -> Answer:
+def _track_answer(at: _Placed, sample: PoseSample, pose: Pose, shared: FloatArray) -> MeasurementColumn:
     velocity = at.track.state.velocity_en_mps
     speed = float(np.linalg.norm(velocity))
     cov = at.track.state.cov[2:, 2:] + at.velocity_by_shared @ shared @ at.velocity_by_shared.T
@@ -162,15 +161,14 @@ def _track_answer(at: _Placed, sample: PoseSample, pose: Pose, shared: FloatArra
     range_m = float(np.linalg.norm(at.enu_m - pose.position_enu_m))
     if not math.sqrt(max(np.linalg.eigvalsh(cov_enu))) <= MAX_RELATIVE_RANGE_STD * range_m:
         sentence = f"{at.track.name} is {range_m:.1f} m away: too near the horizon for a place"
-        return Answer(Status.ILL_CONDITIONED, (sentence,), unit="m/s")
-    answer = _places(_status(sample, at.track), sample, pose, at.enu_m[None], cov_enu)
-    answer = answer._replace(unit="m/s", ellipse95=ellipses95(cov_enu).tolist())
-    if at.track.hidden:
-        return answer
-    return answer._replace(value=speed, std=std, ci95=(max(speed - Z95 * std, 0.0), speed + Z95 * std))
+        return MeasurementColumn.of_one("m/s", Status.ILL_CONDITIONED, (sentence,))
+    numbers = {"ellipse95": ellipses95(cov_enu), **_places(sample, pose, at.enu_m[None], cov_enu)}
+    return _column("m/s", sample, at.track, numbers, (speed, std))
 
 
-def _distance_answer(pair: tuple[_Placed, _Placed], sample: PoseSample, pose: Pose, shared: FloatArray) -> Answer:
+def _distance_answer(
+    pair: tuple[_Placed, _Placed], sample: PoseSample, pose: Pose, shared: FloatArray
+) -> MeasurementColumn:
     """Both points are moved alike by what they share: that is in the difference of how they depend on it."""
     first, second = pair
     apart = (second.enu_m - first.enu_m)[:2]
@@ -181,28 +179,33 @@ def _distance_answer(pair: tuple[_Placed, _Placed], sample: PoseSample, pose: Po
     std = math.sqrt(max(float(by @ shared @ by + along @ own @ along), 0.0))
     hidden = next((at.track for at in pair if at.track.hidden), first.track)
     cov_enu = first.own_cov_m2 + first.by_shared @ shared @ first.by_shared.T
-    answer = _places(_status(sample, hidden), sample, pose, np.stack([first.enu_m, second.enu_m]), cov_enu)
-    if hidden.hidden:
-        return answer
-    return answer._replace(value=distance, std=std, ci95=(max(distance - Z95 * std, 0.0), distance + Z95 * std))
+    numbers = _places(sample, pose, np.stack([first.enu_m, second.enu_m]), cov_enu)
+    return _column("m", sample, hidden, numbers, (distance, std))
 
 
 def _apart_m(pair: tuple[_Placed, _Placed]) -> float:
     return float(np.linalg.norm((pair[1].enu_m - pair[0].enu_m)[:2]))
 
 
-def _status(sample: PoseSample, track: GroundTrack) -> Answer:
-    if not track.hidden:
-        return Answer(Status.OK, sample.reasons)
-    since_s = (sample.stamp_ns - track.seen_ns) / SECOND_NS
-    return Answer(Status.OCCLUDED, (f"{track.name}: {track.hidden} for {since_s:.1f} s", *sample.reasons))
+def _column(
+    unit: str, sample: PoseSample, track: GroundTrack, numbers: dict[str, FloatArray], scalar: tuple[float, float]
+) -> MeasurementColumn:
+    """A value with its standard deviation and places; what is hidden has places alone."""
+    if track.hidden:
+        since_s = (sample.stamp_ns - track.seen_ns) / SECOND_NS
+        reasons = (f"{track.name}: {track.hidden} for {since_s:.1f} s", *sample.reasons)
+        return MeasurementColumn.of_one(unit, Status.OCCLUDED, reasons, numbers)
+    value, std = scalar
+    ends = np.array([max(value - Z95 * std, 0.0), value + Z95 * std])
+    numbers |= {"value": np.array(value), "std": np.array(std), "ci95": ends}
+    return MeasurementColumn.of_one(unit, Status.OK, sample.reasons, numbers)
 
 
-def _places(answer: Answer, sample: PoseSample, pose: Pose, enu_m: FloatArray, cov_enu_m2: FloatArray) -> Answer:
-    return answer._replace(
-        ground_m=to_ground_frame(pose, enu_m).tolist(),
-        enu_m=enu_m.tolist(),
-        cov_enu_m2=cov_enu_m2.tolist(),
-        geo=None if sample.origin is None else lat_lon_alt(sample.origin, enu_m).tolist(),
-        range_m=np.linalg.norm(enu_m - pose.position_enu_m, axis=-1).tolist(),
-    )
+def _places(sample: PoseSample, pose: Pose, enu_m: FloatArray, cov_enu_m2: FloatArray) -> dict[str, FloatArray]:
+    numbers = {
+        "ground_m": to_ground_frame(pose, enu_m),
+        "enu_m": enu_m,
+        "cov_enu_m2": cov_enu_m2,
+        "range_m": np.linalg.norm(enu_m - pose.position_enu_m, axis=-1),
+    }
+    return numbers if sample.origin is None else {**numbers, "geo": lat_lon_alt(sample.origin, enu_m)}

@@ -6,8 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.request import Setup
-from aerodft.dft.zoomed import zoomed
+from aerodft.dft.request import Setup, zoomed
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation

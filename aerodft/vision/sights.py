@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodft.dft.limits import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.judging import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.projection import ELEVATION, GroundPoints, project
 from aerodft.dft.quantities import Sight as Rays
 from aerodft.dft.quantities import upright_height

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.dft.ground_map import GroundMap
-from aerodft.dft.measure import measure
 from aerodft.dft.request import Request, Setup
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose
@@ -27,6 +26,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
+from tests.one_image import measure
 
 PEER = "cameratransform==1.2.1"
 HERE = Path(__file__).parent

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
@@ -24,6 +24,7 @@ from calibration.steadiness import SteadyCalibrator
 from calibration.steady_look import Look, Verdict
 from calibration.steady_pose import KnownTurn, turned_pose
 from calibration.steady_state import SteadyState
+from tests.one_image import measure
 
 CAMERA = Camera(
     name="c",

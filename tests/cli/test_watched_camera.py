@@ -14,7 +14,7 @@ import tomli_w
 
 from aerodft.adapters.codec import steadiness
 from aerodft.adapters.config.camera import camera_document
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply
 from aerodft.model.camera import Camera
@@ -22,6 +22,7 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from replay.recording import Recording
+from tests.one_image import measure
 from tests.payloads import decode_steadiness
 
 BRIDGE = Path(__file__).parents[2] / "configs/calibration/bridge.jpg"

@@ -7,12 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft.dft.budget import advice
-from aerodft.dft.measure import Request, Setup, explain, measure
+from aerodft.dft.measure import Request, Setup, explain
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
+from tests.one_image import measure
 
 STD = PoseStd(height_agl_m=0.5, horizontal_m=1.0, tilt_rad=0.005, pan_rad=0.006, roll_rad=0.004, heading_rad=0.03)
 CAMERA = replace(

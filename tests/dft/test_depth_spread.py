@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 
 from aerodft.dft.depth_map import depth_map, measured_plane
 from aerodft.dft.depth_spread import range_std
-from aerodft.dft.projection import project
-from aerodft.dft.uncertainty import point_spread, shared_covariance
+from aerodft.dft.projection import POSITION, project
+from aerodft.dft.uncertainty import shared_covariance
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix
@@ -44,10 +44,12 @@ def test_every_pixel_is_known_as_well_as_when_it_is_measured_alone(camera, tilt_
     pose, ground = pose_of(tilt_deg, roll_deg), Plane.sloping([0.0, 0.0, 0.0], math.radians(slope_deg), 2.0)
     got = range_std(camera, pose, measured_plane(ground, 1.0), 0.2)
     alone = project(camera, pose, PIXELS.reshape(-1, 2), 1.0, ProjectionModel.PINHOLE, ground)
-    cov, count = shared_covariance(camera, pose, np.zeros(1)), PIXELS[..., 0].size
     with np.errstate(all="ignore"):
-        found = point_spread(alone[None], pose.position_enu_m[None], cov, np.full(count, 0.2), np.zeros(count))
-    range_m, want = found.range_m[0], found.range_std_m[0]
+        away = alone.points_enu_m - pose.position_enu_m
+        range_m = np.linalg.norm(away, axis=-1)
+        by = np.einsum("ki,kij->kj", away / range_m[:, None], alone.jac_shared)
+        by[:, POSITION] -= away / range_m[:, None]
+        want = np.sqrt(np.einsum("ki,ij,kj->k", by, shared_covariance(camera, pose, 0.2), by))
     clear = (alone.status == 0) & (range_m < 2000.0)
     assert_allclose(got.ravel()[clear], want[clear], rtol=1e-3)
     seen = depth_map(camera, pose, 1.0, 2000.0, ground)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import Request, Setup
 from aerodft.dft.projection import project
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, multiply
@@ -16,6 +16,7 @@ from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
+from tests.one_image import measure
 
 CAMERA = Camera(
     name="c",

@@ -1,18 +1,19 @@
 """Many images at once: each image's answers are the same to the last bit whichever others are measured with it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from aerodft.adapters.codec.measurement import encode_measurements
-from aerodft.dft.measure import Request, Setup, measure, measure_each, measure_images
+from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.request import linked
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, PoseSample, PoseStd
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
@@ -89,31 +90,34 @@ on_every_ground = pytest.mark.parametrize(
 
 @on_every_ground
 def test_answers_do_not_depend_on_the_images_beside(setup):
-    poses, asked = samples(70 if setup.ground is None else 20), requests()
-    alone = [encode_measurements(measure(setup, pose, asked, k)) for k, pose in enumerate(poses)]
-    together = measure_images(setup, poses, asked, range(len(poses)))
-    assert [encode_measurements(list(image)) for image in together] == alone
-    rng = np.random.default_rng(5)
-    some = sorted(rng.choice(len(poses), len(poses) // 2, replace=False).tolist())
-    apart = measure_images(setup, [poses[k] for k in some], asked, some)
-    assert [encode_measurements(list(image)) for image in apart] == [alone[k] for k in some]
+    poses, asked = PoseBatch.of(samples(70 if setup.ground is None else 20)), requests()
+    numbers = np.arange(len(poses))
+    together = measure(setup, poses, asked, numbers)
+    alone = [measure(setup, poses[k : k + 1], asked, numbers[k : k + 1])[0] for k in numbers]
+    assert plain(together) == plain(alone)
+    some = np.sort(np.random.default_rng(5).choice(len(poses), len(poses) // 2, replace=False))
+    assert plain(measure(setup, poses.rows(some), asked, some)) == plain(alone[k] for k in some)
     statuses = {measurement.status for image in together for measurement in image}
     assert {Status.OK, Status.ABOVE_HORIZON, Status.STALE_TELEMETRY} <= statuses
-    assert [len(image) for image in measure_images(setup, poses, (), range(len(poses)))] == [0] * len(poses)
+    assert [len(image) for image in measure(setup, poses, ())] == [0] * len(poses)
 
 
 @on_every_ground
 @pytest.mark.parametrize("kind", list(PIXELS))
 def test_images_may_have_pixels_of_their_own(setup, kind):
-    poses, rng = samples(70 if setup.ground is None else 20), np.random.default_rng(6)
+    poses, rng = PoseBatch.of(samples(70 if setup.ground is None else 20)), np.random.default_rng(6)
     probe = Probe(name="seen", kind=kind, source=PixelSource.OBSERVED, elevation_m=0.3, elevation_std_m=0.1)
-    moved = [np.array(PIXELS[kind]) + rng.normal(0.0, 15.0, 2) for _ in poses]
-    own = [Request(probe=probe, pixels=tuple(map(tuple, px.tolist())), std_px=0.7) for px in moved]
-    alone = [encode_measurements(measure(setup, pose, (own[k],), k)) for k, pose in enumerate(poses)]
-    together = measure_each(setup, poses, own, range(len(poses)))
-    assert [encode_measurements(list(image)) for image in together] == alone
+    moved = np.array([np.array(PIXELS[kind]) + rng.normal(0.0, 15.0, 2) for _ in poses])
+    together = measure(setup, poses, (Request(probe=probe, pixels=moved, std_px=0.7),))
+    own = [Request(probe=probe, pixels=tuple(map(tuple, px)), std_px=0.7) for px in moved.tolist()]
+    assert plain(together) == plain(measure(setup, poses[k : k + 1], (own[k],))[0] for k in range(len(poses)))
     values = {measurement.value for image in together for measurement in image if measurement.value is not None}
     assert kind is ProbeKind.POSITION or len(values) > len(poses) // 4
+
+
+def plain(images):
+    """Images' measurements without their poses, which are no values to compare."""
+    return [[repr(replace(each, pose=None)) for each in image] for image in images]
 
 
 @pytest.mark.parametrize("function", [np.sin, np.cos, np.arctan2, np.hypot, np.sqrt, np.tan])

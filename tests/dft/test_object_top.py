@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup, explain, measure
+from aerodft.dft.measure import Request, Setup, explain
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose
@@ -15,6 +15,7 @@ from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
+from tests.one_image import measure
 
 CAMERA = Camera(
     name="c", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1500.0, cx_px=970.0, cy_px=530.0,

@@ -8,9 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup, measure
-from aerodft.dft.polygons import crosses_itself
-from aerodft.dft.quantities import SCALARS, Sight, beside, gradient
+from aerodft.dft.measure import Request, Setup
+from aerodft.dft.quantities import KINDS, Sight, beside, crosses_itself
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix
@@ -18,6 +17,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
+from tests.one_image import measure
 
 CAMERA = Camera(
     name="c", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1500.0, cx_px=970.0, cy_px=530.0,
@@ -44,14 +44,14 @@ def answer_of(kind, pixels, pose, *, std_px=1.0, setup=None, **probe):
 
 def test_closed_forms():
     square = sight_of(UNIT_SQUARE)
-    assert SCALARS[ProbeKind.AREA](square) == 1.0
-    assert SCALARS[ProbeKind.AREA](sight_of(UNIT_SQUARE[::-1])) == 1.0
-    assert SCALARS[ProbeKind.LENGTH](square) == 3.0
-    assert SCALARS[ProbeKind.DISTANCE](square) == 1.0
-    assert_allclose(SCALARS[ProbeKind.RANGE](square), math.sqrt(125))
+    assert KINDS[ProbeKind.AREA].scalar(square) == 1.0
+    assert KINDS[ProbeKind.AREA].scalar(sight_of(UNIT_SQUARE[::-1])) == 1.0
+    assert KINDS[ProbeKind.LENGTH].scalar(square) == 3.0
+    assert KINDS[ProbeKind.DISTANCE].scalar(square) == 1.0
+    assert_allclose(KINDS[ProbeKind.RANGE].scalar(square), math.sqrt(125))
 
 
-@pytest.mark.parametrize("kind", SCALARS)
+@pytest.mark.parametrize("kind", [kind for kind, traits in KINDS.items() if traits.scalar])
 @given(data=st.data())
 @settings(max_examples=40, deadline=None)
 def test_gradients_are_finite_differences(kind, data):
@@ -61,8 +61,8 @@ def test_gradients_are_finite_differences(kind, data):
     points = (np.array(numbers[2:14]).reshape(4, 3) * [1, 1, 0] + UNIT_SQUARE * 9)[:count]
     directions = (points - camera) * 0.1 + [0.0, 0.0, 0.4]
     sight = Sight(camera, directions, points)
-    found = gradient(kind, sight)
-    value = SCALARS[kind]
+    found = KINDS[kind].gradient(sight)
+    value = KINDS[kind].scalar
     assume(np.linalg.norm(np.diff(points, axis=0), axis=1).min(initial=1.0) > 1e-2)
     assume(kind is not ProbeKind.AREA or value(sight) > 1e-2)
     assert_is_derivative(found, value, sight)
@@ -163,7 +163,7 @@ def test_what_is_seen_beside_the_base_is_no_top_of_it():
 )
 def test_a_polygon_goes_round_one_piece_of_ground(corners, crosses):
     turned = np.array(corners, dtype=float) @ [[0.8, 0.6], [-0.6, 0.8]] + [1234.5, -987.6]
-    assert crosses_itself(np.column_stack([turned, np.zeros(len(turned))])) is crosses
+    assert bool(crosses_itself(np.column_stack([turned, np.zeros(len(turned))]))) is crosses
 
 
 def test_no_length_is_negative():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
@@ -20,6 +20,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
+from tests.one_image import measure
 
 CAMERA = Camera(
     name="c", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1520.0, cx_px=970.0, cy_px=530.0,

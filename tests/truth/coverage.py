@@ -14,9 +14,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from aerodft.dft.measure import Setup, measure
+from aerodft.dft.measure import Setup
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
+from tests.one_image import measure
 
 from .random_scenes import PIXELS, TOP, Level, Said, random_scene, truths
 from .scenes import depression_rad, opencv_rays

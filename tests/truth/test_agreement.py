@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, LensModel
 from aerodft.model.measurement import ProjectionModel
@@ -18,6 +18,7 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from tests.commands import run_aerodft
+from tests.one_image import measure
 
 from .scenes import as_pixels, camera_axes, opencv_matrix, opencv_pixels
 

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from aerodft.adapters.codec.pose import SCHEMA as POSE_SCHEMA
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.rotation import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
@@ -28,6 +28,7 @@ from aerodft.sim.trajectory import Trajectory
 from replay.recording import Recording
 from replay.source import RecordingSource
 from tests.commands import run_aerodft
+from tests.one_image import measure
 
 LOG = Path(__file__).parents[2].parent / "shared/data/sitl/brushless_consumer.tlog"
 STD_PX = 0.5

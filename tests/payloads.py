@@ -1,4 +1,4 @@
-"""One value to its payload, and payloads back to values: what a subscriber does, and round trips need."""
+"""Payloads back to values: what a subscriber does, and round trips need."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -21,11 +21,6 @@ from aerodft.model.zoom import Zoom, ZoomSource
 _AXES = ("tilt_deg", "pan_deg", "roll_deg")
 _SI = ("height_m", "east_m", "north_m", "time_s")
 _ANGLES = ("tilt", "pan", "roll", "heading")
-
-
-def encode_measurement(value: Measurement) -> bytes:
-    """One measurement as ``aerodft.measurement/1``."""
-    return measurement.MeasurementEncoder().encode(value)
 
 
 def decode_measurement(data: bytes) -> Measurement:

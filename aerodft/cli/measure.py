@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.codec.measurement import MeasurementEncoder
+from aerodft.adapters.codec.measurement import measurement_payload
 from aerodft.adapters.config.calibration import load_calibrated_pose
 from aerodft.adapters.config.camera import load_camera
 from aerodft.cli.calibrated import calibrated, corrected
@@ -231,8 +231,7 @@ def _setup(camera: Path | None, model: ProjectionModel, stds: Stds) -> Setup:
 
 def _show(measurements: list[Measurement], budgets: list[tuple[Share, ...]], *, as_json: bool) -> None:
     """Print measurements; with budgets, one for each, also where their uncertainty comes from."""
-    encoder = MeasurementEncoder()
-    documents = [dict(encoder.payload(measurement)) for measurement in measurements]
+    documents = [measurement_payload(measurement) for measurement in measurements]
     for document, budget in zip(documents, budgets, strict=False):  # no budgets where none were asked for
         document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
         document["advice"] = advice(budget)

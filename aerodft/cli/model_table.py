@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from rich.table import Table
 
-from aerodft.adapters.codec.measurement import MeasurementEncoder
+from aerodft.adapters.codec.measurement import measurement_payload
 from aerodft.cli.output import print_json, tables
 from aerodft.dft.equations import tilt_warning
 from aerodft.dft.models import ModelDifference
@@ -20,10 +20,9 @@ _LEVEL_RAD: Final = math.radians(0.05)
 
 def model_document(differences: Sequence[ModelDifference]) -> dict[str, list[dict[str, Any]]]:
     """The JSON of ``--compare``: the measurements of both models as on the wire, and what lies between them."""
-    encoder = MeasurementEncoder()
     return {
-        "pinhole": [encoder.payload(item.pinhole) for item in differences],
-        "dft": [encoder.payload(item.dft) for item in differences],
+        "pinhole": [measurement_payload(item.pinhole) for item in differences],
+        "dft": [measurement_payload(item.dft) for item in differences],
         "difference": [_difference(item) for item in differences],
     }
 

@@ -1,8 +1,10 @@
 """What a pipeline makes of some ticks: images and observations in batches, all else one by one."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
+
+import numpy as np
 
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.model.arrays import IntArray
@@ -81,6 +83,16 @@ class StepOutputs:
     images: tuple[ImageOutputs, ...] = ()
     observations: tuple[ObservationOutputs, ...] = ()
     singles: tuple[SingleOutput, ...] = ()
+
+    def measured(self) -> Iterator[tuple[IntArray, IntArray, MeasurementBatch]]:
+        """All measurements, batch by batch, with the tick ``(n,)`` and the order ``(n,)`` of each of its entries."""
+        for block in (*self.images, *self.observations):
+            if block.measurements is not None:
+                yield block.tick, block.order, block.measurements
+        for single in self.singles:
+            if isinstance(single.content, MeasurementBatch):
+                tick, order = np.full((2, len(single.content)), [[single.tick], [single.order]])
+                yield tick, order, single.content
 
 
 class Sink(Protocol):

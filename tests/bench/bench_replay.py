@@ -19,6 +19,7 @@ from mcap.writer import CompressionType, Writer
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from aerodft.adapters.codec import events, measurement
+from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.adapters.zenoh.session import session_on
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.image import Image
@@ -31,7 +32,6 @@ from replay.publish import Republisher, is_published
 from replay.recording import Recording
 from replay.timeline import timeline
 from tests.clock import VirtualClock
-from tests.payloads import encode_measurement
 
 START_NS, STEP_NS = 1_795_221_278_000_000_000, 5_000_000
 FRAME_BYTES = 1200  # a frame among measurements; as noise, so that no compression makes the file small

@@ -12,6 +12,7 @@ import orjson
 import pytest
 import zenoh
 
+from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.adapters.zenoh.session import session_on
@@ -30,7 +31,6 @@ from replay.publishers import WaitingPublishers
 from replay.recording import Recording
 from replay.timeline import timeline
 from tests.clock import VirtualClock
-from tests.payloads import encode_measurement
 from tests.ports import free_endpoint
 
 START_NS = 1_795_221_278_000_000_000

@@ -13,7 +13,7 @@ import orjson
 import pytest
 from mcap.writer import Writer
 
-from aerodft.adapters.codec.measurement import SCHEMA
+from aerodft.adapters.codec.measurement import SCHEMA, encode_measurement
 from aerodft.adapters.codec.schemas import schema_text
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
@@ -30,7 +30,6 @@ from replay.compare import Comparison, compare_recordings
 from replay.export import ExportFormat, export_text
 from replay.recording import Recording
 from replay.tolerance import parse_tolerance
-from tests.payloads import encode_measurement
 
 START_NS = 1_795_221_278_000_000_000
 CAMERA = Camera.from_fov(name="c", width_px=8, height_px=6, hfov_rad=1, vfov_rad=1)

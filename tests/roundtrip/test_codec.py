@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 from aerodft.adapters.codec import events, measurement, pose, schemas, status, wire
 from aerodft.adapters.codec.angles import camera_angles_deg
-from aerodft.dft.answers import ImageAnswers, answers_of
+from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.errors import InputError
 from aerodft.geometry.rotation import camera_angles, camera_attitude
 from aerodft.model.image import Image, StampClock
@@ -23,7 +23,8 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from tests.payloads import decode_measurement, decode_observation, decode_pose, decode_status, encode_measurement
+from tests.batches import measurement_batch
+from tests.payloads import decode_measurement, decode_observation, decode_pose, decode_status
 
 SCHEMA_FILES = Path(__file__).parents[2] / "docs" / "schema"
 ATTITUDE_ATOL_RAD = 1e-9
@@ -273,23 +274,15 @@ def test_a_list_of_measurements_is_one_json_list() -> None:
     assert [item["name"] for item in orjson.loads(payload)] == ["a", "b"]
 
 
-def an_image(count: int) -> ImageAnswers:
-    """Measurements with values of all kinds, as if one image had them."""
-    values = [a_measurement(name=f"m/{k}", value=0.1 * k) for k in range(count)]
+def test_an_images_record_has_all_of_its_measurements_byte_by_byte() -> None:
+    """Values of all kinds, as if one image had them."""
+    values = [a_measurement(name=f"m/{k}", value=0.1 * k) for k in range(3)]
     values.append(a_measurement(name="lost", status=Status.STALE_TELEMETRY, value=None, geo=None, reasons=("old",)))
     values.append(a_measurement(name="far", std=math.inf, ci95=(0.0, math.inf), ground_m=((math.nan, -0.0, 1e-300),)))
-    apart = [answers_of(replace(value, pose=values[0].pose)) for value in values]
-    requests = tuple(request for each in apart for request in each.requests)
-    return replace(apart[0], requests=requests, answers=[answer for each in apart for answer in each.answers])
-
-
-def test_an_images_record_has_all_of_its_measurements_byte_by_byte() -> None:
-    image = an_image(3)
-    encoder = measurement.MeasurementEncoder()
-    record = encoder.image(image)
+    record = measurement.encode_batch(measurement_batch([values])).text(0)
     check(measurement.IMAGE_SCHEMA, record)
-    single = [encode_measurement(each) for each in image]
-    assert [payload for _, payload in measurement.split_measurements(record)] == single == encoder.each(image)
+    single = list(map(encode_measurement, values))
+    assert [payload for _, payload in measurement.split_measurements(record)] == single
     assert [name for name, _ in measurement.split_measurements(record)] == ["m/0", "m/1", "m/2", "lost", "far"]
     assert len(record) < 0.7 * sum(map(len, single))
 

@@ -1,15 +1,14 @@
 """``aerodft.image/1`` and ``aerodft.observation/1``: inputs as they are recorded, exact in every field."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.template import Alike, Templates
+from aerodft.adapters.codec.template import encode_payloads
 from aerodft.adapters.texts import Texts
 from aerodft.conventions import LARGEST
-from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.image import Image, StampClock
 from aerodft.model.image_rows import ImageRows
 from aerodft.model.observation import Box, Observation
@@ -25,20 +24,19 @@ def encode_image(image: Image) -> bytes:
     return wire.dump(_image_payload(image))
 
 
-def encode_images(images: Sequence[Image], templates: Templates) -> Texts:
-    """The same of many, with the templates of ``image_templates``."""
+def encode_images(images: Sequence[Image]) -> Texts:
+    """Each of some images as ``aerodft.image/1``."""
     if isinstance(images, ImageRows):
-        columns = np.stack([images.indices, images.stamp_ns, images.arrival_ns], axis=-1)
-        rows, nothing = np.arange(len(images)), np.empty((len(images), 0))
-        return templates.joined(
-            [Alike(rows, images.common, lambda row: _image_payload(images[row]), lambda: columns, lambda: nothing)]
-        )
-    return templates.written(images, _image_key, _image_payload, _image_whole, _no_numbers)
-
-
-def image_templates() -> Templates:
-    """What images are written with; not shared between threads."""
-    return Templates(whole=("index", "stamp_ns", "arrival_ns"))
+        kind = np.zeros(len(images), dtype=np.int64)
+        columns = np.stack([images.indices, images.stamp_ns, images.arrival_ns])
+    else:
+        found: dict[tuple[StampClock, int | None, int | None], int] = {}
+        kinds = [found.setdefault((image.clock, image.width_px, image.height_px), len(found)) for image in images]
+        kind = np.array(kinds, dtype=np.int64)
+        values = [(image.index, image.stamp_ns, image.arrival_ns) for image in images]
+        columns = np.array(values, dtype=np.int64).reshape(-1, 3).T
+    whole = dict(zip(("index", "stamp_ns", "arrival_ns"), columns, strict=True))
+    return encode_payloads(kind[:, None], lambda row: _image_payload(images[row]), whole, np.empty((len(images), 0)))
 
 
 def _image_payload(image: Image) -> wire.Json:
@@ -52,18 +50,6 @@ def _image_payload(image: Image) -> wire.Json:
         "height_px": image.height_px,
         "software": wire.SOFTWARE,
     }
-
-
-def _image_key(image: Image) -> Hashable:
-    return image.clock, image.width_px, image.height_px
-
-
-def _image_whole(images: Sequence[Image]) -> IntArray:
-    return np.array([(image.index, image.stamp_ns, image.arrival_ns) for image in images], dtype=np.int64)
-
-
-def _no_numbers(images: Sequence[Image]) -> FloatArray:
-    return np.empty((len(images), 0))
 
 
 def decode_image(data: bytes) -> Image:

@@ -5,174 +5,155 @@ single payloads come back byte by byte.
 """
 
 import math
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.pose_encoder import PoseEncoder, groups
-from aerodft.adapters.codec.template import Alike, Same, Templates
+from aerodft.adapters.codec.pose import summary_numbers, summary_payload
+from aerodft.adapters.codec.template import encode_payloads, flat
 from aerodft.adapters.texts import Texts
-from aerodft.dft.answer_columns import AnswerBlock, AnswerRow, ImageColumns
-from aerodft.dft.answers import Answer, ImageAnswers, answers_of
-from aerodft.dft.request import Request
+from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn
 from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.measurement import Measurement
+from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
+from aerodft.model.pose import PoseSample
 
 SCHEMA = "aerodft.measurement/1"
 IMAGE_SCHEMA = "aerodft.measurements/1"
 
 _LIST = "measurements"
 _MOST_SPLIT_BYTES: Final = 32 << 20  # what the measurements of an image share, once for each
+_BEFORE_PIXELS: Final = ("value", "std", "ci95", "ellipse95")
+_BEHIND_PIXELS: Final = ("ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
 _ANGLES: Final = {"ellipse95": slice(2, 3), "geo": slice(0, 2)}  # which of the numbers
 
 
-class MeasurementEncoder:
-    """Encodes measurements; the pose that one image's measurements share is turned into angles once.
-
-    Not shared between threads.
-
-    Args:
-        poses: Whose summaries are made already.
-    """
-
-    def __init__(self, poses: PoseEncoder | None = None) -> None:
-        self._poses = poses or PoseEncoder()
-        self._templates = Templates(whole=("stamp_ns", "image"), fixed=("pixels", "std_px"))
-
-    def payload(self, measurement: Measurement) -> wire.Json:
-        """The measurement as ``aerodft.measurement/1``, before it is written out; not to be changed."""
-        (payload,) = self._payloads(answers_of(measurement))
-        return payload
-
-    def encode(self, measurement: Measurement) -> bytes:
-        """The measurement's payload."""
-        return wire.dump(self.payload(measurement))
-
-    def each(self, image: ImageAnswers) -> list[bytes]:
-        """One payload of ``aerodft.measurement/1`` for each of an image's answers."""
-        return [wire.dump(payload) for payload in self._payloads(image)]
-
-    def image(self, image: ImageAnswers) -> bytes:
-        """All of an image's answers as ``aerodft.measurements/1``."""
-        return self.images([image]).text(0)
-
-    def images(self, images: Sequence[ImageAnswers]) -> Texts:
-        """The same of several images: numbers of those that are alike but for these are written in one go."""
-        return self._templates.written(images, self._key, self._together, _whole, self._numbers)
-
-    def columns(self, images: ImageColumns) -> Texts:
-        """The same of images whose poses were made together."""
-        known = np.array([index is not None for index in images.images])
-        kind = (images.poses.which * 2 + images.is_plain) * 2 + known
-        return self._templates.joined([self._alike(images, own) for own in groups(kind)])
-
-    def _alike(self, images: ImageColumns, own: IntArray) -> Alike:
-        """Some of the images, which are plain or not alike."""
-        poses, columns = images.poses, self._poses.columns(images.poses.columns)
-
-        def numbers() -> FloatArray:
-            return _block_numbers(images.answers, images.first + own, columns.summary[poses.rows[own]])
-
-        def whole() -> IntArray:
-            return _stamps_and_indices(poses.stamp_ns[own], [images.images[row] for row in own.tolist()])
-
-        key = self._key(images.row(int(own[0])))
-        return Alike(own, key, lambda row: self._together(images.row(int(own[row]))), whole, numbers)
-
-    def _together(self, image: ImageAnswers) -> wire.Json:
-        answers = [_own(request, answer) for request, answer in zip(image.requests, image.answers, strict=True)]
-        return {"schema": IMAGE_SCHEMA, **self._shared(image), _LIST: answers}
-
-    def _numbers(self, images: Sequence[ImageAnswers]) -> FloatArray:
-        """The numbers of images that are alike, as they stand in their payloads ``(n, m)``."""
-        parts = [self._poses.summary_numbers([image.posed for image in images])]
-        rows: dict[AnswerBlock, list[int]] = {}
-        for image in images:
-            assert isinstance(image.answers, AnswerRow)  # noqa: S101 - by their key, for the type checker
-            rows.setdefault(image.answers.block, []).append(image.answers.row)
-        parts.append(np.concatenate([_block_numbers(block, np.array(own)) for block, own in rows.items()]))
-        return np.concatenate(parts, axis=1)
-
-    def _key(self, image: ImageAnswers) -> Hashable | None:
-        """What images have in common that are written with one template; None where an answer is not plain."""
-        answers, pose = image.answers, self._poses.key(image.posed)
-        if pose is None or not isinstance(answers, AnswerRow) or not answers.block.is_plain[answers.row]:
-            return None
-        own = (image.model, image.camera, image.calibration, image.config, image.image is None)
-        return (pose, *own, Same(answers.block.shape), Same(image.requests))
-
-    def _payloads(self, image: ImageAnswers) -> Iterator[wire.Json]:
-        shared = self._shared(image)
-        for request, answer in zip(image.requests, image.answers, strict=True):
-            yield {"schema": SCHEMA, **_own(request, answer), **shared}
-
-    def _shared(self, image: ImageAnswers) -> wire.Json:
-        """What all measurements of an image have in common."""
-        return {
-            "stamp_ns": str(image.stamp_ns),
-            "image": image.image,
-            "model": image.model,
-            "camera": image.camera,
-            "calibration": image.calibration,
-            "config": image.config,
-            "software": wire.SOFTWARE,
-            "pose": self._poses.summary(image.posed),
-        }
+def encode_batch(batch: MeasurementBatch) -> Texts:
+    """What was measured in each image as ``aerodft.measurements/1``."""
+    kinds = [batch.poses.variant_index, batch.images == NO_IMAGE]
+    numbers = [summary_numbers(batch.poses)]
+    own_pixels = [each.pixels for each in batch.requests if np.ndim(each.pixels) > 2]  # noqa: PLR2004 - one set an image
+    for request, column in zip(batch.requests, batch.columns, strict=True):
+        kinds += [column.status, _reasons_index(column)]
+        numbers += _numbers(column, _BEFORE_PIXELS)
+        if own_pixels:
+            pixels = np.asarray(request.pixels, dtype=np.float64)
+            numbers.append(flat(np.broadcast_to(pixels, (len(batch), *pixels.shape[-2:]))))
+        numbers += _numbers(column, _BEHIND_PIXELS)
+    return encode_payloads(
+        np.stack(kinds, axis=1),
+        lambda row: _image_payload(batch, row),
+        {"stamp_ns": batch.poses.stamp_ns, "image": batch.images},
+        np.concatenate(numbers, axis=1),
+        fixed={"std_px"} if own_pixels else {"std_px", "pixels"},
+    )
 
 
-def _whole(images: Sequence[ImageAnswers]) -> IntArray:
-    return _stamps_and_indices(np.array([image.stamp_ns for image in images]), [image.image for image in images])
+def _reasons_index(column: MeasurementColumn) -> IntArray:
+    """``(n,)`` which of a column's own reasons each image has; 0 for those of its pose."""
+    found: dict[tuple[str, ...], int] = {}
+    index = np.zeros(len(column.status), dtype=np.int64)
+    for row, reasons in column.reasons.items():
+        index[row] = found.setdefault(reasons, len(found) + 1)
+    return index
 
 
-def _stamps_and_indices(stamps_ns: IntArray, images: Sequence[int | None]) -> IntArray:
-    """Stamps ``(n,)``, and where images have one the index, as they stand in payloads ``(n, k)``."""
-    return np.array([stamps_ns, images] if images[0] is not None else [stamps_ns], dtype=np.int64).T
-
-
-def _block_numbers(block: AnswerBlock, rows: IntArray, *before: FloatArray) -> FloatArray:
-    """The numbers of some images' answers, as they stand in their payloads ``(n, m)``, behind others ``(n, k)``."""
-    parts = [*before]
-    first, stop = int(rows[0]), int(rows[-1]) + 1
-    which = slice(first, stop) if stop - first == len(rows) and np.all(np.diff(rows) == 1) else rows
-    for column in block.columns:
-        for name, values in column.numbers.items():
-            own = values[which]
+def _numbers(column: MeasurementColumn, names: Sequence[str]) -> list[FloatArray]:
+    """Numbers of a column ``(n, m)`` as they stand in its payloads, by their names."""
+    found = []
+    for name in names:
+        if name in column.numbers:
+            values = column.numbers[name]
             if name in _ANGLES:
-                own = own.copy()
-                own[..., _ANGLES[name]] = np.degrees(own[..., _ANGLES[name]])
-            parts.append(own.reshape(len(rows), -1))
-    return np.concatenate(parts, axis=1)
+                values = values.copy()
+                values[..., _ANGLES[name]] = np.degrees(values[..., _ANGLES[name]])
+            found.append(flat(values))
+    return found
 
 
-def _own(request: Request, answer: Answer) -> wire.Json:
-    """What is one measurement's own."""
-    probe, ellipse = request.probe, answer.ellipse95
+def _image_payload(batch: MeasurementBatch, row: int) -> wire.Json:
+    sample, image = batch.poses[row], int(batch.images[row])
+    shared = _shared_payload(
+        sample,
+        stamp_ns=sample.stamp_ns,
+        image=None if image == NO_IMAGE else image,
+        model=batch.model,
+        camera=batch.camera,
+        calibration=sample.calibration,
+        config=batch.config,
+    )
+    return {"schema": IMAGE_SCHEMA, **shared, _LIST: list(map(_own_payload, batch[row]))}
+
+
+def encode_measurements(measurements: Sequence[Measurement]) -> bytes:
+    """A JSON list of ``aerodft.measurement/1``."""
+    return b"[" + b",".join(map(encode_measurement, measurements)) + b"]"
+
+
+def encode_measurement(measurement: Measurement) -> bytes:
+    """One measurement as ``aerodft.measurement/1``."""
+    return wire.dump(measurement_payload(measurement))
+
+
+def measurement_payload(measurement: Measurement) -> wire.Json:
+    """One measurement as ``aerodft.measurement/1``, before it is written out."""
+    shared = _shared_payload(
+        measurement.pose,
+        stamp_ns=measurement.stamp_ns,
+        image=measurement.image,
+        model=measurement.model,
+        camera=measurement.camera,
+        calibration=measurement.calibration,
+        config=measurement.config,
+    )
+    return {"schema": SCHEMA, **_own_payload(measurement), **shared}
+
+
+def _shared_payload(
+    pose: PoseSample,
+    *,
+    stamp_ns: int,
+    image: int | None,
+    model: ProjectionModel,
+    camera: str,
+    calibration: str | None,
+    config: str | None,
+) -> wire.Json:
+    """What all measurements of an image have in common."""
     return {
-        "name": probe.name,
-        "kind": probe.kind._value_,
-        "value": answer.value,
-        "unit": answer.unit,
-        "std": answer.std,
-        "ci95": answer.ci95,
-        "ellipse95": None if ellipse is None else _ellipse_payload(*ellipse),
-        "status": answer.status._value_,
-        "reasons": answer.reasons,
-        "pixels": request.pixels,
-        "std_px": request.std_px,
-        "ground_m": answer.ground_m,
-        "enu_m": answer.enu_m,
-        "cov_enu_m2": answer.cov_enu_m2,
-        "geo": None if answer.geo is None else [_geo_payload(*point) for point in answer.geo],
-        "range_m": answer.range_m,
+        "stamp_ns": str(stamp_ns),
+        "image": image,
+        "model": model,
+        "camera": camera,
+        "calibration": calibration,
+        "config": config,
+        "software": wire.SOFTWARE,
+        "pose": summary_payload(pose),
     }
 
 
-def encode_measurements(measurements: list[Measurement]) -> bytes:
-    """A JSON list of ``aerodft.measurement/1``."""
-    encoder = MeasurementEncoder()
-    return b"[" + b",".join(map(encoder.encode, measurements)) + b"]"
+def _own_payload(measurement: Measurement) -> wire.Json:
+    """What is one measurement's own."""
+    ellipse, geo = measurement.ellipse95, measurement.geo
+    return {
+        "name": measurement.name,
+        "kind": measurement.kind,
+        "value": measurement.value,
+        "unit": measurement.unit,
+        "std": measurement.std,
+        "ci95": measurement.ci95,
+        "ellipse95": None if ellipse is None else _ellipse_payload(ellipse),
+        "status": measurement.status,
+        "reasons": measurement.reasons,
+        "pixels": measurement.pixels,
+        "std_px": measurement.std_px,
+        "ground_m": measurement.ground_m,
+        "enu_m": measurement.enu_m,
+        "cov_enu_m2": measurement.cov_enu_m2,
+        "geo": None if geo is None else list(map(_geo_payload, geo)),
+        "range_m": measurement.range_m,
+    }
 
 
 def split_measurements(data: bytes) -> list[tuple[str, bytes]]:
@@ -191,9 +172,17 @@ def _split(payload: wire.Json) -> list[tuple[str, bytes]]:
     return [(own["name"], wire.dump({"schema": SCHEMA, **own, **shared})) for own in payload[_LIST]]
 
 
-def _ellipse_payload(semi_major_m: float, semi_minor_m: float, azimuth_rad: float) -> wire.Json:
-    return {"semi_major_m": semi_major_m, "semi_minor_m": semi_minor_m, "azimuth_deg": math.degrees(azimuth_rad)}
+def _ellipse_payload(ellipse: Ellipse95) -> wire.Json:
+    return {
+        "semi_major_m": ellipse.semi_major_m,
+        "semi_minor_m": ellipse.semi_minor_m,
+        "azimuth_deg": math.degrees(ellipse.azimuth_rad),
+    }
 
 
-def _geo_payload(lat_rad: float, lon_rad: float, alt_msl_m: float) -> wire.Json:
-    return {"lat": math.degrees(lat_rad), "lon": math.degrees(lon_rad), "alt_msl_m": alt_msl_m}
+def _geo_payload(point: GeoPoint) -> wire.Json:
+    return {
+        "lat": math.degrees(point.lat_rad),
+        "lon": math.degrees(point.lon_rad),
+        "alt_msl_m": point.alt_msl_m,
+    }

@@ -1,52 +1,107 @@
-"""``aerodft.pose/1``: a pose sample with its full covariance."""
+"""``aerodft.pose/1``: a pose sample with its full covariance; and the shorter pose that stands in a measurement."""
 
 import math
+from typing import Final
+
+import numpy as np
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.pose_summary import summary_of, summary_values
+from aerodft.adapters.codec.angles import camera_angles_deg
+from aerodft.adapters.codec.template import encode_payloads, flat
+from aerodft.adapters.texts import Texts
+from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin, PoseSample
+from aerodft.model.pose_batch import HORIZONTAL, TIME, PoseBatch
 from aerodft.model.zoom import Zoom
 
 SCHEMA = "aerodft.pose/1"
 
+_ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
+
+
+def encode_poses(poses: PoseBatch) -> Texts:
+    """Each of some poses as ``aerodft.pose/1``."""
+    pose = poses.pose
+    parts = [flat(getattr(pose, name)) for name in _ARRAYS]
+    parts.append(np.broadcast_to(pose.time_std_s, len(poses))[:, None])
+    arrays = np.where(poses.has_pose[:, None], np.concatenate(parts, axis=1), np.nan)
+    others = (poses.std[:, [HORIZONTAL, TIME]], poses.lat_lon_alt[:, 2:], poses.zoom)
+    return encode_payloads(
+        poses.variant_index[:, None],
+        lambda row: _payload(poses[row]),
+        {"stamp_ns": poses.stamp_ns},
+        np.concatenate([summary_numbers(poses), *others, arrays], axis=1),
+        fixed={"origin"},
+    )
+
 
 def encode_pose(sample: PoseSample) -> bytes:
     """A pose sample as ``aerodft.pose/1``."""
-    return wire.dump(payload_of(sample, summary_of(sample, summary_values(sample))))
+    return wire.dump(_payload(sample))
 
 
-def payload_of(sample: PoseSample, own: wire.Json) -> wire.Json:
-    """As ``aerodft.pose/1``, with its summary."""
-    pose, origin = sample.pose, sample.origin
-    payload: wire.Json = {
+def _payload(sample: PoseSample) -> wire.Json:
+    pose, origin, summary = sample.pose, sample.origin, summary_payload(sample)
+    return {
         "schema": SCHEMA,
         "stamp_ns": str(sample.stamp_ns),
         "status": sample.status,
         "reasons": sample.reasons,
+        **summary,
+        "std": {**summary["std"], "horizontal_m": sample.std.horizontal_m, "time_s": sample.std.time_s},
+        "alt_msl_m": sample.alt_msl_m,
+        "attitude_source": sample.attitude_source,
+        "calibration": sample.calibration,
+        "zoom": None if sample.zoom is None else _zoom_payload(sample.zoom),
+        **{name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s")},
+        "origin": None if origin is None else _origin_payload(origin),
+        "software": wire.SOFTWARE,
     }
-    payload |= own
-    payload["std"] = own["std"] | {"horizontal_m": sample.std.horizontal_m, "time_s": sample.std.time_s}
-    payload["alt_msl_m"] = sample.alt_msl_m
-    payload["attitude_source"] = sample.attitude_source
-    payload["calibration"] = sample.calibration
-    payload["zoom"] = None if sample.zoom is None else _zoom_payload(sample.zoom)
-    payload["position_enu_m"] = pose.position_enu_m if pose else None
-    payload["wxyz"] = pose.wxyz if pose else None
-    payload["cov"] = pose.cov if pose else None
-    payload["velocity_enu_mps"] = pose.velocity_enu_mps if pose else None
-    payload["rate_cam_radps"] = pose.rate_cam_radps if pose else None
-    payload["time_std_s"] = pose.time_std_s if pose else None
-    payload["origin"] = None if origin is None else origin_payload(origin)
-    payload["software"] = wire.SOFTWARE
-    return payload
+
+
+def summary_payload(sample: PoseSample) -> wire.Json:
+    """Height, angles, position, age and their standard deviations, as a measurement shows them."""
+    pose, std = sample.pose, sample.std
+    tilt_deg = roll_deg = heading_deg = height_m = None
+    if pose is not None:
+        tilt_deg, roll_deg, heading_deg = camera_angles_deg(*pose.wxyz.tolist())
+        height_m = float(pose.position_enu_m[2]) - sample.datum_enu_m
+    return {
+        "height_agl_m": height_m,
+        "height_source": sample.height_source,
+        "height_datum": sample.height_datum,
+        "height_age_s": sample.height_age_s,
+        "tilt_deg": tilt_deg,
+        "roll_deg": roll_deg,
+        "heading_deg": heading_deg,
+        "lat": wire.degrees(sample.lat_rad),
+        "lon": wire.degrees(sample.lon_rad),
+        "telemetry_age_s": sample.telemetry_age_s,
+        "std": {
+            "height_agl_m": std.height_agl_m,
+            "tilt_deg": math.degrees(std.tilt_rad),
+            "pan_deg": math.degrees(std.pan_rad),
+            "roll_deg": math.degrees(std.roll_rad),
+            "heading_deg": math.degrees(std.heading_rad),
+        },
+    }
+
+
+def summary_numbers(poses: PoseBatch) -> FloatArray:
+    """The numbers ``(n, 13)`` of the poses' summaries in their order, NaN for what is not known."""
+    angles_deg = np.array([camera_angles_deg(*wxyz) for wxyz in poses.pose.wxyz.tolist()]).reshape(-1, 3)
+    height_m = poses.pose.position_enu_m[:, 2] - poses.datum_enu_m
+    places_deg = np.degrees(poses.lat_lon_alt[:, :2])
+    height_std_m, _, *stds_rad, _ = poses.std.T
+    parts = (height_m, poses.height_age_s, *angles_deg.T, *places_deg.T, poses.telemetry_age_s)
+    return np.stack([*parts, height_std_m, *np.degrees(stds_rad)], axis=1)
 
 
 def _zoom_payload(zoom: Zoom) -> wire.Json:
     return {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source}
 
 
-def origin_payload(origin: GeoOrigin) -> wire.Json:
-    """An origin as it stands in a pose."""
+def _origin_payload(origin: GeoOrigin) -> wire.Json:
     return {
         "lat": math.degrees(origin.lat_rad),
         "lon": math.degrees(origin.lon_rad),

@@ -1,7 +1,6 @@
 """Payloads that are written together are, byte by byte, what each is alone."""
 
 import math
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -9,24 +8,24 @@ import orjson
 import pytest
 
 from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.events import decode_images, encode_image, encode_images, image_templates
-from aerodft.adapters.codec.measurement import MeasurementEncoder
-from aerodft.adapters.codec.pose import encode_pose
-from aerodft.adapters.codec.pose_encoder import PoseEncoder
-from aerodft.adapters.codec.template import Templates
-from aerodft.dft.measure import Request, Setup, measure_images, measure_rows
+from aerodft.adapters.codec.events import decode_images, encode_image, encode_images
+from aerodft.adapters.codec.measurement import IMAGE_SCHEMA, encode_batch, encode_measurement
+from aerodft.adapters.codec.pose import encode_pose, encode_poses
+from aerodft.adapters.codec.template import encode_payloads
+from aerodft.dft.measure import Request, Setup, measure_images
 from aerodft.dft.request import linked
 from aerodft.errors import InputError
-from aerodft.geometry.poses import camera_pose, pose_covariances
-from aerodft.geometry.rotation import camera_attitude
+from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, StampClock
 from aerodft.model.image_rows import ImageRows
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.pose_columns import PoseColumns, PoseRow, PoseRows, sample_of
-from aerodft.model.probe import Probe, ProbeKind
+from aerodft.model.measurement import Measurement
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
+from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
+from tests.batches import measurement_batch
 
 CAMERA = Camera(name="c", width_px=1920, height_px=1080, fx_px=1600.0, fy_px=1590.0, cx_px=990.0, cy_px=500.0)
 STD = PoseStd(height_agl_m=0.5, horizontal_m=1.0, tilt_rad=0.005, pan_rad=0.006, roll_rad=0.004, heading_rad=0.03)
@@ -74,75 +73,6 @@ def samples(count: int) -> list[PoseSample]:
     return found
 
 
-def rows(count: int, origin: GeoOrigin | None, *, has_place: bool) -> list[PoseRow]:
-    """Poses that were made together."""
-    rng = np.random.default_rng(12)
-    tilts_rad, headings_rad = rng.uniform(0.3, 1.1, count), rng.uniform(0, 6, count)
-    wxyz = camera_attitude(tilts_rad, rng.uniform(-0.1, 0.1, count), headings_rad)
-    std = rng.uniform(0.001, 0.01, (count, 7))
-    position = rng.uniform(2, 60, (count, 3))
-    alike = PoseSample(
-        stamp_ns=0,
-        status=Status.OK,
-        origin=origin,
-        height_source=HeightSource.HOME,
-        height_datum="home",
-        attitude_source=GimbalSource.MOUNT_STATUS,
-    )
-    columns = PoseColumns(
-        stamp_ns=10**18 + np.arange(count),
-        pose=Pose(
-            position_enu_m=position,
-            wxyz=wxyz,
-            cov=pose_covariances(wxyz, std),
-            velocity_enu_mps=position / 7,
-            rate_cam_radps=position / 900,
-            time_std_s=0.02,
-        ),
-        std=std,
-        lat_lon_alt=rng.normal(size=(count, 3)) if has_place else None,
-        height_age_s=rng.uniform(0, 1, count),
-        telemetry_age_s=rng.uniform(0, 1, count),
-        which=np.arange(count) % 3 // 2,
-        alike=(alike, replace(alike, reasons=("turning",))),
-    )
-    return [PoseRow(columns, row) for row in range(count)]
-
-
-def test_rows_of_columns_are_written_and_measured_as_their_samples() -> None:
-    together = [each for k, origin in enumerate(ORIGINS) for each in rows(30, origin, has_place=k > 0)]
-    mixed = [*together[::2], *samples(40), *together[1::2]]
-    alone = [sample_of(each) for each in mixed]
-    assert PoseEncoder().encode(mixed).each() == [encode_pose(each) for each in alone]
-    probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
-    requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
-    indices = list(range(len(mixed)))
-    found, wanted = (measure_images(Setup(camera=CAMERA), poses, requests, indices) for poses in (mixed, alone))
-    assert {status for image in found for status in image.statuses} > {Status.OK}
-    written = MeasurementEncoder().images(found).each()
-    assert written == [MeasurementEncoder().image(image) for image in wanted]
-
-
-@pytest.mark.parametrize("limit_m", [None, 40.0])
-@pytest.mark.parametrize("origin", ORIGINS)
-def test_columns_of_images_are_written_as_these(origin: GeoOrigin | None, limit_m: float | None) -> None:
-    """Also a part of them, and where some have no number and some no plain answer."""
-    poses = rows(60, origin, has_place=origin is not None)
-    poses = PoseRows(poses[0].columns, np.array([posed.row for posed in poses])[::-1][:50])
-    probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
-    requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
-    indices = [None if k % 7 == 0 else 10**15 * k - 1 for k in range(len(poses))]
-    setup = Setup(camera=CAMERA, max_range_m=limit_m)
-    (images,) = measure_rows(setup, poses, requests, indices)
-    wanted = measure_images(setup, list(poses), requests, indices)
-    assert 0 < sum(images.is_plain) < len(images) or limit_m is None
-    assert images.statuses() == Counter(image.statuses for image in wanted)
-    alone = [MeasurementEncoder().image(image) for image in wanted]
-    assert MeasurementEncoder().columns(images).each() == alone
-    assert MeasurementEncoder().columns(images.rows(11, 37)).each() == alone[11:37]
-    assert PoseEncoder().encode_rows(poses).each() == [encode_pose(sample_of(each)) for each in poses]
-
-
 def test_stamps_of_images() -> None:
     images = [
         Image(
@@ -154,28 +84,49 @@ def test_stamps_of_images() -> None:
         )
         for k in range(20)
     ]
-    assert encode_images(images, image_templates()).each() == list(map(encode_image, images))
+    assert encode_images(images).each() == list(map(encode_image, images))
 
 
 def test_poses() -> None:
     poses = samples(150)
-    assert PoseEncoder().encode(poses).each() == [encode_pose(each) for each in poses]
+    together = encode_poses(PoseBatch.of(poses)).each()
+    assert together == [encode_pose(each) for each in poses]
+    assert together == [encode_poses(PoseBatch.of([each])).text(0) for each in poses]
+    assert encode_poses(PoseBatch.of([])).each() == []
 
 
 @pytest.mark.parametrize("limit_m", [None, 60.0])
-def test_images(limit_m: float | None) -> None:
+def test_measurements(limit_m: float | None) -> None:
+    """Answers and refusals, of images with numbers and of stamps alone; any part of a batch as the whole."""
     probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
     requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
-    poses = samples(150)
-    indices = [None if k % 7 == 0 else k for k in range(len(poses))]
-    images = measure_images(Setup(camera=CAMERA, max_range_m=limit_m), poses, requests, indices)
-    statuses = {status for image in images for status in image.statuses}
-    assert len(statuses) > 2  # answers and refusals are among them
-    encoder = MeasurementEncoder()
-    together = encoder.images(images).each()
-    assert together == [MeasurementEncoder().image(image) for image in images]
-    assert together == encoder.images(images[::-1]).each()[::-1]
-    assert [image.statuses for image in images] == [tuple(each.status for each in image) for image in images]
+    indices = [None if k % 7 == 0 else 10**15 * k - 1 for k in range(150)]
+    setup = Setup(camera=CAMERA, max_range_m=limit_m)
+    images = list(map(list, measure_images(setup, samples(150), requests, indices)))
+    assert len({each.status for image in images for each in image}) > 2
+    batch = measurement_batch(images)
+    together = encode_batch(batch).each()
+    assert together == [image_record(image) for image in images]
+    assert together[::-3] == encode_batch(batch[::-3]).each()
+    assert together[16:18] == [encode_batch(batch[row : row + 1]).text(0) for row in (16, 17)]
+
+
+def test_measurements_by_pixels_of_their_own() -> None:
+    probe = Probe(name="seen", kind=ProbeKind.WIDTH, source=PixelSource.OBSERVED)
+    images = []
+    for k, sample in enumerate(samples(40)):
+        request = Request(probe=probe, pixels=((300.0 + k, 820.0), (1700.0, 810.5)), std_px=2.0)
+        images += map(list, measure_images(Setup(camera=CAMERA), [sample], (request,), [k]))
+    assert encode_batch(measurement_batch(images)).each() == [image_record(image) for image in images]
+
+
+def image_record(measurements: list[Measurement]) -> bytes:
+    """The measurements of one image, out of what each is alone."""
+    own = "name kind value unit std ci95 ellipse95 status reasons pixels std_px ground_m enu_m cov_enu_m2 geo range_m"
+    alone = [orjson.loads(encode_measurement(each)) for each in measurements]
+    shared = {key: value for key, value in alone[0].items() if key not in {"schema", *own.split()}}
+    each = [{key: one[key] for key in own.split()} for one in alone]
+    return wire.dump({"schema": IMAGE_SCHEMA, **shared, "measurements": each})
 
 
 def test_any_number_is_written_as_alone() -> None:
@@ -183,24 +134,18 @@ def test_any_number_is_written_as_alone() -> None:
     rng = np.random.default_rng(5)
     values = rng.normal(size=(400, 3)) * 10.0 ** rng.integers(-300, 300, (400, 3))
     values[::7, 1], values[1::7, 2], values[2::7, 0] = np.nan, -0.0, 1e16
-    rows = [("a" if k % 2 else "b", row) for k, row in enumerate(values.tolist())]
+    is_float = np.arange(400) % 2
+    whole = np.arange(400) * 23_058_430_092_136_939 - 2**62
 
-    def payload(item: tuple[str, list[float]]) -> wire.Json:
-        first = item[1][0] if item[0] == "a" else round(min(item[1][0], 9.0) if item[1][0] > 0 else 0)
-        whole = {"text": str(whole_of(item)), "whole": whole_of(item), "none": None}
-        return {**whole, "x": [first], "rest": {"y": item[1][1:], "std_px": 2.5}}
+    def payload(row: int) -> wire.Json:
+        first, *rest = values[row].tolist()
+        first = first if is_float[row] else round(min(first, 9.0) if first > 0 else 0)
+        own = {"text": str(whole[row]), "whole": int(whole[row]), "none": None}
+        return {**own, "x": [first], "rest": {"y": rest, "std_px": 2.5}}
 
-    def whole_of(item: tuple[str, list[float]]) -> int:
-        return rows.index(item) * 23_058_430_092_136_939 - 2**62
-
-    written = Templates(whole=("text", "whole", "none"), fixed=("std_px",)).written(
-        rows,
-        key=lambda item: item[0],
-        payload=payload,
-        whole=lambda items: np.array([[whole_of(item)] * 2 for item in items]),
-        numbers=lambda items: np.array([item[1] for item in items]),
-    )
-    assert written.each() == [wire.dump(payload(item)) for item in rows]
+    columns = {"text": whole, "whole": whole, "none": whole}
+    written = encode_payloads(is_float[:, None], payload, columns, values, fixed={"std_px"})
+    assert written.each() == [wire.dump(payload(row)) for row in range(400)]
 
 
 @pytest.mark.parametrize("clock", StampClock)
@@ -220,8 +165,8 @@ def test_images_that_differ_in_whole_numbers_only_are_columns(
     assert isinstance(rows, ImageRows)
     assert len(rows) == count
     assert [encode_image(image) for image in rows] == data == [encode_image(rows[k]) for k in range(count)]
-    assert encode_images(rows, image_templates()).each() == data
-    assert encode_images(rows[1:2], image_templates()).each() == data[1:2]
+    assert encode_images(rows).each() == data
+    assert encode_images(rows[1:2]).each() == data[1:2]
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,9 @@ def nothing() -> None:
     return
 
 
-@pytest.mark.parametrize("at_once", [1, 7])
-def test_work_is_done_in_order_and_finished_at_close(at_once: int) -> None:
+def test_work_is_done_in_order_and_finished_at_close() -> None:
     done: list[int] = []
-    lane: Lane[int] = Lane("t", done.extend, nothing, capacity=1000, at_once=at_once)
+    lane: Lane[int] = Lane("t", done.append, nothing, capacity=1000)
     assert all(lane.put(index) for index in range(500))
     lane.close()
     assert done == list(range(500))
@@ -24,7 +23,7 @@ def test_work_is_done_in_order_and_finished_at_close(at_once: int) -> None:
 def test_what_does_not_fit_is_refused_but_one_item_always_fits() -> None:
     gate, begun = threading.Event(), threading.Event()
 
-    def work(_: list[int]) -> None:
+    def work(_: int) -> None:
         begun.set()
         gate.wait(30)
 
@@ -40,7 +39,7 @@ def test_what_does_not_fit_is_refused_but_one_item_always_fits() -> None:
 def test_an_error_ends_the_lane_refuses_what_comes_and_is_raised_by_close(
     caplog: pytest.LogCaptureFixture, *, lossless: bool
 ) -> None:
-    def work(_: list[int]) -> None:
+    def work(_: int) -> None:
         raise KeyError("bug")
 
     lane: Lane[int] = Lane("worker", work, nothing, capacity=1, lossless=lossless)
@@ -60,13 +59,13 @@ def test_tending_goes_on_when_nothing_comes() -> None:
     lane.close()
 
 
-def test_what_is_done_one_by_one_takes_room_until_it_is_done() -> None:
+def test_a_lossless_lanes_work_takes_room_until_it_is_done() -> None:
     said, begun, may_end = [], threading.Event(), threading.Event()
 
-    def work(items: list[str]) -> None:
+    def work(item: str) -> None:
         begun.set()
         assert may_end.wait(30)
-        said.append(f"done {items[0]}")
+        said.append(f"done {item}")
 
     lane: Lane[str] = Lane("test", work, lambda: None, capacity=1, lossless=True)
     assert lane.put("a")

@@ -16,7 +16,6 @@ from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.adapters.zenoh.session import session_on
-from aerodft.dft.answers import answers_of
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
@@ -30,6 +29,7 @@ from replay.publish import Republisher, is_published
 from replay.publishers import WaitingPublishers
 from replay.recording import Recording
 from replay.timeline import timeline
+from tests.batches import take
 from tests.clock import VirtualClock
 from tests.ports import free_endpoint
 
@@ -89,8 +89,8 @@ def recording(tmp_path: Path) -> Recording:
             height_px=6,
             pixels=lambda: np.zeros((6, 8, 3), np.uint8),
         )
-        recorder.inputs(batch_of(now_ns, [shot] if step % 40 == 0 else []))
-        recorder.outputs((value_at(step).pose, answers_of(value_at(step))))
+        batch = batch_of(now_ns, [shot] if step % 40 == 0 else [])
+        take(recorder, batch, value_at(step).pose, value_at(step))
     recorder.close()
     return Recording(tmp_path / "r")
 

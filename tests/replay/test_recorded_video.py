@@ -16,6 +16,7 @@ from aerodft.service.feed import batch_of
 from replay.recording import Recording
 from replay.source import RecordingSource
 from replay.stills import VideoStills
+from tests.batches import take
 from tests.cli.test_foreign_recordings import h264
 
 START_NS, STEP_NS = 1_795_221_278_000_000_000, 200_000_000
@@ -30,7 +31,7 @@ def recording(tmp_path: Path) -> Path:
     recorder = McapRecorder(folder, RecorderSettings(station="s", camera=camera, lossless=True), started_ns=START_NS)
     for k in range(COUNT):
         at_ns = START_NS + k * STEP_NS
-        recorder.inputs(batch_of(at_ns, [Image(index=k, stamp_ns=at_ns, arrival_ns=at_ns, width_px=64, height_px=48)]))
+        take(recorder, batch_of(at_ns, [Image(index=k, stamp_ns=at_ns, arrival_ns=at_ns, width_px=64, height_px=48)]))
     recorder.close()
     with (folder / "images_001.mcap").open("wb") as file:
         writer = Writer(file)

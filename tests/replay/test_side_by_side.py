@@ -18,7 +18,6 @@ from aerodft.adapters.codec.schemas import schema_text
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.cli.main import main
-from aerodft.dft.answers import answers_of
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import GeoPoint, Measurement, ProjectionModel
@@ -30,6 +29,7 @@ from replay.compare import Comparison, compare_recordings
 from replay.export import ExportFormat, export_text
 from replay.recording import Recording
 from replay.tolerance import parse_tolerance
+from tests.batches import take
 
 START_NS = 1_795_221_278_000_000_000
 CAMERA = Camera.from_fov(name="c", width_px=8, height_px=6, hfov_rad=1, vfov_rad=1)
@@ -56,8 +56,7 @@ def a_measurement(index: int, value: float | None = None, **changes: object) -> 
 
 def record(folder: Path, values: Sequence[Measurement]) -> Path:
     recorder = McapRecorder(folder, RecorderSettings(station="s", camera=CAMERA, lossless=True), started_ns=START_NS)
-    recorder.inputs(batch_of(START_NS + 50, []))
-    recorder.outputs(tuple(map(answers_of, values)))
+    take(recorder, batch_of(START_NS + 50, []), *values)
     recorder.close()
     return folder
 

@@ -12,7 +12,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from aerodft.model.camera import Camera, LensModel
 from aerodft.model.image import Image
 from aerodft.model.packet import VideoPacket
-from aerodft.model.pose_columns import Posed
+from aerodft.model.pose import PoseSample
 
 _BROWN_COEFFICIENTS = 5
 
@@ -52,20 +52,20 @@ def camera_calibration(camera: Camera, stamp_ns: int) -> bytes:
     return bytes(message.SerializeToString())
 
 
-def location_fix(posed: Posed, frame: str) -> bytes | None:
+def location_fix(sample: PoseSample, frame: str) -> bytes | None:
     """Where the camera is as ``foxglove.LocationFix``, altitude above mean sea level; None without a position."""
-    lat_rad, lon_rad, alt_msl_m = posed.lat_lon_alt
+    lat_rad, lon_rad, alt_msl_m = sample.lat_lon_alt
     if lat_rad is None or lon_rad is None:
         return None
     message = LocationFix(
-        timestamp=_timestamp(posed.stamp_ns),
+        timestamp=_timestamp(sample.stamp_ns),
         frame_id=frame,
         latitude=math.degrees(lat_rad),
         longitude=math.degrees(lon_rad),
         altitude=math.nan if alt_msl_m is None else alt_msl_m,
     )
-    if posed.cov is not None:
-        message.position_covariance.extend(posed.cov[:3, :3].ravel().tolist())
+    if sample.cov is not None:
+        message.position_covariance.extend(sample.cov[:3, :3].ravel().tolist())
         message.position_covariance_type = LocationFix.KNOWN
     return bytes(message.SerializeToString())
 

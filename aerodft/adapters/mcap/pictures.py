@@ -122,14 +122,13 @@ class Pictures:
         last_ns = self._last_packet_ns
         return last_ns is not None and now_ns - last_ns < _SILENCE_NS
 
-    def _do(self, items: list[Image | VideoPacket]) -> None:
-        for item in items:
-            if isinstance(item, VideoPacket):
-                data = compressed_video(item, self._settings.camera.name)
-                sequence = _NO_IMAGE if item.index is None else image_sequence(item.index)
-                self._series.write(self._video, item.arrival_ns, data, sequence, may_begin=item.is_key)
-            else:
-                self._do_image(item)
+    def _do(self, item: Image | VideoPacket) -> None:
+        if isinstance(item, VideoPacket):
+            data = compressed_video(item, self._settings.camera.name)
+            sequence = _NO_IMAGE if item.index is None else image_sequence(item.index)
+            self._series.write(self._video, item.arrival_ns, data, sequence, may_begin=item.is_key)
+        else:
+            self._do_image(item)
 
     def _do_image(self, image: Image) -> None:
         try:

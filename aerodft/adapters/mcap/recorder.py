@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import orjson
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -22,34 +23,26 @@ from aerodft.adapters.mcap.channels import STATION_KEY, Channel, protobuf_channe
 from aerodft.adapters.mcap.foxglove import camera_calibration
 from aerodft.adapters.mcap.message_rows import warm_up
 from aerodft.adapters.mcap.pictures import Pictures, picture_channels
-from aerodft.adapters.mcap.records import Outputs, Records, Span, Work
-from aerodft.adapters.mcap.row_parts import Record
+from aerodft.adapters.mcap.records import Record, Records
 from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
 from aerodft.adapters.mcap.series import Series
 from aerodft.adapters.mcap.settings import RecorderSettings, SeriesSettings
 from aerodft.adapters.mcap.totals import RecordingTotals
-from aerodft.adapters.own_hands import OwnHands, processors
-from aerodft.dft.answers import ImageAnswers
+from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.errors import InputError
-from aerodft.model.batch import Batch
-from aerodft.model.estimate import CalibrationEstimate
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.image_rows import ImageRows
+from aerodft.model.observation import Observation
 from aerodft.model.packet import VideoPacket
-from aerodft.model.pose_columns import POSED
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
-from aerodft.service.made import Made
-from aerodft.service.ports import Output
+from aerodft.service.outputs import StepOutputs
 
-_OUTPUT_BYTES = 4000  # what a pose, a measurement, or something else takes in the queue, about
-_COLUMNS_BYTES = 8000  # what an image's pose and measurements take among those of others
-_FRAME_BYTES = 128  # what a frame takes likewise, or an image's stamps
-_KEPT = (*POSED, ImageAnswers, CalibrationEstimate, SteadinessEstimate, HeightSwitch)
-_AT_ONCE = 320  # ticks' inputs and outputs: many numbers are written quicker than few
+# What waits for the disk takes about so much: an image's pose and measurements, anything else that is made, a frame.
+_IMAGE_BYTES, _OUTPUT_BYTES, _INPUT_BYTES = 8000, 4000, 128
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
 _SPARE_DATA_BYTES, _SPARE_IMAGE_BYTES = 16 << 20, 4 << 20
+
+_Work: TypeAlias = tuple[Batches, StepOutputs] | StationStatus
 
 _log = logging.getLogger(__name__)
 
@@ -92,7 +85,13 @@ class McapRecorder:
                 raise
         except OSError as error:
             raise InputError("the recording cannot be written", where=folder, got=error.strerror) from error
-        self._data_lane = self._lane(settings)
+        self._data_lane: Lane[_Work] = Lane(
+            "record-data",
+            self._do,
+            self._data.tend,
+            capacity=settings.lossless_queue_bytes if settings.lossless else settings.queue_bytes,
+            lossless=settings.lossless,
+        )
         self._pictures = Pictures(images, settings, folder)
         self._is_open = True
 
@@ -112,13 +111,18 @@ class McapRecorder:
             lost_images=images.lost,
         )
 
-    def inputs(self, batch: Batch) -> None:
-        """Record the raw input of one tick; its time is that of the outputs that follow."""
-        self._now_ns = batch.now_ns
-        messages = batch.event_count
-        if messages:
-            self._put(batch, messages, _FRAME_BYTES * messages)
-        self._offer_images(batch.images)
+    def take(self, batches: Batches, outputs: StepOutputs) -> None:
+        """Record what was read in some ticks, and the poses, measurements and estimates that were made of it."""
+        self._now_ns = int(batches.now_ns[-1])
+        inputs = batches.event_count
+        images = sum(len(block.images) for block in outputs.images)
+        measured = sum(len(batch) for _, _, batch in outputs.measured())
+        kept = [each for each in outputs.singles if not isinstance(each.content, (Observation, MeasurementBatch))]
+        others = measured + len(kept)
+        if inputs + images + others:
+            size = _INPUT_BYTES * inputs + _IMAGE_BYTES * images + _OUTPUT_BYTES * others
+            self._put((batches, outputs), inputs + images + others, size)
+        self._offer_images(batches.images)
 
     def _offer_images(self, images: Iterable[Image]) -> None:
         if isinstance(images, ImageRows) and images.width_px is None:
@@ -130,23 +134,6 @@ class McapRecorder:
     def packet(self, packet: VideoPacket) -> None:
         """Record a packet of the video that images come from, which then are not recorded a second time."""
         self._pictures.packet(packet)
-
-    def outputs(self, outputs: tuple[Output, ...]) -> None:
-        """Record poses, measurements and estimates; images and observations are inputs and recorded as such."""
-        kept = tuple(item for item in outputs if isinstance(item, _KEPT))
-        if kept:
-            self._put(Outputs(self._now_ns, kept), len(kept), _OUTPUT_BYTES * _parts(kept))
-
-    def span(self, batches: Batches, made: Made) -> None:
-        """Record the input of some ticks, and what was made on them."""
-        self._now_ns = int(batches.now_ns[-1])
-        inputs = batches.event_count
-        apart = [item for outputs in made.apart.values() for item in outputs if isinstance(item, _KEPT)]
-        images = sum(len(block.images) for block in made.together)
-        answers = sum(len(block.answers) for block in made.together if block.answers is not None)
-        size = _FRAME_BYTES * inputs + _OUTPUT_BYTES * _parts(apart) + _COLUMNS_BYTES * images
-        self._put(Span(batches, made), inputs + len(apart) + images + answers, size)
-        self._offer_images(batches.images)
 
     def status(self, value: StationStatus) -> None:
         """Record a station's state."""
@@ -174,18 +161,6 @@ class McapRecorder:
     def _close_data(self) -> None:
         self._write(self._records.of_status(self._status_now("ending")))
         self._data.close()
-
-    def _lane(self, settings: RecorderSettings) -> Lane[Work] | OwnHands[Work]:
-        if settings.lossless and processors() == 1:
-            return OwnHands(self._do, self._data.tend, enough=settings.lossless_queue_bytes // 2)
-        return Lane(
-            "record-data",
-            self._do,
-            self._data.tend,
-            capacity=settings.lossless_queue_bytes if settings.lossless else settings.queue_bytes,
-            lossless=settings.lossless,
-            at_once=_AT_ONCE,
-        )
 
     def _series(
         self,
@@ -220,22 +195,20 @@ class McapRecorder:
         counts = {"shed_messages": self._shed_messages, "shed_images": shed_images}
         return StationStatus(station=self._settings.station, stamp_ns=self._now_ns, state=state, counts=counts)
 
-    def _put(self, work: Work, messages: int, size: int) -> None:
+    def _put(self, work: _Work, messages: int, size: int) -> None:
         if not self._data_lane.put(work, size):
             if not self._shed_messages:
                 _log.warning("%s: the disk is too slow, data is shed", self._folder)
             self._shed_messages += messages
 
-    def _do(self, works: list[Work]) -> None:
-        for rows in self._records.of(works):
-            self._data.write_rows(rows)
+    def _do(self, work: _Work) -> None:
+        if isinstance(work, StationStatus):
+            self._write(self._records.of_status(work))
+        else:
+            self._data.write_rows(self._records.of_step(*work))
 
     def _write(self, record: Record) -> None:
         self._data.write(record.channel, record.log_ns, record.data, record.sequence)
-
-
-def _parts(outputs: Iterable[Output]) -> int:
-    return sum(len(item) if isinstance(item, ImageAnswers) else 1 for item in outputs)
 
 
 def _metadata(settings: RecorderSettings, texts: Mapping[str, str]) -> dict[str, dict[str, str]]:

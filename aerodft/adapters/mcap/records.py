@@ -1,37 +1,29 @@
 """Inputs and outputs as the messages of a recording's data file."""
 
-from collections.abc import Iterator, Sequence
-from operator import itemgetter
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness
 from aerodft.adapters.codec.keys import Keys
-from aerodft.adapters.codec.pose_encoder import PoseEncoder
 from aerodft.adapters.mcap.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.mcap.foxglove import location_fix
 from aerodft.adapters.mcap.message_rows import MessageRows
-from aerodft.adapters.mcap.row_parts import Record, RowParts
 from aerodft.adapters.texts import Texts
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.answers import ImageAnswers
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image_rows import image_indices
-from aerodft.model.pose_columns import POSED, Posed
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
-from aerodft.service.made import AnsweredImages, Made
-from aerodft.service.ports import Output
+from aerodft.service.outputs import StepOutputs
 
-_FIX_PERIOD_NS = SECOND_NS // 5
-_SEQUENCE_MASK = 0xFFFFFFFF
-_AT_ONCE = 160  # ticks
-_PER_IMAGE = 3  # messages at most: pose, position, answers
+_FIX_PERIOD_NS: Final = SECOND_NS // 5
+_SEQUENCE_MASK: Final = 0xFFFFFFFF
+_PER_IMAGE: Final = 3  # messages at most: pose, position, measurements
 
 
 def image_sequence(index: int) -> int:
@@ -39,28 +31,13 @@ def image_sequence(index: int) -> int:
     return index & _SEQUENCE_MASK
 
 
-class Outputs(NamedTuple):
-    """What was made on one tick."""
+class Record(NamedTuple):
+    """One message to be written."""
 
-    now_ns: int
-    items: tuple[Output, ...]
-
-
-class Span(NamedTuple):
-    """The inputs of some ticks, and what was made on them."""
-
-    batches: Batches
-    made: Made
-
-    def parts(self) -> "Iterator[Span]":
-        """It, cut into spans of moderate size: a second of messages is some megabytes."""
-        for first in range(0, len(self.batches), _AT_ONCE):
-            stop = min(first + _AT_ONCE, len(self.batches))
-            yield Span(self.batches[first:stop], self.made.between(first, stop))
-
-
-Tick: TypeAlias = Batch | Outputs | status.StationStatus
-Work: TypeAlias = Tick | Span
+    log_ns: int
+    channel: Channel
+    data: bytes
+    sequence: int = 0
 
 
 class Records:
@@ -79,9 +56,6 @@ class Records:
         self._height = json_channel(keys.height, height.SCHEMA)
         self._status = json_channel(keys.status, status.SCHEMA)
         self._location = protobuf_channel(keys.location, LocationFix)
-        self._poses = PoseEncoder()
-        self._measurements = measurement.MeasurementEncoder(self._poses)
-        self._image_templates = events.image_templates()
         self._fixed_ns = 0
 
     @property
@@ -89,122 +63,118 @@ class Records:
         """The channels that every data file has from the start."""
         return self._image, self._pose, self._measured, self._status, self._location
 
-    def of(self, works: Sequence[Work]) -> Iterator[MessageRows]:
-        """The messages of some ticks' inputs and outputs, in their order; poses and answers are written together.
-
-        Inputs of a tick come in order of arrival, then its outputs.
-        """
-        ticks: list[Tick] = []
-        for work in works:
-            if isinstance(work, Span):
-                yield self._of_ticks(ticks)
-                ticks = []
-                yield from map(self._of_span, work.parts())
-            else:
-                ticks.append(work)
-        yield self._of_ticks(ticks)
-
-    def _of_ticks(self, works: Sequence[Tick]) -> MessageRows:
-        rows = RowParts()
-        came = {number: work for number, work in enumerate(works) if isinstance(work, Batch)}
-        self._add_inputs(rows, np.array(list(came)), Batches.of(list(came.values())))
-        for number, work in enumerate(works):
-            if isinstance(work, Outputs):
-                self._add_outputs(rows, number, work)
-            elif isinstance(work, status.StationStatus):
-                rows.add(number, self.of_status(work))
-        return self._made(rows)
-
-    def _of_span(self, span: Span) -> MessageRows:
-        """Each tick is two works: what came, and what was made of it."""
-        rows = RowParts()
-        now_ns = span.batches.now_ns
-        self._add_inputs(rows, 2 * np.arange(len(now_ns)), span.batches)
-        made: list[tuple[int, Outputs | AnsweredImages]] = [
-            (tick, Outputs(int(now_ns[tick]), outputs)) for tick, outputs in span.made.apart.items()
-        ]
-        made += [(int(images.tick[0]), images) for images in span.made.together]
-        for tick, each in sorted(made, key=itemgetter(0)):  # one position in so many seconds is for maps
-            if isinstance(each, Outputs):
-                self._add_outputs(rows, 2 * tick + 1, each)
-            else:
-                self._add_together(rows, 2 * each.tick + 1, now_ns[each.tick], each)
-        return self._made(rows)
-
-    def _made(self, rows: RowParts) -> MessageRows:
-        return rows.made(self._poses.encode(rows.poses), self._measurements.images(rows.answers))
+    def of_step(self, batches: Batches, outputs: StepOutputs) -> MessageRows:
+        """The messages of some ticks: of each tick the inputs in order of arrival, then the outputs in their order."""
+        rows = _TickRows(batches.now_ns)
+        self._add_inputs(rows, batches)
+        self._add_outputs(rows, outputs)
+        return rows.sorted()
 
     def of_status(self, value: status.StationStatus) -> Record:
         """A station's state."""
         return Record(value.stamp_ns, self._status, status.encode_status(value))
 
-    def _add_inputs(self, rows: RowParts, works: IntArray, batches: Batches) -> None:
-        """What came in ticks that are these works ``(n,)``: frames by sender, the stamps of images, observations."""
-        for block in batches.raw:
+    def _add_inputs(self, rows: "_TickRows", batches: Batches) -> None:
+        """What arrived at the very same time comes in this order: frames, the stamps of images, observations."""
+        for block in sorted(batches.raw, key=lambda block: (block.protocol, block.sender)):
             sender = (block.protocol, block.sender)
-            channel = self._senders.get(sender)
-            if channel is None:
-                channel = self._senders[sender] = raw_channel(*sender)
-            rows.add_frames(channel, works[np.searchsorted(batches.now_ns, block.arrival_ns)], block)
-        if batches.images:
-            texts = events.encode_images(batches.images, self._image_templates)
-            sequence = image_indices(batches.images) & _SEQUENCE_MASK
-            log_ns = batches.image_arrival_ns
-            rows.add_texts(self._image, works[batches.image_tick], log_ns, texts, sequence=sequence)
-        ticks = batches.observation_tick.tolist()
-        for tick, seen in zip(ticks, batches.observations, strict=True):
-            channel = self._observed.get(seen.name)
-            if channel is None:
-                channel = json_channel(self._keys.observation(seen.name), events.OBSERVATION_SCHEMA)
-                self._observed[seen.name] = channel
-            rows.add(int(works[tick]), Record(seen.arrival_ns, channel, events.encode_observation(seen)))
+            channel = self._senders.setdefault(sender, raw_channel(*sender))
+            tick = np.searchsorted(batches.now_ns, block.arrival_ns)
+            first_ns = block.arrival_ns[np.searchsorted(tick, tick)]  # of this sender in each tick: who was there first
+            texts = Texts(block.data, block.offset, block.offset + block.length)
+            rows.add_inputs(channel, tick, block.arrival_ns, first_ns - block.arrival_ns, texts)
+        images, observations = batches.images, batches.observations
+        if images:
+            sequence = image_indices(images) & _SEQUENCE_MASK
+            order = np.ones_like(sequence)
+            texts = events.encode_images(images)
+            rows.add_inputs(self._image, batches.image_tick, batches.image_arrival_ns, order, texts, sequence)
+        for name in dict.fromkeys(observation.name for observation in observations):
+            if name not in self._observed:
+                self._observed[name] = json_channel(self._keys.observation(name), events.OBSERVATION_SCHEMA)
+            own = np.array([row for row, observation in enumerate(observations) if observation.name == name])
+            texts = Texts.of([events.encode_observation(observations[row]) for row in own.tolist()])
+            arrival_ns = np.array([observations[row].arrival_ns for row in own.tolist()])
+            rows.add_inputs(self._observed[name], batches.observation_tick[own], arrival_ns, 2 + own, texts)
 
-    def _add_outputs(self, rows: RowParts, number: int, work: Outputs) -> None:
-        now_ns, items = work
-        for item in items:
-            if isinstance(item, ImageAnswers):
-                rows.add_answers(number, now_ns, self._measured, item)
-            elif isinstance(item, POSED):
-                rows.add_pose(number, now_ns, self._pose, item)
-                fix = self._fix(now_ns, item)
-                if fix is not None:
-                    rows.add(number, Record(now_ns, self._location, fix))
-            elif isinstance(item, HeightSwitch):
-                rows.add(number, Record(now_ns, self._height, height.encode_height_switch(item)))
-            elif isinstance(item, SteadinessEstimate):
-                rows.add(number, Record(now_ns, self._steadiness, steadiness.encode_steadiness(item)))
-            elif isinstance(item, CalibrationEstimate):
-                rows.add(number, Record(now_ns, self._calibration, estimate.encode_estimate(item)))
+    def _add_outputs(self, rows: "_TickRows", outputs: StepOutputs) -> None:
+        if outputs.images:
+            poses = PoseBatch.joined([block.poses for block in outputs.images])
+            tick = np.concatenate([block.tick for block in outputs.images])
+            order = _PER_IMAGE * np.concatenate([block.order for block in outputs.images])
+            rows.add_outputs(self._pose, tick, order, pose.encode_poses(poses))
+            fixed = self._fixes_due(poses, rows.now_ns[tick], order)
+            fixes = Texts.of([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
+            rows.add_outputs(self._location, tick[fixed], order[fixed] + 1, fixes)
+        for tick, order, batch in outputs.measured():
+            rows.add_outputs(self._measured, tick, _PER_IMAGE * order + 2, measurement.encode_batch(batch))
+        for single in outputs.singles:
+            match single.content:
+                case HeightSwitch():
+                    channel, data = self._height, height.encode_height_switch(single.content)
+                case SteadinessEstimate():
+                    channel, data = self._steadiness, steadiness.encode_steadiness(single.content)
+                case CalibrationEstimate():
+                    channel, data = self._calibration, estimate.encode_estimate(single.content)
+                case _:  # an observation is recorded as it came
+                    continue
+            tick, order = np.array([[single.tick], [_PER_IMAGE * single.order]])
+            rows.add_outputs(channel, tick, order, Texts.of([data]))
 
-    def _add_together(self, rows: RowParts, works: IntArray, now_ns: IntArray, images: AnsweredImages) -> None:
-        """The same of many images: of each a pose, now and then a position, and its answers."""
-        texts = [(self._pose, self._poses.encode_rows(images.poses))]
-        if images.answers is not None:
-            texts.append((self._measured, self._measurements.columns(images.answers)))
-        first = rows.reserve(_PER_IMAGE * len(works))
-        order = np.arange(first, first + _PER_IMAGE * len(works), _PER_IMAGE)
-        for number, (channel, own) in enumerate(texts):
-            rows.add_texts(channel, works, now_ns, own, order=order + 2 * number)
-        fixes: dict[int, bytes] = {}
-        row = self._next_due(now_ns, 0)
-        while row < len(works):
-            fix = self._fix(int(now_ns[row]), images.poses[row])
-            if fix is not None:
-                fixes[row] = fix
-            row = self._next_due(now_ns, row + 1)
-        at, found = np.array(list(fixes), dtype=np.int64), Texts.of(list(fixes.values()))
-        rows.add_texts(self._location, works[at], now_ns[at], found, order=order[at] + 1)
+    def _fixes_due(self, poses: PoseBatch, now_ns: IntArray, order: IntArray) -> IntArray:
+        """Which of the poses ``(n,)`` are shown on maps: a few times a second one whose place is known."""
+        rows = np.argsort(order)
+        rows = rows[~np.isnan(poses.lat_lon_alt[rows, :2]).any(axis=1)]
+        due = []
+        for row, at_ns in zip(rows.tolist(), now_ns[rows].tolist(), strict=True):
+            if abs(at_ns - self._fixed_ns) >= _FIX_PERIOD_NS:
+                self._fixed_ns = at_ns
+                due.append(row)
+        return np.array(due, dtype=np.int64)
 
-    def _next_due(self, now_ns: IntArray, first: int) -> int:
-        """Which of the ticks ``(n,)``, from the first on, is the next to have a position; behind them: none."""
-        if first < len(now_ns) and now_ns[first] <= self._fixed_ns - _FIX_PERIOD_NS:
-            return first
-        return max(first, int(now_ns.searchsorted(self._fixed_ns + _FIX_PERIOD_NS)))
 
-    def _fix(self, now_ns: int, posed: Posed) -> bytes | None:
-        """A few times a second a position for maps."""
-        if abs(now_ns - self._fixed_ns) < _FIX_PERIOD_NS:
-            return None
-        fix = location_fix(posed, self._frame)
-        self._fixed_ns = self._fixed_ns if fix is None else now_ns
-        return fix
+class _TickRows:
+    """Messages of some ticks, gathered in any order.
+
+    Args:
+        now_ns: ``(n,)`` when the ticks end.
+    """
+
+    def __init__(self, now_ns: IntArray) -> None:
+        self.now_ns = now_ns
+        self._channels: dict[Channel, int] = {}
+        self._heads: list[IntArray] = [np.empty((5, 0), dtype=np.int64)]
+        self._texts: list[Texts] = [Texts.of([])]
+
+    def add_inputs(
+        self,
+        channel: Channel,
+        tick: IntArray,
+        arrival_ns: IntArray,
+        order: IntArray,
+        texts: Texts,
+        sequence: IntArray | int = 0,
+    ) -> None:
+        """Add messages ``(m,)`` of one channel, logged at their arrival; ``order`` is among those of the same time."""
+        self._add(channel, texts, (2 * tick, arrival_ns, order), sequence)
+
+    def add_outputs(self, channel: Channel, tick: IntArray, order: IntArray, texts: Texts) -> None:
+        """Add messages ``(m,)`` of one channel, logged at their ticks; ``order`` is among all outputs."""
+        self._add(channel, texts, (2 * tick + 1, self.now_ns[tick], order), 0)
+
+    def sorted(self) -> MessageRows:
+        """All messages: by tick, inputs before outputs, then by log time, then in their order."""
+        heads = np.concatenate(self._heads, axis=1)
+        rows = np.lexsort((heads[2], heads[1], heads[0]))
+        _, log_ns, _, channel, sequence = heads[:, rows]
+        return MessageRows(tuple(self._channels), channel, log_ns, sequence, Texts.joined(self._texts, rows))
+
+    def _add(
+        self, channel: Channel, texts: Texts, keys: tuple[IntArray, IntArray, IntArray], sequence: IntArray | int
+    ) -> None:
+        """Add messages with what is put into order by: part of a tick, log time, order."""
+        heads = np.empty((5, len(texts)), dtype=np.int64)
+        heads[:3], heads[4] = keys, sequence
+        heads[3] = self._channels.setdefault(channel, len(self._channels))
+        self._heads.append(heads)
+        self._texts.append(texts)

@@ -15,7 +15,7 @@ from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.file import free_bytes, sync_folder
 from aerodft.adapters.mcap.layout import BuiltChunk, ChunkBuffer, Registry, compressor
 from aerodft.adapters.mcap.message_rows import MessageRows
-from aerodft.adapters.mcap.row_parts import Record
+from aerodft.adapters.mcap.records import Record
 from aerodft.adapters.mcap.segment import Segment
 from aerodft.adapters.mcap.settings import SeriesSettings
 from aerodft.adapters.mcap.syncing import Syncing

@@ -19,7 +19,6 @@ from aerodft.adapters.codec.measurement import split_measurements
 from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
-from aerodft.dft.answers import ImageAnswers, answers_of
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.batch import Batch, Event
@@ -34,6 +33,7 @@ from aerodft.model.telemetry import WireProtocol
 from aerodft.service.feed import MergedFeed, batch_of, block_of
 from replay.recording import Recording
 from replay.source import RecordingSource
+from tests.batches import take
 from tests.payloads import decode_observation, decode_pose, decode_status
 
 START_NS = 1_795_221_278_000_000_000
@@ -67,7 +67,7 @@ def a_batch(step: int, *, pixels: bool = True) -> Batch:
     return batch_of(now_ns, events)
 
 
-def outputs_of(batch: Batch) -> tuple[PoseSample | ImageAnswers, ...]:
+def outputs_of(batch: Batch) -> tuple[PoseSample, Measurement]:
     sample = PoseSample(
         stamp_ns=batch.now_ns - 100,
         status=Status.OK,
@@ -89,7 +89,7 @@ def outputs_of(batch: Batch) -> tuple[PoseSample | ImageAnswers, ...]:
         pose=sample,
         value=float(batch.now_ns % 1000),
     )
-    return sample, answers_of(value)
+    return sample, value
 
 
 def settings(**changes: object) -> RecorderSettings:
@@ -100,8 +100,7 @@ def record(folder: Path, steps: int = 40, **changes: object) -> McapRecorder:
     recorder = McapRecorder(folder, settings(**changes), started_ns=START_NS, texts={"config.toml": "a = 1\n"})
     for step in range(1, steps + 1):
         batch = a_batch(step)
-        recorder.inputs(batch)
-        recorder.outputs(outputs_of(batch))
+        take(recorder, batch, *outputs_of(batch))
     recorder.close()
     return recorder
 
@@ -236,7 +235,7 @@ def test_images_are_shed_before_data_and_the_caller_never_waits(tmp_path: Path) 
     for step in range(1, 31):
         now_ns = START_NS + step * TICK_NS
         shot = Image(index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=slow)
-        recorder.inputs(batch_of(now_ns, [shot]))
+        take(recorder, batch_of(now_ns, [shot]))
     gate.set()
     recorder.close()
     totals = recorder.totals
@@ -248,7 +247,7 @@ def test_images_are_shed_before_data_and_the_caller_never_waits(tmp_path: Path) 
 def test_a_full_queue_sheds_data_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     recorder = McapRecorder(tmp_path / "r", settings(lossless=False, queue_bytes=1), started_ns=START_NS)
     for step in range(1, 2001):
-        recorder.inputs(a_batch(step, pixels=False))
+        take(recorder, a_batch(step, pixels=False))
     recorder.close()
     totals = recorder.totals
     sent = 2000 * 3 + 500 * 2
@@ -267,8 +266,8 @@ def test_an_image_that_cannot_be_decoded_does_not_stop_the_others(
 
     recorder = McapRecorder(tmp_path / "r", settings(), started_ns=START_NS)
     bad = Image(index=0, stamp_ns=1, arrival_ns=START_NS + 1, width_px=4, height_px=4, pixels=broken)
-    recorder.inputs(batch_of(START_NS + TICK_NS, [bad]))
-    recorder.inputs(a_batch(4))
+    take(recorder, batch_of(START_NS + TICK_NS, [bad]))
+    take(recorder, a_batch(4))
     recorder.close()
     assert recorder.totals.images == 1
     assert "cannot be recorded" in caplog.text
@@ -375,7 +374,9 @@ WRITE_FOREVER = """
     from aerodft.adapters.mcap.settings import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
+    from aerodft.service.batches import Batches
     from aerodft.service.feed import batch_of, block_of
+    from aerodft.service.outputs import StepOutputs
     camera = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
     recorder = McapRecorder(
         Path(sys.argv[1]), RecorderSettings(station="s", camera=camera, lossless=True), started_ns=1
@@ -384,7 +385,8 @@ WRITE_FOREVER = """
     for step in range(1, 10_000_000):
         frames = [b"%08d" % (step * 10 + k) for k in range(10)]
         arrivals_ns = range(step * 100 - 9, step * 100 + 1)
-        recorder.inputs(batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames)]))
+        batch = batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames)])
+        recorder.take(Batches.of([batch]), StepOutputs())
         if step == 3000:
             print("busy", flush=True)
 """
@@ -413,7 +415,9 @@ FULL_DISK = """
     from aerodft.adapters.mcap.settings import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
+    from aerodft.service.batches import Batches
     from aerodft.service.feed import batch_of, block_of
+    from aerodft.service.outputs import StepOutputs
     series.RETRY_S = series.FLUSH_S = 0.01
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     camera = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
@@ -423,7 +427,8 @@ FULL_DISK = """
     def send(steps):
         for step in steps:
             frame = os.urandom(900)
-            recorder.inputs(batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", [step * 100], [frame])]))
+            batch = batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", [step * 100], [frame])])
+            recorder.take(Batches.of([batch]), StepOutputs())
             time.sleep(0.002)
     send(range(1, 101))
     time.sleep(0.5)  # a lossless recorder waits a tenth of a second for more to do at once

@@ -21,6 +21,7 @@ from aerodft.model.packet import VideoPacket
 from aerodft.service.feed import batch_of
 from replay.recording import Recording
 from replay.source import RecordingSource
+from tests.batches import take
 
 CAMERA = Camera.from_fov(name="cam", width_px=160, height_px=120, hfov_rad=1, vfov_rad=1)
 PERIOD_NS = 40_000_000
@@ -75,7 +76,7 @@ def record(folder: Path, path: Path, **changes: object) -> tuple[McapRecorder, l
             recorder.packet(said.pop(0))
         images.append(image)
         late = replace(image, arrival_ns=image.arrival_ns + 1_000_000)  # the inbox says when it arrived
-        recorder.inputs(batch_of(late.arrival_ns + 5, [late]))
+        take(recorder, batch_of(late.arrival_ns + 5, [late]))
     recorder.close()
     return recorder, images, said
 

@@ -3,10 +3,11 @@
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import NamedTuple
+from operator import attrgetter
+from typing import NamedTuple, TypeAlias
 
 import zenoh
 
@@ -14,9 +15,9 @@ from aerodft.adapters.codec import events
 from aerodft.adapters.codec.estimate import encode_estimate
 from aerodft.adapters.codec.height import encode_height_switch
 from aerodft.adapters.codec.keys import Keys
-from aerodft.adapters.codec.measurement import MeasurementEncoder, encode_measurements
+from aerodft.adapters.codec.measurement import encode_measurement, encode_measurements
 from aerodft.adapters.codec.observations import parse_observation
-from aerodft.adapters.codec.pose import encode_pose
+from aerodft.adapters.codec.pose import encode_poses
 from aerodft.adapters.codec.requests import (
     MeasureRequest,
     encode_probes,
@@ -31,18 +32,16 @@ from aerodft.adapters.zenoh.answering import Answer, declare_answer
 from aerodft.adapters.zenoh.publishing import Publishers
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, close_session, open_session
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import AerodftError, InputError
-from aerodft.model.batch import Batch
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
 from aerodft.model.steadiness import SteadinessEstimate
-from aerodft.service.ports import Estimate, Output
+from aerodft.service.batches import Batches
+from aerodft.service.outputs import StepOutputs
 
 _QUEUED_TICKS = 256
 _LOG_EVERY = 1000
@@ -75,9 +74,16 @@ def _as_it_is(image: Image) -> Image:
     return image
 
 
-class _Remembered(NamedTuple):
-    name: str
+class _Payload(NamedTuple):
+    """What is published: its place among all of some ticks, the probe of a measurement, the key, the JSON."""
+
+    order: int
+    name: str | None
+    key: str
     payload: bytes
+
+
+_Work: TypeAlias = StepOutputs | StationStatus
 
 
 class ZenohBus:
@@ -107,18 +113,15 @@ class ZenohBus:
     ) -> None:
         self._settings = settings
         self._keys = Keys(settings.station)
-        self._encoder = MeasurementEncoder()
-        self._history: deque[_Remembered] = deque(maxlen=settings.history)
+        self._history: deque[_Payload] = deque(maxlen=settings.history)
         self._history_lock = threading.Lock()
         self._last_image_ns: int | None = None
         self._in_utc = in_utc
         self._malformed = self._shed_images = self._shed_outputs = 0
         self._session = open_session(settings.listen, settings.connect)
         self._publishers = Publishers(self._session)
-        self._lane: Lane[tuple[Output, ...] | StationStatus] = Lane(
-            "publish", self._publish, _nothing, capacity=_QUEUED_TICKS
-        )
-        self._image_lane: Lane[Image] = Lane("publish-images", self._publish_images, _nothing, capacity=2)
+        self._lane: Lane[_Work] = Lane("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
+        self._image_lane: Lane[Image] = Lane("publish-images", self._publish_image, _nothing, capacity=2)
         self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
             self._session.liveliness().declare_token(self._keys.alive),
             *self._answers(tuple(probes), on_measure),
@@ -136,18 +139,15 @@ class ZenohBus:
         """Ticks and images that were not published because publishing was too slow."""
         return self._shed_outputs + self._shed_images
 
-    def inputs(self, batch: Batch) -> None:
-        """Offer the images of one tick, as many as the rate allows."""
-        for image in batch.images:
+    def take(self, batches: Batches, outputs: StepOutputs) -> None:
+        """Publish poses, measurements and estimates of some ticks, and of their images as many as the rate allows."""
+        for image in batches.images:
             if image.pixels is not None and self._is_due(image):
                 self._last_image_ns = image.arrival_ns
                 self._shed_images += not self._image_lane.put(self._in_utc(image))
-
-    def outputs(self, outputs: tuple[Output, ...]) -> None:
-        """Publish one tick's poses, measurements and estimates."""
-        kept = tuple(item for item in outputs if isinstance(item, PoseSample | ImageAnswers | Estimate | HeightSwitch))
-        if kept:
-            self._shed_outputs += not self._lane.put(kept)
+        is_all_observed = all(isinstance(each.content, Observation) for each in outputs.singles)
+        if outputs.images or outputs.observations or not is_all_observed:
+            self._shed_outputs += not self._lane.put(outputs)
 
     def status(self, value: StationStatus) -> None:
         """Publish the station's state."""
@@ -163,32 +163,33 @@ class ZenohBus:
             stack.callback(self._lane.close)
             stack.callback(self._image_lane.close)
 
-    def _publish(self, works: list[tuple[Output, ...] | StationStatus]) -> None:
-        for work in works:
-            if isinstance(work, StationStatus):
-                self._publishers.json(self._keys.status, encode_status(work))
-            else:
-                self._publish_outputs(work)
+    def _publish(self, work: _Work) -> None:
+        if isinstance(work, StationStatus):
+            self._publishers.json(self._keys.status, encode_status(work))
+            return
+        for each in sorted(self._payloads(work), key=attrgetter("order")):
+            if each.name is not None:
+                with self._history_lock:
+                    self._history.append(each)
+            self._publishers.json(each.key, each.payload)
 
-    def _publish_outputs(self, outputs: tuple[Output, ...]) -> None:
-        for item in outputs:
-            if isinstance(item, ImageAnswers):
-                for request, payload in zip(item.requests, self._encoder.each(item), strict=True):
-                    with self._history_lock:
-                        self._history.append(_Remembered(request.probe.name, payload))
-                    self._publishers.json(self._keys.measurement(request.probe.name), payload)
-            elif isinstance(item, PoseSample):
-                self._publishers.json(self._keys.pose, encode_pose(item))
-            elif isinstance(item, HeightSwitch):
-                self._publishers.json(self._keys.height, encode_height_switch(item))
-            elif isinstance(item, CalibrationEstimate):
-                self._publishers.json(self._keys.calibration, encode_estimate(item))
-            elif isinstance(item, SteadinessEstimate):
-                self._publishers.json(self._keys.steadiness, encode_steadiness(item))
-
-    def _publish_images(self, images: list[Image]) -> None:
-        for image in images:
-            self._publish_image(image)
+    def _payloads(self, outputs: StepOutputs) -> Iterator[_Payload]:
+        """What is published of some ticks; of an image first its pose."""
+        for block in outputs.images:
+            for order, payload in zip(block.order.tolist(), encode_poses(block.poses).each(), strict=True):
+                yield _Payload(order, None, self._keys.pose, payload)
+        for _, places, batch in outputs.measured():
+            for order, measurements in zip(places.tolist(), batch, strict=True):
+                for each in measurements:
+                    yield _Payload(order, each.name, self._keys.measurement(each.name), encode_measurement(each))
+        for single in outputs.singles:
+            match single.content:
+                case HeightSwitch():
+                    yield _Payload(single.order, None, self._keys.height, encode_height_switch(single.content))
+                case CalibrationEstimate():
+                    yield _Payload(single.order, None, self._keys.calibration, encode_estimate(single.content))
+                case SteadinessEstimate():
+                    yield _Payload(single.order, None, self._keys.steadiness, encode_steadiness(single.content))
 
     def _publish_image(self, image: Image) -> None:
         try:

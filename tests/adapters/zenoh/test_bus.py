@@ -22,7 +22,6 @@ from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.codec.status import StationStatus
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.adapters.zenoh.session import open_session, session_on
-from aerodft.dft.answers import answers_of
 from aerodft.errors import InputError, LinkError
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.estimate import CalibrationEstimate
@@ -31,12 +30,15 @@ from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
+from aerodft.service.batches import Batches
 from aerodft.service.feed import batch_of
+from tests.batches import step_outputs, take
 from tests.payloads import decode_measurement
 from tests.ports import free_endpoint
 
 LONGEST_PUBLISH_S = 1.0  # a machine that is busy otherwise; waiting for the listener would take for ever
 PATIENCE_S = 60.0
+TICK = batch_of(50, [])
 
 PROBES = (Probe(name="w", kind=ProbeKind.DISTANCE, pixels=((1, 2), (3, 4))),)
 
@@ -133,12 +135,12 @@ def test_another_process_receives_everything_valid(endpoint: str) -> None:
     )
     with a_bus(endpoint) as bus, listener(endpoint) as process:
         wait_for_listener(endpoint)
-        bus.inputs(batch_of(50, [shot]))
+        take(bus, batch_of(50, [shot]))
         for index in range(100):
-            bus.outputs((a_sample(), answers_of(a_measurement(index)), answers_of(a_measurement(index, "w/b"))))
+            take(bus, TICK, a_sample(), a_measurement(index), a_measurement(index, "w/b"))
             time.sleep(0.002)  # far faster than any camera; all at once a listener that gets no processor loses some
-        bus.outputs((CalibrationEstimate(stamp_ns=9, calibration="live:x:1"),))
-        bus.outputs(())
+        take(bus, TICK, CalibrationEstimate(stamp_ns=9, calibration="live:x:1"))
+        take(bus, TICK)
         bus._image_lane.close()  # noqa: SLF001 - the image is on its way before the last message
         bus.status(StationStatus(station="s", stamp_ns=1, state="running"))
         assert process.stdout is not None
@@ -179,7 +181,7 @@ def test_questions_are_answered(endpoint: str) -> None:
         assert (asked[0].stamp_ns, asked[0].probe.std_px, asked[0].probe.elevation_m) == (12, 0.5, 2.0)
         (probe,) = ask(client, "aerodft/s/probes")
         assert (probe["name"], probe["kind"], probe["pixels"]) == ("w", "distance", [[1, 2], [3, 4]])
-        bus.outputs(tuple(answers_of(a_measurement(index, name)) for index, name in enumerate("abab")))
+        take(bus, TICK, *(a_measurement(index, name) for index, name in enumerate("abab")))
         bus._lane.close()  # noqa: SLF001 - history is written by the lane
         assert [item["name"] for item in ask(client, "aerodft/s/history")] == ["b", "a", "b"]
         assert [item["stamp_ns"] for item in ask(client, "aerodft/s/history", {"last": 1, "name": "b"})] == ["3"]
@@ -289,9 +291,10 @@ def test_a_listener_that_hangs_holds_nobody_up(endpoint: str) -> None:
     with a_bus(endpoint) as bus, listener(endpoint, "aerodft/s/pose") as process:
         wait_for_listener(endpoint)
         process.send_signal(signal.SIGSTOP)
+        batches, outputs = Batches.of([TICK]), step_outputs([[a_sample()]])
         slowest_s = 0.0
         for _ in range(20_000):
             start_s = time.perf_counter()
-            bus.outputs((a_sample(),))
+            bus.take(batches, outputs)
             slowest_s = max(slowest_s, time.perf_counter() - start_s)
     assert slowest_s < LONGEST_PUBLISH_S

@@ -8,8 +8,9 @@ from aerodft.cli.ending import Interruptible
 from aerodft.cli.flight import open_flight
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import progress_bar
+from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.summary import report
-from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, closing_recorder, run
+from aerodft.cli.wiring import build_pipeline, build_recorder, closing_recorder, run
 from aerodft.service.feed import MergedFeed
 from replay.segments import is_mcap
 
@@ -37,12 +38,12 @@ def measure_flight(
         AerodftError: A file cannot be read, or nothing could be measured.
     """
     keep_little()
-    tally, pipeline = Tally(), build_pipeline(station)
+    statistics, pipeline = RunStatistics(), build_pipeline(station)
     eyes = build_eyes(station, pipeline, where, may_record=log is not None and is_mcap(log))
     flight = open_flight(station, log, (*station.observations.files, *observations), eyes.lookouts)
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
         feed = Interruptible(MergedFeed(flight.sources, station.pipeline.tick_ns))
-        run(feed, pipeline, (recorder, tally), progress)
+        run(feed, pipeline, (recorder, statistics), progress)
     seen = eyes.report(flight.looked.counts)
-    report(recorder.totals, tally, pipeline.counts, as_json=as_json, warnings=flight.warnings(), seen=seen)
+    report(recorder.totals, statistics, pipeline.counts, as_json=as_json, warnings=flight.warnings(), seen=seen)

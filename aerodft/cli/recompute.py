@@ -16,9 +16,10 @@ from aerodft.cli.ending import Interruptible
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.recompute_many import Many, are_many, recompute_many
 from aerodft.cli.recomputing import prepare
+from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.summary import report
 from aerodft.cli.topics import TopicOption, parse_topics
-from aerodft.cli.wiring import Tally, build_recorder, closing_recorder, run
+from aerodft.cli.wiring import build_recorder, closing_recorder, run
 from aerodft.errors import InputError, UsageError
 from replay.opening import is_foreign
 from replay.recording import Recording
@@ -111,11 +112,11 @@ def _recompute_one(
     with without_collector():
         ready = prepare(folder, config, calibration, vision=vision)
     gc.freeze()  # what is loaded stays: it need not be looked through again
-    old, tally, source = ready.recording, Tally(), computed_from(ready)
+    old, statistics, source = ready.recording, RunStatistics(), computed_from(ready)
     texts = {COMPUTED_FROM: computed_from_toml(source)}
     recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
     with closing_recorder(recorder, output), progress_bar("recomputing", old.start_ns, old.end_ns) as progress:
-        run(Interruptible(ready.feed), ready.pipeline, (recorder, tally), progress)
+        run(Interruptible(ready.feed), ready.pipeline, (recorder, statistics), progress)
     if next(old.image_messages(), None) is not None:
         _copy_images(old, output)
         say(f"images: {len(old.images)} segments copied as they are")
@@ -127,7 +128,7 @@ def _recompute_one(
         say(moved.sentence())
         warnings = _of_few_images(ready.eyes.names, moved.kept)
     counts, left_out = ready.pipeline.counts, old.left_out(images=vision)
-    report(recorder.totals, tally, counts, as_json=as_json, warnings=warnings, seen=seen, left_out=left_out)
+    report(recorder.totals, statistics, counts, as_json=as_json, warnings=warnings, seen=seen, left_out=left_out)
 
 
 def _of_few_images(names: tuple[str, ...], kept: int) -> tuple[str, ...]:

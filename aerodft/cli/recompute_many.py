@@ -5,23 +5,23 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 
 import typer
 
-from aerodft.adapters.codec.measurement import MeasurementEncoder
+from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.cli.collector import end_at_once
 from aerodft.cli.gaps import LOSS, gaps
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
-from aerodft.cli.wiring import Tally, run
-from aerodft.dft.answers import ImageAnswers
+from aerodft.cli.run_statistics import RunStatistics
+from aerodft.cli.wiring import run
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
-from aerodft.model.batch import Batch
 from aerodft.service.batches import Batches
-from aerodft.service.made import Made
-from aerodft.service.ports import Output
+from aerodft.service.outputs import StepOutputs
 from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset, InputKey, input_key
 from replay.parquet import ParquetRows
@@ -114,7 +114,7 @@ def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
         done = dataset.done(job.recording, key)
         if done is not None:
             return _outcome(job, State.SKIPPED, done, dataset.left_out(job.recording, key))
-        tally = Tally()
+        statistics = RunStatistics()
         with dataset.part(job.recording, key, overwrite=many.overwrite) as part:
             constants = {
                 "recording_folder": str(job.folder),
@@ -123,12 +123,12 @@ def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
                 "recorded_calibration": None if ready.was.calibration is None else ready.was.calibration.id,
             }
             with ParquetRows(part.path, constants=constants, metadata=part.metadata) as rows:
-                run(ready.feed, ready.pipeline, (_RowSink(rows), tally))
+                run(ready.feed, ready.pipeline, (_RowSink(rows), statistics))
                 if not rows.count:
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")
                 left_out = gaps(ready.recording.left_out())
-                rows.describe(dataset.statuses_text(tally.measurements, left_out))
-        return _outcome(job, State.DONE, tally.measurements, left_out)
+                rows.describe(dataset.statuses_text(statistics.measurements, left_out))
+        return _outcome(job, State.DONE, statistics.measurements, left_out)
     except AerodftError as error:
         sentence = str(error) if str(job.folder) in str(error) else f"{job.folder}: {error}"
         return Outcome(recording=job.recording, state=State.FAILED, sentence=sentence)
@@ -150,21 +150,12 @@ class _RowSink:
 
     def __init__(self, rows: ParquetRows) -> None:
         self._rows = rows
-        self._encoder = MeasurementEncoder()
 
-    def inputs(self, batch: Batch) -> None:
-        """The recording holds them."""
-
-    def outputs(self, outputs: tuple[Output, ...]) -> None:
-        """Add a tick's measurements."""
-        for item in outputs:
-            if isinstance(item, ImageAnswers):
-                self._rows.add(self._encoder.each(item))
-
-    def span(self, batches: Batches, made: Made) -> None:  # noqa: ARG002 - the recording holds them
-        """Add some ticks' measurements."""
-        for outputs in made:
-            self.outputs(outputs)
+    def take(self, batches: Batches, outputs: StepOutputs) -> None:  # noqa: ARG002 - the recording holds what was read
+        """Add the measurements of some ticks, in their order."""
+        parts = [zip(order.tolist(), batch, strict=True) for _, order, batch in outputs.measured()]
+        for _, measurements in sorted(chain.from_iterable(parts), key=itemgetter(0)):
+            self._rows.add(map(encode_measurement, measurements))
 
     def close(self) -> None:
         """The rows close themselves."""

@@ -29,10 +29,11 @@ from aerodft.cli.looking import build_eyes
 from aerodft.cli.output import say
 from aerodft.cli.recover import recovering_beside
 from aerodft.cli.rehearsal import rehearse
+from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
 from aerodft.cli.times import MOST_SECONDS
-from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, run
+from aerodft.cli.wiring import build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Request
 from aerodft.errors import ConfigError, InputError
@@ -63,7 +64,7 @@ def serve(
     settings = station.pipeline
     if settings.telemetry is not None and station.link is None:
         raise ConfigError("telemetry.connection", where=config, got="none", expected='e.g. "udpin:127.0.0.1:14550"')
-    clock, tally, pipeline = WallClock(), Tally(), build_pipeline(station)
+    clock, statistics, pipeline = WallClock(), RunStatistics(), build_pipeline(station)
     pipeline.warm_up()
     rehearse(station)
     eyes = build_eyes(station, pipeline, config)
@@ -87,14 +88,14 @@ def serve(
         keep_loaded()
         say(f"recording to {folder}; stop with Ctrl-C")
         receivers = (recorder,) if bus is None else (bus, recorder)
-        status = _StatusEverySecond(station, pipeline, inbox, look, tally, bus, recorder, link)
-        run(feed, pipeline, (*receivers, tally), status)
+        status = _StatusEverySecond(station, pipeline, inbox, look, statistics, bus, recorder, link)
+        run(feed, pipeline, (*receivers, statistics), status)
     images.raise_refusal()
     if bus is not None and bus.malformed:
         say(f"{bus.malformed} observations on the bus were none; the first was said when it came")
     seen = eyes.report(look.counts)
     warnings = tuple(signing_sentences(link.signing)) if link is not None and link.signing is not None else ()
-    report(recorder.totals, tally, pipeline.counts, as_json=json, warnings=warnings, live=True, seen=seen)
+    report(recorder.totals, statistics, pipeline.counts, as_json=json, warnings=warnings, live=True, seen=seen)
 
 
 def _folder_name(station: str, now_ns: int) -> str:
@@ -198,7 +199,7 @@ class _StatusEverySecond:
         pipeline: Pipeline,
         inbox: Inbox,
         look: LiveLook,
-        tally: Tally,
+        statistics: RunStatistics,
         bus: ZenohBus | None,
         recorder: McapRecorder,
         link: MavlinkLink | None,
@@ -209,7 +210,7 @@ class _StatusEverySecond:
         self._pipeline = pipeline
         self._inbox = inbox
         self._look = look
-        self._tally = tally
+        self._statistics = statistics
         self._receivers: tuple[McapRecorder | ZenohBus, ...] = (recorder,) if bus is None else (bus, recorder)
         self._next_ns = 0
 
@@ -217,16 +218,16 @@ class _StatusEverySecond:
         if now_ns < self._next_ns:
             return
         self._next_ns = now_ns + SECOND_NS
-        tally = self._tally
+        statistics = self._statistics
         counts = {
-            "images": tally.images,
+            "images": statistics.images,
             "dropped_images": self._inbox.dropped_images,
             "looks": sum(each.looked for each in self._look.counts),
             "skipped_looks": sum(each.skipped for each in self._look.counts),
             **({} if self._link is None else _link_counts(self._link)),
             **self._recorder.totals.counts,
-            **{f"poses_{status}": number for status, number in tally.poses.items()},
-            **{f"measurements_{status}": number for status, number in tally.measurements.items()},
+            **{f"poses_{status}": number for status, number in statistics.poses.items()},
+            **{f"measurements_{status}": number for status, number in statistics.measurements.items()},
         }
         last = self._pipeline.last_pose
         text = "no image yet" if last is None else "; ".join((str(last.status), *last.reasons))

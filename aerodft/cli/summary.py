@@ -7,15 +7,15 @@ import typer
 from aerodft.adapters.mcap.totals import RecordingTotals
 from aerodft.cli.gaps import LOSS, end_with_gaps
 from aerodft.cli.output import print_json, say
+from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.watching import steadiness_document, steadiness_sentence
-from aerodft.cli.wiring import Tally
 from aerodft.errors import NoAnswerError
 from aerodft.service.counts import Counts
 
 
 def report(
     totals: RecordingTotals,
-    tally: Tally,
+    statistics: RunStatistics,
     counts: Counts,
     *,
     as_json: bool,
@@ -28,7 +28,7 @@ def report(
 
     Args:
         totals: What was recorded.
-        tally: What was measured.
+        statistics: What was measured.
         counts: How many observations could not be used.
         as_json: Print a JSON document as well.
         warnings: What was wrong with the input, one sentence each.
@@ -45,51 +45,51 @@ def report(
         print_json(
             {
                 "recording": str(totals.folder),
-                "images": tally.images,
-                "poses": dict(tally.poses),
-                "measurements": dict(tally.measurements),
-                "reasons": tally.reasons,
+                "images": statistics.images,
+                "poses": dict(statistics.poses),
+                "measurements": dict(statistics.measurements),
+                "reasons": statistics.reasons,
                 "warnings": warnings,
                 **(left_out or {}),
                 "lost": missing,
                 "recorded": totals.counts,
-                **_landmarks(tally),
-                **_steadiness(tally),
+                **_landmarks(statistics),
+                **_steadiness(statistics),
                 **(seen or {}),
             }
         )
     for sentence in warnings:
         say(f"aerodft: {sentence}")
-    say(f"recording: {totals.folder}; {tally.images} images; poses: {_listed(tally.poses)}")
-    say(f"measurements: {_listed(tally.measurements)}")
-    if tally.estimate is not None:
-        say(f"landmarks: {tally.estimate.updates} used, {tally.estimate.refused} refused")
-    if tally.steadiness is not None:
-        say(f"camera: {steadiness_sentence(tally.steadiness)}")
+    say(f"recording: {totals.folder}; {statistics.images} images; poses: {_listed(statistics.poses)}")
+    say(f"measurements: {_listed(statistics.measurements)}")
+    if statistics.estimate is not None:
+        say(f"landmarks: {statistics.estimate.updates} used, {statistics.estimate.refused} refused")
+    if statistics.steadiness is not None:
+        say(f"camera: {steadiness_sentence(statistics.steadiness)}")
     _say_unused(counts)
     if missing:
         why = "could not be written" if totals.lost else "came faster than they could be written"
         say(f"aerodft: {totals.folder}: {missing} messages are not in the recording: they {why}")
-    if live and not tally.poses:
+    if live and not statistics.poses:
         say("nothing was measured: no image came")
     else:
-        _refuse_emptiness(totals, tally)
+        _refuse_emptiness(totals, statistics)
     end_with_gaps(left_out or {})
     if missing:
         raise typer.Exit(LOSS)
 
 
-def _landmarks(tally: Tally) -> dict[str, object]:
+def _landmarks(statistics: RunStatistics) -> dict[str, object]:
     """What became of the landmarks, where the station has any."""
-    last = tally.estimate
+    last = statistics.estimate
     if last is None:
         return {}
     return {"landmarks": {"used": last.updates, "refused": last.refused, "restarts": last.restarts}}
 
 
-def _steadiness(tally: Tally) -> dict[str, object]:
+def _steadiness(statistics: RunStatistics) -> dict[str, object]:
     """Whether the camera still looks where it looked, where it is watched."""
-    return {} if tally.steadiness is None else {"steadiness": steadiness_document(tally.steadiness)}
+    return {} if statistics.steadiness is None else {"steadiness": steadiness_document(statistics.steadiness)}
 
 
 def _say_unused(counts: Counts) -> None:
@@ -104,10 +104,10 @@ def _say_unused(counts: Counts) -> None:
             say(f"{count} observations {why}; they are recorded")
 
 
-def _refuse_emptiness(totals: RecordingTotals, tally: Tally) -> None:
-    if tally.poses.get("ok"):
+def _refuse_emptiness(totals: RecordingTotals, statistics: RunStatistics) -> None:
+    if statistics.poses.get("ok"):
         return
-    got = ", then ".join(f"{status} ({why})" for status, why in tally.reasons.items()) or "no image"
+    got = ", then ".join(f"{status} ({why})" for status, why in statistics.reasons.items()) or "no image"
     hint = "the recording is kept"
     raise NoAnswerError("no image has a usable pose", where=totals.folder, got=got, hint=hint)
 

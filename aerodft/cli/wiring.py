@@ -1,10 +1,11 @@
 """Where ports meet adapters: pipelines, recorders and feeds out of a station's configuration."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from aerodft.adapters.config.ground import COPY_NAME, TerrainGround, copy_terrain, travels
 from aerodft.adapters.config.resolved import resolved_toml
@@ -13,21 +14,15 @@ from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.cli.output import say
-from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.batch import Batch, Event
+from aerodft.model.batch import Event
 from aerodft.model.camera import Camera
-from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
-from aerodft.model.pose_columns import POSED
-from aerodft.model.status import Status
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
-from aerodft.service.made import Made
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Feed, ObjectTracker, Output, Sink, Source
+from aerodft.service.ports import Feed, ObjectTracker, Sink, Source
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
 from calibration.steadiness import SteadyCalibrator
@@ -106,68 +101,6 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
         say(f"aerodft: not finished; {folder} holds what was read so far")
         raise
     recorder.close()
-
-
-@dataclass(slots=True)
-class Tally:
-    """What a run made.
-
-    Attributes:
-        images: Images (or stamps) that were evaluated.
-        alike: Number of images by the statuses of their measurements.
-        poses: Number of poses by status.
-        estimate: The last one of a live calibration; None without landmarks.
-        steadiness: The last one of a watched camera; None of others.
-        reasons: Why poses had no answer: the first sentence of each status, in the order in which they came.
-    """
-
-    images: int = 0
-    alike: Counter[tuple[Status, ...]] = field(default_factory=Counter)
-    poses: Counter[str] = field(default_factory=Counter)
-    reasons: dict[str, str] = field(default_factory=dict)
-    estimate: CalibrationEstimate | None = None
-    steadiness: SteadinessEstimate | None = None
-
-    @property
-    def measurements(self) -> Counter[str]:
-        """Number of measurements by status."""
-        found = Counter[str]()
-        for statuses, images in self.alike.items():
-            for status in statuses:
-                found[status.value] += images
-        return found
-
-    def inputs(self, batch: Batch) -> None:
-        """Nothing is counted before it is answered."""
-
-    def outputs(self, outputs: tuple[Output, ...]) -> None:
-        """Count one tick's outputs."""
-        for item in outputs:
-            if isinstance(item, Image):
-                self.images += 1
-            elif isinstance(item, ImageAnswers):
-                self.alike[item.statuses] += 1
-            elif isinstance(item, POSED):
-                self.poses[str(item.status)] += 1
-                if item.status is not Status.OK and item.reasons:
-                    self.reasons.setdefault(str(item.status), "; ".join(item.reasons))
-            elif isinstance(item, CalibrationEstimate):
-                self.estimate = item
-            elif isinstance(item, SteadinessEstimate):
-                self.steadiness = item
-
-    def span(self, batches: Batches, made: Made) -> None:  # noqa: ARG002 - inputs are not counted
-        """Count what some ticks came to."""
-        for outputs in made.apart.values():
-            self.outputs(outputs)
-        for block in made.together:
-            self.images += len(block.images)
-            self.poses[Status.OK.value] += len(block.images)
-            if block.answers is not None:
-                self.alike.update(block.answers.statuses())
-
-    def close(self) -> None:
-        """Nothing to write out."""
 
 
 def run(feed: Feed, pipeline: Pipeline, sinks: tuple[Sink, ...], on_tick: Callable[[int], None] | None = None) -> None:

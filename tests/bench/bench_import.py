@@ -16,7 +16,8 @@ from aerodft.adapters.config.loading import load_station
 from aerodft.cli.flight import open_flight
 from aerodft.cli.import_ import import_
 from aerodft.cli.recompute import recompute
-from aerodft.cli.wiring import Tally, build_pipeline, run
+from aerodft.cli.run_statistics import RunStatistics
+from aerodft.cli.wiring import build_pipeline, run
 from aerodft.service.feed import MergedFeed
 from aerodft.sim.plan import survey
 from aerodft.sim.river import River
@@ -73,11 +74,11 @@ def _timed(title: str, seconds: float, work: Callable[[], object]) -> None:
     )
 
 
-def _measure_alone(log: Path, config: Path) -> Tally:
-    station, tally = load_station(config), Tally()
+def _measure_alone(log: Path, config: Path) -> RunStatistics:
+    station, statistics = load_station(config), RunStatistics()
     flight = open_flight(station, log, ())
-    run(MergedFeed(flight.sources, station.pipeline.tick_ns), build_pipeline(station), (tally,))
-    return tally
+    run(MergedFeed(flight.sources, station.pipeline.tick_ns), build_pipeline(station), (statistics,))
+    return statistics
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -8,6 +8,8 @@ import orjson
 import pytest
 
 from aerodft.errors import InputError
+from aerodft.service.batches import Batches
+from aerodft.service.outputs import StepOutputs
 from replay.recording import Recording
 
 UTC0_NS = 1_795_221_168_000_000_000
@@ -201,13 +203,12 @@ def test_a_folder_that_cannot_be_written(aerodft, desk):
 
 @pytest.mark.parametrize("ending", [InputError("the disk went away"), KeyboardInterrupt()])
 def test_what_ends_halfway_says_that_it_did(aerodft, desk, monkeypatch, ending):
-    def interrupted(feed, pipeline, sinks, *_, **__):
+    def interrupted(feed, _, sinks, *__, **___):
         for number, batch in enumerate(feed.batches()):
             if number == 20:
                 raise ending
             for sink in sinks:
-                sink.inputs(batch)
-                sink.outputs(pipeline.step(batch))
+                sink.take(Batches.of([batch]), StepOutputs())
 
     monkeypatch.setattr("aerodft.cli.flight_run.run", interrupted)
     out = desk.folder / "out"

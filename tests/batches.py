@@ -1,6 +1,6 @@
 """Outputs of a pipeline made by hand: poses and measurements as batches, and as the outputs of one tick."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +8,9 @@ import numpy as np
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
 from aerodft.dft.request import Request
 from aerodft.model.arrays import FloatArray
-from aerodft.model.batch import Batch
+from aerodft.model.batch import Event
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
-from aerodft.model.image import Image
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
@@ -25,9 +24,14 @@ from aerodft.service.outputs import ImageOutputs, SingleOutput, Sink, StepOutput
 Content = PoseSample | Measurement | Observation | CalibrationEstimate | SteadinessEstimate | HeightSwitch
 
 
-def take(sink: Sink, batch: Batch, *contents: Content) -> None:
+def one_tick(now_ns: int, events: Iterable[Event]) -> Batches:
+    """The events of one tick."""
+    return Batches.of(np.array([now_ns]), events)
+
+
+def take(sink: Sink, tick: Batches, *contents: Content) -> None:
     """Hand a sink one tick with its outputs in this order."""
-    sink.take(Batches.of([batch]), step_outputs([contents]))
+    sink.take(tick, step_outputs([contents]))
 
 
 def step_outputs(ticks: Sequence[Sequence[Content]]) -> StepOutputs:
@@ -48,7 +52,7 @@ def _image_outputs(tick: int, order: int, sample: PoseSample) -> ImageOutputs:
     return ImageOutputs(
         tick=np.array([tick]),
         order=np.array([order]),
-        images=[Image(index=0, stamp_ns=sample.stamp_ns, arrival_ns=sample.stamp_ns)],
+        images=np.array([NO_IMAGE]),
         poses=PoseBatch.of([sample]),
         measurements=None,
     )

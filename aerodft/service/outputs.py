@@ -86,7 +86,8 @@ class StepOutputs:
 
     def measured(self) -> Iterator[tuple[IntArray, IntArray, MeasurementBatch]]:
         """All measurements, batch by batch, with the tick ``(n,)`` and the order ``(n,)`` of each of its entries."""
-        for block in (*self.images, *self.observations):
+        blocks: tuple[ImageOutputs | ObservationOutputs, ...] = (*self.images, *self.observations)
+        for block in blocks:
             if block.measurements is not None:
                 yield block.tick, block.order, block.measurements
         for single in self.singles:

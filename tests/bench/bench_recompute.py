@@ -23,7 +23,6 @@ from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.cli.recompute import recompute
 from aerodft.cli.wiring import Late, build_recorder
-from aerodft.service.batches import Batches
 from aerodft.service.feed import MergedFeed
 from aerodft.service.outputs import StepOutputs
 from aerodft.sim.plan import Waypoint, fly
@@ -118,7 +117,7 @@ def write_recording(folder: Path, seconds: float, rate_hz: float) -> Path:
     feed = MergedFeed([TlogSource(log), Late(stamps, lateness_ns=LATENESS_NS)], station.pipeline.tick_ns)
     recorder = build_recorder(station, folder / "flight", started_ns=EPOCH_NS, lossless=True)
     for batch in feed.batches():
-        recorder.take(Batches.of([batch]), StepOutputs())
+        recorder.take(batch, StepOutputs())
     recorder.close()
     return folder / "flight"
 

@@ -8,7 +8,6 @@ import orjson
 import pytest
 
 from aerodft.errors import InputError
-from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs
 from replay.recording import Recording
 
@@ -208,7 +207,7 @@ def test_what_ends_halfway_says_that_it_did(aerodft, desk, monkeypatch, ending):
             if number == 20:
                 raise ending
             for sink in sinks:
-                sink.take(Batches.of([batch]), StepOutputs())
+                sink.take(batch, StepOutputs())
 
     monkeypatch.setattr("aerodft.cli.flight_run.run", interrupted)
     out = desk.folder / "out"

@@ -22,10 +22,10 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import batch_of, block_of
+from aerodft.service.feed import block_of
 from replay.recording import Recording
 from replay.source import RecordingSource
-from tests.batches import take
+from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)
 Message = tuple[int, str, bytes]
@@ -45,7 +45,7 @@ def record(folder: Path) -> None:
         )
         seen = Observation(name="w", stamp_ns=now_ns, arrival_ns=now_ns + 1, pixels=((1.0, 2.0),))
         block = block_of(WireProtocol.MAVLINK, "a", [now_ns - 3, now_ns - 2, now_ns - 1], frames)
-        take(recorder, batch_of(now_ns + 10, [block, image, seen]))
+        take(recorder, one_tick(now_ns + 10, [block, image, seen]))
     recorder.close()
 
 

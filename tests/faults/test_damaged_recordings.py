@@ -16,10 +16,10 @@ from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.camera import Camera
 from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import MergedFeed, batch_of, block_of
+from aerodft.service.feed import MergedFeed, block_of
 from replay.recording import Recording
 from replay.source import RecordingSource
-from tests.batches import take
+from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
 
@@ -34,7 +34,7 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     for step in range(1, 60):
         frames = [noise.bytes(30) for _ in range(3)]
         block = block_of(WireProtocol.MAVLINK, "a", [step * 100 + k for k in range(3)], frames)
-        take(recorder, batch_of(step * 100 + 50, [block]))
+        take(recorder, one_tick(step * 100 + 50, [block]))
     recorder.close()
     patch.undo()
     return (folder / "data_000.mcap").read_bytes()

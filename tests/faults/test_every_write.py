@@ -23,9 +23,9 @@ from aerodft.errors import InputError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import batch_of, block_of
+from aerodft.service.feed import block_of
 from replay.recording import Recording
-from tests.batches import take
+from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)
 CALLS = ("open", "write", "ftruncate", "fdatasync", "fsync", "close", "statvfs")
@@ -88,7 +88,7 @@ def record(folder: Path) -> RecordingTotals:
         now_ns = arrivals_ns[-1] + 100
         shot = Image(index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=lambda: PIXELS)
         events = [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames), shot]
-        take(made, batch_of(now_ns, events))
+        take(made, one_tick(now_ns, events))
     made.close()
     return made.totals
 
@@ -179,7 +179,7 @@ def test_a_folder_that_vanishes_is_a_loss_that_is_counted(
 
     def send(step: int) -> None:
         block = block_of(WireProtocol.MAVLINK, "a", [step * 100], [b"x" * 100])
-        take(made, batch_of(step * 100, [block]))
+        take(made, one_tick(step * 100, [block]))
 
     send(1)
     shutil.rmtree(folder / "r")

@@ -23,13 +23,12 @@ from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.feed import batch_of
 from replay.player import Player
 from replay.publish import Republisher, is_published
 from replay.publishers import WaitingPublishers
 from replay.recording import Recording
 from replay.timeline import timeline
-from tests.batches import take
+from tests.batches import one_tick, take
 from tests.clock import VirtualClock
 from tests.ports import free_endpoint
 
@@ -89,7 +88,7 @@ def recording(tmp_path: Path) -> Recording:
             height_px=6,
             pixels=lambda: np.zeros((6, 8, 3), np.uint8),
         )
-        batch = batch_of(now_ns, [shot] if step % 40 == 0 else [])
+        batch = one_tick(now_ns, [shot] if step % 40 == 0 else [])
         take(recorder, batch, value_at(step).pose, value_at(step))
     recorder.close()
     return Recording(tmp_path / "r")

@@ -12,11 +12,10 @@ from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
-from aerodft.service.feed import batch_of
 from replay.recording import Recording
 from replay.source import RecordingSource
 from replay.stills import VideoStills
-from tests.batches import take
+from tests.batches import one_tick, take
 from tests.cli.test_foreign_recordings import h264
 
 START_NS, STEP_NS = 1_795_221_278_000_000_000, 200_000_000
@@ -31,7 +30,7 @@ def recording(tmp_path: Path) -> Path:
     recorder = McapRecorder(folder, RecorderSettings(station="s", camera=camera, lossless=True), started_ns=START_NS)
     for k in range(COUNT):
         at_ns = START_NS + k * STEP_NS
-        take(recorder, batch_of(at_ns, [Image(index=k, stamp_ns=at_ns, arrival_ns=at_ns, width_px=64, height_px=48)]))
+        take(recorder, one_tick(at_ns, [Image(index=k, stamp_ns=at_ns, arrival_ns=at_ns, width_px=64, height_px=48)]))
     recorder.close()
     with (folder / "images_001.mcap").open("wb") as file:
         writer = Writer(file)

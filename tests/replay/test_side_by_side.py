@@ -24,12 +24,11 @@ from aerodft.model.measurement import GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.feed import batch_of
 from replay.compare import Comparison, compare_recordings
 from replay.export import ExportFormat, export_text
 from replay.recording import Recording
 from replay.tolerance import parse_tolerance
-from tests.batches import take
+from tests.batches import one_tick, take
 
 START_NS = 1_795_221_278_000_000_000
 CAMERA = Camera.from_fov(name="c", width_px=8, height_px=6, hfov_rad=1, vfov_rad=1)
@@ -56,7 +55,7 @@ def a_measurement(index: int, value: float | None = None, **changes: object) -> 
 
 def record(folder: Path, values: Sequence[Measurement]) -> Path:
     recorder = McapRecorder(folder, RecorderSettings(station="s", camera=CAMERA, lossless=True), started_ns=START_NS)
-    take(recorder, batch_of(START_NS + 50, []), *values)
+    take(recorder, one_tick(START_NS + 50, []), *values)
     recorder.close()
     return folder
 

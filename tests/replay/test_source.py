@@ -12,10 +12,10 @@ from aerodft.model.image_rows import ImageRows
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import first_arrival_ns
-from aerodft.service.feed import batch_of, block_of
+from aerodft.service.feed import block_of
 from replay.recording import Recording
 from replay.source import RecordingSource
-from tests.batches import take
+from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)
 COUNT = 700
@@ -38,7 +38,7 @@ def recorded(folder: Path) -> Recording:
         frames = block_of(WireProtocol.MAVLINK, "a", [now_ns - 3, now_ns + 3], [b"%d" % number, b"x" * 30])
         seen = Observation(name="w", stamp_ns=now_ns, arrival_ns=now_ns, pixels=((1.0, 2.0),), image=number)
         others = [seen] if number % 90 == 0 else []
-        take(recorder, batch_of(now_ns + 10, [frames, shot(number, now_ns), *others]))
+        take(recorder, one_tick(now_ns + 10, [frames, shot(number, now_ns), *others]))
     recorder.close()
     return Recording(folder)
 

@@ -21,7 +21,6 @@ from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.batch import Batch, Event
 from aerodft.model.camera import Camera, LensModel
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement, ProjectionModel
@@ -30,10 +29,11 @@ from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import MergedFeed, batch_of, block_of
+from aerodft.service.batches import Batches
+from aerodft.service.feed import MergedFeed, block_of
 from replay.recording import Recording
 from replay.source import RecordingSource
-from tests.batches import take
+from tests.batches import one_tick, take
 from tests.payloads import decode_observation, decode_pose, decode_status
 
 START_NS = 1_795_221_278_000_000_000
@@ -45,31 +45,31 @@ def pixels_of(index: int) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]
     return np.full((48, 64, 3), (index * 20) % 256, dtype=np.uint8)
 
 
-def a_batch(step: int, *, pixels: bool = True) -> Batch:
+def a_batch(step: int, *, pixels: bool = True) -> Batches:
     now_ns = START_NS + step * TICK_NS
-    events: list[Event] = [
+    frames = [
         block_of(WireProtocol.MAVLINK, "udp:1", [now_ns - 30, now_ns - 10], [b"one%d" % step, b"three"]),
         block_of(WireProtocol.MAVLINK, "udp:2", [now_ns - 20], [b"two"]),
     ]
-    if step % 4 == 0:
-        taken_ns = now_ns - 15
-        events.append(
-            Image(
-                index=step,
-                stamp_ns=taken_ns - 7,
-                arrival_ns=taken_ns,
-                width_px=64,
-                height_px=48,
-                pixels=(lambda: pixels_of(step)) if pixels else None,
-            )
-        )
-        events.append(Observation(name="w/a", stamp_ns=taken_ns, arrival_ns=now_ns - 5, pixels=((1.5, 2.0),)))
-    return batch_of(now_ns, events)
+    if step % 4:
+        return one_tick(now_ns, frames)
+    taken_ns = now_ns - 15
+    image = Image(
+        index=step,
+        stamp_ns=taken_ns - 7,
+        arrival_ns=taken_ns,
+        width_px=64,
+        height_px=48,
+        pixels=(lambda: pixels_of(step)) if pixels else None,
+    )
+    seen = Observation(name="w/a", stamp_ns=taken_ns, arrival_ns=now_ns - 5, pixels=((1.5, 2.0),))
+    return one_tick(now_ns, [*frames, image, seen])
 
 
-def outputs_of(batch: Batch) -> tuple[PoseSample, Measurement]:
+def outputs_of(batch: Batches) -> tuple[PoseSample, Measurement]:
+    now_ns = int(batch.now_ns[0])
     sample = PoseSample(
-        stamp_ns=batch.now_ns - 100,
+        stamp_ns=now_ns - 100,
         status=Status.OK,
         pose=Pose(position_enu_m=np.array([1.0, 2, 30]), wxyz=camera_attitude(0.5, 0.0, 1.0)),
         lat_rad=0.5,
@@ -87,7 +87,7 @@ def outputs_of(batch: Batch) -> tuple[PoseSample, Measurement]:
         camera="cam",
         model=ProjectionModel.PINHOLE,
         pose=sample,
-        value=float(batch.now_ns % 1000),
+        value=float(now_ns % 1000),
     )
     return sample, value
 
@@ -105,14 +105,19 @@ def record(folder: Path, steps: int = 40, **changes: object) -> McapRecorder:
     return recorder
 
 
-def flat(batch: Batch) -> tuple[object, ...]:
+def ticks_of(source: RecordingSource) -> list[Batches]:
+    steps = MergedFeed([source], TICK_NS, linger_ns=0).batches()
+    return [step[tick : tick + 1] for step in steps for tick in range(len(step))]
+
+
+def flat(batch: Batches) -> tuple[object, ...]:
     blocks = [
         (raw.sender, int(at), raw.data[start : start + size])
         for raw in batch.raw
         for at, start, size in zip(raw.arrival_ns, raw.offset, raw.length, strict=True)
     ]
     images = [(shot.index, shot.stamp_ns, shot.arrival_ns, shot.clock, shot.width_px) for shot in batch.images]
-    return batch.now_ns, blocks, images, batch.observations
+    return batch.now_ns.tolist(), blocks, images, list(batch.observations)
 
 
 def test_the_stock_reader_finds_everything_valid_and_in_order(tmp_path: Path) -> None:
@@ -172,7 +177,7 @@ def test_recorded_input_comes_back_as_the_batches_it_was(tmp_path: Path) -> None
     assert (recording.station, recording.is_whole, recording.text("config.toml")) == ("s", True, "a = 1\n")
     assert recording.text("calibration.toml") is None
     source = RecordingSource(recording, pixels=True)
-    got = list(MergedFeed([source], TICK_NS, linger_ns=0).batches())
+    got = ticks_of(source)
     assert [flat(batch) for batch in got] == [flat(a_batch(step)) for step in range(1, 41)]
     shots = [shot for batch in got for shot in batch.images]
     for shot in shots:
@@ -184,7 +189,7 @@ def test_recorded_input_comes_back_as_the_batches_it_was(tmp_path: Path) -> None
 def test_a_part_of_a_recording_can_be_read(tmp_path: Path) -> None:
     record(tmp_path / "r")
     source = RecordingSource(Recording(tmp_path / "r"), from_ns=START_NS + 10 * TICK_NS, to_ns=START_NS + 20 * TICK_NS)
-    got = [batch.now_ns for batch in MergedFeed([source], TICK_NS, linger_ns=0).batches()]
+    got = [int(batch.now_ns[0]) for batch in ticks_of(source)]
     assert got == [START_NS + step * TICK_NS for step in range(11, 21)]
 
 
@@ -193,7 +198,7 @@ def test_segments_roll_over_and_read_as_one(tmp_path: Path, monkeypatch: pytest.
     record(tmp_path / "r", segment_bytes=20_000)
     recording = Recording(tmp_path / "r")
     assert len(recording.data) > 1
-    got = list(MergedFeed([RecordingSource(recording)], TICK_NS, linger_ns=0).batches())
+    got = ticks_of(RecordingSource(recording))
     assert [flat(batch) for batch in got] == [flat(a_batch(step)) for step in range(1, 41)]
 
 
@@ -213,7 +218,7 @@ def test_a_segment_ends_before_its_index_is_more_than_readers_believe(
         assert summary is not None
         size = sum(90 + 10 * len(each.message_index_offsets) for each in summary.chunk_indexes)
         assert size < most + 2 * (90 + 10 * 8)
-    got = list(MergedFeed([RecordingSource(recording)], TICK_NS, linger_ns=0).batches())
+    got = ticks_of(RecordingSource(recording))
     assert [flat(batch) for batch in got] == [flat(a_batch(step)) for step in range(1, 41)]
 
 
@@ -235,7 +240,7 @@ def test_images_are_shed_before_data_and_the_caller_never_waits(tmp_path: Path) 
     for step in range(1, 31):
         now_ns = START_NS + step * TICK_NS
         shot = Image(index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=slow)
-        take(recorder, batch_of(now_ns, [shot]))
+        take(recorder, one_tick(now_ns, [shot]))
     gate.set()
     recorder.close()
     totals = recorder.totals
@@ -266,7 +271,7 @@ def test_an_image_that_cannot_be_decoded_does_not_stop_the_others(
 
     recorder = McapRecorder(tmp_path / "r", settings(), started_ns=START_NS)
     bad = Image(index=0, stamp_ns=1, arrival_ns=START_NS + 1, width_px=4, height_px=4, pixels=broken)
-    take(recorder, batch_of(START_NS + TICK_NS, [bad]))
+    take(recorder, one_tick(START_NS + TICK_NS, [bad]))
     take(recorder, a_batch(4))
     recorder.close()
     assert recorder.totals.images == 1
@@ -370,12 +375,13 @@ def run(code: str, *arguments: str) -> subprocess.Popen[bytes]:
 WRITE_FOREVER = """
     import sys
     from pathlib import Path
+    import numpy as np
     from aerodft.adapters.mcap.recorder import McapRecorder
     from aerodft.adapters.mcap.settings import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches
-    from aerodft.service.feed import batch_of, block_of
+    from aerodft.service.feed import block_of
     from aerodft.service.outputs import StepOutputs
     camera = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
     recorder = McapRecorder(
@@ -385,8 +391,8 @@ WRITE_FOREVER = """
     for step in range(1, 10_000_000):
         frames = [b"%08d" % (step * 10 + k) for k in range(10)]
         arrivals_ns = range(step * 100 - 9, step * 100 + 1)
-        batch = batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames)])
-        recorder.take(Batches.of([batch]), StepOutputs())
+        block = [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames)]
+        recorder.take(Batches.of(np.array([step * 100]), block), StepOutputs())
         if step == 3000:
             print("busy", flush=True)
 """
@@ -410,13 +416,14 @@ def test_a_killed_recorder_leaves_a_recording(tmp_path: Path, word: bytes) -> No
 FULL_DISK = """
     import os, resource, signal, sys, time
     from pathlib import Path
+    import numpy as np
     import aerodft.adapters.mcap.series as series
     from aerodft.adapters.mcap.recorder import McapRecorder
     from aerodft.adapters.mcap.settings import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches
-    from aerodft.service.feed import batch_of, block_of
+    from aerodft.service.feed import block_of
     from aerodft.service.outputs import StepOutputs
     series.RETRY_S = series.FLUSH_S = 0.01
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
@@ -427,8 +434,8 @@ FULL_DISK = """
     def send(steps):
         for step in steps:
             frame = os.urandom(900)
-            batch = batch_of(step * 100, [block_of(WireProtocol.MAVLINK, "a", [step * 100], [frame])])
-            recorder.take(Batches.of([batch]), StepOutputs())
+            block = [block_of(WireProtocol.MAVLINK, "a", [step * 100], [frame])]
+            recorder.take(Batches.of(np.array([step * 100]), block), StepOutputs())
             time.sleep(0.002)
     send(range(1, 101))
     time.sleep(0.5)  # a lossless recorder waits a tenth of a second for more to do at once

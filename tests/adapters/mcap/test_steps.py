@@ -10,7 +10,7 @@ import pytest
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.batch import Batch, Event
+from aerodft.model.batch import Event
 from aerodft.model.camera import Camera
 from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
@@ -22,7 +22,7 @@ from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.batches import Batches
-from aerodft.service.feed import batch_of, block_of
+from aerodft.service.feed import block_of
 from aerodft.service.outputs import ImageOutputs, StepOutputs
 from replay.recording import Recording
 from tests.batches import Content, measurement_batch, step_outputs
@@ -81,8 +81,9 @@ def contents_of(tick: int) -> list[Content]:
 
 
 def step(ticks: range) -> tuple[Batches, StepOutputs]:
-    batches: list[Batch] = [batch_of(START_NS + tick * TICK_NS, events_of(tick)) for tick in ticks]
-    return Batches.of(batches), step_outputs([contents_of(tick) for tick in ticks])
+    now_ns = START_NS + TICK_NS * np.array(ticks)
+    batches = Batches.of(now_ns, [event for tick in ticks for event in events_of(tick)])
+    return batches, step_outputs([contents_of(tick) for tick in ticks])
 
 
 def recorded(folder: Path, cuts: list[int]) -> list[Message]:
@@ -113,11 +114,10 @@ def test_of_an_image_comes_its_pose_its_place_and_what_was_measured(tmp_path: Pa
     for first in (0, 1):
         tick = ticks[first::2]
         stamps = [START_NS + 10 * k for k in tick.tolist()]
-        images = [Image(index=0, stamp_ns=at, arrival_ns=at) for at in stamps]
         measured = [[replace(measurement, stamp_ns=at)] for at in stamps]
         batch = measurement_batch(measured)
-        blocks.append(ImageOutputs(tick=tick, order=tick, images=images, poses=batch.poses, measurements=batch))
-    batches = Batches.of([batch_of(START_NS + (k + 1) * TICK_NS, []) for k in ticks.tolist()])
+        blocks.append(ImageOutputs(tick=tick, order=tick, images=batch.images, poses=batch.poses, measurements=batch))
+    batches = Batches(now_ns=START_NS + TICK_NS * (ticks + 1))
     recorder = McapRecorder(tmp_path / "r", RecorderSettings(station="s", camera=CAMERA), started_ns=START_NS)
     recorder.take(batches, StepOutputs(images=tuple(blocks)))
     recorder.close()

@@ -18,10 +18,9 @@ from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.packet import VideoPacket
-from aerodft.service.feed import batch_of
 from replay.recording import Recording
 from replay.source import RecordingSource
-from tests.batches import take
+from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="cam", width_px=160, height_px=120, hfov_rad=1, vfov_rad=1)
 PERIOD_NS = 40_000_000
@@ -76,7 +75,7 @@ def record(folder: Path, path: Path, **changes: object) -> tuple[McapRecorder, l
             recorder.packet(said.pop(0))
         images.append(image)
         late = replace(image, arrival_ns=image.arrival_ns + 1_000_000)  # the inbox says when it arrived
-        take(recorder, batch_of(late.arrival_ns + 5, [late]))
+        take(recorder, one_tick(late.arrival_ns + 5, [late]))
     recorder.close()
     return recorder, images, said
 

@@ -30,15 +30,13 @@ from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.batches import Batches
-from aerodft.service.feed import batch_of
-from tests.batches import step_outputs, take
+from tests.batches import one_tick, step_outputs, take
 from tests.payloads import decode_measurement
 from tests.ports import free_endpoint
 
 LONGEST_PUBLISH_S = 1.0  # a machine that is busy otherwise; waiting for the listener would take for ever
 PATIENCE_S = 60.0
-TICK = batch_of(50, [])
+TICK = one_tick(50, [])
 
 PROBES = (Probe(name="w", kind=ProbeKind.DISTANCE, pixels=((1, 2), (3, 4))),)
 
@@ -135,7 +133,7 @@ def test_another_process_receives_everything_valid(endpoint: str) -> None:
     )
     with a_bus(endpoint) as bus, listener(endpoint) as process:
         wait_for_listener(endpoint)
-        take(bus, batch_of(50, [shot]))
+        take(bus, one_tick(50, [shot]))
         for index in range(100):
             take(bus, TICK, a_sample(), a_measurement(index), a_measurement(index, "w/b"))
             time.sleep(0.002)  # far faster than any camera; all at once a listener that gets no processor loses some
@@ -291,7 +289,7 @@ def test_a_listener_that_hangs_holds_nobody_up(endpoint: str) -> None:
     with a_bus(endpoint) as bus, listener(endpoint, "aerodft/s/pose") as process:
         wait_for_listener(endpoint)
         process.send_signal(signal.SIGSTOP)
-        batches, outputs = Batches.of([TICK]), step_outputs([[a_sample()]])
+        batches, outputs = TICK, step_outputs([[a_sample()]])
         slowest_s = 0.0
         for _ in range(20_000):
             start_s = time.perf_counter()

@@ -21,8 +21,9 @@ from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
 from aerodft.service.objects import ObjectSettings
+from aerodft.service.outputs import Sink
 from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Feed, ObjectTracker, Sink, Source
+from aerodft.service.ports import Feed, ObjectTracker, Source
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
 from calibration.steadiness import SteadyCalibrator

@@ -12,7 +12,8 @@ from aerodft.adapters.codec.events import decode_images, encode_image, encode_im
 from aerodft.adapters.codec.measurement import IMAGE_SCHEMA, encode_batch, encode_measurement
 from aerodft.adapters.codec.pose import encode_pose, encode_poses
 from aerodft.adapters.codec.template import encode_payloads
-from aerodft.dft.measure import Request, Setup, measure_images
+from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measurement_batch import NO_IMAGE
 from aerodft.dft.request import linked
 from aerodft.errors import InputError
 from aerodft.geometry.poses import camera_pose
@@ -25,7 +26,6 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.zoom import Zoom, ZoomSource
-from tests.batches import measurement_batch
 
 CAMERA = Camera(name="c", width_px=1920, height_px=1080, fx_px=1600.0, fy_px=1590.0, cx_px=990.0, cy_px=500.0)
 STD = PoseStd(height_agl_m=0.5, horizontal_m=1.0, tilt_rad=0.005, pan_rad=0.006, roll_rad=0.004, heading_rad=0.03)
@@ -100,24 +100,21 @@ def test_measurements(limit_m: float | None) -> None:
     """Answers and refusals, of images with numbers and of stamps alone; any part of a batch as the whole."""
     probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
     requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
-    indices = [None if k % 7 == 0 else 10**15 * k - 1 for k in range(150)]
-    setup = Setup(camera=CAMERA, max_range_m=limit_m)
-    images = list(map(list, measure_images(setup, samples(150), requests, indices)))
-    assert len({each.status for image in images for each in image}) > 2
-    batch = measurement_batch(images)
+    images = np.array([NO_IMAGE if k % 7 == 0 else 10**15 * k - 1 for k in range(150)])
+    batch = measure(Setup(camera=CAMERA, max_range_m=limit_m), PoseBatch.of(samples(150)), requests, images)
+    assert len({each.status for image in batch for each in image}) > 2
     together = encode_batch(batch).each()
-    assert together == [image_record(image) for image in images]
+    assert together == [image_record(image) for image in batch]
     assert together[::-3] == encode_batch(batch[::-3]).each()
     assert together[16:18] == [encode_batch(batch[row : row + 1]).text(0) for row in (16, 17)]
 
 
 def test_measurements_by_pixels_of_their_own() -> None:
     probe = Probe(name="seen", kind=ProbeKind.WIDTH, source=PixelSource.OBSERVED)
-    images = []
-    for k, sample in enumerate(samples(40)):
-        request = Request(probe=probe, pixels=((300.0 + k, 820.0), (1700.0, 810.5)), std_px=2.0)
-        images += map(list, measure_images(Setup(camera=CAMERA), [sample], (request,), [k]))
-    assert encode_batch(measurement_batch(images)).each() == [image_record(image) for image in images]
+    pixels = np.array([((300.0 + k, 820.0), (1700.0, 810.5)) for k in range(40)])
+    request = Request(probe=probe, pixels=pixels, std_px=2.0)
+    batch = measure(Setup(camera=CAMERA), PoseBatch.of(samples(40)), (request,))
+    assert encode_batch(batch).each() == [image_record(image) for image in batch]
 
 
 def image_record(measurements: list[Measurement]) -> bytes:

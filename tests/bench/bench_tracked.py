@@ -25,8 +25,7 @@ from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
-from aerodft.sim.yard import YARD
-from aerodft.sim.yard_flight import yard_flight
+from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import (
     blobs,
     ground_background,
@@ -97,7 +96,7 @@ def bench_moving(count: int) -> None:
 
 
 def bench_from_above(count: int) -> None:
-    flight = yard_flight(YARD, seconds=(count + 12) / 10, width_px=1920)
+    flight = yard_flight(seconds=(count + 12) / 10, width_px=1920)
     images = list(flight.images())
     poses = {stamp: flight.trajectory.pose(stamp) for stamp, _ in images}
 

@@ -1,7 +1,8 @@
 """The recorded pixels, found by an image's arrival and decoded when somebody asks: JPEGs one by one, video in order."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -108,19 +109,6 @@ class _Video:
         return None if frame is None else FramePixels(frame)
 
 
-@dataclass(frozen=True, slots=True)
-class _VideoPixels:
-    """One image's pixels out of the video."""
-
-    video: _Video
-    log_ns: int
-    most_px: int | None
-
-    def __call__(self) -> ImageArray:
-        """``(height, width, 3)`` uint8 BGR."""
-        return self.video.at(self.log_ns, self.most_px)
-
-
 class PixelStore:
     """Which images of a recording have pixels."""
 
@@ -140,7 +128,7 @@ class PixelStore:
     def __len__(self) -> int:
         return len(self._stills) + len(self._packets)
 
-    def pixels(self, image: Image) -> RecordedPixels | _VideoPixels | None:
+    def pixels(self, image: Image) -> Callable[[], ImageArray] | None:
         """The pixels of an image; None where none were recorded."""
         at_ns, found = image.arrival_ns, self._stills.get(image.arrival_ns)
         most_px = image.width_px * image.height_px if image.width_px and image.height_px else None
@@ -148,7 +136,7 @@ class PixelStore:
             place, segment = found
             sequence = image_sequence(image.index)
             return RecordedPixels(place=place, segment=segment, log_ns=at_ns, sequence=sequence, most_px=most_px)
-        return _VideoPixels(self._video, at_ns, most_px) if at_ns in self._packets else None
+        return partial(self._video.at, at_ns, most_px) if at_ns in self._packets else None
 
 
 def _pictures(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:

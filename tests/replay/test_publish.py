@@ -25,8 +25,7 @@ from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.feed import batch_of
 from replay.player import Player
-from replay.publish import Republisher, is_published
-from replay.publishers import WaitingPublishers
+from replay.publish import Republisher, WaitingPublishers, is_published
 from replay.recording import Recording
 from replay.timeline import timeline
 from tests.clock import VirtualClock

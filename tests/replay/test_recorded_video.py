@@ -13,9 +13,9 @@ from aerodft.errors import InputError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.service.feed import batch_of
+from replay.publish import VideoStills
 from replay.recording import Recording
 from replay.source import RecordingSource
-from replay.stills import VideoStills
 from tests.cli.test_foreign_recordings import h264
 
 START_NS, STEP_NS = 1_795_221_278_000_000_000, 200_000_000

@@ -8,7 +8,7 @@ from typing import Final
 
 from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.config.inputs import Topics
-from aerodft.adapters.foreign.cameras import read_camera
+from aerodft.adapters.foreign.pictures import read_camera
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.scanning import scan_segment

@@ -3,13 +3,12 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.images.packet_decoders import decoder_of
+from aerodft.adapters.images.packets import PacketDecoder
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.jpeg import decode_jpeg
 from aerodft.adapters.mcap.places import ChunkPlace, SegmentScan
@@ -21,9 +20,6 @@ from aerodft.model.arrays import ImageArray
 from aerodft.model.image import Image
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.segments import channels_of
-
-if TYPE_CHECKING:
-    from aerodft.adapters.images.packets import PacketDecoder
 
 
 def jpeg_of(data: bytes) -> bytes:
@@ -102,7 +98,7 @@ class _Video:
     def _decoded(self, message: ReadMessage, most_px: int | None) -> FramePixels | None:
         try:
             packet = CompressedVideo.FromString(message.data)
-            self._decoder = self._decoder or decoder_of(packet.format, most_px)
+            self._decoder = self._decoder or PacketDecoder(packet.format, most_px)
             frame = self._decoder.decode(packet.data)
         except (DecodeError, ValueError) as error:
             raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error

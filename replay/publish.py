@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final, cast
 
 import zenoh
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
@@ -14,7 +14,7 @@ from aerodft.adapters.codec import estimate, events, height, measurement, pose, 
 from aerodft.adapters.codec.keys import Keys, key_part
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, Kind, kind_of
 from aerodft.adapters.foreign.pictures import read_picture
-from aerodft.adapters.images.packet_decoders import decoder_of
+from aerodft.adapters.images.packets import PacketDecoder
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.jpeg import encode_jpeg
 from aerodft.adapters.mcap.places import ReadChannel
@@ -27,10 +27,6 @@ from replay.pixels import jpeg_of
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.shift import Shift, shift_of, shifted
 from replay.timeline import AnyRecording, Item, name_of
-
-if TYPE_CHECKING:
-    from aerodft.adapters.images.packets import PacketDecoder
-
 
 _PUBLISHED: Final = frozenset(
     {
@@ -315,7 +311,7 @@ class VideoStills:
         self._last_ns = message.log_ns
         try:
             packet = CompressedVideo.FromString(message.data)
-            self._decoder = self._decoder or decoder_of(packet.format)
+            self._decoder = self._decoder or PacketDecoder(packet.format)
         except (DecodeError, ValueError):
             return None
         frame = self._decoder.decode(packet.data)

@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from aerodft import __version__
-from aerodft.adapters.config.calibration_file import write_biases
+from aerodft.adapters.config.calibration import write_calibration
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.calibrate_words import (
     finite,
@@ -93,7 +93,7 @@ def calibrate_flight(
         lens_found = any(np.any(row) for row in result.camera.covariance)
         provenance = _provenance(result, found, names, camera_file, telemetry)
         biases = calibration_of(result, found)
-        write_biases(outputs.calibration, biases, result.camera if lens_found else None, model, provenance)
+        write_calibration(outputs.calibration, biases, result.camera if lens_found else None, model, provenance)
         say(f"wrote {outputs.calibration}")
 
 

@@ -48,11 +48,6 @@ _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
 }
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
 
-_NOTHING: Final = np.zeros(0, dtype=np.int64)
-_EMPTY: Final = RawBlock(
-    protocol=WireProtocol.MAVLINK, sender="", arrival_ns=_NOTHING, offset=_NOTHING, length=_NOTHING, data=b""
-)
-
 
 class OneAddress:
     """Leaves out what a second address says in the name of the autopilot, while the first goes on.
@@ -255,10 +250,6 @@ class MavlinkDecoder:
         self.rejected: Counter[str] = Counter()
         self._address = OneAddress()
         self._sequence = SequenceWatch()
-
-    def warm_up(self) -> None:
-        """Compile now what would hold up the first frames: on the very first run that takes seconds."""
-        self.decode(_EMPTY)
 
     @property
     def system(self) -> int | None:

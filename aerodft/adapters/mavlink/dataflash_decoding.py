@@ -192,10 +192,8 @@ class _Messages:
 
     def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> bool:
         """Leave faulty rows out; whether any is left."""
-        good = self.rows.kept(rejected, faults)
-        if good is not None:
-            self.rows = good
-        return good is not None
+        self.rows = self.rows.kept(rejected, faults)
+        return len(self.rows.payload) > 0
 
     def no_height(self, *columns: str) -> dict[str, BoolArray]:
         return {f"{column} is no height": to.beyond(self.values(column), to.MAX_HEIGHT_M) for column in columns}
@@ -377,4 +375,4 @@ class DataflashDecoder:
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
         rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns)
         good = rows.kept(self.rejected, {"impossible time": late})
-        return None if good is None else self._makers[layout.name](_Messages(layout, good), self.rejected)
+        return self._makers[layout.name](_Messages(layout, good), self.rejected) if len(good.payload) else None

@@ -17,7 +17,6 @@ from aerodft.adapters.config.tables import Table, impossible
 from aerodft.adapters.config.units import to_deg
 from aerodft.adapters.whole_file import write_whole
 from aerodft.errors import InputError
-from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
@@ -94,16 +93,7 @@ def calibration_from(bias: BiasTable, identity: str, pose: FixedPose | None = No
     Raises:
         ConfigError: Its covariance is none.
     """
-    stands = None
-    if pose is not None:
-        stands = camera_pose(
-            height_agl_m=pose.height_agl_m,
-            tilt_rad=pose.tilt_rad,
-            roll_rad=pose.roll_rad,
-            heading_rad=pose.heading_rad,
-            std=pose.std,
-        )
-    return replace(biases_from(bias, identity, where), pose=stands)
+    return replace(biases_from(bias, identity, where), pose=None if pose is None else pose.standing())
 
 
 def write_calibration(

@@ -26,8 +26,8 @@ from aerodft.errors import AerodftError, NoAnswerError, UsageError
 from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
-from calibration.images_priors import typical_noise
 from calibration.images_result import ImagesResult, calibrate_images, said_of_images
+from calibration.images_state import typical_noise
 from calibration.observability import correlations
 from calibration.result import angles_deg
 from calibration.state import expanded

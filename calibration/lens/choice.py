@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from calibration.lens.determined import normals
-from calibration.lens.views import View
+from calibration.lens.adjustment import View
+from calibration.lens.solution import normals
 
 MOST_VIEWS: Final = 40
 _CELLS: Final = (9, 6)  # of the image, across and down

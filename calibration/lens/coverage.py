@@ -11,11 +11,9 @@ from aerodft.geometry.lens import distorted_with_jacobian, pixels_from_rays, ray
 from aerodft.geometry.rotation import skew
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
-from calibration.lens.adjustment import with_coefficients
+from calibration.lens.adjustment import View, with_coefficients
 from calibration.lens.choice import cells
-from calibration.lens.determined import largest_turn_rad
-from calibration.lens.solution import LensSolution
-from calibration.lens.views import View
+from calibration.lens.solution import LensSolution, largest_turn_rad
 
 _GRID: Final = (9, 6)
 _REGION: Final = (3, 2)  # cells of each of nine regions

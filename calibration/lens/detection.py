@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from calibration.lens.adjustment import View
 from calibration.lens.board import Board, BoardKind, dictionary, dictionary_names
-from calibration.lens.views import View
 
 _SEARCHED_PX = 1600  # longer side of the picture that a board is looked for in; corners are refined in the whole one
 _FEWEST = 8  # corners that are worth a pose of six unknowns

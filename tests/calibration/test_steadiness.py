@@ -19,10 +19,8 @@ from aerodft.model.status import Status
 from aerodft.model.steadiness import STEADY, Steadiness
 from aerodft.service.settings import PipelineSettings
 from aerodft.service.watching import WatchSettings
-from calibration.steadiness import SteadyCalibrator
-from calibration.steady_look import Look, Verdict
-from calibration.steady_pose import KnownTurn, turned_pose
-from calibration.steady_state import SteadyState
+from calibration.steadiness import KnownTurn, SteadyCalibrator, turned_pose
+from calibration.steady_state import Look, SteadyState, Verdict
 
 CAMERA = Camera(
     name="c",

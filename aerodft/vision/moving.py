@@ -11,9 +11,17 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
 from aerodft.service.objects import OBJECTS, ObjectSettings
-from aerodft.vision.blobs import is_ghost, objects_in, without_shadows
+from aerodft.vision.blobs import (
+    MOST_OUTLINES,
+    TOO_MANY,
+    Planes,
+    calm,
+    is_ghost,
+    objects_in,
+    remember_changes,
+    without_shadows,
+)
 from aerodft.vision.reference import allowed_outside
-from aerodft.vision.restless import MOST_OUTLINES, TOO_MANY, Planes, calm, remember_changes
 
 _HISTORY: Final = 500
 _APART: Final = 25.0  # squared standard deviations from the background

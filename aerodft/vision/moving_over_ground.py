@@ -17,8 +17,7 @@ from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.service.objects import ObjectSettings
 from aerodft.vision.blobs import is_ghost, objects_in, without_shadows
-from aerodft.vision.ground_background import GroundBackground
-from aerodft.vision.ground_canvas import GroundCanvas, Window
+from aerodft.vision.ground_background import GroundBackground, GroundCanvas, Window
 from aerodft.vision.keyframes import PlaneImage
 from aerodft.vision.moving import observations_of
 from aerodft.vision.plane_lock import PlaneLock

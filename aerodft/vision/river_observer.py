@@ -14,8 +14,7 @@ from aerodft.model.observation import VISION, Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
-from aerodft.vision.river_look import RiverLook
-from aerodft.vision.river_status import WHY
+from aerodft.vision.river_status import WHY, RiverLook
 
 MOST_TRANSECTS: Final = 32
 _DECIMALS: Final = 3

@@ -11,11 +11,18 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.steadiness import STEADY
-from aerodft.vision.evened import evened
-from aerodft.vision.recognition import features_of, matched
-from aerodft.vision.reference import FirstGoodImage, Polygon, Reference, allowed_outside, reference_of
-from aerodft.vision.tracking import followed
-from aerodft.vision.view import View, view_after
+from aerodft.vision.reference import (
+    FirstGoodImage,
+    Polygon,
+    Reference,
+    View,
+    allowed_outside,
+    features_of,
+    matched,
+    reference_of,
+    view_after,
+)
+from aerodft.vision.tracking import evened, followed
 
 _NO_TURN: Final = np.array([1.0, 0.0, 0.0, 0.0])
 _ANOTHER_VIEW_RAD: Final = 0.009  # half a degree: templates look different from there on

@@ -24,7 +24,7 @@ from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.steadiness import STEADY
 from aerodft.service.objects import OBJECTS, ObjectSettings
 from aerodft.service.watching import WatchSettings
-from aerodft.vision.river_look import RiverLook
+from aerodft.vision.river_status import RiverLook
 
 Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
 

@@ -29,7 +29,6 @@ from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import (
     blobs,
     ground_background,
-    ground_canvas,
     moving,
     moving_over_ground,
     plane_lock,
@@ -130,7 +129,7 @@ def main(arguments: list[str] | None = None) -> None:
     timed(blobs, "_whole", "cleaning the mask")
     timed(ground_background.GroundBackground, "new_in", "what is new on the ground")
     timed(ground_background.GroundBackground, "learn", "learning the ground")
-    timed(ground_canvas.GroundCanvas, "laid", "laying it on the ground")
+    timed(ground_background.GroundCanvas, "laid", "laying it on the ground")
     bench_tracked(options.images)
     bench_moving(options.images)
     bench_from_above(options.images)

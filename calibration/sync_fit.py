@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.rotation import from_rotation_vector, matrix
+from aerodft.geometry.rotation import from_rotation_vector, matrix, skew
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.vision.rotation import FREE, PlaneMotion, Turns, turns_over_plane
 from calibration.sync_motion import CameraMotion, Predicted, predicted
@@ -115,10 +115,7 @@ def _misfit(
 
     First order in the turn and the translation.
     """
-    by_turn = np.zeros((3, 3, 3))
-    by_turn[1, 2, 0] = by_turn[2, 0, 1] = by_turn[0, 1, 2] = 1.0
-    by_turn[2, 1, 0] = by_turn[0, 2, 1] = by_turn[1, 0, 2] = -1.0
-    turning = by_turn.reshape(9, 3)[:FREE]
+    turning = -skew(np.eye(3)).reshape(3, 9).T[:FREE]
     information = np.linalg.inv(cov + std_rad**2 * turning @ turning.T)
     last = homography.ravel()[:FREE]
     off = last - np.eye(3).ravel()[:FREE] - turn_rad @ turning.T

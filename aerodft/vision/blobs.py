@@ -10,15 +10,13 @@ from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 
 _SLACK_PX: Final = 0.3  # staircases of a mask are no corners
 _HALVES: Final = np.ones((3, 3), dtype=np.uint8)
-MOST_GAIN: Final = 0.9
+_MOST_GAIN: Final = 0.9  # what is brighter than this share of the background is in no shadow
 _LEAST_GAIN: Final = 0.25  # the sky still lights what the sun does not
 _WINDOW_PX: Final = 5
 _SAME_COLOUR: Final = 0.025  # of red and green over the sum of all three ...
 _COLOUR_NOISE: Final = 3.0  # ... and of that sum, in grey levels
 _SAME_TEXTURE: Final = 0.07  # of the brightness: what is left when the background times the gain is taken away
 _TEXTURE_NOISE: Final = 3.0  # grey levels
-
-_Plane = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 _MARGIN_PX: Final = 4
 _GRAIN: Final = np.ones((3, 3), dtype=np.uint8)
 _GAPS: Final = np.ones((9, 5), dtype=np.uint8)  # what a belt or a shadow leaves between two parts of one object
@@ -29,7 +27,6 @@ _RING_PX: Final = 8
 _AROUND: Final = np.ones((5, 5), dtype=np.uint8)
 _ONE: Final = 2  # connected component, beside what is none
 
-Background = ImageArray | np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 MOST_OUTLINES: Final = 30
 """Where more than these seem to move in one image, nothing can be told from water or leaves."""
 
@@ -40,6 +37,7 @@ _CALM_LOOKS: Final = 25.0  # that are taken for granted
 _AROUND_PX: Final = 17
 
 Planes = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+Background = ImageArray | Planes
 
 
 def outlines_of(mask: BoolArray, slack_px: float = _SLACK_PX) -> list[FloatArray]:
@@ -69,16 +67,13 @@ def outlines_of(mask: BoolArray, slack_px: float = _SLACK_PX) -> list[FloatArray
     return [border[:, 0].astype(np.float64) / 2 + [left - 0.5, top - 0.5] for border in found]
 
 
-def shadows(
-    image: ImageArray, background: ImageArray, labelled: BoolArray | None = None, most_gain: float = MOST_GAIN
-) -> BoolArray:
+def shadows(image: ImageArray, background: ImageArray, labelled: BoolArray) -> BoolArray:
     """Where there is shadow, of what is not background.
 
     Args:
         image: ``(height, width, 3)`` BGR.
         background: The same place without objects, likewise.
         labelled: ``(height, width)``: where somebody else sees a shadow.
-        most_gain: What is brighter than this share of the background is in no shadow.
 
     Returns:
         ``(height, width)``.
@@ -86,25 +81,23 @@ def shadows(
     now, then = _smooth(image), _smooth(background)
     now_sum, then_sum = _total(now) + 1.0, _total(then) + 1.0
     gain = now_sum / then_sum
-    darker = (gain > _LEAST_GAIN) & (gain < most_gain)
+    darker = (gain > _LEAST_GAIN) & (gain < _MOST_GAIN)
     green, red = (np.abs(now[..., k] / now_sum - then[..., k] / then_sum) for k in (1, 2))
     same_colour = np.maximum(green, red) < _SAME_COLOUR + _COLOUR_NOISE / now_sum
     same_texture = _roughness(image, background, gain) < _TEXTURE_NOISE + _SAME_TEXTURE * now_sum / 3
-    seen = same_colour & same_texture
-    if labelled is not None:
-        seen |= labelled & (same_colour | same_texture)
+    seen = (same_colour & same_texture) | (labelled & (same_colour | same_texture))
     return np.asarray(darker & seen)
 
 
-def _smooth(image: ImageArray) -> _Plane:
+def _smooth(image: ImageArray) -> Planes:
     return np.asarray(cv2.blur(image.astype(np.float32), (_WINDOW_PX, _WINDOW_PX)))
 
 
-def _total(image: _Plane) -> _Plane:
+def _total(image: Planes) -> Planes:
     return image[..., 0] + image[..., 1] + image[..., 2]
 
 
-def _roughness(image: ImageArray, background: ImageArray, gain: _Plane) -> _Plane:
+def _roughness(image: ImageArray, background: ImageArray, gain: Planes) -> Planes:
     """Root mean square of what the gain does not explain, grey levels ``(height, width)``."""
     now, then = (_total(each.astype(np.float32)) / 3 for each in (image, background))
     rest = now - gain * then

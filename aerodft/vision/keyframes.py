@@ -14,6 +14,7 @@ import numpy as np
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.vision.standpoints import Standpoint
 from aerodft.vision.straight import StraightView
+from aerodft.vision.tracking import well_inside
 
 _JITTER_RAD: Final = 0.002  # what telemetry is off by anew in every image, ...
 _DRIFT_RADPS: Final = 0.0025  # ... by how much that changes in a second, ...
@@ -199,8 +200,7 @@ class Keyframe:
     def seen_px(self, view: StraightView, onto: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Small pixels ``(n, 2)`` of its corners in a view that a homography leads to, and which are well inside."""
         there_px = view.moved(onto, self.corners_px, self.taken.view)
-        farthest = np.array([view.camera.width_px, view.camera.height_px]) - 1 - _MARGIN_PX
-        return there_px, np.asarray(np.all((there_px >= _MARGIN_PX) & (there_px <= farthest), axis=-1))
+        return there_px, well_inside(view.camera, there_px, _MARGIN_PX)
 
     def is_shown(self, view: StraightView, onto: FloatArray, least_share: float) -> bool:
         """Whether at least that share of its corners is in a view that a homography leads to, in about its size."""

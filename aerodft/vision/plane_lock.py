@@ -79,8 +79,7 @@ class PlaneLock:
 
     def __init__(self, first: PlaneImage, near_px: FloatArray, reach_px: float) -> None:
         self._near, self._reach_px = first.view.straight(near_px), reach_px
-        lens = first.view.camera
-        self._unit = np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1.0]])
+        self._unit = first.view.intrinsics
         self._last, self._step = np.eye(3), np.eye(3)
         self._last_image = first
         self._told_s = first.time_s

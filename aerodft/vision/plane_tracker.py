@@ -11,10 +11,10 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.lens import rays_with_jacobian
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.camera import Camera
+from aerodft.vision.straight import StraightView
 from aerodft.vision.tracking import followed
 
 _WIDEST_TANGENT = 2.0  # farther from the axis a pixel says little about a plane ahead
-_WIDTH_PX = 640  # images are tracked at about this width
 _CELLS = (6, 8)  # rows and columns of the grid over which points are spread
 _PER_CELL = 8
 _QUALITY, _APART_PX = 0.005, 7
@@ -82,7 +82,7 @@ class PlaneTracker:
     def __init__(self, camera: Camera) -> None:
         self.pairs: list[ImagePair] = []
         self._camera = camera
-        self._shrink = max(round(camera.width_px / _WIDTH_PX), 1)
+        self._view = StraightView(camera)
         self._last: tuple[int, ImageArray] | None = None
         self._pause_ns = _PAUSE_NS
 
@@ -95,18 +95,10 @@ class PlaneTracker:
         """
         if self._last is not None and stamp_ns - self._last[0] < self._pause_ns:
             return
-        grey = self._shrunken(pixels())
+        grey = self._view.small(pixels())
         if self._last is not None:
             self._follow(*self._last, stamp_ns, grey)
         self._last = (stamp_ns, grey)
-
-    def _shrunken(self, pixels: ImageArray) -> ImageArray:
-        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-        if self._shrink == 1:
-            return grey
-        height, width = (side // self._shrink for side in grey.shape)
-        whole = grey[: height * self._shrink, : width * self._shrink]
-        return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
     def _follow(self, start_ns: int, before: ImageArray, end_ns: int, after: ImageArray) -> None:
         corners = _corners(before)
@@ -115,9 +107,8 @@ class PlaneTracker:
         moved_px = float(np.median(np.linalg.norm(later - earlier, axis=-1))) if len(later) else np.inf
         share = moved_px / (_MOVED * before.shape[1]) * (_PAUSE_NS / (end_ns - start_ns))
         self._pause_ns = round(_PAUSE_NS / max(share, 1.0))
-        # The centre of a shrunken pixel is that of the pixels it was made of.
-        shift = (self._shrink - 1) / 2
-        matches = matches_of(self._camera, earlier * self._shrink + shift, later * self._shrink + shift, self._shrink)
+        earlier_px, later_px = self._view.to_full(earlier), self._view.to_full(later)
+        matches = matches_of(self._camera, earlier_px, later_px, self._view.shrink)
         self.pairs.append(ImagePair(start_ns=start_ns, end_ns=end_ns, matches=matches))
 
 

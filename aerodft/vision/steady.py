@@ -76,17 +76,7 @@ class SteadyPoints:
             self._held = _Held(self._camera, reference)
         then_px, now_px = self._held.look(evened(pixels)) if self._held is not None else _no_pairs()
         flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
-        return (
-            Observation(
-                name=STEADY,
-                stamp_ns=image.stamp_ns,
-                arrival_ns=image.arrival_ns,
-                pixels=tuple((u, v) for u, v in flat),
-                clock=image.clock,
-                image=image.index,
-                source="vision",
-            ),
-        )
+        return (Observation.in_image(image, STEADY, tuple((u, v) for u, v in flat)),)
 
 
 class _Held:

@@ -15,7 +15,7 @@ from aerodft.geometry.ground import Ground
 from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import Observation
 from aerodft.model.probe import Probe
 from aerodft.vision.keyframes import PlaneImage
 from aerodft.vision.plane_lock import Lock, PlaneLock
@@ -66,17 +66,7 @@ class TrackedProbes:
             return ()
         small = self._view.small(image.pixels())
         return tuple(
-            Observation(
-                name=found.probe.name,
-                stamp_ns=image.stamp_ns,
-                arrival_ns=image.arrival_ns,
-                pixels=found.pixels,
-                std_px=found.std_px,
-                clock=image.clock,
-                image=image.index,
-                source=VISION,
-                unseen=found.why,
-            )
+            Observation.in_image(image, found.probe.name, found.pixels, std_px=found.std_px, unseen=found.why)
             for group in self._groups
             for found in group.look(image, small)
         )

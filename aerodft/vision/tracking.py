@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
+from aerodft.model.camera import Camera
 
 _EVENED_PX: Final = 31
 _NOISE: Final = 4.0  # grey levels: what is flatter is not made to look structured
@@ -62,6 +63,12 @@ def spread_corners(evened: ImageArray, allowed: BoolArray) -> FloatArray:
     rank = np.arange(len(order)) - np.searchsorted(cells[order], cells[order])
     kept = order[rank < _IN_A_CELL]
     return np.stack([columns[kept], rows[kept]], axis=-1).astype(np.float64)
+
+
+def well_inside(camera: Camera, points_px: FloatArray, margin_px: float) -> BoolArray:
+    """Which of the points ``(n, 2)`` are so far from the image's edges; NaN is outside."""
+    farthest = np.array([camera.width_px, camera.height_px]) - 1 - margin_px
+    return np.asarray(np.all((points_px >= margin_px) & (points_px <= farthest), axis=-1))
 
 
 def followed(

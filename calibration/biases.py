@@ -1,17 +1,17 @@
-"""Corrections of the telemetry that a calibration found, applied to every pose."""
+"""Poses corrected by what telemetry is off by, and the biases of a calibration applied to every pose."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
+from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.poses import pose_covariance
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.pose import Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
-from calibration.live_model import relocated, slope_of
 
 _HEIGHT, _TILT, _ROLL, _HEADING, _PAN, _EAST, _NORTH, _TIME = range(len(BIASES))
 
@@ -32,9 +32,7 @@ class BiasCalibrator:
         if sample.pose is None or sample.status is not Status.OK:
             return sample
         found, pose = self._calibration, sample.pose
-        turned = multiply(pose.wxyz, from_rotation_vector(self._in_camera()))
-        about_vertical = np.array([0.0, 0.0, -found.heading_bias_rad])
-        wxyz = multiply(from_rotation_vector(about_vertical), turned)
+        wxyz = turned_by(pose.wxyz, self._in_camera(), found.heading_bias_rad)
         place = np.array([found.east_bias_m, found.north_bias_m])
         up = found.height_bias_m + float(slope_of(pose) @ place)
         corrected = replace(pose, position_enu_m=pose.position_enu_m + np.append(place, up), wxyz=wxyz)
@@ -49,7 +47,9 @@ class BiasCalibrator:
 
     def _known(self, pose: Pose, bias_cov: FloatArray) -> Pose:
         """The corrected pose with how well it is known."""
-        by_bias, slope = self._by_biases(pose), slope_of(pose)
+        slope = slope_of(pose)
+        by_bias = by_biases(self._in_camera(), -matrix(pose.wxyz)[2], pose.velocity_enu_mps, pose.rate_cam_radps)
+        by_bias[2, [_EAST, _NORTH]] = slope
         follows = np.eye(6)
         follows[2, :2] = slope
         cov = by_bias @ bias_cov @ by_bias.T + follows @ pose_covariance(pose.wxyz, self._calibration.noise) @ follows.T
@@ -64,29 +64,69 @@ class BiasCalibrator:
             time_std_s=0.0 if bias_cov[_TIME, _TIME] else pose.time_std_s,
         )
 
-    def _by_biases(self, pose: Pose) -> FloatArray:
-        """``(6, 8)``: errors of the corrected pose, as ``Pose.cov`` counts them, by the biases."""
-        by_bias = np.zeros((6, len(BIASES)))
-        by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
-        by_bias[2, [_EAST, _NORTH]] = slope_of(pose)
-        by_bias[3:, [_TILT, _PAN, _ROLL]] = right_jacobian(self._in_camera())
-        by_bias[3:, _HEADING] = -matrix(pose.wxyz)[2]  # clockwise is about straight down
-        by_bias[:3, _TIME] = pose.velocity_enu_mps
-        by_bias[3:, _TIME] = matrix(from_rotation_vector(self._in_camera())).T @ pose.rate_cam_radps
-        return by_bias
-
     def _stds(self, sample: PoseSample) -> PoseStd:
         cov, noise, before = self._calibration.bias_cov, self._calibration.noise, sample.std
         if cov is None:
             return before
-        std = np.sqrt(np.diag(cov))
-        horizontal_m = math.hypot(std[_EAST], std[_NORTH]) / math.sqrt(2)
-        return PoseStd(
-            height_agl_m=math.hypot(std[_HEIGHT], noise.height_agl_m),
-            horizontal_m=math.hypot(horizontal_m or before.horizontal_m, noise.horizontal_m),
-            tilt_rad=math.hypot(std[_TILT], noise.tilt_rad),
-            pan_rad=math.hypot(std[_PAN], noise.pan_rad),
-            roll_rad=math.hypot(std[_ROLL], noise.roll_rad),
-            heading_rad=math.hypot(std[_HEADING], noise.heading_rad),
-            time_s=float(std[_TIME]) or before.time_s,
+        height, tilt, roll, heading, pan, east, north, time = np.sqrt(np.diag(cov)).tolist()
+        found = PoseStd(
+            height_agl_m=height,
+            horizontal_m=math.hypot(east, north) / math.sqrt(2) or before.horizontal_m,
+            tilt_rad=tilt,
+            pan_rad=pan,
+            roll_rad=roll,
+            heading_rad=heading,
         )
+        return replace(combined_std(found, noise), time_s=time or before.time_s)
+
+
+def turned_by(wxyz: FloatArray, in_camera_rad: FloatArray, heading_rad: float) -> FloatArray:
+    """An attitude corrected by a rotation vector ``(3,)`` in camera axes, and clockwise about the vertical."""
+    about_vertical = from_rotation_vector(np.array([0.0, 0.0, -heading_rad]))
+    return multiply(about_vertical, multiply(wxyz, from_rotation_vector(in_camera_rad)))
+
+
+def by_biases(
+    in_camera_rad: FloatArray, down_cam: FloatArray, velocity_mps: FloatArray, rate_cam_radps: FloatArray
+) -> FloatArray:
+    """``(6, 8)``: errors of a corrected pose, as ``Pose.cov`` counts them, by the biases, as ``BIASES``.
+
+    Args:
+        in_camera_rad: ``(3,)`` the rotation vector that the attitude was corrected by.
+        down_cam: ``(3,)`` straight down, in axes of the corrected camera.
+        velocity_mps: ``(3,)`` east, north, up.
+        rate_cam_radps: ``(3,)`` in camera axes, before the correction.
+    """
+    by_bias = np.zeros((6, len(BIASES)))
+    by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
+    by_bias[3:, [_TILT, _PAN, _ROLL]] = right_jacobian(in_camera_rad)
+    by_bias[3:, _HEADING] = down_cam  # about which it is clockwise
+    by_bias[:3, _TIME] = velocity_mps
+    by_bias[3:, _TIME] = matrix(from_rotation_vector(in_camera_rad)).T @ rate_cam_radps
+    return by_bias
+
+
+def combined_std(one: PoseStd, other: PoseStd) -> PoseStd:
+    """Of the sum of errors that have nothing to do with each other."""
+    each = {field.name: math.hypot(getattr(one, field.name), getattr(other, field.name)) for field in fields(PoseStd)}
+    return PoseStd(**each)
+
+
+def excess(now: float, stated: float) -> float:
+    """What is new in a standard deviation that is larger than the stated one; 0 in any other."""
+    return math.sqrt(max(now**2 - stated**2, 0.0))
+
+
+def slope_of(pose: Pose) -> FloatArray:
+    """By how much the height follows east and north ``(2,)``: where it is counted from ground that is not level."""
+    if not np.any(pose.cov[2, :2]):
+        return np.zeros(2)
+    return np.asarray(pose.cov[2, :2] @ np.linalg.pinv(pose.cov[:2, :2]))
+
+
+def relocated(sample: PoseSample, pose: Pose) -> PoseSample:
+    """The sample with a corrected pose, and with the latitude and longitude of that."""
+    if sample.origin is None:
+        return replace(sample, pose=pose)
+    lat_rad, lon_rad = lat_lon(sample.origin, pose.position_enu_m[:2]).tolist()
+    return replace(sample, pose=pose, lat_rad=lat_rad, lon_rad=lon_rad)

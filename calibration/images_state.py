@@ -27,7 +27,7 @@ from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Evidence, Prior
 from aerodft.model.pose import PoseStd
 from aerodft.service.settings import ErrorStd
-from calibration.live_model import excess
+from calibration.biases import by_biases, excess, turned_by
 from calibration.state import State, Unknowns
 
 _APART_S = 0.02  # over twice this, motion is seen as even: about an interval between two attitudes
@@ -266,12 +266,8 @@ class SharedUnknowns:
         """
         moment = view.track.at(float(state.biases[_TIME]))
         found, count = _turned(state, index, view, (moment.position_m, moment.wxyz)), len(self.names)
-        by_bias = np.zeros((6, len(BIASES)))
-        by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
-        by_bias[_ROTATION, _TURNS] = found.back @ right_jacobian(state.biases[_TURNS])
-        by_bias[_ROTATION, _HEADING] = found.back @ found.down_cam
-        by_bias[:3, _TIME] = moment.velocity_mps
-        by_bias[_ROTATION, _TIME] = found.back @ matrix(found.in_camera).T @ moment.rate_cam_radps
+        by_bias = by_biases(state.biases[_TURNS], found.down_cam, moment.velocity_mps, moment.rate_cam_radps)
+        by_bias[_ROTATION] = found.back @ by_bias[_ROTATION]
         by = np.zeros((INTRINSICS.start + 4 + len(state.base.camera.distortion), count + OWN))
         chosen = [name for name in self.names if name in BIASES]
         by[:6, self._columns(chosen)] = by_bias[:, [BIASES.index(name) for name in chosen]]
@@ -292,14 +288,12 @@ class _Turned:
 
     Attributes:
         camera: The camera.
-        in_camera: ``(4,)`` its turn by the biases of tilt, pan and roll.
         down_cam: ``(3,)`` straight down, before what is new in this image.
         back: ``(3, 3)`` its turn by one before what is new.
         by_own: ``(3, 3)`` by the rotation vector of what is new.
     """
 
     camera: State
-    in_camera: FloatArray
     down_cam: FloatArray
     back: FloatArray
     by_own: FloatArray
@@ -309,13 +303,11 @@ def _turned(state: ImagesState, index: int, view: View, pose: tuple[FloatArray, 
     """The camera of an image where telemetry says ``pose``."""
     position, wxyz = pose
     own = state.own[index] * view.noise
-    in_camera = from_rotation_vector(state.biases[_TURNS])
-    about_vertical = from_rotation_vector(np.array([0.0, 0.0, -state.biases[_HEADING]]))
-    turned = multiply(about_vertical, multiply(wxyz, in_camera))
+    turned = turned_by(wxyz, state.biases[_TURNS], float(state.biases[_HEADING]))
     down_cam = -matrix(turned)[2]
     new = own[3:6] + own[6] * down_cam
     last, by_own = from_rotation_vector(new), right_jacobian(new)
     placed = position + state.biases[[_EAST, _NORTH, _HEIGHT]] + own[:3]
     camera = replace(state.base, position_m=placed, wxyz=multiply(turned, last))
     back = matrix(last).T + own[6] * by_own @ skew(down_cam)
-    return _Turned(camera, in_camera, down_cam, back, by_own)
+    return _Turned(camera, down_cam, back, by_own)

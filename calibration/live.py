@@ -14,8 +14,9 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
+from calibration.biases import combined_std, relocated
 from calibration.live_filter import BiasFilter, Expectation, Sight
-from calibration.live_model import BiasModel, relocated
+from calibration.live_model import BiasModel
 
 _RECENT, _MOST_REFUSED = 12, 8
 """When so many of the last sights were refused, it is the estimate that is wrong, and it begins anew."""
@@ -143,15 +144,16 @@ class LiveCalibrator:
     def _stds(self, sample: PoseSample, cov: FloatArray) -> PoseStd:
         noise = self._model.noise_of(sample)
         std = BiasValues(**self._model.said(sample, np.sqrt(np.diag(cov))))
-        return PoseStd(
-            height_agl_m=math.hypot(std.height_m, noise.height_agl_m),
-            horizontal_m=math.hypot(std.east_m / math.sqrt(2), std.north_m / math.sqrt(2), noise.horizontal_m),
-            tilt_rad=math.hypot(std.tilt_rad, noise.tilt_rad),
-            pan_rad=math.hypot(std.pan_rad, noise.pan_rad),
-            roll_rad=math.hypot(std.roll_rad, noise.roll_rad),
-            heading_rad=math.hypot(std.heading_rad, noise.heading_rad),
+        found = PoseStd(
+            height_agl_m=std.height_m,
+            horizontal_m=math.hypot(std.east_m, std.north_m) / math.sqrt(2),
+            tilt_rad=std.tilt_rad,
+            pan_rad=std.pan_rad,
+            roll_rad=std.roll_rad,
+            heading_rad=std.heading_rad,
             time_s=std.time_s,
         )
+        return combined_std(found, noise)
 
     def _estimate(self, sample: PoseSample, innovations: tuple[Innovation, ...]) -> CalibrationEstimate:
         estimate = CalibrationEstimate(

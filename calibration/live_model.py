@@ -12,17 +12,18 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.poses import pose_covariance
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
 from aerodft.service.settings import LiveCalibration, TelemetrySettings
+from calibration.biases import combined_std, excess, slope_of, turned_by
 
 ANGLES: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _TILT, _PAN, _ROLL, _HEADING, _EAST, _NORTH, _TIME = range(-7, 0)
 _OTHERS = 7
+_SHARED: Final = (*ANGLES, "horizontal_m")  # stds that are those of any height source
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,13 +78,7 @@ class BiasModel:
             cov=cov,
             rate_per_s=_rates(np.diag(cov), live, len(heights)),
             noise_height_m=tuple(share * std if noise.height_m is None else noise.height_m for std in stated_heights),
-            noise=PoseStd(
-                horizontal_m=_or(noise.horizontal_m, share * stated.horizontal_m),
-                tilt_rad=_or(noise.tilt_rad, share * stated.tilt_rad),
-                pan_rad=_or(noise.pan_rad, share * stated.pan_rad),
-                roll_rad=_or(noise.roll_rad, share * stated.roll_rad),
-                heading_rad=_or(noise.heading_rad, share * stated.heading_rad),
-            ),
+            noise=PoseStd(**{each: _or(getattr(noise, each), share * getattr(stated, each)) for each in _SHARED}),
             stated_height_m=stated_heights,
             stated=stated,
         )
@@ -99,12 +94,10 @@ class BiasModel:
     def noise_of(self, sample: PoseSample) -> PoseStd:
         """What is new in one image: the model's noise, and by how much the sample is worse than stated."""
         column = self.height_column(sample)
-        grown = {
-            each: math.hypot(getattr(self.noise, each), excess(getattr(sample.std, each), getattr(self.stated, each)))
-            for each in (*ANGLES, "horizontal_m")
-        }
+        more = {each: excess(getattr(sample.std, each), getattr(self.stated, each)) for each in _SHARED}
         excess_m = excess(sample.std.height_agl_m, self.stated_height_m[column])
-        return PoseStd(height_agl_m=math.hypot(self.noise_height_m[column], excess_m), **grown)
+        noise = replace(self.noise, height_agl_m=self.noise_height_m[column])
+        return combined_std(noise, PoseStd(height_agl_m=excess_m, **more))
 
     def noise_covariance(self, sample: PoseSample, wxyz: FloatArray) -> FloatArray:
         """``(6, 6)`` of the pose's errors that are new in one image; ``wxyz`` is the refined attitude."""
@@ -125,8 +118,7 @@ class BiasModel:
             raise ValueError("the sample has no pose")
         by_time = biases[_TIME]
         in_camera = biases[[_TILT, _PAN, _ROLL]] + by_time * pose.rate_cam_radps
-        about_vertical = np.array([0.0, 0.0, -biases[_HEADING]])
-        wxyz = multiply(from_rotation_vector(about_vertical), multiply(pose.wxyz, from_rotation_vector(in_camera)))
+        wxyz = turned_by(pose.wxyz, in_camera, float(biases[_HEADING]))
         east_north = biases[[_EAST, _NORTH]]
         up = biases[self.height_column(sample)] + slope_of(pose) @ east_north
         position = pose.position_enu_m + np.append(east_north, up) + by_time * pose.velocity_enu_mps
@@ -162,21 +154,8 @@ class BiasModel:
         return {"height_m": float(values[self.height_column(sample)]), **rest}
 
 
-def relocated(sample: PoseSample, pose: Pose) -> PoseSample:
-    """The sample with a corrected pose, and with the latitude and longitude of that."""
-    if sample.origin is None:
-        return replace(sample, pose=pose)
-    lat_rad, lon_rad = lat_lon(sample.origin, pose.position_enu_m[:2]).tolist()
-    return replace(sample, pose=pose, lat_rad=lat_rad, lon_rad=lon_rad)
-
-
 def _or(given: float | None, default: float) -> float:
     return default if given is None else given
-
-
-def excess(now: float, stated: float) -> float:
-    """What is new in a standard deviation that is larger than the stated one; 0 in any other."""
-    return math.sqrt(max(now**2 - stated**2, 0.0))
 
 
 def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
@@ -214,10 +193,3 @@ def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatA
     others = (*(getattr(drift, each) for each in ANGLES), drift.horizontal_m, drift.horizontal_m, 0.0)
     walked = np.square([each or 0.0 for each in (*([drift.height_m] * heights), *others)])
     return np.divide(walked, 2 * variances, out=np.zeros_like(walked), where=variances > 0)
-
-
-def slope_of(pose: Pose) -> FloatArray:
-    """By how much the height follows east and north ``(2,)``: where it is counted from ground that is not level."""
-    if not np.any(pose.cov[2, :2]):
-        return np.zeros(2)
-    return np.asarray(pose.cov[2, :2] @ np.linalg.pinv(pose.cov[:2, :2]))

@@ -18,6 +18,7 @@ from aerodft.model.status import Status
 from aerodft.model.steadiness import STEADY, Steadiness, SteadinessEstimate
 from aerodft.service.settings import PipelineSettings
 from aerodft.service.watching import WatchSettings
+from calibration.biases import combined_std
 from calibration.steady_state import Look, Looker, SteadyState
 
 _HOUR_NS: Final = 3600 * SECOND_NS
@@ -95,14 +96,8 @@ def turned_pose(pose: Pose, turn: KnownTurn) -> Pose:
 def turned_std(std: PoseStd, turn: KnownTurn) -> PoseStd:
     """The pose's stds in people's words after the turn."""
     tilt, pan, roll = turn.std_rad.tolist()
-    return replace(
-        std,
-        height_agl_m=math.hypot(std.height_agl_m, turn.shift_m),
-        horizontal_m=math.hypot(std.horizontal_m, turn.shift_m),
-        tilt_rad=math.hypot(std.tilt_rad, tilt),
-        pan_rad=math.hypot(std.pan_rad, pan),
-        roll_rad=math.hypot(std.roll_rad, roll),
-    )
+    by_turn = PoseStd(height_agl_m=turn.shift_m, horizontal_m=turn.shift_m, tilt_rad=tilt, pan_rad=pan, roll_rad=roll)
+    return combined_std(std, by_turn)
 
 
 class SteadyCalibrator:

@@ -4,6 +4,7 @@ The fits without each of the observations come all at once, from the observation
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,7 +17,7 @@ from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Evidence, GroundPoint, Landmark, SlantRange
 from aerodft.model.pose import Pose
-from calibration.descent import used_rows
+from calibration.descent import Rows, used_rows
 from calibration.residuals import Problem
 from calibration.solve import Solution, inverse
 from calibration.state import State
@@ -109,9 +110,19 @@ class Leftover:
 
 def leftovers(problem: Problem, solution: Solution) -> tuple[Leftover, ...]:
     """All observations, in their order."""
-    evidence, residuals = problem.known.evidence, solution.residuals
     steps = steps_without_each(solution)
     ground, left_out = _on_the_ground(problem, solution, np.zeros_like(steps)), _on_the_ground(problem, solution, steps)
+    return left_of_each(problem.known.evidence, solution.residuals, solution.kept, ground, left_out)
+
+
+def left_of_each(
+    evidence: Sequence[Evidence],
+    residuals: Rows,
+    kept: np.ndarray,
+    ground_m: Sequence[float | None],
+    left_out_ground_m: Sequence[float | None],
+) -> tuple[Leftover, ...]:
+    """What is left in the image, beside what is left on the ground; as the fields of ``Leftover``."""
     seen = residuals.owner >= 0
     px, sigma = (
         np.sqrt(np.bincount(residuals.owner[seen], np.square(values[seen])))
@@ -125,9 +136,9 @@ def leftovers(problem: Problem, solution: Solution) -> tuple[Leftover, ...]:
             (each.name for each in evidence),
             px.tolist(),
             sigma.tolist(),
-            ground,
-            left_out,
-            (~solution.kept).tolist(),
+            ground_m,
+            left_out_ground_m,
+            (~kept).tolist(),
         )
     )
 

@@ -1,23 +1,22 @@
 """Telemetry's biases from many images: the fit, what it leaves and can tell, and numbers for people and files."""
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES
-from aerodft.model.camera import Camera, CameraStd
+from aerodft.model.camera import Camera
 from aerodft.model.evidence import Evidence, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
 from calibration.descent import Loss, descend
-from calibration.errors_left import Leftover, ground_error_m, rms_px
+from calibration.errors_left import Leftover, ground_error_m, left_of_each, rms_px
 from calibration.images_problem import Arrow, ImagesProblem, ImagesResiduals, eliminated, own_steps
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
 from calibration.observability import LIMIT, Observability, combined, natural_size
-from calibration.result import above_ground, each_possible, said, start_state
-from calibration.solve import ROBUST, goodness, inverse, without_outliers
+from calibration.result import Outcome, above_ground, each_possible, said, start_state
+from calibration.solve import ROBUST, Fit, goodness, inverse, without_outliers
 from calibration.state import State, coefficient_names, expanded
 
 _WORTH: Final = 4.0
@@ -49,34 +48,17 @@ _SAID = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ImagesSolution:
-    """The best fit.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImagesSolution(Fit[ImagesState, ImagesResiduals]):
+    """The best fit of what many images share; the covariance is that of the shared unknowns.
 
     Attributes:
-        state: What was found.
         cameras: The camera of each image.
-        residuals: At the state, of all evidence, outliers too.
         normal: Normal equations of what was used.
-        kept: ``(k,)`` whether each observation was used.
-        covariance: ``(n, n)`` of the shared unknowns (SI units), scaled up where the residuals are larger than stated;
-            infinite where they are not determined.
-        chi2: Weighted sum of squares of what was used.
-        dof: Degrees of freedom.
-        p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
-        scaled: What the stated stds had to be multiplied with; 1 where they hold.
     """
 
-    state: ImagesState
     cameras: tuple[State, ...]
-    residuals: ImagesResiduals
     normal: Arrow
-    kept: np.ndarray
-    covariance: FloatArray
-    chi2: float
-    dof: int
-    p_value: float | None
-    scaled: float
 
 
 def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
@@ -104,24 +86,15 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
 def images_leftovers(problem: ImagesProblem, solution: ImagesSolution) -> tuple[Leftover, ...]:
     """All observations, in their order."""
     reduced, residuals = solution.normal.reduced(), solution.residuals
-    found = []
+    ground, left_out = [], []
     for index, (evidence, image) in enumerate(zip(problem.evidence, problem.image_of, strict=True)):
         span = residuals.rows[image]
         rows = np.flatnonzero(residuals.owner[span] == index) + span.start
-        kept, camera = bool(solution.kept[index]), solution.cameras[image]
-        without = _without(problem, solution, reduced, image, rows) if kept else camera
-        px = float(np.linalg.norm(residuals.px[rows]))
-        found.append(
-            Leftover(
-                name=evidence.name,
-                px=px,
-                sigma=float(np.linalg.norm(residuals.values[rows])) if math.isfinite(px) else math.inf,
-                ground_m=ground_error_m(camera, evidence),
-                left_out_ground_m=None if without is None else ground_error_m(without, evidence),
-                is_outlier=not kept,
-            )
-        )
-    return tuple(found)
+        camera = solution.cameras[image]
+        without = _without(problem, solution, reduced, image, rows) if solution.kept[index] else camera
+        ground.append(ground_error_m(camera, evidence))
+        left_out.append(None if without is None else ground_error_m(without, evidence))
+    return left_of_each(problem.evidence, residuals, solution.kept, ground, left_out)
 
 
 def _without(
@@ -188,22 +161,8 @@ def _advice(names: set[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImagesResult:
-    """What a calibration of many images found.
-
-    Attributes:
-        problem: What was asked.
-        solution: The fit.
-        left: What is left of each observation.
-        rms_px: Of the landmarks; None without any.
-        weakest: The combination of unknowns that is known worst.
-    """
-
-    problem: ImagesProblem
-    solution: ImagesSolution
-    left: tuple[Leftover, ...]
-    rms_px: float | None
-    weakest: Observability
+class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
+    """What a calibration of many images found."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -242,9 +201,7 @@ class ImagesResult:
     def camera(self) -> Camera:
         """The camera with what was found of its lens, and how well."""
         to = self.problem.unknowns.to_shared(self.solution.state)[len(BIASES) :]
-        joint = to @ self.solution.covariance @ to.T
-        covariance = tuple(map(tuple, joint.tolist())) if np.any(joint) else ()
-        return replace(self.solution.state.base.camera, std=CameraStd(), covariance=covariance)
+        return self.solution.state.base.camera.with_covariance(np.asarray(to @ self.solution.covariance @ to.T))
 
 
 def said_of_images(name: str) -> tuple[str, float]:

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from aerodft.dft.projection import INTRINSICS
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera, CameraStd
+from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, GroundLines, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from calibration.descent import used_rows
@@ -39,8 +39,12 @@ _FIRST_HEIGHT_M, _FIRST_TILT_RAD = 10.0, 1.0
 _INTRINSICS = ("fx", "fy", "cx", "cy")
 
 
+ProblemT = TypeVar("ProblemT")
+FitT = TypeVar("FitT")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Result:
+class Outcome(Generic[ProblemT, FitT]):
     """What a calibration found.
 
     Attributes:
@@ -51,18 +55,21 @@ class Result:
         weakest: The combination of unknowns that is known worst.
     """
 
-    problem: Problem
-    solution: Solution
+    problem: ProblemT
+    solution: FitT
     left: tuple[Leftover, ...]
     rms_px: float | None
     weakest: Observability
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result(Outcome[Problem, Solution]):
+    """What a calibration of one camera found."""
+
     @property
     def camera(self) -> Camera:
         """The camera with its lens as found or known, and how well."""
-        lens, joint = self.solution.state.camera, self.solution.joint[INTRINSICS, INTRINSICS]
-        covariance = tuple(map(tuple, joint.tolist())) if np.any(joint) else ()
-        return replace(lens, std=CameraStd(), covariance=covariance)
+        return self.solution.state.camera.with_covariance(self.solution.joint[INTRINSICS, INTRINSICS])
 
     @property
     def named_covariance(self) -> FloatArray:

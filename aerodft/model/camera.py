@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from aerodft.model.arrays import FloatArray
+
 
 class LensModel(StrEnum):
     """The distortion models, in OpenCV's definitions."""
@@ -105,6 +107,11 @@ class Camera:
             cx_px=(width_px - 1) / 2,
             cy_px=(height_px - 1) / 2,
         )
+
+    def with_covariance(self, covariance: FloatArray) -> "Camera":
+        """The same camera, known so well ``(n, n)``; exactly where that is 0 all over."""
+        rows = tuple(map(tuple, covariance.tolist())) if covariance.any() else ()
+        return replace(self, std=CameraStd(), covariance=rows)
 
     def zoomed(self, magnification: float, std: float) -> "Camera":
         """The same camera at another focal length: fx and fy times the magnification, the rest as it is.

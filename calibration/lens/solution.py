@@ -15,7 +15,7 @@ import numpy as np
 from aerodft.errors import NoAnswerError
 from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera, CameraStd, LensModel
+from aerodft.model.camera import Camera, LensModel
 from calibration.lens.adjustment import (
     Bundle,
     Corners,
@@ -241,9 +241,8 @@ def solve_lens(
     bundle, gain, weights = _with_coefficients_of(lens, bundle, corners)
     cov, std_px = covariance(bundle, corners, weights)
     check_after(bundle, cov)
-    rows = tuple(tuple(row) for row in cov.tolist())
     return LensSolution(
-        camera=replace(bundle.camera, name=name, std=CameraStd(), covariance=rows),
+        camera=replace(bundle.camera, name=name).with_covariance(cov),
         views=views,
         corners=corners,
         bundle=bundle,

@@ -15,8 +15,7 @@ from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
 from calibration.biases import combined_std, relocated
-from calibration.live_filter import BiasFilter, Expectation, Sight
-from calibration.live_model import BiasModel
+from calibration.live_filter import BiasFilter, BiasModel, Expectation, Sight
 
 _RECENT, _MOST_REFUSED = 12, 8
 """When so many of the last sights were refused, it is the estimate that is wrong, and it begins anew."""

@@ -17,6 +17,7 @@ from aerodft.model.arrays import FloatArray, ImageArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Px
 from aerodft.model.marker import MarkerSighting, MarkerSurvey
+from aerodft.vision.straight import grey_of
 from calibration.lens.board import dictionary, dictionary_names
 from calibration.marker_edges import Squares, no_squares, refined
 
@@ -75,7 +76,7 @@ def find_markers(
         thorough: Look on, in other ways and at other scales, until every surveyed marker is found; otherwise look
             once, as video needs it.
     """
-    grey = _grey(image)
+    grey = grey_of(image)
     wanted = set(survey.by_id)
     ids, squares = _look(grey, survey.dictionary, camera, 0)
     for index in range(1, len(_LOOKS) if thorough else 1):
@@ -94,10 +95,6 @@ def find_markers(
         )
         for index in np.argsort(ids, kind="stable")
     ]
-
-
-def _grey(image: ImageArray) -> ImageArray:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) if image.ndim > 2 else image  # noqa: PLR2004 - rows and columns
 
 
 def _px(pixel: FloatArray) -> Px:
@@ -157,7 +154,7 @@ def other_dictionary(image: ImageArray, name: str) -> str:
 
     Of dictionaries that contain each other, the smallest.
     """
-    grey = _grey(image)
+    grey = grey_of(image)
     counts = {other: len(_look(grey, other, None, 0)[0]) for other in dictionary_names()}
     best = min(counts, key=lambda other: (-counts[other], len(dictionary(other).bytesList)))
     return best if counts[best] > counts[name] else ""

@@ -10,7 +10,7 @@ from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError
 from calibration.lens.adjustment import View
 from calibration.lens.board import Board
-from calibration.lens.choice import Choice, choose
+from calibration.lens.coverage import Choice, choose
 from calibration.lens.detection import BoardFinder, suggestion
 from calibration.lens.solution import LensChoice, LensSolution, solve_lens
 

@@ -12,7 +12,7 @@ from aerodft.geometry.rotation import inverse, matrix, to_rotation_vector
 from aerodft.geometry.turning import turned
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.camera import Camera
-from aerodft.vision.straight import between_nodes, nodes_px
+from aerodft.vision.straight import between_nodes, grey_of, nodes_px
 from aerodft.vision.tracking import evened, followed, spread_corners, well_inside
 
 _FEATURES: Final = 2500
@@ -99,7 +99,7 @@ class Reference:
 
 def reference_of(pixels: ImageArray, allowed: BoolArray) -> Reference:
     """An image ``(height, width, 3)`` BGR as a reference."""
-    return Reference(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8), allowed)
+    return Reference(grey_of(pixels), allowed)
 
 
 def allowed_outside(polygons: tuple[Polygon, ...], width_px: int, height_px: int) -> BoolArray:

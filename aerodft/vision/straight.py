@@ -57,7 +57,7 @@ class StraightView:
 
     def small(self, pixels: ImageArray) -> ImageArray:
         """An image ``(height, width, 3)`` BGR, grey and small."""
-        return self.shrunken(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8))
+        return self.shrunken(grey_of(pixels))
 
     def shrunken(self, pixels: ImageArray) -> ImageArray:
         """An image ``(height, width)`` or ``(height, width, 3)``, small."""
@@ -101,6 +101,11 @@ class StraightView:
         columns_px, rows_px = between_nodes(nodes, self.camera.width_px, self.camera.height_px)
         seen = cv2.remap(small, columns_px, rows_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(seen, dtype=np.uint8)
+
+
+def grey_of(pixels: ImageArray) -> ImageArray:
+    """An image ``(height, width, 3)`` BGR in grey ``(height, width)``; one that is grey as it is."""
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8) if pixels.ndim > 2 else pixels  # noqa: PLR2004 - rows and columns
 
 
 def nodes_px(width_px: int, height_px: int, apart_px: int = NODE_PX) -> FloatArray:

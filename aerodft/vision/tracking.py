@@ -7,6 +7,7 @@ import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.camera import Camera
+from aerodft.vision.straight import grey_of
 
 _EVENED_PX: Final = 31
 _NOISE: Final = 4.0  # grey levels: what is flatter is not made to look structured
@@ -34,8 +35,7 @@ def evened(pixels: ImageArray) -> ImageArray:
     Returns:
         ``(height, width)``; 128 where there is nothing but the mean.
     """
-    grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)  # noqa: PLR2004 - grey has two axes
-    size, depth = (_EVENED_PX, _EVENED_PX), cv2.CV_32F
+    grey, size, depth = grey_of(pixels), (_EVENED_PX, _EVENED_PX), cv2.CV_32F
     mean = cv2.boxFilter(grey, depth, size)
     variance = cv2.subtract(cv2.sqrBoxFilter(grey, depth, size), cv2.multiply(mean, mean))
     spread = cv2.sqrt(np.maximum(variance, 0.0)) + _NOISE

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import Calibration
-from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
+from aerodft.model.calibration import BiasValues, Calibration, CalibrationEstimate, Innovation
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.status import Status

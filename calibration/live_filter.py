@@ -24,7 +24,7 @@ from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, ri
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.camera import Camera
-from aerodft.model.landmark import SurveyedLandmark
+from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
 from aerodft.service.settings import LiveCalibration, TelemetrySettings
 from calibration.biases import combined_std, excess, slope_of, turned_by

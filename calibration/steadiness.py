@@ -12,10 +12,10 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.geometry.rotation import inverse, matrix, multiply, to_rotation_vector
 from aerodft.model.arrays import FloatArray
+from aerodft.model.calibration import STEADY, Steadiness, SteadinessEstimate
 from aerodft.model.observation import Observation
 from aerodft.model.pose import Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
-from aerodft.model.steadiness import STEADY, Steadiness, SteadinessEstimate
 from aerodft.service.settings import PipelineSettings
 from aerodft.service.watching import WatchSettings
 from calibration.biases import combined_std

@@ -14,9 +14,9 @@ import numpy as np
 from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply, to_rotation_vector
 from aerodft.geometry.turning import Turn, find_turn
 from aerodft.model.arrays import FloatArray
+from aerodft.model.calibration import Steadiness
 from aerodft.model.camera import Camera
 from aerodft.model.observation import Observation
-from aerodft.model.steadiness import Steadiness
 from aerodft.service.watching import WatchSettings
 
 _LEAST_AGREEING: Final = 8

@@ -17,9 +17,9 @@ from aerodft.dft.measure import Setup
 from aerodft.dft.zoomed import zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.batch import Event
+from aerodft.model.calibration import STEADY
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
-from aerodft.model.steadiness import STEADY
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source

@@ -19,12 +19,11 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.batch import Batch, Event
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.camera import Camera
-from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.pose_columns import POSED
 from aerodft.model.status import Status
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
 from aerodft.service.made import Made, SpanSink

@@ -1,4 +1,4 @@
-"""The camera: intrinsics, lens distortion, image size, and how well each is known."""
+"""The camera: intrinsics, lens distortion, image size, and how well each is known; and how a vehicle says it zooms."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -144,3 +144,26 @@ class Camera:
     def vfov_rad(self) -> float:
         """Full vertical field of view of the undistorted pinhole, as the paper's FOV_V."""
         return 2 * math.atan(self.height_px / 2 / self.fy_px)
+
+
+class ZoomSource(StrEnum):
+    """The message that a camera's view is known from."""
+
+    CAMERA_SETTINGS = "CAMERA_SETTINGS"
+    CAMERA_FOV_STATUS = "CAMERA_FOV_STATUS"
+    VIDEO_STREAM_INFORMATION = "VIDEO_STREAM_INFORMATION"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Zoom:
+    """A camera's focal length at one stamp, against that of its file.
+
+    Attributes:
+        magnification: Focal length over that of the file.
+        std: Standard deviation of the magnification.
+        source: Where it is known from.
+    """
+
+    magnification: float
+    std: float
+    source: ZoomSource

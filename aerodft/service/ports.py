@@ -6,13 +6,12 @@ from typing import Protocol, runtime_checkable
 from aerodft.dft.answers import ImageAnswers
 from aerodft.dft.request import Setup
 from aerodft.model.batch import Arrival, Batch, Event
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_columns import Posed
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, Track
 from aerodft.service.batches import Batches
 

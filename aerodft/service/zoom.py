@@ -7,9 +7,8 @@ from typing import Final
 import numpy as np
 
 from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, Zoom, ZoomSource
 from aerodft.model.telemetry import CameraTrack
-from aerodft.model.zoom import Zoom, ZoomSource
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.zoom_reports import View, ViewReports
 from aerodft.service.zoom_settings import ZoomSettings

@@ -7,10 +7,10 @@ import numpy as np
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.geometry.turning import LEAST_POINTS, Turn, find_turn, turned
 from aerodft.model.arrays import FloatArray, ImageArray, IntArray
+from aerodft.model.calibration import STEADY
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
-from aerodft.model.steadiness import STEADY
 from aerodft.vision.reference import (
     FirstGoodImage,
     Polygon,

@@ -19,7 +19,7 @@ from aerodft.geometry.reprojection import reproject
 from aerodft.geometry.rotation import matrix
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import CameraStd
-from aerodft.model.landmark import SurveyedLandmark
+from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.observation import Observation
 from aerodft.model.pose import GeoOrigin, HeightSource, PoseSample, PoseStd
 from aerodft.model.status import Status

@@ -4,8 +4,8 @@ import math
 
 from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.pose_summary import summary_of, summary_values
+from aerodft.model.camera import Zoom
 from aerodft.model.pose import GeoOrigin, PoseSample
-from aerodft.model.zoom import Zoom
 
 SCHEMA = "aerodft.pose/1"
 

@@ -22,8 +22,7 @@ from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.images.udp import UdpFile
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError
-from aerodft.model.image import Image, StampClock
-from aerodft.model.packet import VideoPacket
+from aerodft.model.image import Image, StampClock, VideoPacket
 from aerodft.service.ports import Clock
 
 _LOG = logging.getLogger(__name__)

@@ -16,8 +16,8 @@ from aerodft.adapters.mavlink.streams import Parameters, Stream
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Batch
+from aerodft.model.camera import ZoomSource
 from aerodft.model.telemetry import RawBlock
-from aerodft.model.zoom import ZoomSource
 from aerodft.service.zoom_settings import ZoomSettings
 
 ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.camera import ZoomSource
 from aerodft.model.health import EstimatorTrack, GimbalFailureTrack, GpsTrack, HeartbeatTrack
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (
@@ -24,7 +25,6 @@ from aerodft.model.telemetry import (
     Track,
     VehicleTrack,
 )
-from aerodft.model.zoom import ZoomSource
 
 MIN_UNIX_NS: Final = 946_684_800 * 10**9  # 2000-01-01
 MAX_UNIX_NS: Final = 7_258_118_400 * 10**9  # 2200-01-01

@@ -32,13 +32,11 @@ from aerodft.adapters.own_hands import OwnHands, processors
 from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import InputError
 from aerodft.model.batch import Batch
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
-from aerodft.model.image import Image
+from aerodft.model.image import Image, VideoPacket
 from aerodft.model.image_rows import ImageRows
-from aerodft.model.packet import VideoPacket
 from aerodft.model.pose_columns import POSED
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
 from aerodft.service.made import Made
 from aerodft.service.ports import Output

@@ -19,11 +19,10 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Batch
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image_rows import image_indices
 from aerodft.model.pose_columns import POSED, Posed
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
 from aerodft.service.made import AnsweredImages, Made
 from aerodft.service.ports import Output

@@ -34,14 +34,13 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.batch import Batch
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.ports import Estimate, Output
 
 _QUEUED_TICKS = 256

@@ -16,8 +16,7 @@ from aerodft.adapters.mcap import series
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.packet import VideoPacket
+from aerodft.model.image import Image, VideoPacket
 from aerodft.service.feed import batch_of
 from replay.recording import Recording
 from replay.source import RecordingSource

@@ -25,7 +25,7 @@ from aerodft.adapters.zenoh.session import open_session, session_on
 from aerodft.dft.answers import answers_of
 from aerodft.errors import InputError, LinkError
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample

@@ -11,7 +11,7 @@ import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.vision.blobs import calm, remember_changes
-from aerodft.vision.straight import StraightView, between_nodes, carried, nodes_px
+from aerodft.vision.straight import NODE_PX, OUTSIDE_PX, StraightView, carried, nodes_px
 
 _MARGIN: Final = 0.3  # of the image's size, to each side
 _SCALES: Final = (0.75, 1.35)  # seen larger or smaller than that it is time for another canvas
@@ -83,7 +83,12 @@ class GroundCanvas:
         rows, columns = window
         height, width = rows.stop - rows.start, columns.stop - columns.start
         nodes = view.bent(carried(onto, nodes_px(width, height) + [columns.start, rows.start]))
-        columns_px, rows_px = between_nodes(nodes, width, height)
+        nodes = np.nan_to_num(nodes, nan=OUTSIDE_PX).astype(np.float32)
+        size = nodes.shape[1] * NODE_PX, nodes.shape[0] * NODE_PX
+        columns_px, rows_px = (  # one by one: as a pair they would be rounded otherwise
+            cv2.resize(np.ascontiguousarray(nodes[..., k]), size, interpolation=cv2.INTER_LINEAR)[:height, :width]
+            for k in (0, 1)
+        )
         seen = cv2.remap(pixels, columns_px, rows_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         farthest = self._size_px - 2
         is_seen = (columns_px >= 1) & (columns_px <= farthest[0]) & (rows_px >= 1) & (rows_px <= farthest[1])

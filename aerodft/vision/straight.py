@@ -16,7 +16,8 @@ SMALL_PX: Final = 640
 NODE_PX: Final = 16
 """Between these, a map from pixels to pixels is as good as straight."""
 
-_OUTSIDE_PX: Final = -1e4  # of what the lens does not show
+OUTSIDE_PX: Final = -1e4
+"""Of what the lens does not show."""
 
 _Plane = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
@@ -121,12 +122,10 @@ def between_nodes(at_px: FloatArray, width_px: int, height_px: int, apart_px: in
 
     NaN shows nothing.
     """
-    nodes = np.nan_to_num(at_px, nan=_OUTSIDE_PX).astype(np.float32)
+    nodes = np.nan_to_num(at_px, nan=OUTSIDE_PX).astype(np.float32)
     size = nodes.shape[1] * apart_px, nodes.shape[0] * apart_px
-    columns_px, rows_px = (
-        cv2.resize(np.ascontiguousarray(nodes[..., k]), size, interpolation=cv2.INTER_LINEAR)[:height_px, :width_px]
-        for k in (0, 1)
-    )
+    whole = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)
+    columns_px, rows_px = cv2.split(whole[:height_px, :width_px])
     return np.asarray(columns_px, dtype=np.float32), np.asarray(rows_px, dtype=np.float32)
 
 

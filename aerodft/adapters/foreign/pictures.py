@@ -16,11 +16,14 @@ from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
 from aerodft.adapters.mcap.places import ReadChannel
-from aerodft.adapters.timestamps import iso_to_unix_ns
+from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.model.camera import Camera, LensModel
 
-_OLDEST_NS: Final = 946_684_800 * SECOND_NS  # the year 2000: before it nobody set the clock
+SECONDS: Final = ("sec", "secs", "seconds")
+NANOSECONDS: Final = ("nsec", "nsecs", "nanosec", "nanos")
+"""What the parts of a stamp are called in JSON."""
+
 _MOST_LETTERS: Final = 100  # of a format's name
 _MOST_BESIDE: Final = 1 << 20  # bytes of a message that are not its image
 _STILL_MAGICS: Final = (b"\xff\xd8\xff", b"\x89PNG")
@@ -104,8 +107,8 @@ def json_stamp_ns(stamp: Any) -> int | None:  # noqa: ANN401 - whatever somebody
             return None
     if not isinstance(stamp, dict):
         return None
-    whole = next((stamp[key] for key in ("sec", "secs", "seconds") if key in stamp), None)
-    rest = next((stamp[key] for key in ("nsec", "nsecs", "nanosec", "nanos") if key in stamp), 0)
+    whole = next((stamp[key] for key in SECONDS if key in stamp), None)
+    rest = next((stamp[key] for key in NANOSECONDS if key in stamp), 0)
     return None if whole is None else int(whole) * SECOND_NS + int(rest)
 
 
@@ -113,7 +116,7 @@ def _picture(stamp_ns: int | None, data: bytes, name: str) -> Picture:
     if len(name) > _MOST_LETTERS:
         raise ValueError(f"a format whose name has {len(name)} letters")
     return Picture(
-        stamp_ns if stamp_ns is not None and _OLDEST_NS <= stamp_ns <= LATEST_NS else None, data, name.lower()
+        stamp_ns if stamp_ns is not None and OLDEST_NS <= stamp_ns <= LATEST_NS else None, data, name.lower()
     )
 
 

@@ -84,16 +84,8 @@ def _read(path: Path) -> tuple[Calibration, FixedPose | None]:
     table = validated(CalibrationTable, parse_toml(data, str(path)), str(path))
     identity = f"sha256:{hashlib.sha256(data).hexdigest()}"
     pose = calibrated_pose_from(table.pose, identity, str(path)) if table.pose else None
-    return calibration_from(table.bias or BiasTable(), identity, pose, str(path)), pose
-
-
-def calibration_from(bias: BiasTable, identity: str, pose: FixedPose | None = None, where: str = "") -> Calibration:
-    """The calibration that a validated table describes.
-
-    Raises:
-        ConfigError: Its covariance is none.
-    """
-    return replace(biases_from(bias, identity, where), pose=None if pose is None else pose.standing())
+    biases = biases_from(table.bias or BiasTable(), identity, str(path))
+    return replace(biases, pose=None if pose is None else pose.standing()), pose
 
 
 def write_calibration(

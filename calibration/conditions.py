@@ -1,7 +1,10 @@
-"""What each kind of evidence demands of a guess, apart from landmarks, which are reprojected."""
+"""What each kind of evidence demands of a guess, apart from landmarks, which are reprojected.
+
+Ranges and lengths come in tens: all of a scene are computed at once, the rest one by one.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
@@ -22,7 +25,7 @@ from aerodft.dft.projection import (
     project,
     shared_count,
 )
-from aerodft.dft.quantities import KINDS, Sight
+from aerodft.dft.quantities import Sight
 from aerodft.dft.uncertainty import dependence, scalars
 from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
@@ -68,16 +71,58 @@ Condition: TypeAlias = Callable[[State], Found]
 
 
 def condition_of(evidence: Evidence) -> Condition:
-    """The condition of one piece of evidence."""
-    match evidence:
-        case SlantRange(pixel=pixel, range_m=known):
-            return partial(_scalar, evidence, ProbeKind.RANGE, (pixel,), known)
-        case KnownLength(pixels=pixels, length_m=known):
-            return partial(_scalar, evidence, ProbeKind.DISTANCE, pixels, known)
-        case KnownHeight(base=base, top=top, height_m=known):
-            return partial(_scalar, evidence, ProbeKind.HEIGHT, (base, top), known)
-        case _:
-            return partial(_CONDITIONS[type(evidence)], evidence)
+    """The condition of one piece of evidence that is no range and no length."""
+    return partial(_CONDITIONS[type(evidence)], evidence)
+
+
+class Distances:
+    """Slant ranges to level ground, or horizontal lengths between two points of a level, all at once.
+
+    Args:
+        evidence: Of one kind, by the index of the observation.
+
+    Attributes:
+        owner: ``(k,)`` those indices.
+        std_px: ``(k,)`` of their pixels.
+    """
+
+    def __init__(self, evidence: Mapping[int, SlantRange] | Mapping[int, KnownLength]) -> None:
+        self.owner = np.array(list(evidence), dtype=np.intp)
+        self.std_px = np.array([each.std_px for each in evidence.values()], dtype=np.float64)
+        self._std_m = np.array([each.std_m for each in evidence.values()], dtype=np.float64)
+        pixels, known_m, elevation_m = zip(
+            *(
+                ((each.pixel,), each.range_m, 0.0)
+                if isinstance(each, SlantRange)
+                else (each.pixels, each.length_m, each.elevation_m)
+                for each in evidence.values()
+            ),
+            strict=True,
+        )
+        self._pixels = np.array(pixels, dtype=np.float64)
+        self._known_m = np.array(known_m, dtype=np.float64)
+        self._elevation_m = np.array(elevation_m, dtype=np.float64)[:, None]
+
+    def found(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What is, less what is known, ``(k,)``, by the shared errors ``(k, s)``, and its variance ``(k,)``.
+
+        NaN where a point is missed.
+        """
+        pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
+        ground = project(state.camera, pose, self._pixels, state.elevation_m + self._elevation_m, state.model)
+        points = ground.points_enu_m
+        is_range = points.shape[1] == 1
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            apart = points[:, 0] - state.position_m if is_range else (points[:, 1] - points[:, 0]) * [1.0, 1.0, 0.0]
+            distance_m = np.sqrt(np.sum(apart * apart, axis=-1))
+            along = apart / distance_m[:, None]
+            by_points = along[:, None] if is_range else np.stack([-along, along], axis=1)
+            shared = np.einsum("kpi,kpij->kj", by_points, ground.jac_shared)
+            if is_range:
+                shared[:, POSITION] -= along
+            own = np.einsum("kpi,kpij->kpj", by_points, ground.jac_px)
+            variance = self.std_px**2 * np.sum(own * own, axis=(-1, -2)) + self._std_m**2
+            return distance_m - self._known_m, shared, variance
 
 
 def _ground(state: State, pixels: tuple[Px, ...], elevation_m: float) -> GroundPoints:
@@ -90,25 +135,20 @@ def _pose(state: State) -> Pose:
     return Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
 
 
-def _scalar(
-    evidence: SlantRange | KnownLength | KnownHeight,
-    kind: ProbeKind,
-    pixels: tuple[Px, ...],
-    known: float,
-    state: State,
-) -> Found:
-    up_m = evidence.elevation_m if isinstance(evidence, KnownLength) else 0.0
-    pose, ground, rays = _pose(state), _ground(state, pixels, up_m), None
+def _height(evidence: KnownHeight, state: State) -> Found:
+    pixels = (evidence.base, evidence.top)
+    pose, ground, rays = _pose(state), _ground(state, pixels, 0.0), None
     sight = Sight(state.position_m, np.empty((0, 3)), ground.points_enu_m)
-    if state.model is ProjectionModel.PINHOLE and KINDS[kind].sees_rays:
+    if state.model is ProjectionModel.PINHOLE:
         rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)
         sight = Sight(state.position_m, rays.directions_enu, ground.points_enu_m)
     _, _, heading = camera_angles(state.wxyz)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value, by = scalars(kind, state.model, sight, heading, np.array(state.elevation_m + up_m))
+        value, by = scalars(ProbeKind.HEIGHT, state.model, sight, heading, np.array(state.elevation_m))
         shared, own = dependence(by, ground, rays)
     variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
-    return Found(np.array([float(value) - known]), shared[None], np.array([[variance]]), evidence.std_px)
+    residual_m = float(value) - evidence.height_m
+    return Found(np.array([residual_m]), shared[None], np.array([[variance]]), evidence.std_px)
 
 
 def _ground_point(evidence: GroundPoint, state: State) -> Found:
@@ -273,6 +313,7 @@ def _dip(evidence: Horizon, state: State) -> tuple[float, float]:
 
 
 _CONDITIONS: dict[type, Callable[..., Found]] = {
+    KnownHeight: _height,
     GroundPoint: _ground_point,
     Landmark: _landmark,
     Vertical: _vertical,

@@ -40,6 +40,11 @@ class Rows(Protocol):
         """``(m,)`` index of the observation that a row belongs to; -1 for priors."""
         ...
 
+    @property
+    def px(self) -> FloatArray:
+        """``(m,)`` in pixels; 0 for priors."""
+        ...
+
     def normal(self, weights: FloatArray) -> Normal:
         """The normal equations with weights ``(m,)`` of the rows."""
         ...

@@ -1,22 +1,38 @@
-"""Telemetry's biases from many images: from what is known and asked, to numbers that people and files can take."""
+"""Telemetry's biases from many images: the fit, what it leaves and can tell, and numbers for people and files."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.evidence import Prior
+from aerodft.model.camera import Camera
+from aerodft.model.evidence import Evidence, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.errors_left import Leftover, rms_px
-from calibration.images_problem import ImagesProblem
-from calibration.images_solve import ImagesSolution, images_leftovers, images_observability, solve_images
+from calibration.descent import Loss, descend
+from calibration.errors_left import Leftover, ground_error_m, left_of_each, rms_px
+from calibration.images_problem import Arrow, ImagesProblem, ImagesResiduals, eliminated, own_steps
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
-from calibration.observability import Observability
-from calibration.result import above_ground, each_possible, said, start_state
-from calibration.state import coefficient_names, expanded
+from calibration.observability import LIMIT, Observability, combined, natural_size
+from calibration.result import Outcome, above_ground, each_possible, said, start_state
+from calibration.solve import ROBUST, Fit, goodness, inverse, without_outliers
+from calibration.state import State, coefficient_names, expanded
 
+_WORTH: Final = 4.0
+"""A bias of which images tell less than half of this many of its prior's standard deviations is not told by them."""
+
+_PLACES = {"height", "east", "north"}
+_ADD: Final = (
+    ({"time"}, "take images while the camera moves or turns, or leave time out"),
+    ({"time", "heading"}, "take images while the camera turns the other way, or not at all"),
+    ({"roll", "heading"}, "leave one of them out: straight down they turn about one axis"),
+    ({"height"}, "add landmarks away from the point below the camera, or a known length"),
+    ({"heading"}, "add landmarks away from the point below the camera"),
+    ({"height", "elevation"}, "state elevation_m: only their difference is seen"),
+    ({"height", "focal"}, "add images from another height"),
+)
+_MORE = "add images with other headings, heights and speeds, and landmarks all over them"
 _GROUND = ("elevation", "focal", "fx", "fy", "cx", "cy")
 _LENS_OF_THE_PAPER = ("elevation", "focal", "fx", "fy")
 _DEG = 180.0 / np.pi
@@ -32,23 +48,121 @@ _SAID = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ImagesResult:
-    """What a calibration of many images found.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImagesSolution(Fit[ImagesState, ImagesResiduals]):
+    """The best fit of what many images share; the covariance is that of the shared unknowns.
 
     Attributes:
-        problem: What was asked.
-        solution: The fit.
-        left: What is left of each observation.
-        rms_px: Of the landmarks; None without any.
-        weakest: The combination of unknowns that is known worst.
+        cameras: The camera of each image.
+        normal: Normal equations of what was used.
     """
 
-    problem: ImagesProblem
-    solution: ImagesSolution
-    left: tuple[Leftover, ...]
-    rms_px: float | None
-    weakest: Observability
+    cameras: tuple[State, ...]
+    normal: Arrow
+
+
+def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
+    """Fit what the images share; telemetry is near enough to the truth to start from."""
+    robust = descend(problem, start, ROBUST)
+    end, kept = without_outliers(problem, robust, len(problem.evidence), problem.count)
+    weights = Loss(end.residuals.owner, None, kept).weights(end.residuals)
+    chi2, dof = float(weights @ np.square(end.residuals.values)), int(np.count_nonzero(weights)) - problem.count
+    p_value, scaled = goodness(chi2, dof)
+    normal = end.residuals.normal(weights)
+    return ImagesSolution(
+        state=end.state,
+        cameras=problem.cameras(end.state),
+        residuals=end.residuals,
+        normal=normal,
+        kept=kept,
+        covariance=inverse(normal.reduced()) * scaled**2,
+        chi2=chi2,
+        dof=dof,
+        p_value=p_value,
+        scaled=scaled,
+    )
+
+
+def images_leftovers(problem: ImagesProblem, solution: ImagesSolution) -> tuple[Leftover, ...]:
+    """All observations, in their order."""
+    reduced, residuals = solution.normal.reduced(), solution.residuals
+    ground, left_out = [], []
+    for index, (evidence, image) in enumerate(zip(problem.evidence, problem.image_of, strict=True)):
+        span = residuals.rows[image]
+        rows = np.flatnonzero(residuals.owner[span] == index) + span.start
+        camera = solution.cameras[image]
+        without = _without(problem, solution, reduced, image, rows) if solution.kept[index] else camera
+        ground.append(ground_error_m(camera, evidence))
+        left_out.append(None if without is None else ground_error_m(without, evidence))
+    return left_of_each(problem.evidence, residuals, solution.kept, ground, left_out)
+
+
+def _without(
+    problem: ImagesProblem, solution: ImagesSolution, reduced: FloatArray, image: int, rows: np.ndarray
+) -> State | None:
+    """An image's camera one Newton step after an observation was taken away; None where the others determine none."""
+    normal, by, values = solution.normal, solution.residuals.by[rows], solution.residuals.values[rows]
+    count = len(normal.shared_slope)
+    block, slope = normal.blocks[image : image + 1], normal.slopes[image : image + 1]
+    less, pull = block - by.T @ by, slope - by.T @ values
+    before, _ = eliminated(block, slope, count)
+    after, pulled = eliminated(less, pull, count)
+    others = normal.slope[:count] - slope[0, :count]
+    inverted = inverse(reduced - before[0] + after[0])
+    if not np.all(np.isfinite(inverted)):
+        return None
+    shared = -inverted @ (others + pulled[0])
+    own = np.zeros_like(solution.state.own)
+    own[image] = own_steps(less, pull, shared)[0]
+    try:
+        moved = problem.unknowns.moved(solution.state, np.append(shared, own.ravel()))
+        return problem.unknowns.camera(moved, image, problem.views[image])
+    except ValueError:
+        return None
+
+
+def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked: frozenset[str]) -> Observability:
+    """What images and landmarks tell of what was asked, telemetry's word for it apart.
+
+    As ``observability.observability``, with two differences. What telemetry says of a bias that is asked for does not
+    count: with it everything would be known. And a bias has the size of what telemetry may be off by.
+    """
+    names, state = problem.unknowns.names, solution.state
+    information, sizes = solution.normal.reduced().copy(), np.empty(len(names))
+    above_m = _above_m(problem.evidence, solution)
+    for index, name in enumerate(names):
+        is_place = name in _PLACES or name not in BIASES
+        sizes[index] = natural_size(name, state.base, above_m) if is_place else 1.0
+        prior = problem.priors.get(name)
+        if prior is not None and name in BIASES:
+            sizes[index] = min(sizes[index], _WORTH * prior.std)
+            information[index, index] -= prior.std**-2 if name in asked else 0.0
+    values, directions = np.linalg.eigh(information * np.outer(sizes, sizes))
+    with np.errstate(divide="ignore"):
+        shares = solution.scaled / np.sqrt(np.maximum(values, 0.0))
+    limit = LIMIT * (solution.scaled if shares[0] > LIMIT * solution.scaled else 1.0)  # the scene's fault, or the stds'
+    weak = directions.T[shares > limit] if shares[0] > LIMIT else directions.T[:1]
+    return combined(names, weak, float(shares[0]), _advice)
+
+
+def _above_m(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
+    heights = [float(camera.position_m[2]) - camera.elevation_m for camera in solution.cameras]
+    places = [each.position_m[2] for each in evidence if isinstance(each, Landmark)]
+    known = [place for place in places if place is not None]
+    below = float(np.median(known)) - solution.state.base.elevation_m if known else 0.0
+    return max(abs(float(np.median(heights)) - below), 1e-3)
+
+
+def _advice(names: set[str]) -> str:
+    for wanted, advice in _ADD:
+        if wanted == names:
+            return advice
+    return _MORE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
+    """What a calibration of many images found."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -87,9 +201,7 @@ class ImagesResult:
     def camera(self) -> Camera:
         """The camera with what was found of its lens, and how well."""
         to = self.problem.unknowns.to_shared(self.solution.state)[len(BIASES) :]
-        joint = to @ self.solution.covariance @ to.T
-        covariance = tuple(map(tuple, joint.tolist())) if np.any(joint) else ()
-        return replace(self.solution.state.base.camera, std=CameraStd(), covariance=covariance)
+        return self.solution.state.base.camera.with_covariance(np.asarray(to @ self.solution.covariance @ to.T))
 
 
 def said_of_images(name: str) -> tuple[str, float]:

@@ -1,5 +1,10 @@
-"""Many images of one camera, as a calibration moves them: what they share, and what is new in each of them."""
+"""Many images of one camera, as a calibration moves them: what they share, and what is new in each of them.
 
+Telemetry says where the camera was around each image's stamp, and its stated standard deviations say what is shared
+and what is new.
+"""
+
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -7,19 +12,147 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.projection import INTRINSICS
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, skew
+from aerodft.geometry.rotation import (
+    from_rotation_vector,
+    inverse,
+    matrix,
+    multiply,
+    right_jacobian,
+    skew,
+    slerp,
+    to_rotation_vector,
+)
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES
-from aerodft.model.evidence import Evidence
-from calibration.pose_track import PoseTrack
+from aerodft.model.evidence import Evidence, Prior
+from aerodft.model.pose import PoseStd
+from aerodft.service.settings import ErrorStd
+from calibration.live_model import excess
 from calibration.state import State, Unknowns
 
+_APART_S = 0.02  # over twice this, motion is seen as even: about an interval between two attitudes
+_OWN = ("horizontal_m", "horizontal_m", "height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad")
+_SHARED = {
+    "height": "height_agl_m",
+    "tilt": "tilt_rad",
+    "roll": "roll_rad",
+    "heading": "heading_rad",
+    "pan": "pan_rad",
+    "east": "horizontal_m",
+    "north": "horizontal_m",
+}
 OWN: Final = 7
 """Errors that are new in each image: east, north, up, tilt, pan, roll, heading."""
 
 _HEIGHT, _TILT, _ROLL, _HEADING, _PAN, _EAST, _NORTH, _TIME = range(len(BIASES))
 _TURNS = [_TILT, _PAN, _ROLL]
 _ROTATION = slice(3, 6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """A camera's pose and motion.
+
+    Attributes:
+        position_m: ``(3,)`` east, north, up.
+        wxyz: ``(4,)`` from camera axes to east, north, up.
+        velocity_mps: ``(3,)`` east, north, up.
+        rate_cam_radps: ``(3,)`` angular rate in camera axes.
+    """
+
+    position_m: FloatArray
+    wxyz: FloatArray
+    velocity_mps: FloatArray
+    rate_cam_radps: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseTrack:
+    """Poses before and after an image's stamp; in between, they are interpolated.
+
+    Attributes:
+        offset_s: ``(k,)`` ascending, from the stamp; 0 is among them or between them.
+        position_m: ``(k, 3)`` east, north, up.
+        wxyz: ``(k, 4)`` from camera axes to east, north, up.
+    """
+
+    offset_s: FloatArray
+    position_m: FloatArray
+    wxyz: FloatArray
+
+    @classmethod
+    def steady(cls, moment: Moment, reach_s: float) -> "PoseTrack":
+        """Even motion through a pose, for so long before and after it; with a reach of 0 the pose alone."""
+        offset_s = np.array([-reach_s, 0.0, reach_s] if reach_s > 0 else [0.0])
+        turns = from_rotation_vector(offset_s[:, None] * moment.rate_cam_radps)
+        return cls(
+            offset_s,
+            moment.position_m + offset_s[:, None] * moment.velocity_mps,
+            multiply(moment.wxyz, turns),
+        )
+
+    def at(self, offset_s: float) -> Moment:
+        """Pose and motion so long after the stamp.
+
+        Raises:
+            ValueError: Nothing is known of that time.
+        """
+        position, wxyz = self.pose(offset_s)
+        first, last = float(self.offset_s[0]), float(self.offset_s[-1])
+        before, after = max(offset_s - _APART_S, first), min(offset_s + _APART_S, last)
+        if before == after:
+            return Moment(position, wxyz, np.zeros(3), np.zeros(3))
+        (start_m, start), (end_m, end) = self.pose(before), self.pose(after)
+        turn = to_rotation_vector(multiply(inverse(start), end))
+        return Moment(position, wxyz, (end_m - start_m) / (after - before), turn / (after - before))
+
+    def pose(self, offset_s: float) -> tuple[FloatArray, FloatArray]:
+        """Position and attitude so long after the stamp.
+
+        Raises:
+            ValueError: Nothing is known of that time.
+        """
+        first, last = float(self.offset_s[0]), float(self.offset_s[-1])
+        if not first <= offset_s <= last:
+            raise ValueError(f"got {offset_s:g} s, expected {first:g} to {last:g}")
+        if len(self.offset_s) == 1:
+            return self.position_m[0], self.wxyz[0]
+        after = int(np.clip(np.searchsorted(self.offset_s, offset_s), 1, len(self.offset_s) - 1))
+        low, high = self.offset_s[after - 1 : after + 1].tolist()
+        weight = (offset_s - low) / (high - low)
+        position = (1 - weight) * self.position_m[after - 1] + weight * self.position_m[after]
+        return position, slerp(self.wxyz[after - 1], self.wxyz[after], weight)
+
+
+def shared_and_new(
+    stds: Sequence[PoseStd], share: float, noise: ErrorStd
+) -> tuple[dict[str, Prior], tuple[FloatArray, ...]]:
+    """Priors of the biases by name, and for each image the standard deviations ``(7,)`` of what is new in it.
+
+    As in a live calibration: most of what is stated is one error for the whole flight. What an image is stated to be
+    worse than the best one is new in it.
+
+    Args:
+        stds: As stated of each image.
+        share: Of each, what is new in every image.
+        noise: The same for single errors, in their own units.
+    """
+    best = {name: min(getattr(std, name) for std in stds) for name in set(_OWN)}
+    shared = math.sqrt(1 - share**2)
+    priors = {bias: Prior(value=0.0, std=shared * best[name]) for bias, name in _SHARED.items()}
+    stated = {name: getattr(noise, "height_m" if name == "height_agl_m" else name) for name in best}
+    least = {name: share * best[name] if given is None else given for name, given in stated.items()}
+    return priors, tuple(
+        np.array([math.hypot(least[name], excess(getattr(std, name), best[name])) for name in _OWN]) for std in stds
+    )
+
+
+def typical_noise(noises: Sequence[FloatArray]) -> PoseStd:
+    """What is new in an image of which nobody says more: the middle of what was stated."""
+    east, _, height, tilt, pan, roll, heading = np.median(noises, axis=0).tolist()
+    return PoseStd(
+        height_agl_m=height, horizontal_m=east, tilt_rad=tilt, pan_rad=pan, roll_rad=roll, heading_rad=heading
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,12 +266,8 @@ class SharedUnknowns:
         """
         moment = view.track.at(float(state.biases[_TIME]))
         found, count = _turned(state, index, view, (moment.position_m, moment.wxyz)), len(self.names)
-        by_bias = np.zeros((6, len(BIASES)))
-        by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
-        by_bias[_ROTATION, _TURNS] = found.back @ right_jacobian(state.biases[_TURNS])
-        by_bias[_ROTATION, _HEADING] = found.back @ found.down_cam
-        by_bias[:3, _TIME] = moment.velocity_mps
-        by_bias[_ROTATION, _TIME] = found.back @ matrix(found.in_camera).T @ moment.rate_cam_radps
+        by_bias = _by_biases(state.biases[_TURNS], found.down_cam, moment.velocity_mps, moment.rate_cam_radps)
+        by_bias[_ROTATION] = found.back @ by_bias[_ROTATION]
         by = np.zeros((INTRINSICS.start + 4 + len(state.base.camera.distortion), count + OWN))
         chosen = [name for name in self.names if name in BIASES]
         by[:6, self._columns(chosen)] = by_bias[:, [BIASES.index(name) for name in chosen]]
@@ -159,14 +288,12 @@ class _Turned:
 
     Attributes:
         camera: The camera.
-        in_camera: ``(4,)`` its turn by the biases of tilt, pan and roll.
         down_cam: ``(3,)`` straight down, before what is new in this image.
         back: ``(3, 3)`` its turn by one before what is new.
         by_own: ``(3, 3)`` by the rotation vector of what is new.
     """
 
     camera: State
-    in_camera: FloatArray
     down_cam: FloatArray
     back: FloatArray
     by_own: FloatArray
@@ -176,13 +303,37 @@ def _turned(state: ImagesState, index: int, view: View, pose: tuple[FloatArray, 
     """The camera of an image where telemetry says ``pose``."""
     position, wxyz = pose
     own = state.own[index] * view.noise
-    in_camera = from_rotation_vector(state.biases[_TURNS])
-    about_vertical = from_rotation_vector(np.array([0.0, 0.0, -state.biases[_HEADING]]))
-    turned = multiply(about_vertical, multiply(wxyz, in_camera))
+    turned = _turned_by(wxyz, state.biases[_TURNS], float(state.biases[_HEADING]))
     down_cam = -matrix(turned)[2]
     new = own[3:6] + own[6] * down_cam
     last, by_own = from_rotation_vector(new), right_jacobian(new)
     placed = position + state.biases[[_EAST, _NORTH, _HEIGHT]] + own[:3]
     camera = replace(state.base, position_m=placed, wxyz=multiply(turned, last))
     back = matrix(last).T + own[6] * by_own @ skew(down_cam)
-    return _Turned(camera, in_camera, down_cam, back, by_own)
+    return _Turned(camera, down_cam, back, by_own)
+
+
+def _turned_by(wxyz: FloatArray, in_camera_rad: FloatArray, heading_rad: float) -> FloatArray:
+    """An attitude corrected by a rotation vector ``(3,)`` in camera axes, and clockwise about the vertical."""
+    about_vertical = from_rotation_vector(np.array([0.0, 0.0, -heading_rad]))
+    return multiply(about_vertical, multiply(wxyz, from_rotation_vector(in_camera_rad)))
+
+
+def _by_biases(
+    in_camera_rad: FloatArray, down_cam: FloatArray, velocity_mps: FloatArray, rate_cam_radps: FloatArray
+) -> FloatArray:
+    """``(6, 8)``: errors of a corrected pose, as ``Pose.cov`` counts them, by the biases, as ``BIASES``.
+
+    Args:
+        in_camera_rad: ``(3,)`` the rotation vector that the attitude was corrected by.
+        down_cam: ``(3,)`` straight down, in axes of the corrected camera.
+        velocity_mps: ``(3,)`` east, north, up.
+        rate_cam_radps: ``(3,)`` in camera axes, before the correction.
+    """
+    by_bias = np.zeros((6, len(BIASES)))
+    by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
+    by_bias[3:, _TURNS] = right_jacobian(in_camera_rad)
+    by_bias[3:, _HEADING] = down_cam  # about which it is clockwise
+    by_bias[:3, _TIME] = velocity_mps
+    by_bias[3:, _TIME] = matrix(from_rotation_vector(in_camera_rad)).T @ rate_cam_radps
+    return by_bias

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodft.model.calibration import Calibration
-from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
+from aerodft.model.calibration import BiasValues, Calibration, CalibrationEstimate, Innovation
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch

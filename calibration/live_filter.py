@@ -16,7 +16,7 @@ from aerodft.geometry.reprojection import reproject
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
-from aerodft.model.landmark import SurveyedLandmark
+from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.pose_batch import PoseBatch
 from calibration.live_model import BiasedPoses, BiasModel, propagated
 

@@ -12,7 +12,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.marker import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import Observation
 from calibration.marker_geometry import SIZE, STDS, apparent_side
 from calibration.markers import find_markers
 
@@ -118,15 +118,6 @@ def _observations(marker: SurveyedMarker, seen: MarkerSighting, image: Image) ->
     is_centre = len(marker.points_m) == 1
     pixels = (seen.pixel,) if is_centre else seen.corners
     return [
-        Observation(
-            name=name,
-            stamp_ns=image.stamp_ns,
-            arrival_ns=image.arrival_ns,
-            pixels=(pixel,),
-            std_px=seen.std_px if is_centre else seen.corner_std_px,
-            clock=image.clock,
-            image=image.index,
-            source=VISION,
-        )
+        Observation.in_image(image, name, (pixel,), std_px=seen.std_px if is_centre else seen.corner_std_px)
         for name, pixel in zip(marker.point_names, pixels, strict=True)
     ]

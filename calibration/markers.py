@@ -1,4 +1,9 @@
-"""Surveyed markers (ArUco, AprilTag) in images: their ids, corners and centres, and how well these are known."""
+"""Surveyed markers (ArUco, AprilTag) in images: their ids, corners and centres, and how well these are known.
+
+Detectors decide module by module whether it is black or white, and so read a marker into textures now and then, the
+more so the larger the dictionary is. In a true marker black is black and white is white all over: what does not look
+like the marker that it was taken for is left out.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,9 +17,9 @@ from aerodft.model.arrays import FloatArray, ImageArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Px
 from aerodft.model.marker import MarkerSighting, MarkerSurvey
+from aerodft.vision.straight import grey_of
 from calibration.lens.board import dictionary, dictionary_names
 from calibration.marker_edges import Squares, no_squares, refined
-from calibration.marker_pattern import likeness, modules
 
 LEAST_STD_PX: Final = 0.2
 """What no sharpness takes away: paper is not flat, prints have no exact edges, lenses differ from their model."""
@@ -25,6 +30,7 @@ LEAST_SIDE_PX: Final = 10
 _LARGEST_PX: Final = 40_000_000  # of a picture that is looked into
 _SAME: Final = 0.25  # of a marker's side: detections whose centres are closer are of one marker
 _ALIKE: Final = 0.78  # correlation: textures in a photo reached 0.72, its markers 0.96, blurred ones of 10 px 0.79
+_WITHIN: Final = np.array([0.3, 0.5, 0.7])  # of a module: clear of its neighbours
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +76,7 @@ def find_markers(
         thorough: Look on, in other ways and at other scales, until every surveyed marker is found; otherwise look
             once, as video needs it.
     """
-    grey = _grey(image)
+    grey = grey_of(image)
     wanted = set(survey.by_id)
     ids, squares = _look(grey, survey.dictionary, camera, 0)
     for index in range(1, len(_LOOKS) if thorough else 1):
@@ -89,10 +95,6 @@ def find_markers(
         )
         for index in np.argsort(ids, kind="stable")
     ]
-
-
-def _grey(image: ImageArray) -> ImageArray:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) if image.ndim > 2 else image  # noqa: PLR2004 - rows and columns
 
 
 def _px(pixel: FloatArray) -> Px:
@@ -152,7 +154,44 @@ def other_dictionary(image: ImageArray, name: str) -> str:
 
     Of dictionaries that contain each other, the smallest.
     """
-    grey = _grey(image)
+    grey = grey_of(image)
     counts = {other: len(_look(grey, other, None, 0)[0]) for other in dictionary_names()}
     best = min(counts, key=lambda other: (-counts[other], len(dictionary(other).bytesList)))
     return best if counts[best] > counts[name] else ""
+
+
+def modules(name: str) -> int:
+    """Along a side of a dictionary's markers, with the black border."""
+    return int(dictionary(name).markerSize) + 2
+
+
+def likeness(grey: ImageArray, corners_px: FloatArray, ids: IntArray, name: str) -> FloatArray:
+    """Correlation ``(m,)`` of what is there with what markers look like: 1 for the same, about 0 for anything else.
+
+    Args:
+        grey: ``(h, w)``.
+        corners_px: ``(m, 4, 2)``, at least one.
+        ids: ``(m,)``.
+        name: Of the dictionary.
+    """
+    along = (np.arange(modules(name))[:, None] + _WITHIN).ravel()
+    at = np.stack(np.meshgrid(along, along), axis=-1).reshape(1, -1, 2).astype(np.float32)
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32) * modules(name)
+    quads = corners_px.astype(np.float32)
+    seen_at = np.concatenate(
+        [cv2.perspectiveTransform(at, cv2.getPerspectiveTransform(square, quad)) for quad in quads]
+    )
+    seen = cv2.remap(grey, seen_at[..., 0], seen_at[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    wanted = np.stack([_pattern(name, int(each)) for each in ids])
+    seen -= seen.mean(axis=1, keepdims=True)
+    size = np.linalg.norm(seen, axis=1) * np.linalg.norm(wanted, axis=1)
+    return np.asarray(np.sum(seen * wanted, axis=1) / np.maximum(size, 1e-9))
+
+
+@lru_cache(maxsize=256)
+def _pattern(name: str, marker: int) -> FloatArray:
+    """A marker's samples less their mean; below 0 for black."""
+    known = dictionary(name)
+    bits = cv2.aruco.Dictionary.getBitsFromByteList(known.bytesList[marker : marker + 1], known.markerSize)
+    samples = np.kron(np.pad(bits, 1), np.ones((len(_WITHIN), len(_WITHIN)))).ravel()
+    return np.asarray(samples - samples.mean())

@@ -14,8 +14,7 @@ from aerodft.geometry.reprojection import reproject
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import EvidenceSet, KnownLength, Landmark, SlantRange
 from aerodft.model.measurement import ProjectionModel
-from calibration.conditions import Condition, condition_of
-from calibration.ranges import Lengths, Ranges
+from calibration.conditions import Condition, Distances, condition_of
 from calibration.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
@@ -94,17 +93,9 @@ class Problem:
         self._std_px = np.array([each.std_px for each in points], dtype=np.float64)
         std_m = np.array([each.std_m for each in points], dtype=np.float64).reshape(-1, 3)
         self._point_cov = np.square(std_m)[:, None] * np.eye(3) if np.any(std_m) else None
-        ranges, lengths = dict[int, SlantRange](), dict[int, KnownLength]()
-        for index, each in enumerate(known.evidence if model is ProjectionModel.PINHOLE else ()):
-            if isinstance(each, SlantRange):
-                ranges[index] = each
-            elif isinstance(each, KnownLength):
-                lengths[index] = each
-        self._together: list[Ranges | Lengths] = []
-        if ranges:
-            self._together.append(Ranges(ranges))
-        if lengths:
-            self._together.append(Lengths(lengths))
+        ranges = {index: each for index, each in enumerate(known.evidence) if isinstance(each, SlantRange)}
+        lengths = {index: each for index, each in enumerate(known.evidence) if isinstance(each, KnownLength)}
+        self._together = [Distances(each) for each in (ranges, lengths) if each]
         self._conditions: list[tuple[int, Condition]] = [
             (index, condition_of(each))
             for index, each in enumerate(known.evidence)
@@ -188,9 +179,11 @@ def _joined(parts: list[Residuals]) -> Residuals:
     )
 
 
-def _of_many(many: Ranges | Lengths, state: State, by: FloatArray) -> Residuals:
-    values, by_shared = many.found(state)
-    px = many.stds.px * values
+def _of_many(many: Distances, state: State, by: FloatArray) -> Residuals:
+    off_m, by_shared, variance = many.found(state)
+    std_m = np.sqrt(variance * (1 + 1e-12))
+    values, by_shared = off_m / std_m, by_shared / std_m[:, None]
+    px = many.std_px * values
     blind = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
     if np.any(blind):
         by_shared[blind], values[blind], px[blind] = 0.0, OUT_OF_SIGHT, np.inf

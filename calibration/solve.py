@@ -3,7 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Final, TypeAlias
+from typing import Final, Generic, TypeAlias
 
 import numpy as np
 from scipy.special import chdtrc, chdtri, ndtri, stdtrit
@@ -34,33 +34,42 @@ _SAME = 1e-6  # share of the cost, and cost, that makes no difference
 _AS_LIKELY, _ELSEWHERE = 14.0, 6.0  # in chi-square: one to a thousand; and standard deviations
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit(Generic[StateT, RowsT_co]):
     """The best fit.
 
     Attributes:
-        state: The camera.
+        state: What was found.
         residuals: At the state, of all evidence, outliers too.
         kept: ``(k,)`` whether each observation was used.
         covariance: ``(n, n)`` of the unknowns as they are named (SI units), scaled up where the residuals are larger
             than stated; infinite where they are not determined.
-        joint: ``(s, s)`` of the errors of ``dft.projection``, of which the unknowns are combinations.
         chi2: Weighted sum of squares of what was used.
         dof: Degrees of freedom.
         p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
         scaled: What the stated stds had to be multiplied with; 1 where they hold.
-        rival: Another camera that the evidence fits as well; None where there is only one.
     """
 
-    state: State
-    residuals: Residuals
+    state: StateT
+    residuals: RowsT_co
     kept: np.ndarray
     covariance: FloatArray
-    joint: FloatArray
     chi2: float
     dof: int
     p_value: float | None
     scaled: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solution(Fit[State, Residuals]):
+    """The best fit of one camera.
+
+    Attributes:
+        joint: ``(s, s)`` of the errors of ``dft.projection``, of which the unknowns are combinations.
+        rival: Another camera that the evidence fits as well; None where there is only one.
+    """
+
+    joint: FloatArray
     rival: State | None = None
 
 
@@ -243,7 +252,17 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
         covariance, joint = own, np.full((len(by), len(by)), np.inf)
     else:
         covariance, joint = to_angles @ own @ to_angles.T, by @ own @ by.T
-    return Solution(end.state, residuals, kept, covariance, joint, chi2, dof, p_value, scaled)
+    return Solution(
+        state=end.state,
+        residuals=residuals,
+        kept=kept,
+        covariance=covariance,
+        joint=joint,
+        chi2=chi2,
+        dof=dof,
+        p_value=p_value,
+        scaled=scaled,
+    )
 
 
 def _rival(problem: Problem, solution: Solution, ends: list[End]) -> State | None:

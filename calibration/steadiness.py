@@ -12,16 +12,15 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.intrinsics import intrinsics_covariance
 from aerodft.geometry.rotation import inverse, to_rotation_vector
 from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.calibration import STEADY, Steadiness, SteadinessEstimate
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
-from aerodft.model.steadiness import STEADY, Steadiness, SteadinessEstimate
 from aerodft.service.settings import PipelineSettings
 from aerodft.service.watching import WatchSettings
-from calibration.steady_look import Look, Looker
 from calibration.steady_pose import KnownTurn, shift_of, turned_pose, turned_std
-from calibration.steady_state import SteadyState
+from calibration.steady_state import Look, Looker, SteadyState
 
 _HOUR_NS: Final = 3600 * SECOND_NS
 _NUMBERLESS: Final = {

@@ -1,20 +1,196 @@
-"""From look to look: whether a fixed camera rests, was bumped, is moving, or cannot be told."""
+"""From look to look: whether a fixed camera rests, was bumped, is moving, or cannot be told.
 
+A look at its steady points says by how much it has turned, or why that cannot be told. Where it looks is the mean over
+the last looks; how far single images scatter about that is learned beside it.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.rotation import to_rotation_vector
-from aerodft.geometry.turning import Turn
+from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply, to_rotation_vector
+from aerodft.geometry.turning import Turn, find_turn
 from aerodft.model.arrays import FloatArray
-from aerodft.model.steadiness import Steadiness
+from aerodft.model.calibration import Steadiness
+from aerodft.model.camera import Camera
+from aerodft.model.observation import Observation
 from aerodft.service.watching import WatchSettings
-from calibration.steady_level import Level, Scatter
-from calibration.steady_look import Look, Verdict
 
+_LEAST_AGREEING: Final = 8
+_LEAST_SHARE: Final = 0.2  # of the points: strays agree by chance
+_FINE: Final = 0.25  # of the limit: a turn that is known less well tells nothing
+_STAY: Final = 0.4  # of the points: so many in the wrong place, and staying there, are no passers-by
+_OFF: Final = 0.5  # of the limit, at the principal point: what counts as the wrong place
+_LEAST_OFF_PX: Final = 2.0
+_WINDOW: Final = 10
+_MEMORY: Final = 60  # looks
+_EXPECTED_LOOKS: Final = 4  # that the expectation counts for, against what is seen
+_EXPECTED: Final = 0.15  # of the limit: standard deviation of a mast in the wind, about an axis
+_STRONG: Final = 0.25  # of the limit: in as strong a wind as may be, before a few looks have told better
+_SHARED_PX: Final = 0.03  # what all points of a look are off by together, as trackers and sensors make it
 _RARE: Final = 6.0  # standard deviations about each axis: once in millions of looks
 _NOTED: Final = 3.0
 _BACK: Final = 0.9  # of the limit: who is within it again, by more than noise
+
+
+class Verdict(Enum):
+    """What a look says."""
+
+    TURNED = auto()  # by how much, maybe nothing
+    UNKNOWN_VIEW = auto()  # points stand still where a camera that only turned would not see them
+    NOTHING = auto()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What one observation says.
+
+    Attributes:
+        verdict: What the rest means.
+        turn: ``now_SO3_reference``; None where it cannot be told.
+        points: How many were found again.
+    """
+
+    verdict: Verdict
+    turn: Turn | None
+    points: int
+
+
+class Looker:
+    """Judges looks one after the other; remembers where strays were.
+
+    Args:
+        camera: The camera.
+        limit_rad: What counts as moved.
+    """
+
+    def __init__(self, camera: Camera, limit_rad: float) -> None:
+        self._camera = camera
+        self._fine_rad = _FINE * limit_rad
+        self._off_px = max(_OFF * limit_rad * camera.fx_px, _LEAST_OFF_PX)
+        self._strays: dict[tuple[float, ...], FloatArray] = {}
+
+    def judge(self, seen: Observation) -> Look:
+        """What the pairs of pixels (reference, now) say."""
+        pairs = np.array(seen.pixels, dtype=np.float64).reshape(-1, 2, 2)
+        turn = find_turn(self._camera, pairs[:, 0], pairs[:, 1])
+        staying = self._staying(pairs, turn)
+        if len(pairs) >= _LEAST_AGREEING and staying >= _STAY * len(pairs):
+            return Look(Verdict.UNKNOWN_VIEW, None, len(pairs))
+        if turn is None or not self._tells(turn):
+            return Look(Verdict.NOTHING, None, len(pairs))
+        return Look(Verdict.TURNED, turn, len(pairs))
+
+    def _tells(self, turn: Turn) -> bool:
+        agreeing = int(np.count_nonzero(turn.agreeing))
+        enough = agreeing >= max(_LEAST_AGREEING, _LEAST_SHARE * len(turn.agreeing))
+        return enough and float(np.max(np.diag(turn.cov))) <= self._fine_rad**2
+
+    def _staying(self, pairs: FloatArray, turn: Turn | None) -> int:
+        """How many points are where the turn does not bring them, and were there at the last look too."""
+        is_stray = np.ones(len(pairs), dtype=np.bool_) if turn is None else _beyond(turn.off_px, self._off_px)
+        before, self._strays = self._strays, {tuple(then.tolist()): now for then, now in pairs[is_stray]}
+        return sum(
+            key in before and bool(np.max(np.abs(place - before[key])) <= self._off_px)
+            for key, place in self._strays.items()
+        )
+
+
+def _beyond(off_px: FloatArray, limit_px: float) -> np.ndarray:
+    """Farther off than the limit; what a turned camera should not see at all is."""
+    return np.asarray(~(np.max(np.abs(off_px), axis=-1) <= limit_px))
+
+
+class Scatter:
+    """How far a camera turns to and fro between images, each axis alike.
+
+    Args:
+        limit_rad: What counts as moved.
+    """
+
+    def __init__(self, limit_rad: float) -> None:
+        self._weight = float(_EXPECTED_LOOKS)
+        self._strong_rad2 = (_STRONG * limit_rad) ** 2
+        self.variance_rad2 = (_EXPECTED * limit_rad) ** 2
+
+    @property
+    def most_rad2(self) -> float:
+        """What the variance may be, about each axis."""
+        is_known = self._weight >= _EXPECTED_LOOKS + _WINDOW
+        return self.variance_rad2 if is_known else max(self.variance_rad2, self._strong_rad2)
+
+    def learn(self, off_rad: FloatArray) -> None:
+        """Take in how far a look was ``(3,)`` from where the camera looks on the whole."""
+        self._weight = min(self._weight + 1, float(_MEMORY))
+        self.variance_rad2 += (float(np.mean(np.square(off_rad))) - self.variance_rad2) / self._weight
+
+
+class Level:
+    """The mean over the last looks of a camera that rests."""
+
+    def __init__(self, first: Turn) -> None:
+        self._base_wxyz = first.wxyz
+        self._turns: deque[Turn] = deque([first], maxlen=_WINDOW)
+        self._mean_rad = np.zeros(3)
+
+    @classmethod
+    def over(cls, turns: list[Turn]) -> "Level":
+        """Over some looks, at least one."""
+        level = cls(turns[0])
+        for turn in turns[1:]:
+            level.add(turn)
+        return level
+
+    @property
+    def wxyz(self) -> FloatArray:
+        """``(4,)`` ``now_SO3_reference``."""
+        return multiply(from_rotation_vector(self._mean_rad), self._base_wxyz)
+
+    @property
+    def looks(self) -> int:
+        """How many it is the mean of."""
+        return len(self._turns)
+
+    @property
+    def last(self) -> Turn:
+        """The newest of them."""
+        return self._turns[-1]
+
+    def add(self, turn: Turn) -> None:
+        """Take in a look; the oldest one leaves."""
+        self._turns.append(turn)
+        self._mean_rad = np.mean([_between(self._base_wxyz, each) for each in self._turns], axis=0)
+
+    def off(self, turn: Turn) -> FloatArray:
+        """How far a look is from here: a small rotation ``(3,)`` about the camera's axes now."""
+        return _between(self.wxyz, turn)
+
+    def newest(self, count: int) -> list[Turn]:
+        """The last looks."""
+        return list(self._turns)[-count:]
+
+    def step(self, count: int) -> FloatArray:
+        """From all looks but the last ``count`` to these, ``(3,)``; zero where that leaves none."""
+        offs = [_between(self._base_wxyz, each) for each in self._turns]
+        if len(offs) <= count:
+            return np.zeros(3)
+        return np.asarray(np.mean(offs[-count:], axis=0) - np.mean(offs[:-count], axis=0))
+
+    def covariance(self, focal_px: float, variance_rad2: float) -> FloatArray:
+        """``(3, 3)`` of where a single image looks, by the looks' own errors and by how far images scatter.
+
+        Errors of the looks are not averaged away: the points' places in the reference are the same in all of them.
+        """
+        measured = np.mean([each.cov for each in self._turns], axis=0)
+        scatter = (_SHARED_PX / focal_px) ** 2 + variance_rad2 * (1 + 1 / len(self._turns))
+        return np.asarray(measured + scatter * np.eye(3))
+
+
+def _between(wxyz: FloatArray, turn: Turn) -> FloatArray:
+    return to_rotation_vector(multiply(turn.wxyz, inverse(wxyz)))
 
 
 class SteadyState:

@@ -16,15 +16,11 @@ from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.service.attitude_history import AttitudeHistory
 from aerodft.service.settings import AttitudeSettings
-from aerodft.vision.homography import plane_motion
-from aerodft.vision.layers import layered_motion
-from aerodft.vision.matches import ImagePair
-from aerodft.vision.rotation import PlaneMotion
-from calibration.sync_fit import LAG, LAG_PRIOR_S, TurnProblem, fit
-from calibration.sync_motion import CameraMotion, predicted
-from calibration.sync_path import CameraPath, followed_path
+from aerodft.vision.plane_tracker import ImagePair
+from aerodft.vision.rotation import PlaneMotion, layered_motion, plane_motion
+from calibration.sync_fit import LAG, LAG_PRIOR_S, MAX_DRIFT, Peak, TurnProblem, fit, search
+from calibration.sync_motion import CameraMotion, CameraPath, followed_path, predicted
 from calibration.sync_refine import FEWEST_REPORTS, Refined, refined
-from calibration.sync_search import MAX_DRIFT, Peak, search
 
 MOST_STD_S = 0.05
 """A less certain alignment is none."""

@@ -9,8 +9,7 @@ from typing import Final
 import orjson
 
 from aerodft.model.probe import ProbeKind
-from replay.columns import COLUMNS, Kind
-from replay.table import Item, in_pairs, parsed, positions, row_of
+from replay.table import COLUMNS, Item, Kind, in_pairs, parsed, positions, row_of
 
 _LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {Kind.NUMBERS, Kind.VECTORS})
 _IN_GEOMETRY: Final = frozenset({"lat_deg", "lon_deg", "alt_msl_m", "lat_2_deg", "lon_2_deg", "alt_2_msl_m", "geo_wkt"})

@@ -1,19 +1,21 @@
-"""Recordings of other tools: any MCAP file with MAVLink in it, and images, as sources of the pipeline."""
+"""Recordings by their path: aerodft's own, and other tools' (any MCAP file with MAVLink in it, and images)."""
 
 import logging
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import Final
 
 from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.config.inputs import Topics
-from aerodft.adapters.foreign.cameras import read_camera
+from aerodft.adapters.foreign.pictures import read_camera
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera
-from replay.segments import channels_of, messages_of, numbered
+from replay.recording import Recording
+from replay.segments import channels_of, is_mcap, messages_of, numbered
 from replay.topics import Roles, described, framed_of, roles_of, telemetry_of
 
 _log = logging.getLogger(__name__)
@@ -120,3 +122,38 @@ def mcap_files(path: Path) -> list[Path]:
         got = "a folder without any" if path.is_dir() else "nothing"
         raise InputError("there is no recording", where=path, got=got, expected="an MCAP file, or a folder of them")
     return paths
+
+
+OWN_SCHEMAS: Final = "aerodft."
+
+
+def is_foreign(path: Path) -> bool:
+    """Whether another tool's recording is there, rather than a folder that aerodft wrote.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+    if path.is_dir():
+        return is_mcap(path) and next(path.glob("data_*.mcap"), None) is None
+    return is_mcap(path) and not _is_own(path)
+
+
+def open_recording(path: Path, topics: Topics | None = None) -> Recording | ForeignRecording:
+    """Open whatever recording is there.
+
+    Args:
+        path: A recording's folder, an MCAP file, or a folder of MCAP files.
+        topics: What is known of another tool's topics.
+
+    Raises:
+        InputError: There is none, or it cannot be read.
+        NoAnswerError: It holds nothing.
+    """
+    return ForeignRecording(path, topics) if is_foreign(path) else Recording(path)
+
+
+def _is_own(path: Path) -> bool:
+    segment = scan_segment(path)
+    segment.left_out.update(chunk.offset for chunk in segment.chunks)  # whoever reads on says what is damaged
+    channels = channels_of(segment).values()
+    return any(channel.schema.startswith(OWN_SCHEMAS) for channel in channels)

@@ -13,7 +13,7 @@ from PIL import Image as PillowImage
 
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.pictures import Picture, read_picture
-from aerodft.adapters.images.packet_decoders import decoder_of
+from aerodft.adapters.images.packets import PacketDecoder
 from aerodft.adapters.images.pixels import FramePixels, StillPixels
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mcap.reading import ReadMessage
@@ -27,7 +27,6 @@ from replay.foreign import ForeignRecording
 if TYPE_CHECKING:
     import av
 
-    from aerodft.adapters.images.packets import PacketDecoder
 
 _BATCH: Final = 4096
 _BATCH_BYTES: Final = 1 << 18
@@ -219,7 +218,7 @@ class _Decoder:
         if any(name in picture.format for name in _STILLS) or not picture.format:
             pixels, size_px = StillPixels(picture.data, where) if self._decode else None, _size_of(picture.data)
         else:
-            self._video = self._video or decoder_of(picture.format)
+            self._video = self._video or PacketDecoder(picture.format)
             if not self._decode and self._size_px is not None:
                 pixels, size_px = None, self._size_px
             else:

@@ -6,8 +6,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from aerodft.errors import InputError
-from replay.columns import COLUMNS, Kind
-from replay.table import parsed, row_of
+from replay.table import COLUMNS, Kind, parsed, row_of
 
 _ROWS_AT_ONCE: Final = 16_384
 

@@ -1,14 +1,14 @@
 """The recorded pixels, found by an image's arrival and decoded when somebody asks: JPEGs one by one, video in order."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.images.packet_decoders import decoder_of
+from aerodft.adapters.images.packets import PacketDecoder
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.jpeg import decode_jpeg
 from aerodft.adapters.mcap.places import ChunkPlace, SegmentScan
@@ -20,9 +20,6 @@ from aerodft.model.arrays import ImageArray
 from aerodft.model.image import Image
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.segments import channels_of
-
-if TYPE_CHECKING:
-    from aerodft.adapters.images.packets import PacketDecoder
 
 
 def jpeg_of(data: bytes) -> bytes:
@@ -101,24 +98,11 @@ class _Video:
     def _decoded(self, message: ReadMessage, most_px: int | None) -> FramePixels | None:
         try:
             packet = CompressedVideo.FromString(message.data)
-            self._decoder = self._decoder or decoder_of(packet.format, most_px)
+            self._decoder = self._decoder or PacketDecoder(packet.format, most_px)
             frame = self._decoder.decode(packet.data)
         except (DecodeError, ValueError) as error:
             raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error
         return None if frame is None else FramePixels(frame)
-
-
-@dataclass(frozen=True, slots=True)
-class _VideoPixels:
-    """One image's pixels out of the video."""
-
-    video: _Video
-    log_ns: int
-    most_px: int | None
-
-    def __call__(self) -> ImageArray:
-        """``(height, width, 3)`` uint8 BGR."""
-        return self.video.at(self.log_ns, self.most_px)
 
 
 class PixelStore:
@@ -140,7 +124,7 @@ class PixelStore:
     def __len__(self) -> int:
         return len(self._stills) + len(self._packets)
 
-    def pixels(self, image: Image) -> RecordedPixels | _VideoPixels | None:
+    def pixels(self, image: Image) -> Callable[[], ImageArray] | None:
         """The pixels of an image; None where none were recorded."""
         at_ns, found = image.arrival_ns, self._stills.get(image.arrival_ns)
         most_px = image.width_px * image.height_px if image.width_px and image.height_px else None
@@ -148,7 +132,7 @@ class PixelStore:
             place, segment = found
             sequence = image_sequence(image.index)
             return RecordedPixels(place=place, segment=segment, log_ns=at_ns, sequence=sequence, most_px=most_px)
-        return _VideoPixels(self._video, at_ns, most_px) if at_ns in self._packets else None
+        return partial(self._video.at, at_ns, most_px) if at_ns in self._packets else None
 
 
 def _pictures(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:

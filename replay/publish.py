@@ -4,23 +4,28 @@ import logging
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 import zenoh
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from google.protobuf.message import DecodeError
 
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness, wire
 from aerodft.adapters.codec.keys import Keys, key_part
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, Kind, kind_of
 from aerodft.adapters.foreign.pictures import read_picture
+from aerodft.adapters.images.packets import PacketDecoder
+from aerodft.adapters.images.pixels import FramePixels
+from aerodft.adapters.jpeg import encode_jpeg
 from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.reading import ReadMessage
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.image import Image, StampClock
 from replay.foreign import ForeignRecording
 from replay.pixels import jpeg_of
-from replay.publishers import WaitingPublishers, is_matched, undeclare
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.shift import Shift, shift_of, shifted
-from replay.stills import VideoStills
 from replay.timeline import AnyRecording, Item, name_of
 
 _PUBLISHED: Final = frozenset(
@@ -209,3 +214,109 @@ def _awaited(is_so: Callable[[], bool], timeout_s: float) -> bool:
             return False
         time.sleep(_POLL_S)
     return True
+
+
+_MOST: Final = 1000  # declared; a file may claim any number of channels, and each costs 4 kB and a message to all peers
+_LOOK_AT: Final = 64  # of them at a time, until somebody has subscribed
+
+
+class WaitingPublishers:
+    """Publishes on any number of keys; a slow subscriber slows it down, nothing is dropped.
+
+    Args:
+        session: Where to.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._declared: dict[str, zenoh.Publisher] = {}
+        self._in_turn: list[zenoh.Publisher] = []
+        self._anything: zenoh.Publisher | None = None  # stands for the keys beyond those that are declared
+        self._sent, self._looked_at, self._was_heard = 0, 0, False
+
+    @property
+    def was_heard(self) -> bool:
+        """Whether somebody was seen to listen, as far as was looked."""
+        return self._was_heard
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether anybody has subscribed to something that was published."""
+        self._was_heard = self._was_heard or any(map(is_matched, self._in_turn))
+        return self._was_heard
+
+    def put(self, key: str, payload: bytes, encoding: zenoh.Encoding, attachment: bytes | None = None) -> None:
+        """Publish."""
+        publisher = self._declared.get(key)
+        if publisher is None and len(self._declared) < _MOST:
+            publisher = self._declared[key] = self._declare(key, encoding)
+        if publisher is not None:
+            publisher.put(payload, attachment=attachment)
+        else:
+            self._anything = self._anything or self._declare("**", encoding)
+            congestion = zenoh.CongestionControl.BLOCK
+            self._session.put(key, payload, encoding=encoding, congestion_control=congestion, attachment=attachment)
+        self._sent += 1
+        if self._sent % _LOOK_AT == 0 and not self._was_heard:
+            self._look()
+
+    def close(self) -> None:
+        """Withdraw what was declared."""
+        for publisher in self._in_turn:
+            undeclare(publisher)
+        self._declared.clear()
+        self._in_turn.clear()
+
+    def _declare(self, key: str, encoding: zenoh.Encoding) -> zenoh.Publisher:
+        publisher = self._session.declare_publisher(
+            key, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+        self._in_turn.append(publisher)
+        return publisher
+
+    def _look(self) -> None:
+        """Whether somebody listens to some of them; to the next ones at the next look."""
+        self._looked_at %= len(self._in_turn)
+        some = self._in_turn[self._looked_at : self._looked_at + _LOOK_AT]
+        self._looked_at += len(some)
+        self._was_heard = any(map(is_matched, some))
+
+
+def is_matched(publisher: zenoh.Publisher) -> bool:
+    """Whether somebody has subscribed to a publisher's key."""
+    # zenoh's annotation says bool, what comes is a MatchingStatus, and that is always true.
+    return cast("zenoh.MatchingStatus", publisher.matching_status).matching
+
+
+def undeclare(publisher: zenoh.Publisher) -> None:
+    """Withdraw a publisher."""
+    publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+
+
+_PERIOD_NS: Final = SECOND_NS // 2  # as a live station does
+_QUALITY: Final = 75
+
+
+class VideoStills:
+    """Decodes one recording's packets in order; where their times go back it begins anew, as a loop does."""
+
+    def __init__(self) -> None:
+        self._decoder: PacketDecoder | None = None
+        self._last_ns = self._next_ns = 0
+
+    def still(self, message: ReadMessage) -> bytes | None:
+        """A packet's image as JPEG; None where none is due, or where it cannot be decoded."""
+        if message.log_ns < self._last_ns:  # what was seen last is no reference for what comes now
+            self._decoder, self._next_ns = None, 0
+        self._last_ns = message.log_ns
+        try:
+            packet = CompressedVideo.FromString(message.data)
+            self._decoder = self._decoder or PacketDecoder(packet.format)
+        except (DecodeError, ValueError):
+            return None
+        frame = self._decoder.decode(packet.data)
+        if frame is None or message.log_ns < self._next_ns:
+            return None
+        self._next_ns = message.log_ns + _PERIOD_NS
+        at_ns = message.log_ns
+        return encode_jpeg(Image(index=0, stamp_ns=at_ns, arrival_ns=at_ns, pixels=FramePixels(frame)), _QUALITY)

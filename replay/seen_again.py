@@ -8,9 +8,9 @@ import numpy as np
 
 from aerodft.model.arrays import FloatArray
 from aerodft.model.batch import Event
+from aerodft.model.calibration import STEADY
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
-from aerodft.model.steadiness import STEADY
 from aerodft.service.looking import LookCounts, LookedAt, Lookout
 from aerodft.service.ports import ImageObserver, Source
 

@@ -4,6 +4,7 @@ import csv
 import hashlib
 import math
 from array import array
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -19,10 +20,9 @@ from aerodft.errors import InputError, located
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import CODE_OF, Status
-from replay.columns import LARGEST_NUMBER, check_on_earth
 from replay.parquet import parquet_rows
 from replay.recording import Recording
-from replay.table import Item, parsed, row_of
+from replay.table import LARGEST_NUMBER, Item, check_on_earth, parsed, row_of
 
 NO_IMAGE: Final = -1
 _TABLES: Final = frozenset({".csv", ".parquet"})
@@ -95,15 +95,14 @@ def read_side(path: Path) -> Side:
     if path.is_file() and path.suffix.lower() in _TABLES:
         return _table_side(path)
     recording = Recording(path)
-    digest = hashlib.sha256()
-    builders: dict[ProbeKey, _Builder] = {}
+    digest, collected = hashlib.sha256(), _Collected(path)
     with located(path):
         for payload in recording.measurements():
             digest.update(len(payload).to_bytes(8, "little") + payload)
-            _add(builders, _row_of_payload(payload, path), path)
+            collected.add(_row_of_payload(payload, path))
     return Side(
         where=path,
-        series={key: builder.series() for key, builder in builders.items()},
+        series=collected.series(),
         digest=f"payloads {digest.hexdigest()}",
         images=_first_images(recording),
         recording=recording,
@@ -204,14 +203,26 @@ class _Builder:
         )
 
 
-def _add(builders: dict[ProbeKey, _Builder], row: _Row, where: Path) -> None:
-    builder = builders.get(row.key)
-    if builder is None:
-        builder = builders[row.key] = _Builder()
-    try:
-        builder.add(row)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError("a measurement is damaged", where=where, got=f"{row.key.name}: {error}") from error
+class _Collected:
+    """Rows by probe.
+
+    Args:
+        where: Their file, for messages.
+    """
+
+    def __init__(self, where: Path) -> None:
+        self._where = where
+        self._builders: defaultdict[ProbeKey, _Builder] = defaultdict(_Builder)
+
+    def add(self, row: _Row) -> None:
+        try:
+            self._builders[row.key].add(row)
+        except (TypeError, ValueError, OverflowError) as error:
+            got = f"{row.key.name}: {error}"
+            raise InputError("a measurement is damaged", where=self._where, got=got) from error
+
+    def series(self) -> dict[ProbeKey, Series]:
+        return {key: builder.series() for key, builder in self._builders.items()}
 
 
 def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
@@ -228,11 +239,10 @@ def _table_side(path: Path) -> Side:
     except OSError as error:
         raise InputError("the table cannot be read", where=path, got=error.strerror) from error
     rows = parquet_rows(path, _USED) if path.suffix.lower() == ".parquet" else _csv_rows(path)
-    builders: dict[ProbeKey, _Builder] = {}
+    collected = _Collected(path)
     for row in rows:
-        _add(builders, _row(row, path), path)
-    series = {key: builder.series() for key, builder in builders.items()}
-    return Side(where=path, series=series, digest=f"table {digest}", images={}, recording=None)
+        collected.add(_row(row, path))
+    return Side(where=path, series=collected.series(), digest=f"table {digest}", images={}, recording=None)
 
 
 def _csv_rows(path: Path) -> Iterator[Item]:

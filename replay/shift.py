@@ -12,6 +12,7 @@ from google.protobuf.message import DecodeError, Message
 
 from aerodft.adapters import bounded_json
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1
+from aerodft.adapters.foreign.pictures import NANOSECONDS, SECONDS
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.conventions import SECOND_NS
 
@@ -19,8 +20,6 @@ Shift = Callable[[bytes, int], bytes]
 _STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d{1,20})(")')
 _INSTANT: Final = re.compile(rb"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(\.\d{1,9})?Z")
 _TIMESTAMP: Final = "google.protobuf.Timestamp"
-_WHOLE: Final = ("sec", "secs", "seconds")
-_REST: Final = ("nsec", "nsecs", "nanosec", "nanos")
 _FIRST_FIELD: Final = re.compile(rb"^\s*([A-Za-z_/0-9]+)\s+\w+", re.MULTILINE)
 _COMMENT: Final = re.compile(rb"#.*$", re.MULTILINE)
 _HEADERS: Final = (b"Header", b"std_msgs/Header", b"std_msgs/msg/Header")
@@ -100,8 +99,8 @@ def _moved(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON hol
         return [_moved(each, shift_ns) for each in item]
     if not isinstance(item, dict):
         return item
-    whole = next((key for key in _WHOLE if isinstance(item.get(key), int)), None)
-    rest = next((key for key in _REST if isinstance(item.get(key), int)), None)
+    whole = next((key for key in SECONDS if isinstance(item.get(key), int)), None)
+    rest = next((key for key in NANOSECONDS if isinstance(item.get(key), int)), None)
     if whole is None or rest is None:
         return {key: _moved(each, shift_ns) for key, each in item.items()}
     seconds, rest_ns = divmod(item[whole] * SECOND_NS + item[rest] + shift_ns, SECOND_NS)

@@ -9,7 +9,7 @@ from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, M
 from aerodft.dft.request import Request
 from aerodft.model.arrays import FloatArray
 from aerodft.model.batch import Event
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement
 from aerodft.model.observation import Observation
@@ -17,7 +17,6 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import PixelSource, Probe
 from aerodft.model.status import CODE_OF
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import ImageOutputs, SingleOutput, Sink, StepOutputs
 

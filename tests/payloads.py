@@ -8,15 +8,14 @@ import numpy as np
 from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness, wire
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.arrays import read_only
-from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
+from aerodft.model.calibration import BiasValues, CalibrationEstimate, Innovation, Steadiness, SteadinessEstimate
+from aerodft.model.camera import Zoom, ZoomSource
 from aerodft.model.health import Health
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.observation import Observation
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.model.steadiness import Steadiness, SteadinessEstimate
-from aerodft.model.zoom import Zoom, ZoomSource
 
 _AXES = ("tilt_deg", "pan_deg", "roll_deg")
 _SI = ("height_m", "east_m", "north_m", "time_s")

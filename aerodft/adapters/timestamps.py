@@ -2,8 +2,12 @@
 
 import re
 from datetime import UTC, datetime, timedelta
+from typing import Final
 
 from aerodft.conventions import SECOND_NS
+
+OLDEST_NS: Final = 946_684_800 * SECOND_NS
+"""The year 2000: before it nobody had set the clock."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(

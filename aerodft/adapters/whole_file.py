@@ -68,6 +68,12 @@ def replaced(path: Path, *, keep: bool = False) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, data: bytes) -> None:
+    """Write all of a file or none of it, as ``replaced``."""
+    with replaced(path) as partial:
+        partial.write_bytes(data)
+
+
 def _take_name(partial: Path, target: Path) -> None:
     """Give a file its name, unless another one has it.
 

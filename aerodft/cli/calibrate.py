@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from aerodft import __version__
-from aerodft.adapters.config.calibration_file import write_calibration
+from aerodft.adapters.config.calibration import write_calibration
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
 from aerodft.adapters.config.fixed_pose import FixedPose

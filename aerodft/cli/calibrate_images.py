@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from aerodft import __version__
-from aerodft.adapters.config.calibration_file import write_biases
+from aerodft.adapters.config.calibration import write_calibration
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.calibrate_words import (
     finite,
@@ -26,8 +26,8 @@ from aerodft.errors import AerodftError, NoAnswerError, UsageError
 from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
-from calibration.images_priors import typical_noise
 from calibration.images_result import ImagesResult, calibrate_images, said_of_images
+from calibration.images_state import typical_noise
 from calibration.observability import correlations
 from calibration.result import angles_deg
 from calibration.state import expanded
@@ -93,7 +93,7 @@ def calibrate_flight(
         lens_found = any(np.any(row) for row in result.camera.covariance)
         provenance = _provenance(result, found, names, camera_file, telemetry)
         biases = calibration_of(result, found)
-        write_biases(outputs.calibration, biases, result.camera if lens_found else None, model, provenance)
+        write_calibration(outputs.calibration, biases, result.camera if lens_found else None, model, provenance)
         say(f"wrote {outputs.calibration}")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.georaster import write_top_view
-from aerodft.adapters.images.camera_image import read_camera_image
+from aerodft.adapters.images.pixels import read_camera_image
 from aerodft.cli.depth_figure import draw_depth
 from aerodft.cli.depth_scene import Scene, describe, ground_in_words, say_document, scene_of
 from aerodft.cli.output import print_json, say

@@ -11,7 +11,8 @@ import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.markers import MarkersFile, load_markers
-from aerodft.adapters.images.gathering import STILLS, Gathered, gather, image_files
+from aerodft.adapters.images.gathering import Gathered, gather, image_files
+from aerodft.adapters.images.pixels import STILLS
 from aerodft.cli.calibrate_unknowns import check_unknowns
 from aerodft.cli.camera_mode import check_mode
 from aerodft.cli.output import progress_bar

@@ -15,9 +15,8 @@ from aerodft.adapters.config.loading import load_station
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.address import is_link, parse_address
 from aerodft.adapters.mavlink.composite import followed_by
-from aerodft.adapters.mavlink.findings import notes, problems
+from aerodft.adapters.mavlink.findings import document, notes, problems
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.adapters.mavlink.survey_document import document
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
 from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
 from aerodft.cli.output import tables

@@ -17,9 +17,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Landmark, Prior
 from aerodft.model.pose import HeightSource, PoseSample, PoseStd
 from aerodft.service.settings import TelemetrySettings
-from calibration.images_priors import shared_and_new
-from calibration.images_state import View
-from calibration.pose_track import Moment, PoseTrack
+from calibration.images_state import Moment, PoseTrack, View, shared_and_new
 
 _REACH_S, _LEAST_STEP_S, _STEPS, _STDS = 2.0, 0.05, 40, 4.0
 

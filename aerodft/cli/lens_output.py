@@ -12,8 +12,8 @@ from PIL import Image as PillowImage
 from rich.table import Table
 
 from aerodft import __version__
-from aerodft.adapters.config.calibration_file import write_whole
 from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.whole_file import write_whole
 from aerodft.cli.lens_run import LensRun
 from aerodft.cli.output import say, tables
 from aerodft.errors import InputError

@@ -8,11 +8,11 @@ from aerodft.adapters.images.gathering import Gathered, gather, image_files
 from aerodft.cli.camera_mode import common_mode
 from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError
+from calibration.lens.adjustment import View
 from calibration.lens.board import Board
-from calibration.lens.choice import Choice, choose
+from calibration.lens.coverage import Choice, choose
 from calibration.lens.detection import BoardFinder, suggestion
 from calibration.lens.solution import LensChoice, LensSolution, solve_lens
-from calibration.lens.views import View
 
 _PROGRESS = 1000  # parts of the whole
 _ASKED_AGAIN = 5  # images in which another board is looked for, where this one is in none

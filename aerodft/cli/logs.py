@@ -10,9 +10,8 @@ from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock
-from replay.foreign import ForeignRecording
+from replay.foreign import ForeignRecording, open_recording
 from replay.foreign_sources import ForeignTelemetry
-from replay.opening import open_recording
 from replay.segments import is_mcap
 from replay.source import RecordingSource
 

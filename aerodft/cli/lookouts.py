@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.adapters.config.inputs import Rate
 from aerodft.adapters.config.looked_for import river_probes
 from aerodft.adapters.config.station import StationConfig, Watch
-from aerodft.adapters.images.camera_image import read_camera_image
+from aerodft.adapters.images.pixels import read_camera_image
 from aerodft.cli.looking import Eyes
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError

@@ -21,7 +21,7 @@ from aerodft.cli.summary import report
 from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.cli.wiring import build_recorder, closing_recorder, run
 from aerodft.errors import InputError, UsageError
-from replay.opening import is_foreign
+from replay.foreign import is_foreign
 from replay.recording import Recording
 
 _SAID = ("recording", "recording_sha256", "config", "calibration")

@@ -17,16 +17,15 @@ from aerodft.dft.measure import Setup
 from aerodft.dft.request import zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.batch import Event
+from aerodft.model.calibration import STEADY
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
-from aerodft.model.steadiness import STEADY
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
-from replay.foreign import ForeignRecording
+from replay.foreign import ForeignRecording, open_recording
 from replay.foreign_sources import ForeignTelemetry
-from replay.opening import open_recording
 from replay.recording import Recording
 from replay.source import RecordingSource
 

@@ -10,7 +10,7 @@ import typer
 
 from aerodft.adapters.config.calibration import load_calibrated_pose
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.images.camera_image import read_camera_image
+from aerodft.adapters.images.pixels import read_camera_image
 from aerodft.cli.calibrated import calibrated, corrected
 from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
 from aerodft.cli.output import print_json, say

@@ -10,9 +10,8 @@ from aerodft.dft.river_widths import RiverWidths
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.pose import PoseSample
-from aerodft.vision.bank_view import ONE_SIDED, hidden_per_metre
 from aerodft.vision.river import WHY, NoRiver, River, RiverStatus
-from aerodft.vision.river_banks import Islands
+from aerodft.vision.river_banks import ONE_SIDED, Islands, hidden_per_metre
 from aerodft.vision.water import WaterMask
 
 SCHEMA: Final = "aerodft.river/1"

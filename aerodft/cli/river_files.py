@@ -20,7 +20,7 @@ from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
 from aerodft.model.pose import PoseSample
 from aerodft.vision.river import River, ground_of
-from aerodft.vision.water_likeness import water_likeness
+from aerodft.vision.water_features import water_likeness
 from aerodft.vision.water_plane import WaterPlane
 
 

@@ -17,8 +17,8 @@ from aerodft.cli.river_views import Views
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.bank_view import hidden_per_metre
 from aerodft.vision.river import NoRiver, River, RiverStatus
+from aerodft.vision.river_banks import hidden_per_metre
 from aerodft.vision.river_reach import Reach
 
 _MUCH: Final = 1.5

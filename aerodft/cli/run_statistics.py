@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from aerodft.model.arrays import IntArray
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.status import CODES, Status
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import ImageOutputs, StepOutputs
 

@@ -37,9 +37,8 @@ from aerodft.cli.wiring import build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Request
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.image import Image
+from aerodft.model.image import Image, VideoPacket
 from aerodft.model.measurement import Measurement
-from aerodft.model.packet import VideoPacket
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
 from aerodft.service.looking import LiveLook

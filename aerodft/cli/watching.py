@@ -4,7 +4,7 @@ import math
 from datetime import UTC, datetime
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.steadiness import SteadinessEstimate
+from aerodft.model.calibration import SteadinessEstimate
 
 
 def steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:

@@ -36,19 +36,3 @@ def njit_fused(function: Function) -> Function:
     """Compile a loop as ``njit_ieee`` does, with products and sums that may be fused."""
     fastmath = {"contract", "arcp"}
     return cast("Function", numba.njit(function, cache=True, nogil=True, error_model="numpy", fastmath=fastmath))
-
-
-njit_late, njit_late_inline = njit, njit_inline
-
-
-def is_loaded() -> bool:
-    """Whether the compiler is there."""
-    return True
-
-
-def expect(steps: int) -> None:
-    """Nothing is waited for any more."""
-
-
-def load_compiler() -> None:
-    """Nothing is to be loaded any more."""

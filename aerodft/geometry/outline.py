@@ -171,12 +171,9 @@ def _to_the_edge(
     below = np.sign(sum(dy * count for (_, dy), count in at.items())) * ((rows > 0) & (rows < last_row))
     start, beyond = pixels_px[rows, columns], (rows + below, columns + right)
     step = np.where(shown[beyond][:, None], 0.0, pixels_px[beyond] - start)
-    inside, outside = np.zeros((len(nodes), 1)), np.ones((len(nodes), 1))
-    for _ in range(_BISECTIONS):
-        middle = (inside + outside) / 2
-        seen = ~np.isnan(points_at(start + middle * step)[:, :1])
-        inside, outside = np.where(seen, middle, inside), np.where(seen, outside, middle)
-    return np.asarray(start + inside * step)
+    zero, one = np.zeros((len(nodes), 1)), np.ones((len(nodes), 1))
+    share = _last_inside(zero, one, lambda middle: ~np.isnan(points_at(start + middle * step)[:, :1]))
+    return np.asarray(start + share * step)
 
 
 def ring_area(corners_m: FloatArray) -> float:
@@ -210,13 +207,12 @@ def _border_rays(camera: Camera, turn: FloatArray) -> FloatArray:
     if not np.any(beyond):
         return rays
     centre = np.array([camera.cx_px, camera.cy_px])
-    inside, outside = np.zeros(beyond.shape), np.ones(beyond.shape)
-    for _ in range(_BISECTIONS):
-        middle = (inside + outside) / 2
-        valid = ~np.isnan(rays_from_pixels(camera, centre + middle[..., None] * (pixels - centre))[..., 0])
-        inside, outside = np.where(valid, middle, inside), np.where(valid, outside, middle)
-    share = np.where(beyond, inside, 1.0)
-    return rays_from_pixels(camera, centre + share[..., None] * (pixels - centre))
+
+    def rays_at(share: FloatArray) -> FloatArray:
+        return rays_from_pixels(camera, centre + share[..., None] * (pixels - centre))
+
+    valid = _last_inside(np.zeros(beyond.shape), np.ones(beyond.shape), lambda share: ~np.isnan(rays_at(share)[..., 0]))
+    return rays_at(np.where(beyond, valid, 1.0))
 
 
 def _level_ground(rays_enu: FloatArray, height_m: float) -> FloatArray:
@@ -265,18 +261,15 @@ def _pieces(turn: FloatArray, inside: BoolArray, is_inside: _Test) -> list[Float
         index = np.arange(start, last + 1)
         within = turn[index % count] + period * (index // count)
         step = period / count
-        enter = _edge(within[0], within[0] - step, is_inside)
-        leave = _edge(within[-1], within[-1] + step, is_inside)
+        enter, leave = _last_inside(within[[0, -1]], within[[0, -1]] + [-step, step], is_inside)
         pieces.append(np.concatenate([[enter], within, [leave]]))
     return pieces
 
 
-def _edge(inside: float, outside: float, is_inside: _Test) -> float:
-    """The last parameter that is inside, on the way out."""
+def _last_inside(inside: FloatArray, outside: FloatArray, is_inside: _Test) -> FloatArray:
+    """The last parameters ``(...)`` that are inside, on the way out."""
     for _ in range(_BISECTIONS):
         middle = (inside + outside) / 2
-        if is_inside(np.asarray(middle)):
-            inside = middle
-        else:
-            outside = middle
+        within = is_inside(middle)
+        inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
     return inside

@@ -1,8 +1,10 @@
-"""The camera: intrinsics, lens distortion, image size, and how well each is known."""
+"""The camera: intrinsics, lens distortion, image size, and how well each is known; and how a vehicle says it zooms."""
 
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+
+from aerodft.model.arrays import FloatArray
 
 
 class LensModel(StrEnum):
@@ -106,6 +108,11 @@ class Camera:
             cy_px=(height_px - 1) / 2,
         )
 
+    def with_covariance(self, covariance: FloatArray) -> "Camera":
+        """The same camera, known so well ``(n, n)``; exactly where that is 0 all over."""
+        rows = tuple(map(tuple, covariance.tolist())) if covariance.any() else ()
+        return replace(self, std=CameraStd(), covariance=rows)
+
     def zoomed(self, magnification: float, std: float) -> "Camera":
         """The same camera at another focal length: fx and fy times the magnification, the rest as it is.
 
@@ -137,3 +144,26 @@ class Camera:
     def vfov_rad(self) -> float:
         """Full vertical field of view of the undistorted pinhole, as the paper's FOV_V."""
         return 2 * math.atan(self.height_px / 2 / self.fy_px)
+
+
+class ZoomSource(StrEnum):
+    """The message that a camera's view is known from."""
+
+    CAMERA_SETTINGS = "CAMERA_SETTINGS"
+    CAMERA_FOV_STATUS = "CAMERA_FOV_STATUS"
+    VIDEO_STREAM_INFORMATION = "VIDEO_STREAM_INFORMATION"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Zoom:
+    """A camera's focal length at one stamp, against that of its file.
+
+    Attributes:
+        magnification: Focal length over that of the file.
+        std: Standard deviation of the magnification.
+        source: Where it is known from.
+    """
+
+    magnification: float
+    std: float
+    source: ZoomSource

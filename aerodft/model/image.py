@@ -1,4 +1,4 @@
-"""One video frame or still, called an image because a frame is a coordinate frame here."""
+"""Video frames and stills, called images because a frame is a coordinate frame; and compressed ones as they came."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,3 +44,22 @@ class Image:
             width_px=self.width_px,
             height_px=self.height_px,
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoPacket:
+    """One image of an H.264 stream that refers to no later one.
+
+    Attributes:
+        data: In Annex B form; key images have their parameter sets in front.
+        is_key: Whether decoding can begin here.
+        stamp_ns: Of the image.
+        arrival_ns: When the image reached this machine: that of its ``Image``, where it became one.
+        index: Of that image; None where it became none.
+    """
+
+    data: bytes
+    is_key: bool
+    stamp_ns: int
+    arrival_ns: int
+    index: int | None = None

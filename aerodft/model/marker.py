@@ -1,10 +1,27 @@
-"""Surveyed markers (ArUco, AprilTag), and where they are seen in an image."""
+"""Surveyed landmarks and markers (ArUco, AprilTag), and where markers are seen in an image."""
 
 from dataclasses import dataclass
 
 from aerodft.model.evidence import Px
 
 Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyedLandmark:
+    """A point whose place is known; an observation of one pixel that bears its name is of it.
+
+    Attributes:
+        name: Unique; the last part of its observations' key expression.
+        position_enu_m: East, north, up of the station's origin.
+        std_m: Of each of the three. The same error is in every observation of it, however many there are.
+        std_px: Of each pixel coordinate, unless the observation brings its own.
+    """
+
+    name: str
+    position_enu_m: tuple[float, float, float]
+    std_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    std_px: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

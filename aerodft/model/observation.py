@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from aerodft.model.image import StampClock
+from aerodft.model.image import Image, StampClock
 
 VISION: Final = "vision"
 """The source of observations that aerodft itself made in an image."""
@@ -39,6 +39,31 @@ class Observation:
     box: Box | None = None
     contour: tuple[tuple[float, float], ...] = ()
     unseen: str = ""
+
+    @classmethod
+    def in_image(
+        cls,
+        image: Image,
+        name: str,
+        pixels: tuple[tuple[float, float], ...] = (),
+        *,
+        std_px: float | None = None,
+        contour: tuple[tuple[float, float], ...] = (),
+        unseen: str = "",
+    ) -> "Observation":
+        """What aerodft itself sees in an image."""
+        return cls(
+            name=name,
+            stamp_ns=image.stamp_ns,
+            arrival_ns=image.arrival_ns,
+            pixels=pixels,
+            clock=image.clock,
+            image=image.index,
+            source=VISION,
+            std_px=std_px,
+            contour=contour,
+            unseen=unseen,
+        )
 
     @property
     def has_outline(self) -> bool:

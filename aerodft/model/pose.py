@@ -7,8 +7,8 @@ from enum import StrEnum
 import numpy as np
 
 from aerodft.model.arrays import FloatArray, FloatLike, IntArray, read_only
+from aerodft.model.camera import Zoom
 from aerodft.model.status import Status
-from aerodft.model.zoom import Zoom
 
 
 def _zeros(*shape: int) -> FloatArray:

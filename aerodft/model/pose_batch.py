@@ -7,9 +7,9 @@ from typing import Final, TypeVar, overload
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.camera import Zoom
 from aerodft.model.pose import GeoOrigin, Pose, PoseSample, PoseStd
 from aerodft.model.status import CODE_OF, Status
-from aerodft.model.zoom import Zoom
 
 _Key = TypeVar("_Key", bound=Hashable)
 

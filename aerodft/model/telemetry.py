@@ -12,8 +12,8 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.camera import ZoomSource
 from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.zoom import ZoomSource
 
 NO_BOOT_TIME = -1
 

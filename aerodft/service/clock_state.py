@@ -5,7 +5,6 @@ from operator import itemgetter
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
 from aerodft.service.boot_clock import BootClock
 from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
@@ -145,7 +144,7 @@ def _stated_offsets(ticks: Ticks) -> Iterator[tuple[int, int, int]]:
     said: list[tuple[int, int, int]] = []
     for track, row_ends in zip(ticks.tracks, ticks.row_ends, strict=True):
         if isinstance(track, ClockTrack):
-            offsets_ns: IntArray = track.unix_ns - track.boot_ns
+            offsets_ns = track.unix_ns - track.boot_ns
             said += zip(ticks.tick_of(row_ends).tolist(), track.boot_ns.tolist(), offsets_ns.tolist(), strict=True)
     for each in sorted(said, key=itemgetter(0)):
         if each[1] != NO_BOOT_TIME:

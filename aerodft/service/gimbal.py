@@ -86,8 +86,8 @@ class Gimbal:
 
     def evidence(self, vehicle: Stream) -> FrameEvidence:
         """What is known of the reports' frame as of the last tick."""
-        known, (which,) = self.evidence_at(vehicle, LAST)
-        return known[which]
+        known, which = self.evidence_at(vehicle, LAST)
+        return known[int(which[0])]
 
     def evidence_at(self, vehicle: Stream, ticks: IntArray) -> tuple[list[FrameEvidence], IntArray]:
         """What was known as of ticks ``(n,)``: all that was, and which of it each time."""

@@ -84,8 +84,9 @@ class HeightSources:
 
     def __init__(self, settings: HeightSettings) -> None:
         self._settings = settings
-        sources = [source for source in settings.order if source is not HeightSource.MANUAL]
-        self._streams = {source: Stream(settings.gap_ns(source)) for source in sources}
+        self._streams: dict[HeightSource, Stream] = {
+            source: Stream(settings.gap_ns(source)) for source in settings.order if source is not HeightSource.MANUAL
+        }
         self._receiver = VerticalAccuracy()
 
     def streams(self) -> tuple[Stream, ...]:
@@ -193,13 +194,13 @@ class HeightSources:
     ) -> _Values:
         """What a source says at stamps ``(n,)``."""
         count = len(stamps_ns)
-        numbers, foot_m, is_far = np.full((3, count), np.nan), np.zeros((count, 2)), np.full(count, fill_value=False)
+        height_m, std_m, age_s = np.full((3, count), np.nan)
+        foot_m, is_far = np.zeros((count, 2)), np.full(count, fill_value=False)
         if source is HeightSource.MANUAL:
-            manual_m, std_m = self._settings.manual_m, self._settings.std_m[source]
-            if manual_m is None:
-                return _Values(*numbers, foot_m, np.full(count, Missing.NEVER), is_far)
-            height_m = np.full(count, manual_m)
-            return _Values(height_m, np.full(count, std_m), np.zeros(count), foot_m, np.full(count, Missing.NO), is_far)
+            if self._settings.manual_m is not None:
+                height_m[:], std_m[:], age_s[:] = self._settings.manual_m, self._settings.std_m[source], 0.0
+            missing = np.where(np.isnan(height_m), Missing.NEVER, Missing.NO)
+            return _Values(height_m, std_m, age_s, foot_m, missing, is_far)
         stream = self._streams[source]
         found, missing = stream.find(stamps_ns, ticks, watermark_ns)
         rows = np.flatnonzero(missing == Missing.NO)
@@ -209,10 +210,10 @@ class HeightSources:
             rows = rows[~is_far[rows]]
             own = stamps_ns[rows], ticks[rows]
             vertical = self._vertical(source, found.rows(rows), *own, watermark_ns[rows], vehicle_at)
-            numbers[0, rows], numbers[1, rows], foot_m[rows], missing[rows] = vertical
-            numbers[2, rows] = stream.ages_s(stamps_ns[rows], found.rows(rows))
-            numbers[1, rows] = np.maximum(numbers[1, rows], self._receiver_std_m(source, *own))
-        return _Values(*numbers, foot_m, missing, is_far)
+            height_m[rows], std_m[rows], foot_m[rows], missing[rows] = vertical
+            age_s[rows] = stream.ages_s(stamps_ns[rows], found.rows(rows))
+            std_m[rows] = np.maximum(std_m[rows], self._receiver_std_m(source, *own))
+        return _Values(height_m, std_m, age_s, foot_m, missing, is_far)
 
     def _receiver_std_m(self, source: HeightSource, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
         """The receiver's own opinion, where a height comes with the position; else 0."""
@@ -355,9 +356,9 @@ class HeightSources:
 
 
 def _nothing(count: int) -> HeightBatch:
-    numbers = np.full((3, count), np.nan)
+    height_m, std_m, age_s = np.full((3, count), np.nan)
     source, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
-    return HeightBatch(*numbers, np.zeros((count, 2)), source, missing, {})
+    return HeightBatch(height_m, std_m, age_s, np.zeros((count, 2)), source, missing, {})
 
 
 def _take_values(found: HeightBatch, rows: IntArray, values: _Values, source: HeightSource) -> None:

@@ -8,11 +8,10 @@ import numpy as np
 
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.model.arrays import IntArray
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.observation import Observation
 from aerodft.model.pose_batch import PoseBatch
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
 
 Estimate: TypeAlias = CalibrationEstimate | SteadinessEstimate

@@ -126,10 +126,8 @@ class Pipeline:
             stamp_ns: UTC of the recent past; None for the newest answered image, or a fixed camera's pose.
         """
         with self._lock:
-            if stamp_ns is not None or self._settings.fixed_pose is not None:
-                sample = self._refined_at(stamp_ns or 0)
-            else:
-                sample = self.last_pose
+            is_asked = stamp_ns is not None or self._settings.fixed_pose is not None
+            sample = self._refined_at(stamp_ns or 0) if is_asked else self.last_pose
         if sample is None:
             reason = "no image has been measured yet"
             sample = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY, reasons=(reason,))

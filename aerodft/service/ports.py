@@ -6,12 +6,11 @@ from typing import Protocol, runtime_checkable
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.dft.request import Setup
 from aerodft.model.batch import Arrival, Event
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.model.telemetry import RawBlock, Track
 from aerodft.service.batches import Batches
 

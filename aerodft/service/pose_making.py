@@ -55,7 +55,7 @@ class PoseInputs:
     def is_pending(self) -> BoolArray:
         """``(n,)`` whether telemetry that matters may still come."""
         parts = self.heights.missing, self.attitudes.missing, self.places.missing
-        return np.any([missing == Missing.PENDING for missing in parts], axis=0)
+        return np.asarray(np.any([missing == Missing.PENDING for missing in parts], axis=0))
 
     @property
     def is_whole(self) -> BoolArray:

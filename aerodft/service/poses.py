@@ -182,7 +182,7 @@ class PoseSource:
 
     def _began_by(self, stamps_ns: IntArray) -> BoolArray:
         """Whether there was any telemetry by stamps ``(n,)``."""
-        return np.any([stream.began_by(stamps_ns) for stream in self._streams()], axis=0)
+        return np.asarray(np.any([stream.began_by(stamps_ns) for stream in self._streams()], axis=0))
 
     def _has_origin(self, ticks: Ticks) -> bool:
         return self._places.origin is not None or not any(isinstance(track, PositionTrack) for track in ticks.tracks)
@@ -228,7 +228,7 @@ class PoseSource:
 
     def _newest_ns(self, ticks: IntArray) -> IntArray:
         """Newest stamp of any telemetry as of ticks ``(n,)``."""
-        return np.maximum.reduce([stream.newest_ns(ticks) for stream in self._streams()])
+        return np.asarray(np.max([stream.newest_ns(ticks) for stream in self._streams()], axis=0))
 
 
 def _nowhere(stamps_ns: IntArray) -> list[PoseSample]:

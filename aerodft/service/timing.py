@@ -187,13 +187,13 @@ class ClockMap:
         """
         spans = self._state.stated.skipped_ns
         between = [(first_ns < stamps_ns) & (stamps_ns < last_ns) for first_ns, last_ns in spans]
-        return np.logical_or.reduce([np.zeros(len(stamps_ns), dtype=np.bool_), *between])
+        return np.asarray(np.any([np.zeros(len(stamps_ns), dtype=np.bool_), *between], axis=0))
 
     def repeats(self, stamps_ns: IntArray) -> BoolArray:
         """Which stamps ``(n,)`` the vehicle said twice, because its UTC jumped back."""
         spans = self._state.stated.repeated_ns
         between = [(first_ns <= stamps_ns) & (stamps_ns <= last_ns) for first_ns, last_ns in spans]
-        return np.logical_or.reduce([np.zeros(len(stamps_ns), dtype=np.bool_), *between])
+        return np.asarray(np.any([np.zeros(len(stamps_ns), dtype=np.bool_), *between], axis=0))
 
     def remarks(self, *, is_repeated: bool) -> tuple[str, ...]:
         """What is to be known of the clock behind a pose, in sentences; ``is_repeated`` as in ``repeats``."""

@@ -55,9 +55,8 @@ class WorkList:
     @staticmethod
     def joined(parts: Sequence["WorkList"]) -> "WorkList":
         """Lists one after the other."""
-        columns = [np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS]
-        observations = [each for part in parts for each in part.observations]
-        return WorkList(*columns, observations)
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
+        return WorkList(**columns, observations=[each for part in parts for each in part.observations])
 
     def in_order_of_ticks(self) -> "WorkList":
         """The list by ticks, of one tick as it is."""
@@ -68,8 +67,8 @@ class WorkList:
 
     def rows(self, rows: IntArray) -> "WorkList":
         """What is to be done by indices ``(m,)``."""
-        columns = [getattr(self, name)[rows] for name in _COLUMNS]
-        return WorkList(*columns, [self.observations[row] for row in rows.tolist()])
+        columns = {name: getattr(self, name)[rows] for name in _COLUMNS}
+        return WorkList(**columns, observations=[self.observations[row] for row in rows.tolist()])
 
     def at_first_tick(self) -> "WorkList":
         """What a next step begins with."""

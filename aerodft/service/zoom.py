@@ -7,9 +7,8 @@ from typing import Final
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.telemetry import CameraTrack
-from aerodft.model.zoom import ZoomSource
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 from aerodft.service.zoom_reports import ViewBatch, ViewReports
 from aerodft.service.zoom_settings import ZoomSettings
@@ -43,8 +42,9 @@ class ZoomBatch:
     @staticmethod
     def of_file(count: int) -> "ZoomBatch":
         """The camera as its file has it, at ``count`` stamps."""
-        numbers, nothing = np.full((2, count), np.nan), np.full((2, count), fill_value=False)
-        return ZoomBatch(*numbers, [None] * count, [()] * count, *nothing)
+        nothing = np.full(count, np.nan)
+        is_unknown, is_pending = np.full(count, fill_value=False), np.full(count, fill_value=False)
+        return ZoomBatch(nothing, nothing.copy(), [None] * count, [()] * count, is_unknown, is_pending)
 
 
 class CameraReports:

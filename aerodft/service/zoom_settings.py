@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.zoom import ZoomSource
+from aerodft.model.camera import ZoomSource
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

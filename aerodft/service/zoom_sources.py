@@ -8,12 +8,11 @@ from typing import cast
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, Zoom, ZoomSource
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import CODE_OF, Status
 from aerodft.model.telemetry import CameraTrack, Track
-from aerodft.model.zoom import Zoom, ZoomSource
 from aerodft.service.streams import Stream
 from aerodft.service.zoom import CameraReports, ZoomBatch
 from aerodft.service.zoom_settings import ZoomSettings

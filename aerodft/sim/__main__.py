@@ -4,7 +4,7 @@ import math
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -18,8 +18,7 @@ from aerodft.adapters.mavlink.signing_keys import load_key
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, UsageError
 from aerodft.service.clock import WallClock
-from aerodft.sim.bus import observation_publisher
-from aerodft.sim.live import Outlets, encoded, perform, signed, udp_sender
+from aerodft.sim.live import Outlets, encoded, observation_publisher, perform, signed, udp_sender
 from aerodft.sim.options import (
     parse_autopilot,
     parse_biases,
@@ -174,13 +173,7 @@ def _progress() -> Iterator[Progress]:
 
 
 def _sum(a: Biases, b: Biases) -> Biases:
-    return Biases(
-        height_m=a.height_m + b.height_m,
-        tilt_rad=a.tilt_rad + b.tilt_rad,
-        pan_rad=a.pan_rad + b.pan_rad,
-        roll_rad=a.roll_rad + b.roll_rad,
-        heading_rad=a.heading_rad + b.heading_rad,
-    )
+    return Biases(**{each.name: getattr(a, each.name) + getattr(b, each.name) for each in fields(Biases)})
 
 
 def main() -> None:

@@ -6,7 +6,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+import zenoh
+
 from aerodft.adapters.mavlink.signing import SignatureCheck, SigningState
+from aerodft.adapters.zenoh.session import session_on
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError, UsageError
 from aerodft.service.ports import Clock
@@ -129,3 +132,23 @@ def udp_sender(text: str) -> Iterator[Send]:
                 raise LinkError("cannot send", where=text, got=error.strerror, hint="check the network") from error
 
         yield send
+
+
+@contextmanager
+def observation_publisher(endpoint: str, station: str) -> Iterator[Observe]:
+    """Publishes sightings; connects only, listens nowhere, scouts nobody, and waits for a service that is not up yet.
+
+    Args:
+        endpoint: Where the service listens, for example ``tcp/127.0.0.1:7447``.
+        station: The station's name in key expressions.
+
+    Raises:
+        LinkError: The endpoint makes no sense.
+    """
+    with session_on(None, [endpoint]) as session:
+
+        def publish(seen: Sighting) -> None:
+            key = f"aerodft/{station}/observation/{seen.name}"
+            session.put(key, seen.observation_line(), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        yield publish

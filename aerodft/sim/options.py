@@ -4,13 +4,14 @@ import math
 import re
 from collections.abc import Mapping
 
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
 from aerodft.model.pose import PoseStd
 from aerodft.sim.telemetry import Biases, Radio
 
-_NS = 1_000_000_000
 _MOST = 1e5  # metres, degrees, seconds, pixels: what fits into MAVLink's integers
 _MOST_CLOCK_S = 1e9
+_ANGLES = ("tilt", "pan", "roll", "heading")
 _SHARES = ("drop", "duplicate", "reorder")
 
 
@@ -28,37 +29,28 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def parse_stds(option: str, text: str) -> PoseStd:
     """Height and position in m, tilt, pan, roll, heading in degrees, none below 0."""
-    given = _pairs(option, text, ("height", "position", "tilt", "pan", "roll", "heading"), lowest=0.0)
-    return PoseStd(
-        height_agl_m=given["height"],
-        horizontal_m=given["position"],
-        tilt_rad=math.radians(given["tilt"]),
-        pan_rad=math.radians(given["pan"]),
-        roll_rad=math.radians(given["roll"]),
-        heading_rad=math.radians(given["heading"]),
-    )
+    given = _pairs(option, text, ("height", "position", *_ANGLES), lowest=0.0)
+    return PoseStd(height_agl_m=given["height"], horizontal_m=given["position"], **_angles_rad(given))
 
 
 def parse_biases(option: str, text: str) -> Biases:
     """Height in m, tilt, pan, roll, heading in degrees."""
-    given = _pairs(option, text, ("height", "tilt", "pan", "roll", "heading"), lowest=-_MOST)
-    return Biases(
-        height_m=given["height"],
-        tilt_rad=math.radians(given["tilt"]),
-        pan_rad=math.radians(given["pan"]),
-        roll_rad=math.radians(given["roll"]),
-        heading_rad=math.radians(given["heading"]),
-    )
+    given = _pairs(option, text, ("height", *_ANGLES), lowest=-_MOST)
+    return Biases(height_m=given["height"], **_angles_rad(given))
+
+
+def _angles_rad(given: Mapping[str, float]) -> dict[str, float]:
+    return {f"{name}_rad": math.radians(given[name]) for name in _ANGLES}
 
 
 def parse_radio(option: str, text: str, *, seed: int) -> Radio:
     """Latency and jitter in seconds; drop, duplicate, reorder as shares; one outage from ``mute`` to ``unmute`` (s)."""
     names = ("latency", "jitter", "drop", "duplicate", "reorder", "mute", "unmute")
     given = _pairs(option, text, names, lowest=0.0, most=dict.fromkeys(_SHARES, 1.0))
-    outage = (round(given["mute"] * _NS), round(given["unmute"] * _NS))
+    outage = (round(given["mute"] * SECOND_NS), round(given["unmute"] * SECOND_NS))
     return Radio(
-        latency_ns=round(given["latency"] * _NS),
-        jitter_ns=round(given["jitter"] * _NS),
+        latency_ns=round(given["latency"] * SECOND_NS),
+        jitter_ns=round(given["jitter"] * SECOND_NS),
         drop=given["drop"],
         duplicate=given["duplicate"],
         reorder=given["reorder"],
@@ -79,7 +71,7 @@ def parse_autopilot(option: str, text: str) -> tuple[int, int]:
     given = _pairs(option, text, ("lag", "clock"), lowest=-_MOST, most={"clock": _MOST_CLOCK_S})
     if given["lag"] < 0:
         raise UsageError(f"{option} lag", got=given["lag"], expected="a number of at least 0")
-    return round(given["lag"] * _NS), round(given["clock"] * _NS)
+    return round(given["lag"] * SECOND_NS), round(given["clock"] * SECOND_NS)
 
 
 def _pairs(

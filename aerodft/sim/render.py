@@ -1,4 +1,4 @@
-"""Images of the simulated world, by tracing every pixel's ray to the ground."""
+"""Images of the simulated world, by tracing every pixel's ray to the ground, which repeating textures cover."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,19 +6,22 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.arrays import FloatArray, ImageArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
 from aerodft.sim.river import River
-from aerodft.sim.shading import Rays, RiverFrame, shade
+from aerodft.sim.shading import Rays, RiverFrame, Texels, shade
 from aerodft.sim.sprites import draw, sprites
-from aerodft.sim.texture import pyramid, sensor_noise
 from aerodft.sim.waterside import Waterside, shade_waterside
 from aerodft.sim.world import World
 
+_SIZE = 1024  # texels of a tile's side
+_ONE = 32  # a texel of one standard deviation; small integers keep the tiles in the processor's cache
+_LEVELS = 9  # from 1024 down to 4 texels; the smallest is all but flat
 _BANK_STEP_M = 0.25
 _BANK_REACH_M = 2500.0
 _NOISE_SLACK_PX = 64
@@ -63,14 +66,14 @@ class Renderer:
         self._wet_rows = slice(0)
         self._river, self._banks = _river_tables(world.river)
         fine, coarse, water = (
-            pyramid(3 * world.seed, 5, 0.8),
-            pyramid(3 * world.seed + 1, 8, 0.7),
-            pyramid(3 * world.seed + 2, 6, 0.75),
+            _pyramid(3 * world.seed, 5, 0.8),
+            _pyramid(3 * world.seed + 1, 8, 0.7),
+            _pyramid(3 * world.seed + 2, 6, 0.75),
         )
         self._tiles = (fine.texels, coarse.texels, water.texels, fine.starts)
         size_px = camera.height_px + _NOISE_SLACK_PX, camera.width_px + _NOISE_SLACK_PX
         std = self._imaging.noise_std
-        self._noise = None if std == 0 else sensor_noise(self._imaging.seed, *size_px, std)
+        self._noise = None if std == 0 else _sensor_noise(self._imaging.seed, *size_px, std)
 
     def render(self, pose: Pose, time_s: float) -> ImageArray:
         """The sharp image at ``time_s`` of the flight, noise included.
@@ -151,3 +154,54 @@ def _river_tables(river: River) -> tuple[RiverFrame, FloatArray]:
     table = np.column_stack([table, np.nan_to_num(shore_right, nan=_NO_SHORE_M)])
     head = [*river.origin_en_m, np.sin(river.azimuth_rad), np.cos(river.azimuth_rad), along[0], _BANK_STEP_M]
     return tuple(map(float, head)), table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pyramid:
+    """A square tile that repeats, and its halvings, one after the other.
+
+    Attributes:
+        texels: All levels' values, around 0 with standard deviation ``_ONE``, int8 ``(sum of sizes squared,)``.
+        starts: ``(_LEVELS,)`` where each level starts.
+    """
+
+    texels: Texels
+    starts: IntArray
+
+
+@lru_cache(maxsize=16)
+def _pyramid(seed: int, octaves: int, roughness: float) -> _Pyramid:
+    """Sum of smooth noises, each half the size and ``roughness`` times the strength of the one before.
+
+    Args:
+        seed: Same seed, same tile.
+        octaves: How many, counted from the finest (2 texels).
+        roughness: 1 for the same strength at every scale, below 1 for larger forms to prevail.
+    """
+    generator = np.random.default_rng(seed)
+    tile = np.zeros((_SIZE, _SIZE), dtype=np.float32)
+    for octave in range(octaves):
+        cells = _SIZE // 2 ** (octave + 1)
+        coarse = generator.standard_normal((cells, cells)).astype(np.float32)
+        wrapped = cv2.copyMakeBorder(coarse, 2, 2, 2, 2, cv2.BORDER_WRAP)
+        scale = _SIZE // cells
+        smooth = cv2.resize(wrapped, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        tile += roughness ** (octaves - 1 - octave) * smooth[2 * scale : -2 * scale, 2 * scale : -2 * scale]
+    levels = [np.asarray((tile - tile.mean()) / tile.std(), dtype=np.float32)]
+    while len(levels) < _LEVELS:
+        half = levels[-1].shape[0] // 2
+        levels.append(levels[-1].reshape(half, 2, half, 2).mean(axis=(1, 3)))
+    sizes = [level.size for level in levels]
+    values = np.concatenate([level.ravel() for level in levels])
+    return _Pyramid(
+        np.rint(np.clip(values * _ONE, -127, 127)).astype(np.int8),
+        np.concatenate([[0], np.cumsum(sizes[:-1])]).astype(int),
+    )
+
+
+@lru_cache(maxsize=3)
+def _sensor_noise(seed: int, height_px: int, width_px: int, std: float) -> npt.NDArray[np.int16]:
+    """Gaussian noise in grey levels, ``(height_px, width_px, 3)``."""
+    generator = np.random.default_rng(seed)
+    noise: FloatArray = generator.standard_normal((height_px, width_px, 3)) * std
+    return np.rint(noise).astype(np.int16)

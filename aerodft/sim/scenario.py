@@ -1,8 +1,10 @@
 """A whole simulated flight: what is flown, over what, seen and told by whom; and its files."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import orjson
@@ -11,9 +13,9 @@ import tomli_w
 from aerodft.adapters.config.camera import camera_document
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
+from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import FloatArray, ImageArray, IntArray
 from aerodft.model.camera import Camera
-from aerodft.sim.atlas import world_document
 from aerodft.sim.observations import Observing, Sighting, busiest_stations, pose_document, sightings, write_lines
 from aerodft.sim.plan import survey
 from aerodft.sim.recorded import from_log, thin_log
@@ -29,6 +31,7 @@ EPOCH_NS = 1_795_221_278 * SECOND_NS
 
 STATIONS = 3
 _CAMERA, _TRUTH = "camera.toml", "truth.jsonl"
+_ATLAS_REACH_M, _ATLAS_STEP_M = 400.0, 2.0  # of the banks on the map
 _EXPOSURE_SAMPLES = 5
 _AIRBORNE_M = 5.0
 _HOME_FROM_RIVER_M = 26.0
@@ -229,7 +232,7 @@ def _write(scenario: Scenario, folder: Path) -> None:
     write_lines(folder / _TRUTH, (each.truth_line() for each in seen))
     write_lines(folder / "poses.jsonl", _pose_lines(scenario))
     (folder / _CAMERA).write_text(tomli_w.dumps(camera_document(scenario.camera)))
-    (folder / "world.geojson").write_bytes(orjson.dumps(world_document(scenario.world), option=orjson.OPT_INDENT_2))
+    (folder / "world.geojson").write_bytes(orjson.dumps(_world_document(scenario.world), option=orjson.OPT_INDENT_2))
 
 
 def _sightings(scenario: Scenario) -> Iterator[Sighting]:
@@ -261,3 +264,54 @@ def watched(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int
         yield image
         if progress is not None:
             progress(done + 1, total)
+
+
+def _world_document(world: World) -> dict[str, Any]:
+    """A FeatureCollection; its member ``origin`` is the ENU origin."""
+    along = np.arange(-_ATLAS_REACH_M, _ATLAS_REACH_M + _ATLAS_STEP_M, _ATLAS_STEP_M)
+    features = [
+        _line(world, name, world.river.enu(along, across))
+        for name, across in zip(("bank-left", "bank-right"), world.river.banks_m(along), strict=True)
+    ]
+    for index, island in enumerate(world.river.islands):
+        stations = island.station_m + island.length_m * np.linspace(-0.499, 0.499, 41)
+        left, right = (world.river.enu(stations, across) for across in world.river.shores_m(stations))
+        features.append(_line(world, f"island-{index}", np.concatenate([left, right[::-1], left[:1]])))
+    for marker in world.markers:
+        properties = {"side_m": marker.side_m, "corners_enu_m": marker.corners_enu_m().tolist()}
+        features.append(_point(world, f"marker-{marker.id}", marker.centre_enu_m, properties))
+    features += [_point(world, post.name, post.ends_enu_m()[0], {"height_m": post.height_m}) for post in world.posts]
+    origin = world.origin
+    return {
+        "type": "FeatureCollection",
+        "origin": {
+            "lat_deg": math.degrees(origin.lat_rad),
+            "lon_deg": math.degrees(origin.lon_rad),
+            "alt_msl_m": origin.alt_msl_m,
+        },
+        "features": features,
+    }
+
+
+def _coordinates(world: World, points_enu_m: FloatArray) -> list[list[float]]:
+    """Longitude and latitude (deg) of ``(n, 3)``."""
+    found: list[list[float]] = np.degrees(lat_lon(world.origin, points_enu_m[:, :2]))[:, ::-1].tolist()
+    return found
+
+
+def _line(world: World, name: str, points_enu_m: FloatArray) -> dict[str, Any]:
+    geometry = {"type": "LineString", "coordinates": _coordinates(world, points_enu_m)}
+    return {
+        "type": "Feature",
+        "geometry": geometry,
+        "properties": {"name": name, "enu_m": points_enu_m.tolist()},
+    }
+
+
+def _point(world: World, name: str, point_enu_m: FloatArray, properties: dict[str, Any]) -> dict[str, Any]:
+    geometry = {"type": "Point", "coordinates": _coordinates(world, point_enu_m[None])[0]}
+    return {
+        "type": "Feature",
+        "geometry": geometry,
+        "properties": {"name": name, "enu_m": point_enu_m.tolist(), **properties},
+    }

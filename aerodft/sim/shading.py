@@ -24,7 +24,7 @@ _COARSER = -4.0  # pyramid levels between the two ground textures
 _LOG_SIZE = 10
 _SIZE = 1 << _LOG_SIZE
 _LAST_LEVEL = 8
-HORIZON = 1e-3
+_HORIZON = 1e-3
 _NO_SHORE_M = 1e5
 _FINE_SHARE = 0.13 / 32  # of the brightness, by one standard deviation of a texel
 _ROUGH_SHARE = 0.12 / 32
@@ -95,17 +95,43 @@ def gap_to_bank(a: float, y: float, banks: FloatArray, first: float, spacing: fl
 
 
 @njit_inline
-def motion_per_pixel(east: float, north: float, reach: float, camera: CameraState) -> tuple[float, float, float, float]:
-    """How far the ground point (relative to the camera) moves east and north by one pixel right, and by one down."""
+def paint_sky(rays: Rays, v: int, u: int, image: ImageArray) -> None:
+    """The sky, or black where the lens sees nothing."""
+    is_seen = rays[v, u, 0] != 0 or rays[v, u, 1] != 0 or rays[v, u, 2] != 0
+    for k in range(3):
+        image[v, u, k] = np.uint8(SKY[k]) if is_seen else np.uint8(0)
+
+
+@njit_inline
+def ground_seen(
+    rays: Rays, v: int, u: int, camera: CameraState, river: RiverFrame
+) -> tuple[float, float, float, tuple[float, float, float, float], float, float, float]:
+    """What lies on a pixel's ray.
+
+    Returns:
+        How often the ray goes into the way there, 0 for the sky; east and north from the camera (m); how far the place
+        moves east and north by one pixel right, and by one down; the pixel's footprint (m); along and across
+        coordinates in the river (m).
+    """
+    x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
+    up = camera[9] * x + camera[10] * y + camera[11] * z
+    if up > -_HORIZON:
+        return 0.0, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+    reach = -camera[2] / up
+    east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
+    north = reach * (camera[6] * x + camera[7] * y + camera[8] * z)
     right, down = reach * camera[12], reach * camera[13]
-    east *= camera[15]
-    north *= camera[15]
-    return (
-        right * (camera[3] + east * camera[9]),
-        right * (camera[6] + north * camera[9]),
-        down * (camera[4] + east * camera[10]),
-        down * (camera[7] + north * camera[10]),
+    motion = (
+        right * (camera[3] + east * camera[15] * camera[9]),
+        right * (camera[6] + north * camera[15] * camera[9]),
+        down * (camera[4] + east * camera[15] * camera[10]),
+        down * (camera[7] + north * camera[15] * camera[10]),
     )
+    square = motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2] + motion[3] * motion[3]
+    from_east, from_north = east + camera[0] - river[0], north + camera[1] - river[1]
+    along = from_east * river[2] + from_north * river[3]
+    across = from_north * river[2] - from_east * river[3]
+    return reach, east, north, motion, np.sqrt(0.5 * square), along, across
 
 
 @njit_inline
@@ -194,23 +220,12 @@ def shade(
     fine_tile, coarse_tile, water_tile, starts = tiles
     for v in range(rays.shape[0]):
         for u in range(rays.shape[1]):
-            x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
-            up = camera[9] * x + camera[10] * y + camera[11] * z
-            if up > -HORIZON:
-                for k in range(3):
-                    image[v, u, k] = np.uint8(SKY[k]) if z != 0 or x != 0 or y != 0 else np.uint8(0)
+            reach, east, north, motion, footprint, along, across = ground_seen(rays, v, u, camera, river)
+            if reach == 0.0:
+                paint_sky(rays, v, u, image)
                 continue
-            reach = -camera[2] / up
-            east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
-            north = reach * (camera[6] * x + camera[7] * y + camera[8] * z)
-            motion = motion_per_pixel(east, north, reach, camera)
-            footprint = np.sqrt(
-                0.5 * (motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2] + motion[3] * motion[3])
-            )
             east += camera[0]
             north += camera[1]
-            along = (east - river[0]) * river[2] + (north - river[1]) * river[3]
-            across = (north - river[1]) * river[2] - (east - river[0]) * river[3]
             wet = wetness(along, across, motion, footprint, banks, river)
             land, green, water = 1.0, 0.5, 1.0
             if wet < 1.0:

@@ -12,7 +12,6 @@ from aerodft.geometry.jit import njit, njit_inline
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.sim.shading import (
     HAZE_PER_M2,
-    HORIZON,
     SKY,
     CameraState,
     Look,
@@ -20,7 +19,8 @@ from aerodft.sim.shading import (
     RiverFrame,
     Tiles,
     gap_to_bank,
-    motion_per_pixel,
+    ground_seen,
+    paint_sky,
     sample,
     wetness,
 )
@@ -184,25 +184,15 @@ def shade_waterside(
     river, banks = waterway
     for v in range(rays.shape[0]):
         for u in range(rays.shape[1]):
-            x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
-            up = camera[9] * x + camera[10] * y + camera[11] * z
-            if up > -HORIZON:
-                for k in range(3):
-                    image[v, u, k] = np.uint8(SKY[k]) if z != 0 or x != 0 or y != 0 else np.uint8(0)
+            reach, east, north, moved, footprint, along, across = ground_seen(rays, v, u, camera, river)
+            if reach == 0.0:
+                paint_sky(rays, v, u, image)
                 continue
-            reach = -camera[2] / up
-            east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
-            north = reach * (camera[6] * x + camera[7] * y + camera[8] * z)
-            moved = motion_per_pixel(east, north, reach, camera)
-            square = moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2] + moved[3] * moved[3]
-            footprint = np.sqrt(0.5 * square)
             slant = np.sqrt(east * east + north * north + camera[2] * camera[2])
             toward_sun = (east * sides[11] + north * sides[12] + camera[2] * sides[13]) / slant
             down = camera[2] / slant
             east += camera[0]
             north += camera[1]
-            along = (east - river[0]) * river[2] + (north - river[1]) * river[3]
-            across = (north - river[1]) * river[2] - (east - river[0]) * river[3]
             wet = wetness(along, across, moved, footprint, banks, river)
             gap, _ = gap_to_bank(along, across, banks, river[4], river[5])
             index = int(min(max((along - river[4]) / river[5], 0.0), banks.shape[0] - 1.001))

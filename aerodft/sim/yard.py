@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
@@ -22,17 +23,19 @@ from aerodft.geometry.poses import camera_pose
 from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.service.clock import WallClock
-from aerodft.sim.live import udp_sender
+from aerodft.sim.live import Outlets, encoded, perform, udp_sender
+from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
-from aerodft.sim.scenario import EPOCH_NS, default_camera
+from aerodft.sim.scenario import EPOCH_NS, Scenario, default_camera, write_files
+from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.video import TransportStream, write_video
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
-from aerodft.sim.yard_flight import perform_flight, write_flight, yard_flight
 
 _EMPTY_S: Final = 1.5  # before anybody is there
 _FPS: Final = 10
 _HEIGHT_M, _TILT_DEG, _ROLL_DEG = 5.0, 68.0, 4.0
+_HOVER_M, _HOVER_PITCH_DEG = 12.0, -42.0
 _STD: Final = {"height_m": 0.02, "tilt_deg": 0.1, "pan_deg": 0.1, "roll_deg": 0.1, "heading_deg": 0.5}
 
 YARD: Final = World(
@@ -98,11 +101,11 @@ def write_flown_yard(
         LinkError: A host is unknown or unreachable.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    scenario = yard_flight(YARD, seconds=seconds, width_px=width_px)
+    scenario = yard_flight(seconds=seconds, width_px=width_px)
     if live is None:
-        write_flight(folder, scenario)
+        _write_flight(folder, scenario)
     else:
-        scenario = perform_flight(folder, scenario, live, mavlink)
+        scenario = _perform_flight(folder, scenario, live, mavlink)
     write_truth(folder / "truth.csv", scenario.image_stamps_ns.tolist(), scenario.trajectory.start_ns)
 
 
@@ -147,6 +150,98 @@ def _station(camera: Camera, source: dict[str, object]) -> dict[str, object]:
         "pose": pose,
         "images": source,
         "objects": {"distances_within_m": 6.0},
+    }
+
+
+def yard_flight(*, seconds: float = 20.0, width_px: int = 1280) -> Scenario:
+    """A hover: half a metre to and fro, 6 degrees of yaw, some rise and fall.
+
+    Args:
+        seconds: How long.
+        width_px: Of the images, a multiple of 32.
+    """
+    trajectory = _hovering(seconds)
+    stamps = trajectory.start_ns + np.arange(round(seconds * _FPS), dtype=np.int64) * (SECOND_NS // _FPS)
+    return Scenario(
+        camera=default_camera(width_px, width_px * 9 // 16),
+        world=YARD,
+        trajectory=trajectory,
+        image_stamps_ns=stamps,
+        fps=_FPS,
+    )
+
+
+def _write_flight(folder: Path, scenario: Scenario) -> None:
+    """Write the flight's files, and the station to import them with: ``import yard/flight.tlog --config ...``."""
+    write_files(scenario, folder)
+    source: dict[str, object] = {"video": "video.mp4", "start": unix_ns_to_iso(EPOCH_NS)}
+    (folder / "station.toml").write_text(tomli_w.dumps(_flown_station(source, None)))
+
+
+def _perform_flight(folder: Path, scenario: Scenario, video: str, mavlink: str) -> Scenario:
+    """Fly it now, in real time, once all images are rendered; and when that was. Writes the files, without a video."""
+    clock = WallClock()
+    with udp_sender(video) as images, udp_sender(mavlink) as telemetry:
+        packets = encoded(scenario)
+        start_ns = (clock.now_ns() + SECOND_NS) // 1000 * 1000
+        scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
+        write_files(scenario, folder, video=False)
+        listening = mavlink.replace("udpout:", "udpin:")
+        (folder / "station.toml").write_text(tomli_w.dumps(_flown_station({"stream": video}, listening)))
+        perform(scenario, packets, Outlets(telemetry=telemetry, video=images), clock)
+    return scenario
+
+
+def _hovering(seconds: float) -> Trajectory:
+    times_s = np.arange(0.0, seconds + 1.01, 1.0).tolist()
+    there = Waypoint(
+        time_s=0.0,
+        east_m=0.0,
+        north_m=0.0,
+        height_m=_HOVER_M,
+        heading_rad=0.0,
+        gimbal_pitch_rad=math.radians(_HOVER_PITCH_DEG),
+    )
+    points = tuple(
+        replace(
+            there,
+            time_s=time_s,
+            east_m=0.5 * math.sin(time_s / 1.7),
+            north_m=0.4 * math.sin(time_s / 2.3 + 1),
+            height_m=_HOVER_M + 0.3 * math.sin(time_s / 3),
+            heading_rad=math.radians(6 * math.sin(time_s / 4)),
+        )
+        for time_s in times_s
+    )
+    return fly(points, origin=DEFAULT_ORIGIN, start_ns=EPOCH_NS)
+
+
+def _flown_station(source: dict[str, object], connection: str | None) -> dict[str, object]:
+    telemetry: dict[str, object] = {
+        "height": {"order": ["home"], "std_m": {"home": 0.1}},
+        "attitude": {
+            "feedback": "measured",
+            "frame": "earth",
+            "tilt_std_deg": 0.2,
+            "pan_std_deg": 0.2,
+            "roll_std_deg": 0.2,
+            "heading_std_deg": 0.5,
+        },
+        "horizontal_std_m": 0.2,
+    }
+    if connection is not None:
+        telemetry["connection"] = connection
+    origin = {
+        "lat_deg": math.degrees(DEFAULT_ORIGIN.lat_rad),
+        "lon_deg": math.degrees(DEFAULT_ORIGIN.lon_rad),
+        "alt_msl_m": DEFAULT_ORIGIN.alt_msl_m,
+    }
+    return {
+        "station": {"name": "yard", "origin": origin},
+        "camera": {"file": "camera.toml"},
+        "telemetry": telemetry,
+        "images": source,
+        "objects": {},
     }
 
 

@@ -1,14 +1,22 @@
 """What is new in an image, cleaned: without shadows, grains and fringes, as the outlines of objects."""
 
+import math
 from typing import Final
 
 import cv2
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
-from aerodft.vision.footing import outlines_of
-from aerodft.vision.shadows import shadows
 
+_SLACK_PX: Final = 0.3  # staircases of a mask are no corners
+_HALVES: Final = np.ones((3, 3), dtype=np.uint8)
+_MOST_GAIN: Final = 0.9  # what is brighter than this share of the background is in no shadow
+_LEAST_GAIN: Final = 0.25  # the sky still lights what the sun does not
+_WINDOW_PX: Final = 5
+_SAME_COLOUR: Final = 0.025  # of red and green over the sum of all three ...
+_COLOUR_NOISE: Final = 3.0  # ... and of that sum, in grey levels
+_SAME_TEXTURE: Final = 0.07  # of the brightness: what is left when the background times the gain is taken away
+_TEXTURE_NOISE: Final = 3.0  # grey levels
 _MARGIN_PX: Final = 4
 _GRAIN: Final = np.ones((3, 3), dtype=np.uint8)
 _GAPS: Final = np.ones((9, 5), dtype=np.uint8)  # what a belt or a shadow leaves between two parts of one object
@@ -19,7 +27,81 @@ _RING_PX: Final = 8
 _AROUND: Final = np.ones((5, 5), dtype=np.uint8)
 _ONE: Final = 2  # connected component, beside what is none
 
-Background = ImageArray | np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+MOST_OUTLINES: Final = 30
+"""Where more than these seem to move in one image, nothing can be told from water or leaves."""
+
+TOO_MANY: Final = "more seems to move than persons or vehicles do: water, leaves, another light? ignore says where"
+_REMEMBERED_S: Final = 10.0
+_RESTLESS: Final = 0.1  # changes an image: two persons in a second that walk past change a place as often
+_CALM_LOOKS: Final = 25.0  # that are taken for granted
+_AROUND_PX: Final = 17
+
+Planes = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+Background = ImageArray | Planes
+
+
+def outlines_of(mask: BoolArray, slack_px: float = _SLACK_PX) -> list[FloatArray]:
+    """The outer borders of what is connected in a mask ``(height, width)``.
+
+    A pixel is a square of side 1 around its centre, so a mask of one pixel has an outline of area 1.
+
+    Args:
+        mask: What belongs to objects.
+        slack_px: How far a border may be off where it is made of fewer corners; 0 for every corner.
+
+    Returns:
+        ``(n, 2)`` each, the largest first.
+    """
+    if not np.any(mask):
+        return []
+    rows, columns = np.flatnonzero(np.any(mask, axis=1)), np.flatnonzero(np.any(mask, axis=0))
+    top, left = int(rows[0]), int(columns[0])
+    part = mask[top : rows[-1] + 1, left : columns[-1] + 1].astype(np.uint8)
+    # On a grid of half pixels, borders between pixels have points of their own.
+    halves = np.zeros((2 * part.shape[0] + 1, 2 * part.shape[1] + 1), dtype=np.uint8)
+    halves[1::2, 1::2] = part
+    found, _ = cv2.findContours(cv2.dilate(halves, _HALVES), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    found = sorted(found, key=cv2.contourArea, reverse=True)
+    if slack_px > 0:
+        found = [cv2.approxPolyDP(border, 2 * slack_px, closed=True) for border in found]
+    return [border[:, 0].astype(np.float64) / 2 + [left - 0.5, top - 0.5] for border in found]
+
+
+def shadows(image: ImageArray, background: ImageArray, labelled: BoolArray) -> BoolArray:
+    """Where there is shadow, of what is not background.
+
+    Args:
+        image: ``(height, width, 3)`` BGR.
+        background: The same place without objects, likewise.
+        labelled: ``(height, width)``: where somebody else sees a shadow.
+
+    Returns:
+        ``(height, width)``.
+    """
+    now, then = _smooth(image), _smooth(background)
+    now_sum, then_sum = _total(now) + 1.0, _total(then) + 1.0
+    gain = now_sum / then_sum
+    darker = (gain > _LEAST_GAIN) & (gain < _MOST_GAIN)
+    green, red = (np.abs(now[..., k] / now_sum - then[..., k] / then_sum) for k in (1, 2))
+    same_colour = np.maximum(green, red) < _SAME_COLOUR + _COLOUR_NOISE / now_sum
+    same_texture = _roughness(image, background, gain) < _TEXTURE_NOISE + _SAME_TEXTURE * now_sum / 3
+    seen = (same_colour & same_texture) | (labelled & (same_colour | same_texture))
+    return np.asarray(darker & seen)
+
+
+def _smooth(image: ImageArray) -> Planes:
+    return np.asarray(cv2.blur(image.astype(np.float32), (_WINDOW_PX, _WINDOW_PX)))
+
+
+def _total(image: Planes) -> Planes:
+    return image[..., 0] + image[..., 1] + image[..., 2]
+
+
+def _roughness(image: ImageArray, background: ImageArray, gain: Planes) -> Planes:
+    """Root mean square of what the gain does not explain, grey levels ``(height, width)``."""
+    now, then = (_total(each.astype(np.float32)) / 3 for each in (image, background))
+    rest = now - gain * then
+    return np.asarray(np.sqrt(cv2.blur(rest * rest, (_WINDOW_PX, _WINDOW_PX))))
 
 
 def without_shadows(
@@ -103,3 +185,27 @@ def _whole(mask: BoolArray, least_px: int) -> BoolArray:
         part = slice(top, top + height), slice(left, left + width)
         whole[part][_without_fringe((parts[part] == number).astype(np.uint8))] = 1
     return np.asarray(whole > 0)
+
+
+def remember_changes(
+    share: Planes, last: Planes, new: Planes, seen: Planes, looks: Planes | float, elapsed_s: float
+) -> None:
+    """Add an image's changes to how often each place changes; all ``(height, width)``, 0 to 1.
+
+    Args:
+        share: Of the images, in which it changed; changed in place.
+        last: What was new in the image before; likewise.
+        new: What is new in this one.
+        seen: What this one shows.
+        looks: How often each place was seen.
+        elapsed_s: Since the last one.
+    """
+    later = min(1 - math.exp(-elapsed_s / _REMEMBERED_S), 0.1)
+    rate = np.maximum(np.float32(1) / (looks + np.float32(_CALM_LOOKS)), np.float32(later))
+    share += (cv2.absdiff(new, last) - share) * (seen * rate)
+    last += (new - last) * seen
+
+
+def calm(share: Planes) -> BoolArray:
+    """Where who moves can be told ``(height, width)``."""
+    return np.asarray(cv2.blur(share, (_AROUND_PX, _AROUND_PX)) < _RESTLESS)

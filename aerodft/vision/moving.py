@@ -9,11 +9,19 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import Observation
 from aerodft.service.objects import OBJECTS, ObjectSettings
-from aerodft.vision.blobs import is_ghost, objects_in, without_shadows
+from aerodft.vision.blobs import (
+    MOST_OUTLINES,
+    TOO_MANY,
+    Planes,
+    calm,
+    is_ghost,
+    objects_in,
+    remember_changes,
+    without_shadows,
+)
 from aerodft.vision.reference import allowed_outside
-from aerodft.vision.restless import MOST_OUTLINES, TOO_MANY, Planes, calm, remember_changes
 
 _HISTORY: Final = 500
 _APART: Final = 25.0  # squared standard deviations from the background
@@ -110,17 +118,6 @@ def observations_of(outlines: list[FloatArray], image: Image, std_px: float) -> 
     rounded = [np.round(outline, _DECIMALS).tolist() for outline in ([] if too_many else outlines)]
     contours = [tuple((u, v) for u, v in outline) for outline in rounded]
     return tuple(
-        Observation(
-            name=OBJECTS,
-            stamp_ns=image.stamp_ns,
-            arrival_ns=image.arrival_ns,
-            pixels=(),
-            std_px=std_px,
-            clock=image.clock,
-            image=image.index,
-            source=VISION,
-            contour=contour,
-            unseen=TOO_MANY if too_many else "",
-        )
+        Observation.in_image(image, OBJECTS, std_px=std_px, contour=contour, unseen=TOO_MANY if too_many else "")
         for contour in contours or [()]
     )

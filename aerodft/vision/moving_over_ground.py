@@ -17,8 +17,7 @@ from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.service.objects import ObjectSettings
 from aerodft.vision.blobs import is_ghost, objects_in, without_shadows
-from aerodft.vision.ground_background import GroundBackground
-from aerodft.vision.ground_canvas import GroundCanvas, Window
+from aerodft.vision.ground_background import GroundBackground, GroundCanvas, Window
 from aerodft.vision.keyframes import PlaneImage
 from aerodft.vision.moving import observations_of
 from aerodft.vision.plane_lock import PlaneLock
@@ -87,7 +86,7 @@ class MovingOverGround:
             canvas = GroundCanvas(self._view, since_first)
             self._background, self._canvas = self._background.on(canvas, self._canvas), canvas
         elapsed_s, self._last_s = time_s - self._last_s, time_s
-        return self._new_on(self._canvas, self._shrunken(pixels), view, since_first, elapsed_s)
+        return self._new_on(self._canvas, self._view.shrunken(pixels), view, since_first, elapsed_s)
 
     def _held(self, image: Image, pixels: ImageArray, time_s: float) -> tuple[FloatArray | None, StraightView]:
         """Homography since the first image, and the view as it is zoomed; None where the ground is not held."""
@@ -110,13 +109,6 @@ class MovingOverGround:
             return None, zoomed
         self._held_s = time_s
         return self._to_view @ lock.homography @ np.linalg.inv(self._to_view), zoomed
-
-    def _shrunken(self, pixels: ImageArray) -> ImageArray:
-        size, shrink = (self._view.camera.width_px, self._view.camera.height_px), self._view.shrink
-        if shrink == 1:
-            return pixels
-        whole = pixels[: size[1] * shrink, : size[0] * shrink]
-        return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
     def _new_on(
         self, canvas: GroundCanvas, pixels: ImageArray, view: StraightView, since_first: FloatArray, elapsed_s: float

@@ -68,7 +68,7 @@ class ObjectTracks:
 
     def follow(
         self, setup: Setup, sample: PoseSample, observations: tuple[Observation, ...], image: int | None
-    ) -> tuple[MeasurementBatch, ...]:
+    ) -> MeasurementBatch | None:
         """Follow what is seen in the next image.
 
         Args:
@@ -78,7 +78,7 @@ class ObjectTracks:
             image: Its index, where it has one.
 
         Returns:
-            The measurements of all objects; none of an image that is older than the last one.
+            The measurements of all objects; None where there are none, or the image is older than the last one.
         """
         pose = sample.pose
         if pose is None or sample.status is not Status.OK:
@@ -88,7 +88,7 @@ class ObjectTracks:
         setup, sample = zoomed(setup, sample)
         below = partial(below_top, setup, pose)
         if not self._tracks.advance(sample.stamp_ns, sights(setup, pose, observations), below, pose.position_enu_m):
-            return ()
+            return None
         placed = [_placed(setup, pose, track, self._settings.std_px) for track in self._tracks.confirmed]
         gone = [track for track, at in zip(self._tracks.confirmed, placed, strict=True) if at is None]
         self._tracks.drop(gone)
@@ -108,11 +108,11 @@ class ObjectTracks:
 
     def _answers(
         self, setup: Setup, sample: PoseSample, image: int | None, found: list[tuple[Request, MeasurementColumn]]
-    ) -> tuple[MeasurementBatch, ...]:
+    ) -> MeasurementBatch | None:
         if not found:
-            return ()
+            return None
         requests = tuple(request for request, _ in found)
-        return (of_one_image(setup, sample, image, requests, tuple(column for _, column in found)),)
+        return of_one_image(setup, sample, image, requests, tuple(column for _, column in found))
 
 
 def _request(name: str, kind: ProbeKind, pixels: tuple[FloatArray, ...], std_px: float = 1.0) -> Request:

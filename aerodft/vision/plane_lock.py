@@ -11,11 +11,19 @@ from typing import Final
 import numpy as np
 
 from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.vision.keyframes import FEWEST, MOST_CORNERS, Keyframe, PlaneImage, corners_of, nearest_px
-from aerodft.vision.plane_errors import FREE, Standpoint, foretold_cov, moved_on, place_cov_px2, shift_cov
-from aerodft.vision.plane_groups import Matched, groups_of
-from aerodft.vision.plane_land import Land, land_among
-from aerodft.vision.stillness import LAND_AS_BEFORE, LAND_AT_FIRST, Stillness
+from aerodft.vision.keyframes import (
+    FEWEST,
+    LAND_AS_BEFORE,
+    LAND_AT_FIRST,
+    MOST_CORNERS,
+    Keyframe,
+    PlaneImage,
+    Stillness,
+    corners_of,
+    nearest_px,
+)
+from aerodft.vision.plane_land import Land, Matched, groups_of, land_among
+from aerodft.vision.standpoints import FREE, Standpoint, foretold_cov, moved_on, place_cov_px2, shift_cov
 from aerodft.vision.straight import carried
 from aerodft.vision.tracking import followed
 
@@ -37,7 +45,7 @@ class Lock:
 
     Attributes:
         homography: ``(3, 3)`` from straight small pixels of the first image to those of this one.
-        cov: ``(8, 8)`` of that, in units of ``unit``, see ``plane_errors``.
+        cov: ``(8, 8)`` of that, in units of ``unit``, see ``standpoints``.
         unit: ``(3, 3)`` intrinsics.
         land: What it is made of.
         land_px: ``(n, 2)`` small pixels of these points.
@@ -71,8 +79,7 @@ class PlaneLock:
 
     def __init__(self, first: PlaneImage, near_px: FloatArray, reach_px: float) -> None:
         self._near, self._reach_px = first.view.straight(near_px), reach_px
-        lens = first.view.camera
-        self._unit = np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1.0]])
+        self._unit = first.view.intrinsics
         self._last, self._step = np.eye(3), np.eye(3)
         self._last_image = first
         self._told_s = first.time_s

@@ -11,19 +11,15 @@ from aerodft.dft.request import Setup
 from aerodft.dft.river_widths import BankPair, RiverWidths, river_widths
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.pose import Pose
-from aerodft.vision.bank_edges import Edges
-from aerodft.vision.bank_outliers import stand_out
-from aerodft.vision.river_banks import Islands, islands_across, locate_banks
-from aerodft.vision.river_checks import like_a_road, no_light, no_river
-from aerodft.vision.river_choice import likeliest_water, otherwise_m
+from aerodft.vision.river_banks import Edges, Islands, islands_across, locate_banks, stand_out
+from aerodft.vision.river_checks import like_a_road, likeliest_water, no_light, no_river, otherwise_m
 from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
-from aerodft.vision.transects import MOST_TRANSECTS, Transects, transects
 from aerodft.vision.water import WaterMask, with_islands
 from aerodft.vision.water_features import WaterFeatures, water_features
 from aerodft.vision.water_motion import STAYS, LaterLook, what_stays, without_still
 from aerodft.vision.water_network import WaterNetwork
 from aerodft.vision.water_plane import WaterPlane, ground_of
-from aerodft.vision.waterway import Centreline, centreline, looked_up
+from aerodft.vision.waterway import MOST_TRANSECTS, Centreline, Transects, centreline, looked_up, transects
 
 __all__ = [
     "WHY",

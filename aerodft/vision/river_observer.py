@@ -9,12 +9,11 @@ import numpy as np
 from aerodft.dft.request import Setup, zoomed
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
-from aerodft.vision.river_look import RiverLook
-from aerodft.vision.river_status import WHY
+from aerodft.vision.river_status import WHY, RiverLook
 
 MOST_TRANSECTS: Final = 32
 _DECIMALS: Final = 3
@@ -77,7 +76,7 @@ class RiverObserver:
 
     def _missed(self, probe: Probe, image: Image, code: str, reason: str) -> Observation:
         self.misses[str(code)] += 1
-        return _seen_in(image, probe.name, unseen=f"{code}: {reason}")
+        return Observation.in_image(image, probe.name, unseen=f"{code}: {reason}")
 
 
 def _commonest(found: River) -> tuple[str, str]:
@@ -94,20 +93,4 @@ def _observed(found: River, name: str, image: Image) -> Observation | None:
     pixels = np.round(found.edges.pixels_px[chosen].reshape(-1, 2), _DECIMALS).tolist()
     spread_px = float(np.sqrt(np.mean(np.square(found.edges.std_px[chosen]))))
     std_px = round(float(np.hypot(spread_px, _LEAST_STD_PX)), _DECIMALS)
-    return _seen_in(image, name, tuple((u, v) for u, v in pixels), std_px)
-
-
-def _seen_in(
-    image: Image, name: str, pixels: tuple[tuple[float, float], ...] = (), std_px: float | None = None, unseen: str = ""
-) -> Observation:
-    return Observation(
-        name=name,
-        stamp_ns=image.stamp_ns,
-        arrival_ns=image.arrival_ns,
-        pixels=pixels,
-        std_px=std_px,
-        clock=image.clock,
-        image=image.index,
-        source=VISION,
-        unseen=unseen,
-    )
+    return Observation.in_image(image, name, tuple((u, v) for u, v in pixels), std_px=std_px)

@@ -6,17 +6,37 @@ the rotation off it without the usual two-fold ambiguity. The homography with it
 image pair, so that the rotation can be asked for again under another normal.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
+from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.vision.plane_tracker import ImagePair, Matches
 
 FREE = 8
 """Parameters of a homography of which the last element is 1, row by row."""
 
 _ITERATIONS = 5
+FEWEST = 30
+"""Points that a homography is made of, at least."""
+
+STRAY_PX = 0.5
+"""A point that is farther off lies on something else: water that flows, a tree, a walker."""
+
+_NOISE_PX = 0.05  # what tracking is never better than
+_DRAWS, _CONFIDENCE = 500, 0.999
+_ROUNDS = 4
+_STUDENT = 5.0  # degrees of freedom of the residuals' t distribution
+_LAYERS = 2
+_NEAR_PX = 0.6  # of what a motion foretells: water that flows by a pixel is told from land
+_LAYER_DRAWS = 150
+_LEAST_SHARE = 0.2  # of a pair's points: smaller groups are strays
+_POINTS = 3  # that give a motion
+_LAYER_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,3 +112,126 @@ def _derivatives(whole: FloatArray, back: FloatArray, normal_cam: FloatArray) ->
     last = whole[:, 2, 2, None, None, None]
     scaled = by / last - whole[..., None] * by[:, 2, 2, None, None, :] / last**2
     return scaled.reshape(-1, 9, 6)[:, :FREE]
+
+
+def plane_motion(pairs: Iterable[ImagePair]) -> PlaneMotion:
+    """The homography that most points of each pair follow; pairs without one are left out."""
+    fits = []
+    for pair in pairs:
+        start = _consensus(pair.matches)
+        if start is not None:
+            near = _off_px(start, pair.matches) < 2 * STRAY_PX
+            if np.count_nonzero(near) >= FEWEST:
+                fits.append((pair, pair.matches.where(near), start))
+    return motion_of(fits)
+
+
+def motion_of(fits: Sequence[tuple[ImagePair, Matches, FloatArray]]) -> PlaneMotion:
+    """Maximum-likelihood homographies, under t-distributed errors.
+
+    Args:
+        fits: Pairs, those of their points that move together, and about what homography they follow.
+    """
+    found = [_refined(start, matches) for _, matches, start in fits]
+    return PlaneMotion(
+        start_ns=np.array([pair.start_ns for pair, _, _ in fits], dtype=np.int64),
+        end_ns=np.array([pair.end_ns for pair, _, _ in fits], dtype=np.int64),
+        homography=np.array([homography for homography, _ in found]).reshape(-1, 3, 3),
+        cov=np.array([cov for _, cov in found]).reshape(-1, FREE, FREE),
+    )
+
+
+def _consensus(matches: Matches) -> FloatArray | None:
+    if len(matches) < FEWEST:
+        return None
+    stray = STRAY_PX * float(np.median(matches.px))
+    found, _ = cv2.findHomography(matches.earlier, matches.later, cv2.USAC_MAGSAC, stray, None, _DRAWS, _CONFIDENCE)
+    return np.asarray(found / found[2, 2]) if np.shape(found) == (3, 3) and found[2, 2] != 0 else None
+
+
+def _off_px(homography: FloatArray, matches: Matches) -> FloatArray:
+    at, _ = _carried(homography, matches.earlier)
+    return np.asarray(np.linalg.norm(at - matches.later, axis=-1) / matches.px)
+
+
+def _refined(h: FloatArray, matches: Matches) -> tuple[FloatArray, FloatArray]:
+    """The homography ``(3, 3)``, and the covariance ``(8, 8)`` of its free elements."""
+    for _ in range(_ROUNDS):
+        at, by = _carried(h, matches.earlier)
+        off_px = (matches.later - at) / matches.px[:, None]
+        std_px = max(robust_std(off_px), _NOISE_PX)
+        weight = (_STUDENT + 2) / (_STUDENT + np.sum(off_px**2, axis=-1) / std_px**2)
+        jac = (by / matches.px[:, None, None]).reshape(-1, FREE)
+        weighted = (jac * np.repeat(weight, 2)[:, None]).T
+        information = weighted @ jac
+        h = h + np.append(np.linalg.solve(information, weighted @ off_px.ravel()), 0.0).reshape(3, 3)
+    return h, np.linalg.inv(information) * std_px**2
+
+
+def _carried(h: FloatArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points ``(n, 2)`` under a homography, and their derivatives ``(n, 2, 8)`` by its free elements."""
+    one = np.column_stack([xy, np.ones(len(xy))])
+    moved = one @ h.T
+    at = moved[:, :2] / moved[:, 2:]
+    by = np.zeros((len(xy), 2, 9))
+    by[:, 0, :3] = by[:, 1, 3:6] = one / moved[:, 2:]
+    by[:, :, 6:] = -at[:, :, None] * (one / moved[:, 2:])[:, None, :]
+    return at, by[..., :FREE]
+
+
+def layered_motion(pairs: Sequence[ImagePair], rotvec_rad: FloatArray, normal_cam: FloatArray) -> PlaneMotion:
+    """The homographies of what moves alike in each pair: one or two of a pair, none where nothing does.
+
+    Args:
+        pairs: ``n`` image pairs.
+        rotvec_rad: ``(n, 3)`` about how the camera turned, ``earlier_SO3_later``.
+        normal_cam: ``(n, 3)`` the plane's normal in the earlier camera's axes.
+    """
+    draws = np.random.default_rng(0)
+    fits: list[tuple[ImagePair, Matches, FloatArray]] = []
+    for pair, turn, normal in zip(pairs, rotvec_rad, normal_cam, strict=True):
+        back = matrix(inverse(from_rotation_vector(turn)))
+        left = pair.matches
+        fewest = max(FEWEST, _LEAST_SHARE * len(left))
+        for _ in range(_LAYERS):
+            found = _layer(left, back, normal, draws) if len(left) >= fewest else None
+            if found is None or np.count_nonzero(found[0]) < fewest:
+                break
+            fits.append((pair, left.where(found[0]), found[1]))
+            left = left.where(~found[0])
+    return motion_of(fits)
+
+
+def _layer(
+    matches: Matches, back: FloatArray, normal_cam: FloatArray, draws: np.random.Generator
+) -> tuple[BoolArray, FloatArray] | None:
+    """The largest group that one motion explains ``(n,)``, and its homography ``(3, 3)``."""
+    jac, off = _equations(matches, back, normal_cam)
+    picks = draws.integers(0, len(matches), (_LAYER_DRAWS, _POINTS))
+    system, right = jac[picks].reshape(_LAYER_DRAWS, 6, 6), off[picks].reshape(_LAYER_DRAWS, 6, 1)
+    whole = np.abs(np.linalg.det(system)) > 0
+    if not np.any(whole):
+        return None
+    motions = np.linalg.solve(system[whole], right[whole])[..., 0]
+    misfit = np.einsum("pij,dj->dpi", jac, motions) - off
+    near = np.sum(misfit**2, axis=-1) < _NEAR_PX**2
+    best = int(np.argmax(np.sum(near, axis=1)))
+    group, motion = near[best], motions[best]
+    for _ in range(_LAYER_ROUNDS):
+        if np.count_nonzero(group) < FEWEST:
+            return None
+        motion = np.linalg.lstsq(jac[group].reshape(-1, 6), off[group].ravel(), rcond=None)[0]
+        group = np.sum((jac @ motion - off) ** 2, axis=-1) < _NEAR_PX**2
+    homography = (np.eye(3) - skew(motion[:3])) @ back + np.outer(motion[3:], normal_cam)
+    return group, homography / homography[2, 2]
+
+
+def _equations(matches: Matches, back: FloatArray, normal_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``(n, 2, 6)`` and ``(n, 2)``, in pixels: linear in a turn in the later camera's axes, and in the shift."""
+    one = np.ones(len(matches))
+    rays = np.column_stack([matches.earlier, one])
+    turned = rays @ back.T
+    by = np.concatenate([skew(turned), (rays @ normal_cam)[:, None, None] * np.eye(3)], axis=-1)
+    scale = (matches.px * turned[:, 2])[:, None]
+    jac = (by[:, :2] - matches.later[..., None] * by[:, 2:]) / scale[..., None]
+    return jac, (matches.later * turned[:, 2:] - turned[:, :2]) / scale

@@ -7,15 +7,22 @@ import numpy as np
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.geometry.turning import LEAST_POINTS, Turn, find_turn, turned
 from aerodft.model.arrays import FloatArray, ImageArray, IntArray
+from aerodft.model.calibration import STEADY
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
-from aerodft.model.steadiness import STEADY
-from aerodft.vision.evened import evened
-from aerodft.vision.recognition import features_of, matched
-from aerodft.vision.reference import FirstGoodImage, Polygon, Reference, allowed_outside, reference_of
-from aerodft.vision.tracking import followed
-from aerodft.vision.view import View, view_after
+from aerodft.vision.reference import (
+    FirstGoodImage,
+    Polygon,
+    Reference,
+    View,
+    allowed_outside,
+    features_of,
+    matched,
+    reference_of,
+    view_after,
+)
+from aerodft.vision.tracking import evened, followed
 
 _NO_TURN: Final = np.array([1.0, 0.0, 0.0, 0.0])
 _ANOTHER_VIEW_RAD: Final = 0.009  # half a degree: templates look different from there on
@@ -69,17 +76,7 @@ class SteadyPoints:
             self._held = _Held(self._camera, reference)
         then_px, now_px = self._held.look(evened(pixels)) if self._held is not None else _no_pairs()
         flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
-        return (
-            Observation(
-                name=STEADY,
-                stamp_ns=image.stamp_ns,
-                arrival_ns=image.arrival_ns,
-                pixels=tuple((u, v) for u, v in flat),
-                clock=image.clock,
-                image=image.index,
-                source="vision",
-            ),
-        )
+        return (Observation.in_image(image, STEADY, tuple((u, v) for u, v in flat)),)
 
 
 class _Held:

@@ -19,6 +19,8 @@ NODE_PX: Final = 16
 OUTSIDE_PX: Final = -1e4
 """Of what the lens does not show."""
 
+_Plane = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+
 
 class StraightView:
     """A camera's images made small, and their pixels with and without distortion.
@@ -42,10 +44,7 @@ class StraightView:
             cy_px=(camera.cy_px - shift) / self.shrink,
         )
         self._bends = any(camera.distortion)
-        across, down = (-(-size // NODE_PX) for size in (self.camera.width_px, self.camera.height_px))
-        centre_px = (NODE_PX - 1) / 2  # cv2.resize puts a node's value there
-        u, v = np.meshgrid(np.arange(across) * NODE_PX + centre_px, np.arange(down) * NODE_PX + centre_px)
-        self._nodes = self.straight(np.stack([u, v], axis=-1).astype(np.float64))
+        self._nodes = self.straight(nodes_px(self.camera.width_px, self.camera.height_px))
 
     @property
     def intrinsics(self) -> FloatArray:
@@ -59,10 +58,15 @@ class StraightView:
 
     def small(self, pixels: ImageArray) -> ImageArray:
         """An image ``(height, width, 3)`` BGR, grey and small."""
-        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        return self.shrunken(grey_of(pixels))
+
+    def shrunken(self, pixels: ImageArray) -> ImageArray:
+        """An image ``(height, width)`` or ``(height, width, 3)``, small."""
+        if self.shrink == 1:
+            return pixels
         size = self.camera.width_px, self.camera.height_px
-        whole = grey[: size[1] * self.shrink, : size[0] * self.shrink]
-        return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA)) if self.shrink > 1 else grey
+        whole = pixels[: size[1] * self.shrink, : size[0] * self.shrink]
+        return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
     def to_small(self, pixels_px: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of the camera's image in the small one."""
@@ -95,13 +99,34 @@ class StraightView:
         """What a small image ``(height, width)`` of another view shows, as this one sees it; its border is repeated."""
         inverse: FloatArray = np.asarray(np.linalg.inv(homography), dtype=np.float64)
         nodes = then.bent(carried(inverse, self._nodes))
-        nodes = np.nan_to_num(nodes, nan=OUTSIDE_PX).astype(np.float32)
-        rows, columns = nodes.shape[:2]
-        whole = cv2.resize(nodes, (columns * NODE_PX, rows * NODE_PX), interpolation=cv2.INTER_LINEAR)
-        part = whole[: self.camera.height_px, : self.camera.width_px]
-        columns_px, rows_px = cv2.split(part)
+        columns_px, rows_px = between_nodes(nodes, self.camera.width_px, self.camera.height_px)
         seen = cv2.remap(small, columns_px, rows_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(seen, dtype=np.uint8)
+
+
+def grey_of(pixels: ImageArray) -> ImageArray:
+    """An image ``(height, width, 3)`` BGR in grey ``(height, width)``; one that is grey as it is."""
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8) if pixels.ndim > 2 else pixels  # noqa: PLR2004 - rows and columns
+
+
+def nodes_px(width_px: int, height_px: int, apart_px: int = NODE_PX) -> FloatArray:
+    """Pixels ``(down, across, 2)`` so far apart, at which a map of an image is made before it is filled in."""
+    across, down = (-(-size // apart_px) for size in (width_px, height_px))
+    centre_px = (apart_px - 1) / 2  # cv2.resize puts a node's value there
+    u, v = np.meshgrid(np.arange(across) * apart_px + centre_px, np.arange(down) * apart_px + centre_px)
+    return np.stack([u, v], axis=-1)
+
+
+def between_nodes(at_px: FloatArray, width_px: int, height_px: int, apart_px: int = NODE_PX) -> tuple[_Plane, _Plane]:
+    """Columns and rows ``(height, width)`` for ``cv2.remap``, of a map ``(down, across, 2)`` that was made at nodes.
+
+    NaN shows nothing.
+    """
+    nodes = np.nan_to_num(at_px, nan=OUTSIDE_PX).astype(np.float32)
+    size = nodes.shape[1] * apart_px, nodes.shape[0] * apart_px
+    whole = cv2.resize(nodes, size, interpolation=cv2.INTER_LINEAR)
+    columns_px, rows_px = cv2.split(whole[:height_px, :width_px])
+    return np.asarray(columns_px, dtype=np.float32), np.asarray(rows_px, dtype=np.float32)
 
 
 def carried(homography: FloatArray, straight_px: FloatArray) -> FloatArray:

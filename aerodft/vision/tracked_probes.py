@@ -5,7 +5,8 @@ after it was lost. A point that is not found, or that has left the image, is los
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,12 +16,11 @@ from aerodft.geometry.ground import Ground
 from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import Observation
 from aerodft.model.probe import Probe
 from aerodft.vision.keyframes import PlaneImage
-from aerodft.vision.plane_errors import Standpoint
 from aerodft.vision.plane_lock import Lock, PlaneLock
-from aerodft.vision.standpoints import PoseOf, Standpoints
+from aerodft.vision.standpoints import PoseOf, Standpoint, Standpoints
 from aerodft.vision.straight import StraightView, carried
 
 _REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane
@@ -28,8 +28,6 @@ _START_NS: Final = SECOND_NS // 5  # pixels are those of an image that is no lat
 _MOST_STD_PX: Final = 8.0  # full pixels: what is known no better is lost
 _STD_PX: Final = 0.2  # full pixels: a tracker is never better
 _DECIMALS: Final = 3
-
-Pixels = tuple[tuple[float, float], ...]
 
 
 class TrackedProbes:
@@ -66,38 +64,7 @@ class TrackedProbes:
         if image.pixels is None:
             return ()
         small = self._view.small(image.pixels())
-        return tuple(
-            Observation(
-                name=found.probe.name,
-                stamp_ns=image.stamp_ns,
-                arrival_ns=image.arrival_ns,
-                pixels=found.pixels,
-                std_px=found.std_px,
-                clock=image.clock,
-                image=image.index,
-                source=VISION,
-                unseen=found.why,
-            )
-            for group in self._groups
-            for found in group.look(image, small)
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What became of a probe in an image.
-
-    Attributes:
-        probe: The probe.
-        pixels: Its pixels; none where it is lost.
-        std_px: Of each coordinate; None where they are those that were given.
-        why: Why there are none.
-    """
-
-    probe: Probe
-    pixels: Pixels = ()
-    std_px: float | None = None
-    why: str = ""
+        return tuple(found for group in self._groups for found in group.look(image, small))
 
 
 class _Together:
@@ -120,7 +87,7 @@ class _Together:
         pixels = np.array([pixel for probe in probes for pixel in probe.pixels])
         self._small_px = view.to_small(pixels)
 
-    def look(self, image: Image, small: ImageArray) -> list[Found]:
+    def look(self, image: Image, small: ImageArray) -> list[Observation]:
         """Each probe with what became of it; nothing before their time."""
         stamp_ns = image.stamp_ns
         if self._at_ns is not None and stamp_ns < self._at_ns:
@@ -129,12 +96,10 @@ class _Together:
             self._is_missed |= self._at_ns is not None and stamp_ns > self._at_ns + _START_NS
             if not self._is_missed:
                 self._first = replace(image, pixels=None), small
-                return [Found(probe, probe.pixels) for probe in self._probes]
+                return [Observation.in_image(image, probe.name, probe.pixels) for probe in self._probes]
         if self._first is None:
-            return [
-                Found(probe, why="there was no image at the time that its pixels are of, or none within 0.2 s after it")
-                for probe in self._probes
-            ]
+            why = "there was no image at the time that its pixels are of, or none within 0.2 s after it"
+            return [Observation.in_image(image, probe.name, unseen=why) for probe in self._probes]
         at_first = self._standpoints.seen(self._first[0])
         if self._lock is None:  # not before, because the first image's pose may come after it
             self._first_view = self._standpoints.view_of(at_first)
@@ -147,7 +112,7 @@ class _Together:
         now = self._standpoints.seen(image)
         view = self._standpoints.view_of(now)
         found = self._lock.follow(self._taken(image, small, view, self._standpoints.of(now)))
-        return [self._answer(probe, found, view) for probe in self._probes]
+        return [self._answer(image, probe, found, view) for probe in self._probes]
 
     def _taken(self, image: Image, small: ImageArray, view: StraightView, standpoint: Standpoint | None) -> PlaneImage:
         return PlaneImage(small, view, (image.stamp_ns - self._epoch_ns(image)) / SECOND_NS, standpoint)
@@ -155,17 +120,19 @@ class _Together:
     def _epoch_ns(self, image: Image) -> int:
         return image.stamp_ns if self._first is None else self._first[0].stamp_ns
 
-    def _answer(self, probe: Probe, found: Lock | None, view: StraightView) -> Found:
+    def _answer(self, image: Image, probe: Probe, found: Lock | None, view: StraightView) -> Observation:
+        lost = partial(Observation.in_image, image, probe.name)
         if found is None:
-            return Found(probe, why="the ground around it was not recognised, or what was may be water that flows")
+            return lost(unseen="the ground around it was not recognised, or what was may be water that flows")
         first_px = self._first_view.straight(view.to_small(np.array(probe.pixels)))
         moved = view.to_full(view.bent(carried(found.homography, first_px)))
         farthest = np.array([self._camera.width_px, self._camera.height_px]) - PIXEL_CENTRE_OFFSET_PX
         if not np.all((moved >= -PIXEL_CENTRE_OFFSET_PX) & (moved <= farthest)):
-            return Found(probe, why="it is out of the image")
+            return lost(unseen="it is out of the image")
         cov_px2 = found.cov_px2(first_px)
         carried_px = view.shrink * math.sqrt(float(np.max(np.linalg.eigvalsh(cov_px2))))
         if not carried_px <= _MOST_STD_PX:
-            return Found(probe, why=f"where it is in the image is known to no better than {_MOST_STD_PX:.0f} px")
+            return lost(unseen=f"where it is in the image is known to no better than {_MOST_STD_PX:.0f} px")
         pixels = tuple((u, v) for u, v in np.round(moved, _DECIMALS).tolist())
-        return Found(probe, pixels, math.hypot(probe.std_px, carried_px, _STD_PX))
+        std_px = math.hypot(probe.std_px, carried_px, _STD_PX)
+        return Observation.in_image(image, probe.name, pixels, std_px=std_px)

@@ -2,6 +2,20 @@
 
 A region that is about the water gets its outline from a graph cut, and bare ground along it is taken off. Reflections
 and shade change water's lightness, seldom its colour against the banks': lightness weighs least.
+
+Bare or grown ground along the water that the water's outline may have taken in: seen by an edge inside.
+
+The middle of the water says what water looks like, and the band along its outline is cut anew. What that takes away
+is ground where it has more texture than the water beside it, or is greener. Where it is neither it may be ground, if
+its edge is clear, and it is no shade or mirrored bank: those are darker than the water beside them. Glitter is far
+brighter, and foam is rough because of what is far brighter in it.
+
+Calm water along a bank, whose colour it mirrors: it fades into the rest of the water, and is the smoothest of all.
+
+Colour and lightness put such a strip on the land's side, for they are the bank's. What tells it from ground, and from
+what grows: there is no edge between it and the water, as there is where water ends; it has no more fine detail than
+water, and less than land; and it is darker than the water beside it. A beach fades into shallow water as well, but is
+brighter: what is brighter may be either.
 """
 
 from dataclasses import dataclass, replace
@@ -10,17 +24,232 @@ from typing import Final
 import cv2
 import numpy as np
 
+from aerodft.geometry.robust import middle_and_std, robust_std
 from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.vision.outline import outline_contrast
-from aerodft.vision.water_cut import cut, disc_around, opened, piece_around, without_specks
-from aerodft.vision.water_features import WaterFeatures
-from aerodft.vision.water_margin import margin
-from aerodft.vision.water_mirror import with_mirrored_banks
+from aerodft.vision.water_features import (
+    BLUE_TO_GREEN,
+    LIGHT,
+    RED_TO_GREEN,
+    TEXTURE,
+    Float32Image,
+    WaterFeatures,
+    outline_contrast,
+)
+from aerodft.vision.water_outlines import cut, disc_around, opened, piece_around, without_specks
 
+_BAND: Final = 0.35  # of half the water's width: so far from the outline it may be ground
+_SCALES: Final = np.array([4.0, 4.0, 2.0, 3.0], dtype=np.float32)  # to bytes, around the water's own middle
+_MIDDLE: Final = 128.0
+_ITERATIONS: Final = 3
+_SEED: Final = 1
+_LEAST: Final = 0.001  # of the copy: a smaller piece is foam, or a stone
+_THICK_PX: Final = 5  # a thinner piece is the outline's own blur
+_CLEAR: Final = 1.45  # standard deviations across the inner edge, lightness left out
+_ROUGHER: Final = 2.0  # of twelve times the texture's logarithm: about a sixth more than the water's beside it
+_NO_LIGHT: Final = np.array([1.0, 1.0, 0.0, 1.0], dtype=np.float32)
+_STRIP: Final = np.ones((11, 11), dtype=np.uint8)  # around a piece: the water next to it
+_DARKER: Final = -0.5  # forty times the logarithm of the lightness: about 1 %
+GLITTER: Final = 12.0  # about 35 % brighter than the water beside it
+_BRIGHTEST: Final = 97.0  # percent of a piece
+_FOAM: Final = 15.0  # likewise: its brightest, about 45 %
+_UNEVEN: Final = 2.2  # of the standard deviation of the water's lightness beside it; real banks here have up to 2.0
+_GREENER: Final = -1.5  # likewise of red to green: the colour of what grows there
+_NOT_BLUER: Final = 1.0  # likewise of blue to green: where the sky is mirrored it is more
+_LEAST_STRIP: Final = 0.001  # of the water's area
+_LEAST_SPREAD: Final = 3.0  # of twelve times the texture's logarithm: 28 %
+_GAP_PX: Final = 4  # to the water's outline at most: what the fading strip itself loses to neither
+_BESIDE_PX: Final = 12  # so far around it is the water that it is held against
+_SURELY_DARKER: Final = -3.0  # forty times the logarithm of the lightness: 7 %
+_FADES_PX: Final = 5.0  # at the steepest: edges of banks are 1 to 4 px wide, mirrored banks fade over 6 to 8
+_CALM: Final = 1.1  # of the fine detail of the water beside it: no rougher
+_NO_LAND: Final = 0.85  # of the fine detail of the smoothest fifth of the land
+_SMOOTHEST_PERCENT: Final = 20.0
+_STEEPEST_PERCENT: Final = 90.0
+_LIKE: Final = 1.5  # standard deviations of a strip's looks
+_COLOURS: Final = (RED_TO_GREEN, BLUE_TO_GREEN)
+_LOOKS_OF: Final = (*_COLOURS, LIGHT)
 _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
 _CUT_ISLAND: Final = 0.6  # of its shore's length: so short is where the image cuts it; a bank's corner has more
 _SEVERED: Final = 0.03  # of the water
-_LOOKS: Final = 2  # at bare ground along the water: what hid behind the first
+_MARGINS: Final = 2  # at bare ground along the water: what hid behind the first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Margin:
+    """Ground along the water's outline, and what may be ground there, ``(height, width)`` each."""
+
+    bare: BoolArray
+    doubtful: BoolArray
+
+
+def margin(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolArray) -> Margin:
+    """The ground along the outline that was taken for water.
+
+    Args:
+        planes: ``(height, width, 4)`` of ``WaterFeatures``.
+        water: ``(height, width)``, with that ground.
+        sure: Part of it that is water.
+        ground: What is looked at.
+    """
+    found = Margin(np.zeros(water.shape, dtype=bool), np.zeros(water.shape, dtype=bool))
+    if not np.any(ground & ~water):
+        return found
+    inner = _cut(planes, water, sure, ground)
+    kernel = np.ones((_THICK_PX, _THICK_PX), dtype=np.uint8)
+    taken = cv2.morphologyEx((water & ~inner).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    count, pieces, facts, _ = cv2.connectedComponentsWithStats(taken, connectivity=8)
+    share = facts[:count, cv2.CC_STAT_AREA] / water.size
+    outline, contrast = outline_contrast(planes * _NO_LIGHT, inner, ground)
+    clearness = np.zeros(water.shape)
+    clearness[outline] = contrast
+    for number in range(1, count):
+        piece = np.asarray(pieces == number)
+        near = cv2.dilate(piece.astype(np.uint8), kernel) > 0
+        edge = clearness[near & outline]
+        beside = cv2.dilate(piece.astype(np.uint8), _STRIP) > 0
+        beside &= inner
+        if share[number] < _LEAST or len(edge) == 0 or not beside.any():
+            continue
+        apart, clear = planes[piece].mean(axis=0) - planes[beside].mean(axis=0), float(np.median(edge))
+        is_rough = _is_rougher(apart) and not _is_foam(planes[piece][:, LIGHT], planes[beside][:, LIGHT])
+        if clear > _CLEAR and (is_rough or _is_greener(apart)):
+            found.bare[near & water & ~inner] = True
+        elif clear > _CLEAR and _may_be_ground(apart):
+            found.doubtful[near & water & ~inner] = True
+    return found
+
+
+def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolArray) -> BoolArray:
+    to_land = cv2.distanceTransform(1 - (ground & ~water).astype(np.uint8), cv2.DIST_L2, 5)
+    core = water & (to_land >= _BAND * float(np.percentile(to_land[water], 95)))
+    middle = np.median(planes[core | sure], axis=0)
+    scaled = (planes - middle) * _SCALES
+    colours = np.dstack([scaled[..., 0], scaled[..., 1], scaled[..., 2] + scaled[..., 3]]) + _MIDDLE
+    labels = np.full(water.shape, cv2.GC_BGD, dtype=np.uint8)
+    labels[water] = cv2.GC_PR_BGD
+    labels[core | sure] = cv2.GC_FGD
+    cv2.setRNGSeed(_SEED)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    seen = np.clip(colours, 0, 255).astype(np.uint8)
+    cv2.grabCut(seen, labels, (0, 0, 0, 0), *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
+    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
+
+
+def _is_rougher(apart: Float32Image) -> bool:
+    """Whether a piece has more texture than the water next to it, ``apart (4,)`` of the planes; glitter has it too."""
+    return bool(apart[TEXTURE] > _ROUGHER and apart[LIGHT] < GLITTER)
+
+
+def _is_foam(piece: Float32Image, beside: Float32Image) -> bool:
+    """Whether a piece's lightness ``(n,)`` is that of bright spots, far more uneven than the water's next to it."""
+    brightest = float(np.percentile(piece, _BRIGHTEST)) - float(beside.mean())
+    return brightest > _FOAM and float(piece.std()) > _UNEVEN * float(beside.std())
+
+
+def _is_greener(apart: Float32Image) -> bool:
+    """Whether a piece is greener than the water next to it, and neither darker nor bluer: no shade, and no sky."""
+    return bool(apart[RED_TO_GREEN] < _GREENER and apart[BLUE_TO_GREEN] < _NOT_BLUER and _may_be_ground(apart))
+
+
+def _may_be_ground(apart: Float32Image) -> bool:
+    """Whether a piece is neither shade nor glitter: not darker than the water next to it, and not glaring."""
+    return bool(_DARKER < apart[LIGHT] < GLITTER)
+
+
+def with_mirrored_banks(
+    features: WaterFeatures, water: BoolArray, disc: BoolArray, ground: BoolArray
+) -> tuple[BoolArray, BoolArray | None]:
+    """The water, with the calm strips along it in which its banks are mirrored.
+
+    Args:
+        features: The small copy.
+        water: ``(height, width)``.
+        disc: Part of it that is water surely.
+        ground: What is looked at.
+
+    Returns:
+        The water with darker strips; and with brighter ones too, which may be beaches: None where there are none.
+    """
+    found = [(each, _fades(features, water, each, ground)) for each in _smooth_pieces(features, water, ground)]
+    strips = [(each, lighter) for each, lighter in found if lighter is not None]
+    darker = [each for each, lighter in strips if lighter < _SURELY_DARKER]
+    surely = _joined(features, water, darker, disc, ground)
+    if len(darker) == len(strips):
+        return surely, None
+    return surely, _joined(features, water, [each for each, _ in strips], disc, ground)
+
+
+def _joined(
+    features: WaterFeatures, water: BoolArray, strips: list[BoolArray], disc: BoolArray, ground: BoolArray
+) -> BoolArray:
+    if not strips:
+        return water
+    mirrored = _along(features.planes, np.logical_or.reduce(strips), water, ground)
+    kernel = np.ones((2 * _GAP_PX + 1, 2 * _GAP_PX + 1), dtype=np.uint8)
+    closed = cv2.morphologyEx((water | mirrored).astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0
+    between = closed & _around(mirrored, _GAP_PX) & ground
+    return cut(features.planes, water | between, disc | between, ground)
+
+
+def _smooth_pieces(features: WaterFeatures, water: BoolArray, ground: BoolArray) -> list[BoolArray]:
+    """Pieces of the land beside the water, ``(height, width)`` each, that have no more texture than water has."""
+    texture = features.planes[..., TEXTURE]
+    inside = texture[water]
+    middle = float(np.median(inside))
+    spread = max(robust_std(inside - middle), _LEAST_SPREAD)
+    smooth = opened(ground & ~water & (texture <= middle + spread)).astype(np.uint8)
+    near = _around(water, _GAP_PX)
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(smooth, connectivity=4)
+    large = facts[:, cv2.CC_STAT_AREA] >= _LEAST_STRIP * np.count_nonzero(water)
+    beside = np.bincount(labels[near & (smooth > 0)], minlength=count) > 0
+    return [np.asarray(labels == number) for number in range(1, count) if large[number] and beside[number]]
+
+
+def _fades(features: WaterFeatures, water: BoolArray, piece: BoolArray, ground: BoolArray) -> float | None:
+    """How much lighter a piece is than the water that it fades into, being as smooth; None where it does not."""
+    beside = water & _around(piece, _BESIDE_PX)
+    land = ground & ~water & ~piece
+    if not beside.any() or not land.any():
+        return None
+    apart = features.planes[piece].mean(axis=0) - features.planes[beside].mean(axis=0)
+    detail = float(np.median(features.detail[piece]))
+    is_water = (
+        detail < _CALM * float(np.median(features.detail[beside]))
+        and detail < _NO_LAND * float(np.percentile(features.detail[land], _SMOOTHEST_PERCENT))
+        and _fading_px(features.planes, water, piece, apart) > _FADES_PX
+    )
+    return float(apart[LIGHT]) if is_water else None
+
+
+def _along(planes: Float32Image, strip: BoolArray, water: BoolArray, ground: BoolArray) -> BoolArray:
+    """A strip with what runs on along the water in its looks, where it is too narrow for its texture to be seen."""
+    middle, std = middle_and_std(planes[strip][:, _LOOKS_OF])
+    like = np.all(np.abs(planes[..., _LOOKS_OF] - middle) <= _LIKE * (std + 1.0), axis=-1)
+    from_water = cv2.distanceTransform(1 - water.astype(np.uint8), cv2.DIST_L2, 5)
+    near = from_water <= float(from_water[strip].max())
+    _, labels = cv2.connectedComponents(
+        (strip | opened(like & near & ground & ~water)).astype(np.uint8), connectivity=4
+    )
+    return np.asarray(np.isin(labels, np.unique(labels[strip])))
+
+
+def _fading_px(planes: Float32Image, water: BoolArray, piece: BoolArray, apart: Float32Image) -> float:
+    """Over how many pixels the water's colour becomes that of a piece beside it, where that goes fastest."""
+    between = apart[list(_COLOURS)]
+    whole = float(np.linalg.norm(between))
+    if whole == 0:
+        return 0.0
+    towards = np.asarray(planes[..., _COLOURS] @ (between / whole), dtype=np.float32)
+    slopes = [cv2.Sobel(towards, cv2.CV_32F, 1 - axis, axis, ksize=3, scale=1 / 8) for axis in (0, 1)]
+    slope = cv2.magnitude(*slopes)
+    border = _around(water, 2 * _GAP_PX) & _around(piece, 2 * _GAP_PX) & _around(~water, 2 * _GAP_PX)
+    return whole / max(float(np.percentile(slope[border], _STEEPEST_PERCENT)), 1e-6) if border.any() else 0.0
+
+
+def _around(region: BoolArray, reach_px: int) -> BoolArray:
+    """A region with what is near it, itself included."""
+    kernel = np.ones((2 * reach_px + 1, 2 * reach_px + 1), dtype=np.uint8)
+    return np.asarray(cv2.dilate(region.astype(np.uint8), kernel) > 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +302,7 @@ def find_water(
     whole, brighter = with_mirrored_banks(features, drawn, disc, ground)
     water = whole
     along = margin(features.planes, water, disc, ground)
-    for _ in range(_LOOKS):
+    for _ in range(_MARGINS):
         if not along.bare.any():
             break
         shrunk = _without(water, along.bare, disc)

@@ -31,6 +31,13 @@ RED_TO_GREEN, BLUE_TO_GREEN, LIGHT, TEXTURE = 0, 1, 2, 3
 LOGARITHM: Final = 40.0
 """What the logarithms of colour ratios and lightness are multiplied by: a unit can just be seen."""
 _SCALE: Final = np.array([LOGARITHM, LOGARITHM, LOGARITHM, 12.0], dtype=np.float32)
+_STRIP_PX: Final = 6  # on either side of an outline
+_NOISE: Final = np.array([1.5, 1.5, 4.0, 1.0])  # least variances of the planes: flat colours differ by no more
+_CLUSTERS: Final = 12
+_WEIGHTS: Final = np.array([1.0, 1.0, 0.5, 0.7], dtype=np.float32)  # of the planes, as for the clusters of the mask
+_EVERY: Final = 5
+_LIKENESS_SMOOTH_PX: Final = 1.5
+_SEED: Final = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,3 +154,62 @@ def _contrast(grey: Float32Image, light: Float32Image) -> Float32Image:
     detail = grey - cv2.GaussianBlur(grey, (0, 0), _DETAIL_PX)
     strength = cv2.resize(detail * detail, light.shape[::-1], interpolation=cv2.INTER_AREA) / np.square(light)
     return np.asarray(cv2.GaussianBlur(strength, (0, 0), _NEIGHBOURHOOD_PX), dtype=np.float32)
+
+
+def outline_contrast(planes: Float32Image, region: BoolArray, ground: BoolArray) -> tuple[BoolArray, FloatArray]:
+    """The outline of a region, and how different its two sides are along it.
+
+    Args:
+        planes: ``(height, width, k)`` features.
+        region: ``(height, width)``.
+        ground: ``(height, width)``: what was looked at; its border is no outline.
+
+    Returns:
+        The region's own pixels at its outline ``(height, width)``; for each of them the distance of the two sides'
+        means in standard deviations ``(n,)``.
+    """
+    kernel, inside = np.ones((3, 3), dtype=np.uint8), region.astype(np.uint8)
+    within = cv2.erode(inside, kernel)
+    near = cv2.erode(inside, kernel, iterations=_STRIP_PX)
+    beyond = cv2.dilate(inside, kernel, iterations=_STRIP_PX)
+    border = cv2.erode(ground.astype(np.uint8), kernel, iterations=2, borderValue=0)
+    outline = (inside > within) & (border > 0)
+    if not outline.any():
+        return outline, np.empty(0)
+    mean_in, variance_in = _local(planes, (within > near).astype(np.float32), outline)
+    mean_out, variance_out = _local(planes, ((beyond > inside) & ground).astype(np.float32), outline)
+    spread = 0.5 * (variance_in + variance_out) + _NOISE
+    return outline, np.asarray(np.sqrt(np.sum(np.square(mean_in - mean_out) / spread, axis=-1)), dtype=np.float64)
+
+
+def _local(planes: Float32Image, weight: Float32Image, at: BoolArray) -> tuple[Float32Image, Float32Image]:
+    """Mean and variance ``(n, k)`` of the planes around each pixel of ``at``, weighted."""
+    size = (2 * _STRIP_PX + 1, 2 * _STRIP_PX + 1)
+    total = cv2.boxFilter(weight, -1, size)[at][:, None] + 1e-6
+    mean = cv2.boxFilter(planes * weight[..., None], -1, size)[at] / total
+    square = cv2.boxFilter(np.square(planes) * weight[..., None], -1, size)[at] / total
+    return mean, np.maximum(square - mean * mean, 0.0)
+
+
+def water_likeness(planes: Float32Image, water: BoolArray, ground: BoolArray) -> Float32Image:
+    """Share of water among the pixels of the same colour, texture and lightness, ``(height, width)``, 0 to 1.
+
+    A half says that the pixel's looks do not tell it; 0 also where nothing was looked at.
+
+    Args:
+        planes: ``(height, width, 4)`` of ``WaterFeatures``.
+        water: ``(height, width)``: what was found.
+        ground: What was looked at.
+    """
+    values = np.asarray(cv2.GaussianBlur(planes * _WEIGHTS, (0, 0), _LIKENESS_SMOOTH_PX), dtype=np.float32)
+    sample = np.ascontiguousarray(values[ground][::_EVERY])
+    if len(sample) <= _CLUSTERS:
+        return (water & ground).astype(np.float32)
+    cv2.setRNGSeed(_SEED)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 15, 0.2)
+    _, _, centres = cv2.kmeans(sample, _CLUSTERS, np.empty(0, dtype=np.int32), criteria, 1, cv2.KMEANS_PP_CENTERS)
+    away = [np.sum(np.square(values - centre), axis=-1) for centre in centres]
+    labels = np.argmin(np.stack(away), axis=0)
+    wet = np.bincount(labels[ground & water], minlength=_CLUSTERS)
+    total = np.maximum(np.bincount(labels[ground], minlength=_CLUSTERS), 1)
+    return np.where(ground, (wet / total)[labels], 0.0).astype(np.float32)

@@ -13,13 +13,9 @@ import cv2
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
-from aerodft.vision.corners import spread_corners
-from aerodft.vision.evened import evened
-from aerodft.vision.outline import outline_contrast
-from aerodft.vision.tracking import followed
-from aerodft.vision.water import WaterMask, around_seed
-from aerodft.vision.water_features import LIGHT, Float32Image, WaterFeatures
-from aerodft.vision.water_margin import GLITTER
+from aerodft.vision.tracking import evened, followed, spread_corners
+from aerodft.vision.water import GLITTER, WaterMask, around_seed
+from aerodft.vision.water_features import LIGHT, Float32Image, WaterFeatures, outline_contrast
 from aerodft.vision.water_plane import WaterPlane
 
 STAYS: Final = 0.95

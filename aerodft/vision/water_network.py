@@ -9,9 +9,8 @@ import numpy as np
 
 from aerodft.errors import InputError
 from aerodft.model.arrays import BoolArray, ImageArray
-from aerodft.vision.outline import outline_contrast
 from aerodft.vision.water import WaterMask, around_seed
-from aerodft.vision.water_features import Float32Image, WaterFeatures
+from aerodft.vision.water_features import Float32Image, WaterFeatures, outline_contrast
 
 _MULTIPLE: Final = 32  # networks halve their input some times
 _CONTRACT: Final = (

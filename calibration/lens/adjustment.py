@@ -1,26 +1,86 @@
-"""Joint least squares of a camera's intrinsics and all boards' poses, and the intrinsics' covariance.
+"""Views of a board as arrays, and the joint least squares of a camera's intrinsics and all boards' poses.
 
 Levenberg-Marquardt on the normal equations, with the poses eliminated (Schur's complement), as in Triggs et al.,
 "Bundle adjustment: a modern synthesis" (2000). Board points are turned and moved into camera axes and projected with
-``geometry.lens``, the very model that measures afterwards.
+``geometry.lens``, the very model that measures afterwards. A first guess needs nothing but the corners.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final, Self
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from aerodft.geometry.intrinsics import pixels_by_intrinsics
-from aerodft.geometry.lens import distorted_with_jacobian
+from aerodft.geometry.lens import distorted_with_jacobian, rays_from_pixels
 from aerodft.geometry.rotation import skew
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera, CameraStd
-from calibration.lens.views import Corners
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.camera import Camera, CameraStd, LensModel
 
 _MOST_STEPS = 100
 _SETTLED = 1e-12  # share by which the sum of squares may still fall
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e12
 _EASIER, _HARDER = 0.1, 10.0
+_FOCALS: Final = np.geomspace(0.25, 8.0, 16)
+"""Of the image's longer side: from a fisheye of 180 degrees to a tele lens of 7."""
+
+_WIDEST: Final = np.cos(np.radians(75.0))
+"""Rays farther from the axis are left out of a board's first pose: they hardly meet a plane in front of the camera."""
+
+_FEWEST = 4  # corners that give a pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """The corners of a board in one image.
+
+    Attributes:
+        name: The image's.
+        ids: ``(n,)`` which corners, row by row from 0.
+        pixels_px: ``(n, 2)`` where they are seen.
+        points_m: ``(n, 3)`` where they are on the board.
+        edge_px: Width over which black turns to white; a sharp image has about 2.
+    """
+
+    name: str
+    ids: IntArray
+    pixels_px: FloatArray
+    points_m: FloatArray
+    edge_px: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corners:
+    """The corners of ``v`` views, one view after the other.
+
+    Attributes:
+        pixels_px: ``(n, 2)``.
+        points_m: ``(n, 3)``.
+        starts: ``(v,)`` where each view begins.
+        view: ``(n,)`` of which view each corner is.
+    """
+
+    pixels_px: FloatArray
+    points_m: FloatArray
+    starts: IntArray
+    view: IntArray
+
+    @classmethod
+    def of(cls, views: Sequence[View]) -> Self:
+        """All corners of at least one view, none of them empty."""
+        counts = np.array([len(view.ids) for view in views])
+        return cls(
+            np.concatenate([view.pixels_px for view in views]),
+            np.concatenate([view.points_m for view in views]),
+            np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
+            np.repeat(np.arange(len(views)), counts).astype(np.int64),
+        )
+
+    def per_view(self, values: FloatArray) -> FloatArray:
+        """Sums ``(v, ...)`` of ``(n, ...)`` over each view."""
+        return np.asarray(np.add.reduceat(values, self.starts, axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,3 +249,80 @@ def _stepped(bundle: Bundle, normal: _Normal, damping: float) -> Bundle | None:
         return None
     turn = Rotation.from_rotvec(moved[:, :3]).as_matrix()
     return Bundle(camera, turn @ bundle.rotations, bundle.translations_m + moved[:, 3:])
+
+
+def camera_guess(lens: LensModel, size_px: tuple[int, int], focal_px: float, coefficients: int) -> Camera:
+    """An undistorted camera that looks through the image's centre, with so many coefficients of 0."""
+    width, height = size_px
+    camera = Camera(
+        name="guess",
+        width_px=width,
+        height_px=height,
+        fx_px=focal_px,
+        fy_px=focal_px,
+        cx_px=(width - 1) / 2,
+        cy_px=(height - 1) / 2,
+        lens=lens,
+    )
+    return with_coefficients(camera, coefficients)
+
+
+def first_guesses(corners: Corners, lens: LensModel, size_px: tuple[int, int], coefficients: int) -> list[Bundle]:
+    """Bundles to begin with, the best first; empty where no focal length sees all boards.
+
+    Args:
+        corners: What was seen.
+        lens: Brown or fisheye.
+        size_px: Width and height of the images.
+        coefficients: Of the distortion; all are 0 in the guesses.
+    """
+    found = []
+    for share in _FOCALS:
+        guess = resected(camera_guess(lens, size_px, share * max(size_px), coefficients), corners)
+        if guess is not None:
+            found.append((float(np.sum(residuals_px(guess, corners) ** 2)), guess))
+    found.sort(key=lambda each: each[0])
+    return [guess for squares, guess in found if np.isfinite(squares)]
+
+
+def resected(camera: Camera, corners: Corners) -> Bundle | None:
+    """Where a camera sees its boards; None where it cannot see one of them."""
+    rays = rays_from_pixels(camera, corners.pixels_px)
+    rotations, translations = [], []
+    for rows in np.split(np.arange(len(rays)), corners.starts[1:]):
+        pose = _pose(rays[rows], corners.points_m[rows])
+        if pose is None:
+            return None
+        rotations.append(pose[0])
+        translations.append(pose[1])
+    return Bundle(camera, np.array(rotations), np.array(translations))
+
+
+def _pose(rays: FloatArray, points_m: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    ahead = rays[:, 2] > _WIDEST * np.linalg.norm(rays, axis=-1)  # no answer is not ahead either
+    if np.count_nonzero(ahead) < _FEWEST:
+        return None
+    seen, places = rays[ahead, :2] / rays[ahead, 2:], points_m[ahead]
+    middle = places.mean(axis=0)
+    try:
+        solved, turn, move = cv2.solvePnP(places - middle, seen, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    except cv2.error:  # corners along one line
+        return None
+    if not solved or not np.all(np.isfinite(turn)):
+        return None
+    rotation = np.asarray(cv2.Rodrigues(turn)[0], dtype=np.float64)
+    return rotation, np.asarray(move[:, 0] - rotation @ middle, dtype=np.float64)
+
+
+def reseated(bundle: Bundle, corners: Corners) -> Bundle:
+    """The bundle with better poses where a board was taken for its mirror image in depth, as small ones are."""
+    other = resected(bundle.camera, corners)
+    if other is None:
+        return bundle
+    squares = [corners.per_view(np.sum(residuals_px(each, corners) ** 2, axis=-1)) for each in (bundle, other)]
+    better = squares[1] < squares[0]
+    return Bundle(
+        bundle.camera,
+        np.where(better[:, None, None], other.rotations, bundle.rotations),
+        np.where(better[:, None], other.translations_m, bundle.translations_m),
+    )

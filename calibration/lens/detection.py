@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.vision.straight import grey_of
+from calibration.lens.adjustment import View
 from calibration.lens.board import Board, BoardKind, dictionary, dictionary_names
-from calibration.lens.views import View
 
 _SEARCHED_PX = 1600  # longer side of the picture that a board is looked for in; corners are refined in the whole one
 _FEWEST = 8  # corners that are worth a pose of six unknowns
@@ -35,7 +36,7 @@ class BoardFinder:
             image: ``(h, w)`` grey or ``(h, w, 3)`` BGR, uint8.
             name: Of the image.
         """
-        grey = _grey(image)
+        grey = grey_of(image)
         found = _chessboard(grey, self._board) if self._charuco is None else self._markers(grey)
         if found is None:
             return None
@@ -78,7 +79,7 @@ class BoardFinder:
 
 def suggestion(image: ImageArray, board: Board) -> str:
     """What board an image shows instead, as a hint; empty where there is none that could be meant."""
-    grey = _shrunk(_grey(image))[0]
+    grey = _shrunk(grey_of(image))[0]
     if board.kind is BoardKind.CHARUCO:
         return _other_markers(grey, board)
     square = f"{board.square_m * 1e3:g}mm"
@@ -98,12 +99,6 @@ def _other_markers(grey: ImageArray, board: Board) -> str:
     if counts[board.dictionary] > 1 and counts[board.dictionary] >= counts[best]:
         return f"{counts[board.dictionary]} {board.dictionary} markers are there: is COLSxROWS right?"
     return f"{counts[best]} markers of {best} are there: is that its dictionary?" if counts[best] > 1 else ""
-
-
-def _grey(image: ImageArray) -> ImageArray:
-    if image.ndim == 2:  # noqa: PLR2004 - rows and columns
-        return image
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
 def _shrunk(grey: ImageArray) -> tuple[ImageArray, float]:

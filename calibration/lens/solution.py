@@ -1,22 +1,171 @@
-"""From views of a board to a camera with its covariance: model choice, outlying views, and refusals."""
+"""From views of a board to a camera with its covariance: model choice, what is left out, and refusals.
+
+Corners and whole views that disagree with all others are left out, and the rest is solved again. Where views do not
+determine a lens, a sentence says what to add.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 
 from aerodft.errors import NoAnswerError
+from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera, CameraStd, LensModel
-from calibration.lens.adjustment import Bundle, adjust, covariance, residuals_px, with_coefficients
-from calibration.lens.determined import check_after, check_before
-from calibration.lens.outliers import view_rms_px, without_outliers
-from calibration.lens.start import first_guesses, reseated
-from calibration.lens.views import Corners, View
+from aerodft.model.camera import Camera, LensModel
+from calibration.lens.adjustment import (
+    Bundle,
+    Corners,
+    View,
+    adjust,
+    camera_guess,
+    covariance,
+    first_guesses,
+    intrinsics_of,
+    reseated,
+    resected,
+    residuals_px,
+    with_coefficients,
+)
 
+FEWEST_VIEWS: Final = 4
+"""Three would do for a pinhole without noise; with four the residuals begin to say how good the corners are."""
+
+_PARALLEL_DEG, _LEAST_TURN_DEG = 3.0, 10.0  # between the boards that are turned most: by an assumed lens, and the found
+_MOST_FOCAL_STD = 0.01  # share of the focal length
+_MOST_CENTRE_STD = 0.02  # share of the image's longer side
+
+_ADD = "hold the board tilted by 30 to 45 deg to the left, right, top and bottom, near and far, and in every corner"
+_OUTLYING = 2.5  # times the median view's residual: more than blur or a bent board makes
+_MOST_LEFT_OUT = 0.25  # of all views
+_STRAY = 6.0  # robust stds: of a billion corners 15 would be left out without reason
+_MOST_STRAYS = 0.2  # of a view's corners: where more of them stray, it is the view that disagrees
 _STARTS = 3  # best guesses that are followed to their end
+
+
+def check_before(views: Sequence[View], size_px: tuple[int, int]) -> None:
+    """Refuse views that are too few, or all of boards that lie parallel to each other.
+
+    Judged with an assumed lens: with boards that are parallel, an adjusted focal length could be anything.
+
+    Raises:
+        NoAnswerError: Says what to add.
+    """
+    if len(views) < FEWEST_VIEWS:
+        got = f"{len(views)} usable view{'' if len(views) == 1 else 's'} of the board"
+        expected = f"{FEWEST_VIEWS}, better 15"
+        raise NoAnswerError("too few views to determine the lens", got=got, expected=expected, hint=_ADD)
+    if largest_turn_rad(normals(views, size_px)) < math.radians(_PARALLEL_DEG):
+        raise _too_similar("boards that lie parallel to each other")
+
+
+def check_after(bundle: Bundle, cov: FloatArray) -> None:
+    """Refuse a camera whose boards were hardly turned, or whose focal length or principal point is hardly known.
+
+    Args:
+        bundle: The adjusted camera, and where it sees the boards.
+        cov: Of its intrinsics, in the order of ``intrinsics_of``.
+
+    Raises:
+        NoAnswerError: Says which, and what to add.
+    """
+    turn_deg = math.degrees(largest_turn_rad(bundle.rotations[:, :, 2]))
+    if turn_deg < _LEAST_TURN_DEG:
+        raise _too_similar(f"boards that are turned by at most {turn_deg:.1f} deg from each other")
+    _check_well_known(bundle, cov)
+
+
+def _too_similar(got: str) -> NoAnswerError:
+    what = "the views are too similar to tell focal length from distance"
+    return NoAnswerError(what, got=got, expected=f"turned by {_LEAST_TURN_DEG:.0f} deg, better 40", hint=_ADD)
+
+
+def normals(views: Sequence[View], size_px: tuple[int, int]) -> FloatArray:
+    """``(v, 3)`` normals of the boards in camera axes, roughly: for a lens of about 55 degrees."""
+    guess = resected(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.of(views))
+    return np.tile([0.0, 0.0, 1.0], (len(views), 1)) if guess is None else guess.rotations[:, :, 2]
+
+
+def largest_turn_rad(facing: FloatArray) -> float:
+    """Largest angle between two of the boards with normals ``(v, 3)``."""
+    facing = facing * np.where(facing[:, 2:] < 0, -1.0, 1.0)  # a chessboard may be counted from either end
+    return float(np.arccos(np.clip(np.min(facing @ facing.T), -1.0, 1.0)))
+
+
+def _check_well_known(bundle: Bundle, cov: FloatArray) -> None:
+    camera, std = bundle.camera, np.sqrt(np.diag(cov))
+    focal = float(np.max(std[:2] / intrinsics_of(camera)[:2]))
+    if not focal <= _MOST_FOCAL_STD:
+        got = f"{camera.fx_px:.5g} px, known to {100 * focal:.2g} %" if math.isfinite(focal) else "no answer"
+        expected = f"a std of at most {100 * _MOST_FOCAL_STD:g} %"
+        raise NoAnswerError("the views hardly determine the focal length", got=got, expected=expected, hint=_ADD)
+    longer = max(camera.width_px, camera.height_px)
+    if not float(np.max(std[2:4])) <= _MOST_CENTRE_STD * longer:
+        got = f"a std of {float(np.max(std[2:4])):.3g} px"
+        expected = f"at most {_MOST_CENTRE_STD * longer:.2g} px"
+        raise NoAnswerError("the views hardly determine the principal point", got=got, expected=expected, hint=_ADD)
+
+
+def without_outliers(
+    views: tuple[View, ...], bundle: Bundle
+) -> tuple[tuple[View, ...], Bundle, tuple[tuple[View, float], ...]]:
+    """The views that agree, without single corners that stray, solved again.
+
+    Args:
+        views: All views.
+        bundle: Adjusted to all of them.
+
+    Returns:
+        Views, their bundle, and the views that were left out with the rms (px) that each had then.
+    """
+    views, bundle = _without_strays(views, bundle)
+    left_out: list[tuple[View, float]] = []
+    most = int(_MOST_LEFT_OUT * len(views))
+    while len(left_out) < most and len(views) > FEWEST_VIEWS:
+        corners = Corners.of(views)
+        rms = view_rms_px(residuals_px(bundle, corners), corners)
+        worst = int(np.argmax(rms))
+        if not rms[worst] > _OUTLYING * float(np.median(rms)):
+            break
+        left_out.append((views[worst], float(rms[worst])))
+        views = (*views[:worst], *views[worst + 1 :])
+        rest = np.arange(len(rms)) != worst
+        bundle = _solved_again(views, Bundle(bundle.camera, bundle.rotations[rest], bundle.translations_m[rest]))
+    if left_out:
+        views, bundle = _without_strays(views, bundle)
+    return views, bundle, tuple(left_out)
+
+
+def view_rms_px(off_px: FloatArray, corners: Corners) -> FloatArray:
+    """``(v,)`` root mean square of the lengths of residuals ``(n, 2)`` of each view."""
+    counts = np.bincount(corners.view)
+    return np.asarray(np.sqrt(corners.per_view(np.sum(off_px**2, axis=-1)) / counts))
+
+
+def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View, ...], Bundle]:
+    corners = Corners.of(views)
+    off = residuals_px(bundle, corners)
+    std = robust_std(off)
+    stray = np.linalg.norm(off, axis=-1) > _STRAY * std
+    share = corners.per_view(stray.astype(np.float64)) / np.bincount(corners.view)
+    stray &= (share <= _MOST_STRAYS)[corners.view]
+    if not np.any(stray):
+        return views, bundle
+    kept = np.split(~stray, corners.starts[1:])
+    views = tuple(_only(view, mask) for view, mask in zip(views, kept, strict=True))
+    return views, _solved_again(views, bundle)
+
+
+def _only(view: View, kept: np.ndarray) -> View:
+    return replace(view, ids=view.ids[kept], pixels_px=view.pixels_px[kept], points_m=view.points_m[kept])
+
+
+def _solved_again(views: tuple[View, ...], bundle: Bundle) -> Bundle:
+    corners = Corners.of(views)
+    return adjust(reseated(adjust(bundle, corners), corners), corners)
 
 
 class LensChoice(StrEnum):
@@ -92,9 +241,8 @@ def solve_lens(
     bundle, gain, weights = _with_coefficients_of(lens, bundle, corners)
     cov, std_px = covariance(bundle, corners, weights)
     check_after(bundle, cov)
-    rows = tuple(tuple(row) for row in cov.tolist())
     return LensSolution(
-        camera=replace(bundle.camera, name=name, std=CameraStd(), covariance=rows),
+        camera=replace(bundle.camera, name=name).with_covariance(cov),
         views=views,
         corners=corners,
         bundle=bundle,

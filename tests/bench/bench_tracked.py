@@ -25,12 +25,10 @@ from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
-from aerodft.sim.yard import YARD
-from aerodft.sim.yard_flight import yard_flight
+from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import (
     blobs,
     ground_background,
-    ground_canvas,
     moving,
     moving_over_ground,
     plane_lock,
@@ -97,7 +95,7 @@ def bench_moving(count: int) -> None:
 
 
 def bench_from_above(count: int) -> None:
-    flight = yard_flight(YARD, seconds=(count + 12) / 10, width_px=1920)
+    flight = yard_flight(seconds=(count + 12) / 10, width_px=1920)
     images = list(flight.images())
     poses = {stamp: flight.trajectory.pose(stamp) for stamp, _ in images}
 
@@ -131,7 +129,7 @@ def main(arguments: list[str] | None = None) -> None:
     timed(blobs, "_whole", "cleaning the mask")
     timed(ground_background.GroundBackground, "new_in", "what is new on the ground")
     timed(ground_background.GroundBackground, "learn", "learning the ground")
-    timed(ground_canvas.GroundCanvas, "laid", "laying it on the ground")
+    timed(ground_background.GroundCanvas, "laid", "laying it on the ground")
     bench_tracked(options.images)
     bench_moving(options.images)
     bench_from_above(options.images)

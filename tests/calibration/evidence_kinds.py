@@ -8,7 +8,9 @@ import numpy as np
 
 from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.model.camera import LensModel
-from aerodft.model.evidence import Landmark
+from aerodft.model.evidence import KnownLength, Landmark, SlantRange
+from calibration.conditions import Distances, Found
+from calibration.conditions import condition_of as condition_alone
 from tests.truth.calibration_scenes import ImpossibleError, World
 
 KINDS = {
@@ -51,6 +53,18 @@ def scene(kind, lens, rng, **stds):
             return world, make(world, kind)
         except ImpossibleError:
             continue
+
+
+def condition_of(evidence):
+    """The condition of any piece of evidence."""
+    if not isinstance(evidence, SlantRange | KnownLength):
+        return condition_alone(evidence)
+
+    def condition(state):
+        off, shared, variance = Distances({0: evidence}).found(state)
+        return Found(off, shared, np.diag(variance), evidence.std_px)
+
+    return condition
 
 
 def nearby(state, rng):

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from aerodft.model.calibration import BIASES
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Landmark, Prior
-from calibration.images_state import View
-from calibration.pose_track import Moment, PoseTrack
+from calibration.images_state import Moment, PoseTrack, View
 
 DEG = math.radians(1.0)
 CAMERA = Camera(

@@ -14,10 +14,22 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import GroundPoint, KnownHeight, KnownLength, Landmark, SlantRange
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from calibration.conditions import condition_of
+from calibration.conditions import Distances
 from calibration.state import State, Unknowns
 
-from .evidence_kinds import KINDS, LENSES, by_shared, central, freedoms, nearby, off_by, scene, shared_sizes, with_stds
+from .evidence_kinds import (
+    KINDS,
+    LENSES,
+    by_shared,
+    central,
+    condition_of,
+    freedoms,
+    nearby,
+    off_by,
+    scene,
+    shared_sizes,
+    with_stds,
+)
 
 SEEDS = st.integers(0, 2**32 - 1)
 ANGULAR = {"landmark of unknown east", "landmark of unknown north", "landmark of unknown height", "vertical"} | {
@@ -124,3 +136,25 @@ def test_derivatives_of_the_papers_model(kind):
     got = found(np.zeros(8)).by_shared @ unknowns.by_unknowns(PAPER_STATE)
     want = central(lambda steps: found(steps).off, 8, np.array([1e-5] * 6 + [1e-2] * 2))
     assert_allclose(got, want, atol=1e-6 * np.max(np.abs(want)))
+
+
+@pytest.mark.parametrize(("tilt_deg", "missed"), [(50.0, 0), (78.0, 1), (115.0, 4)])
+def test_of_many_ranges_and_lengths_each_is_what_it_is_alone(tilt_deg, missed):
+    pixels = [(200.0, 500.0), (640.5, 700.25), (1100.0, 610.0), (900.0, 20.0)]
+    camera = Camera.from_fov(name="c", width_px=1280, height_px=720, hfov_rad=1.05, vfov_rad=0.63)
+    state = State.of(camera, np.array([3.0, -2.0, 11.0]), (math.radians(tilt_deg), 0.02, 0.7), 0.4)
+    ranges = [SlantRange(name="r", pixel=at, range_m=20.0 + k, std_px=0.5 + k) for k, at in enumerate(pixels)]
+    lengths = [
+        KnownLength(name="l", pixels=(pixels[1], at), length_m=9.0, std_m=0.02 * k, elevation_m=0.3 * k)
+        for k, at in enumerate(pixels)
+        if k != 1
+    ]
+    for together in (ranges, lengths):
+        many = Distances({3 * k: each for k, each in enumerate(together)})
+        alone = [condition_of(each)(state) for each in together]
+        off, shared, variance = many.found(state)
+        assert np.count_nonzero(np.isnan(off)) == min(missed, len(together))
+        assert_allclose(off, [each.off[0] for each in alone], rtol=1e-12)
+        seen = np.isfinite(off)
+        assert_allclose(shared[seen], np.array([each.by_shared[0] for each in alone])[seen], rtol=1e-12)
+        assert_allclose(variance[seen], np.array([each.cov[0, 0] for each in alone])[seen], rtol=1e-12)

@@ -11,10 +11,8 @@ from numpy.testing import assert_allclose
 from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Landmark, Prior, SlantRange
 from aerodft.model.measurement import ProjectionModel
-from calibration.images_normal import Arrow
-from calibration.images_problem import ImagesProblem
-from calibration.images_result import calibrate_images
-from calibration.images_solve import solve_images
+from calibration.images_problem import Arrow, ImagesProblem
+from calibration.images_result import calibrate_images, solve_images
 from calibration.images_state import OWN, ImagesState, SharedUnknowns
 from calibration.observability import LIMIT
 from calibration.result import start_state

@@ -8,12 +8,20 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.camera import LensModel
-from calibration.lens.adjustment import Bundle, adjust, covariance, intrinsics_of, residuals_px, with_intrinsics
+from calibration.lens.adjustment import (
+    Bundle,
+    Corners,
+    View,
+    adjust,
+    camera_guess,
+    covariance,
+    intrinsics_of,
+    residuals_px,
+    with_intrinsics,
+)
 from calibration.lens.board import parse_board
 from calibration.lens.coverage import ray_std_px
 from calibration.lens.solution import LensChoice, solve_lens
-from calibration.lens.start import camera_guess
-from calibration.lens.views import Corners, View
 
 from .board_pictures import STOP, TrueCamera
 

@@ -11,12 +11,10 @@ from scipy.spatial.transform import Rotation
 from aerodft.errors import NoAnswerError
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.camera import Camera
-from calibration.lens.adjustment import intrinsics_of, with_intrinsics
+from calibration.lens.adjustment import View, intrinsics_of, with_intrinsics
 from calibration.lens.board import parse_board
-from calibration.lens.choice import choose
-from calibration.lens.coverage import distortion_px, missing, ray_std_px
+from calibration.lens.coverage import choose, distortion_px, missing, ray_std_px
 from calibration.lens.solution import LensChoice, solve_lens
-from calibration.lens.views import View
 
 from .board_pictures import TrueCamera, poses
 

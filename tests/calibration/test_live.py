@@ -19,7 +19,7 @@ from aerodft.geometry.reprojection import reproject
 from aerodft.geometry.rotation import matrix
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import CameraStd
-from aerodft.model.landmark import SurveyedLandmark
+from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.observation import Observation
 from aerodft.model.pose import GeoOrigin, HeightSource, PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
@@ -35,7 +35,7 @@ from aerodft.service.settings import (
 from aerodft.sim.scenario import default_camera
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
-from calibration.live_model import BiasModel
+from calibration.live_filter import BiasModel
 
 DEG = math.pi / 180
 CAMERA = default_camera(1920, 1080)

@@ -11,19 +11,18 @@ from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
 from aerodft.geometry.turning import Turn, find_turn, turned
+from aerodft.model.calibration import STEADY, Steadiness
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.model.steadiness import STEADY, Steadiness
 from aerodft.service.settings import PipelineSettings
 from aerodft.service.watching import WatchSettings
 from calibration.steadiness import SteadyCalibrator
-from calibration.steady_look import Look, Verdict
 from calibration.steady_pose import KnownTurn, turned_pose
-from calibration.steady_state import SteadyState
+from calibration.steady_state import Look, SteadyState, Verdict
 from tests.one_image import measure
 
 CAMERA = Camera(

@@ -14,8 +14,7 @@ from aerodft.service.settings import AttitudeSettings, FixedMount
 from aerodft.sim.trajectory import heading_wxyz
 from aerodft.vision.rotation import PlaneMotion, Turns
 from calibration.sync import align
-from calibration.sync_motion import CameraMotion
-from calibration.sync_path import followed_path
+from calibration.sync_motion import CameraMotion, followed_path
 
 from .sync_flights import Clocks, hovering, wandering
 from .sync_views import reported, seen_flight

@@ -9,10 +9,9 @@ import orjson
 import pyarrow.parquet as pq
 import pytest
 
-from replay.columns import COLUMNS, Kind
 from replay.export import ExportFormat, export_text
 from replay.recording import Recording
-from replay.table import positions
+from replay.table import COLUMNS, Kind, positions
 
 
 def rows_of_csv(text):

@@ -10,13 +10,12 @@ from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.request import linked
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera, CameraStd
+from aerodft.model.camera import Camera, CameraStd, Zoom, ZoomSource
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.model.zoom import Zoom, ZoomSource
 
 CAMERA = Camera(
     name="c",

@@ -16,9 +16,9 @@ from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.framing import StreamFramer
 from aerodft.adapters.mavlink.selection import WANTED
 from aerodft.errors import InputError
+from aerodft.model.camera import ZoomSource
 from aerodft.model.health import GpsTrack
 from aerodft.model.telemetry import CameraTrack, HeightTrack, RawBlock, Track, WireProtocol
-from aerodft.model.zoom import ZoomSource
 from aerodft.service.feed import block_of
 
 START_NS = 10**18

@@ -7,8 +7,7 @@ import pytest
 
 from aerodft.errors import UsageError
 from aerodft.model.status import CODE_OF, Status
-from replay.apart import apart_of_places, apart_of_values
-from replay.differences import paired, summarise
+from replay.differences import apart_of_places, apart_of_values, paired, summarise
 from replay.pairing import PairBy, Pairing, pairing
 from replay.series import NO_IMAGE, ProbeKey, Series, Side
 from replay.tolerance import Tolerance, parse_tolerance

@@ -13,8 +13,7 @@ from aerodft.adapters.mcap.layout import encoded
 from aerodft.adapters.mcap.recovery import recover_folder
 from aerodft.errors import InputError
 from replay import nearly_sorted
-from replay.merged_file import Attached, MergedFile
-from replay.merging import merge_segments
+from replay.merging import Attached, MergedFile, merge_segments
 from replay.recording import Recording
 
 COUNT = 300

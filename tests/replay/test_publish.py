@@ -24,8 +24,7 @@ from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from replay.player import Player
-from replay.publish import Republisher, is_published
-from replay.publishers import WaitingPublishers
+from replay.publish import Republisher, WaitingPublishers, is_published
 from replay.recording import Recording
 from replay.timeline import timeline
 from tests.batches import one_tick, take

@@ -12,9 +12,9 @@ from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
+from replay.publish import VideoStills
 from replay.recording import Recording
 from replay.source import RecordingSource
-from replay.stills import VideoStills
 from tests.batches import one_tick, take
 from tests.cli.test_foreign_recordings import h264
 

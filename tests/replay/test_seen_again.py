@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from aerodft.model.batch import Event
+from aerodft.model.calibration import STEADY
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
-from aerodft.model.steadiness import STEADY
 from aerodft.service.looking import Lookout
 from replay.seen_again import SeenAgain
 

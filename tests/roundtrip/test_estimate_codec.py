@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from aerodft.adapters.codec import estimate, wire
 from aerodft.adapters.codec.schemas import SCHEMAS
-from aerodft.model.estimate import BiasValues, CalibrationEstimate, Innovation
+from aerodft.model.calibration import BiasValues, CalibrationEstimate, Innovation
 from aerodft.model.pose import HeightSource
 from tests.payloads import decode_estimate
 

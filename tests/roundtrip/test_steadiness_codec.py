@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from aerodft.adapters.codec import steadiness
 from aerodft.adapters.codec.schemas import SCHEMAS
-from aerodft.model.steadiness import Steadiness, SteadinessEstimate
+from aerodft.model.calibration import Steadiness, SteadinessEstimate
 from tests.payloads import decode_steadiness
 
 angle = st.floats(-math.pi, math.pi)

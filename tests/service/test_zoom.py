@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.model.zoom import ZoomSource
 from aerodft.service.zoom_settings import ZoomSettings
 
 MS = 1_000_000

@@ -14,8 +14,7 @@ import zenoh
 
 from aerodft.errors import LinkError, UsageError
 from aerodft.service.clock import WallClock
-from aerodft.sim.bus import observation_publisher
-from aerodft.sim.live import Outlets, encoded, parse_udp, perform, udp_sender
+from aerodft.sim.live import Outlets, encoded, observation_publisher, parse_udp, perform, udp_sender
 from aerodft.sim.scenario import Scenario, default_camera, generated
 from aerodft.sim.telemetry import datagrams
 from tests.clock import VirtualClock

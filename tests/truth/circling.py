@@ -10,10 +10,9 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
 from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, Zoom, ZoomSource
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.status import Status
-from aerodft.model.zoom import Zoom, ZoomSource
 from aerodft.sim.plan import Waypoint, fly, survey
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River

@@ -3,15 +3,15 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from aerodft.dft.answers import ImageAnswers
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.answers import ImageAnswers
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
 from aerodft.model.batch import Batch
-from aerodft.model.estimate import CalibrationEstimate
-from aerodft.model.landmark import SurveyedLandmark
+from aerodft.model.calibration import CalibrationEstimate
+from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseStd

@@ -12,7 +12,7 @@ from aerodft.sim.river import River as SimulatedRiver
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import furnished
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
-from aerodft.vision.river_choice import otherwise_m
+from aerodft.vision.river_checks import otherwise_m
 from aerodft.vision.water import WaterMask
 from aerodft.vision.water_features import WaterFeatures
 from aerodft.vision.water_plane import WaterPlane

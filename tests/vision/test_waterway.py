@@ -8,9 +8,8 @@ from aerodft.dft.river_widths import BankPair, river_widths
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseStd
-from aerodft.vision.bank_edges import locate_edges
-from aerodft.vision.bank_outliers import stand_out
-from aerodft.vision.water_likeness import water_likeness
+from aerodft.vision.river_banks import locate_edges, stand_out
+from aerodft.vision.water_features import water_likeness
 
 FIFTH_OF_A_PIXEL = 0.2
 

@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 from aerodft.adapters.codec import wire
-from aerodft.model.estimate import BiasValues, CalibrationEstimate
+from aerodft.model.calibration import BiasValues, CalibrationEstimate
 
 SCHEMA = "aerodft.calibration_estimate/1"
 

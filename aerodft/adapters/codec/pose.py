@@ -10,9 +10,9 @@ from aerodft.adapters.codec.angles import camera_angles_deg
 from aerodft.adapters.codec.template import encode_payloads, flat
 from aerodft.adapters.texts import Texts
 from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Zoom
 from aerodft.model.pose import GeoOrigin, PoseSample
 from aerodft.model.pose_batch import HORIZONTAL, TIME, PoseBatch
-from aerodft.model.zoom import Zoom
 
 SCHEMA = "aerodft.pose/1"
 

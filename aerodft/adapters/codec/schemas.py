@@ -20,13 +20,13 @@ from aerodft.adapters.codec.schema_parts import (
     or_null,
     said,
 )
+from aerodft.model.calibration import Steadiness
+from aerodft.model.camera import ZoomSource
 from aerodft.model.image import StampClock
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.model.steadiness import Steadiness
-from aerodft.model.zoom import ZoomSource
 
 _PIXELS = said(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
 _POINTS = or_null(list_of(list_of(NUMBER, length=3)))

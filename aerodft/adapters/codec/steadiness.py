@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 from aerodft.adapters.codec import wire
-from aerodft.model.steadiness import SteadinessEstimate
+from aerodft.model.calibration import SteadinessEstimate
 
 SCHEMA = "aerodft.steadiness/1"
 

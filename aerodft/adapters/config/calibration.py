@@ -1,19 +1,22 @@
-"""Calibration files: TOML to :class:`aerodft.model.calibration.Calibration`, or to a fixed camera's pose."""
+"""Calibration files, read and written: biases of the telemetry, or a fixed camera's pose, and the lens."""
 
 import hashlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Self
 
+import tomli_w
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.bias_tables import BiasTable, biases_from
-from aerodft.adapters.config.camera import CameraTable, camera_from
+from aerodft.adapters.config.bias_tables import BiasTable, bias_document, biases_from
+from aerodft.adapters.config.camera import CameraTable, camera_document, camera_from
 from aerodft.adapters.config.fixed_pose import FixedPose
 from aerodft.adapters.config.pose_tables import CalibratedPoseTable, calibrated_pose_from
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import Table, impossible
-from aerodft.geometry.poses import camera_pose
+from aerodft.adapters.config.units import to_deg
+from aerodft.adapters.whole_file import write_whole
+from aerodft.errors import InputError
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
@@ -81,22 +84,58 @@ def _read(path: Path) -> tuple[Calibration, FixedPose | None]:
     table = validated(CalibrationTable, parse_toml(data, str(path)), str(path))
     identity = f"sha256:{hashlib.sha256(data).hexdigest()}"
     pose = calibrated_pose_from(table.pose, identity, str(path)) if table.pose else None
-    return calibration_from(table.bias or BiasTable(), identity, pose, str(path)), pose
+    biases = biases_from(table.bias or BiasTable(), identity, str(path))
+    return replace(biases, pose=None if pose is None else pose.standing()), pose
 
 
-def calibration_from(bias: BiasTable, identity: str, pose: FixedPose | None = None, where: str = "") -> Calibration:
-    """The calibration that a validated table describes.
+def write_calibration(
+    path: Path,
+    found: FixedPose | Calibration,
+    camera: Camera | None,
+    model: ProjectionModel,
+    provenance: dict[str, Any],
+) -> None:
+    """Write a calibration, as ``load_calibration`` and the others read it.
+
+    Args:
+        path: The TOML file; one that is there is replaced.
+        found: A fixed camera's pose, or what telemetry is off by.
+        camera: The camera where its lens was found too; None where it was taken as it is.
+        model: The projection model that it is of, and for.
+        provenance: Where all this comes from, for people; what is None is left out.
 
     Raises:
-        ConfigError: Its covariance is none.
+        InputError: The file cannot be written.
     """
-    stands = None
-    if pose is not None:
-        stands = camera_pose(
-            height_agl_m=pose.height_agl_m,
-            tilt_rad=pose.tilt_rad,
-            roll_rad=pose.roll_rad,
-            heading_rad=pose.heading_rad,
-            std=pose.std,
-        )
-    return replace(biases_from(bias, identity, where), pose=stands)
+    document: dict[str, Any] = {
+        "model": str(model),
+        "provenance": {key: value for key, value in provenance.items() if value is not None},
+        **({"pose": _pose(found)} if isinstance(found, FixedPose) else {"bias": bias_document(found)}),
+    }
+    if camera is not None:
+        document["camera"] = camera_document(camera)
+    try:
+        write_whole(path, tomli_w.dumps(document).encode())
+    except OSError as error:
+        what, expected = "the calibration cannot be written", "a file to write to"
+        raise InputError(what, where=path, got=error.strerror, expected=expected) from error
+
+
+def _pose(pose: FixedPose) -> dict[str, Any]:
+    std = pose.std
+    stated: dict[str, Any] = {
+        "height_agl_m": {"value": pose.height_agl_m, "std": std.height_agl_m},
+        "tilt_deg": {"value": to_deg(pose.tilt_rad), "std": to_deg(std.tilt_rad)},
+        "roll_deg": {"value": to_deg(pose.roll_rad), "std": to_deg(std.roll_rad)},
+        "heading_deg": {"value": to_deg(pose.heading_rad), "std": to_deg(std.heading_rad)},
+    }
+    if pose.lat_rad is not None and pose.lon_rad is not None:
+        stated |= {"lat_deg": to_deg(pose.lat_rad), "lon_deg": to_deg(pose.lon_rad)}
+        if pose.alt_msl_m is not None:
+            stated["alt_msl_m"] = pose.alt_msl_m
+    else:
+        stated |= {"east_m": pose.east_m, "north_m": pose.north_m}
+    stated["covariance"] = [list(row) for row in pose.covariance]
+    if pose.lens_covariance:
+        stated["lens_covariance"] = [list(row) for row in pose.lens_covariance]
+    return stated

@@ -1,7 +1,6 @@
 """Camera files: TOML to :class:`aerodft.model.camera.Camera`, and back for a self-contained configuration."""
 
 import math
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -10,18 +9,22 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import (
+    ROWS,
     Count,
     FieldOfViewDeg,
     Focal,
     Many,
+    Means,
     NonNegative,
     Positive,
     Real,
     Table,
     Text,
     impossible,
+    keys_of,
+    value_of,
 )
-from aerodft.model.camera import Camera, CameraMode, CameraStd, LensModel
+from aerodft.model.camera import Camera, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")
@@ -52,10 +55,10 @@ class CameraTable(Table):
     cy_px: Real | None = None
     distortion: Annotated[tuple[Real, ...], Field(strict=False)] = ()
     lens: Annotated[LensModel, Field(strict=False)] = LensModel.BROWN
-    focal_std_px: NonNegative = 0.0
-    principal_point_std_px: NonNegative = 0.0
-    distortion_std: Many[NonNegative] = ()
-    covariance: Many[Many[Real]] | None = None
+    focal_std_px: Annotated[NonNegative, Means("std.focal_px")] = 0.0
+    principal_point_std_px: Annotated[NonNegative, Means("std.principal_point_px")] = 0.0
+    distortion_std: Annotated[Many[NonNegative], Means("std.distortion", out=lambda stds: list(stds) or None)] = ()
+    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
     mode: ModeTable | None = None
 
     @model_validator(mode="after")
@@ -125,34 +128,21 @@ def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
     Raises:
         ConfigError: Its covariance is none.
     """
-    std = CameraStd(
-        focal_px=table.focal_std_px,
-        principal_point_px=table.principal_point_std_px,
-        distortion=table.distortion_std,
-    )
     covariance = _covariance(table, where, prefix)
-    mode = None if table.mode is None else CameraMode(**table.mode.model_dump())
-    width, height = table.width_px, table.height_px
     if table.hfov_deg is None:
-        return Camera(
-            name=table.name,
-            width_px=width,
-            height_px=height,
-            fx_px=table.fx_px or math.nan,
-            fy_px=table.fy_px or math.nan,
-            cx_px=math.nan if table.cx_px is None else table.cx_px,
-            cy_px=math.nan if table.cy_px is None else table.cy_px,
-            lens=table.lens,
-            distortion=table.distortion,
-            std=std,
-            covariance=covariance,
-            mode=mode,
-        )
-    hfov_rad = math.radians(table.hfov_deg)
+        return value_of(table, Camera, covariance=covariance)
+    width, height, hfov_rad = table.width_px, table.height_px, math.radians(table.hfov_deg)
     vfov_rad = hfov_rad if table.vfov_deg is None else math.radians(table.vfov_deg)
     camera = Camera.from_fov(name=table.name, width_px=width, height_px=height, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
-    fy_px = camera.fx_px if table.vfov_deg is None else camera.fy_px
-    return replace(camera, std=std, covariance=covariance, fy_px=fy_px, mode=mode)
+    return value_of(
+        table,
+        Camera,
+        fx_px=camera.fx_px,
+        fy_px=camera.fx_px if table.vfov_deg is None else camera.fy_px,
+        cx_px=camera.cx_px,
+        cy_px=camera.cy_px,
+        covariance=covariance,
+    )
 
 
 def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[float, ...], ...]:
@@ -164,27 +154,8 @@ def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[floa
 
 def camera_document(camera: Camera) -> dict[str, Any]:
     """The camera as TOML keys; reading them gives an equal camera."""
-    return {
-        "name": camera.name,
-        "width_px": camera.width_px,
-        "height_px": camera.height_px,
-        **{key: getattr(camera, key) for key in _INTRINSICS},
-        "lens": str(camera.lens),
-        "distortion": list(camera.distortion),
-        **_uncertainty(camera),
-        **_mode(camera),
-    }
-
-
-def _mode(camera: Camera) -> dict[str, Any]:
-    if camera.mode is None:
-        return {}
-    return {"mode": {key: value for key, value in asdict(camera.mode).items() if value is not None}}
-
-
-def _uncertainty(camera: Camera) -> dict[str, Any]:
-    if camera.covariance:
-        return {"covariance": [list(row) for row in camera.covariance]}
-    std = camera.std
-    bent = {"distortion_std": list(std.distortion)} if std.distortion else {}
-    return {"focal_std_px": std.focal_px, "principal_point_std_px": std.principal_point_px, **bent}
+    document = keys_of(CameraTable, camera)
+    first = ("name", "width_px", "height_px", *_INTRINSICS, "lens", "distortion")
+    unsaid = _STDS if camera.covariance else ()
+    rest = (key for key in document if key not in (*first, *unsaid))
+    return {key: document[key] for key in (*first, *rest)}

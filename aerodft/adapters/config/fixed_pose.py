@@ -49,6 +49,18 @@ class FixedPose:
     north_m: float = 0.0
     calibration: str | None = None
 
+    def standing(self, east_m: float = 0.0, north_m: float = 0.0) -> Pose:
+        """The pose above level ground, at a place of the ENU."""
+        return camera_pose(
+            height_agl_m=self.height_agl_m,
+            tilt_rad=self.tilt_rad,
+            roll_rad=self.roll_rad,
+            heading_rad=self.heading_rad,
+            std=self.std,
+            east_m=east_m,
+            north_m=north_m,
+        )
+
 
 def std_of(cov: FloatArray) -> PoseStd:
     """What a full covariance ``(6, 6)`` comes to in people's words; the heading is in the three rotations."""
@@ -80,15 +92,7 @@ def pose_sample(
         ConfigError: There is no ground below the camera.
     """
     origin, east_m, north_m = placed(fixed, origin)
-    pose = camera_pose(
-        height_agl_m=fixed.height_agl_m,
-        tilt_rad=fixed.tilt_rad,
-        roll_rad=fixed.roll_rad,
-        heading_rad=fixed.heading_rad,
-        std=fixed.std,
-        east_m=east_m,
-        north_m=north_m,
-    )
+    pose = fixed.standing(east_m, north_m)
     if ground is not None:
         pose = _on_ground(pose, ground, where)
     datum_m = float(pose.position_enu_m[2]) - fixed.height_agl_m

@@ -153,15 +153,9 @@ def _terrain_from(table: GroundTable, where: str, path: Path) -> TerrainGround:
     if table.cell_m is not None and table.cell_m > radius_m:
         expected = f"at most radius_m, {radius_m:g}"
         raise ConfigError("ground.cell_m", where=where, got=f"{table.cell_m:g}", expected=expected)
-    return TerrainGround(
-        path=path,
-        sha256=_fingerprint(path, table.sha256, where),
-        radius_m=radius_m,
-        cell_m=table.cell_m,
-        band=table.band,
-        fill_msl_m=table.fill_msl_m,
-        refraction=STANDARD_REFRACTION if table.refraction is None else table.refraction,
-    )
+    refraction = STANDARD_REFRACTION if table.refraction is None else table.refraction
+    sha256 = _fingerprint(path, table.sha256, where)
+    return value_of(table, TerrainGround, path=path, sha256=sha256, radius_m=radius_m, refraction=refraction)
 
 
 def _fingerprint(path: Path, expected: str | None, where: str) -> str:

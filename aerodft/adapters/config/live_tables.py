@@ -22,7 +22,7 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
-from aerodft.model.landmark import SurveyedLandmark
+from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.pose import GeoOrigin
 from aerodft.service.settings import DRIFT, ErrorStd, LiveCalibration
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from aerodft.adapters.config.bias_tables import biases_from
 from aerodft.adapters.config.calibration import (
-    calibration_from,
     load_calibrated_lens,
     load_calibrated_pose,
     load_calibration,
@@ -209,7 +209,7 @@ def _telemetry_calibration(table: TelemetryTable, where: str, folder: Path) -> C
     if table.bias is None:
         return None
     own = hashlib.sha256(table.bias.model_dump_json(exclude={"calibration_id"}).encode()).hexdigest()
-    return calibration_from(table.bias, table.bias.calibration_id or f"sha256:{own}", where=where)
+    return biases_from(table.bias, table.bias.calibration_id or f"sha256:{own}", where)
 
 
 def _biases(path: Path) -> Calibration:

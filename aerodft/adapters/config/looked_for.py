@@ -19,12 +19,12 @@ from aerodft.adapters.config.tables import (
     value_of,
 )
 from aerodft.errors import ConfigError
+from aerodft.model.calibration import STEADY
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.steadiness import STEADY
 from aerodft.service.objects import OBJECTS, ObjectSettings
 from aerodft.service.watching import WatchSettings
-from aerodft.vision.river_look import RiverLook
+from aerodft.vision.river_status import RiverLook
 
 Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
 

@@ -13,8 +13,7 @@ from aerodft.adapters.config.tables import Duration, Table, Text
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
 from aerodft.model.arrays import FloatArray
-from aerodft.model.landmark import SurveyedLandmark
-from aerodft.model.marker import MarkerSurvey, SurveyedMarker
+from aerodft.model.marker import MarkerSurvey, SurveyedLandmark, SurveyedMarker
 from aerodft.model.pose import GeoOrigin
 
 if TYPE_CHECKING:

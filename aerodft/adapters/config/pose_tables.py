@@ -9,6 +9,7 @@ from aerodft.adapters.config.bias_tables import check_lens_covariance
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.fixed_pose import FixedPose, std_of
 from aerodft.adapters.config.tables import (
+    ROWS,
     HeadingDeg,
     Latitude,
     Longitude,
@@ -32,7 +33,6 @@ from aerodft.model.pose import PoseStd
 _POSITION_STD_M = 2.0
 _HEADING_STD_DEG = 2.0
 _UNLESS_ZERO = Means(out=lambda value: value or None)
-_ROWS = Means(into=lambda rows: tuple(rows or ()), out=lambda rows: [list(row) for row in rows] or None)
 _EXACT = Means(into=lambda given: given.value)
 _EXACT_DEG = Means(into=lambda given: math.radians(given.value))
 
@@ -65,8 +65,8 @@ class PoseTable(Table):
     east_m: Annotated[Real, _UNLESS_ZERO] = 0.0
     north_m: Annotated[Real, _UNLESS_ZERO] = 0.0
     std: PoseStdTable = PoseStdTable()
-    covariance: Annotated[Many[Many[Real]] | None, _ROWS] = None
-    lens_covariance: Annotated[Many[Many[Real]] | None, _ROWS] = None
+    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
 
     @model_validator(mode="after")
     def _stated_or_calibrated(self) -> Self:
@@ -97,8 +97,8 @@ class CalibratedPoseTable(Table):
     alt_msl_m: Real | None = None
     east_m: Real = 0.0
     north_m: Real = 0.0
-    covariance: Annotated[Many[Many[Real]] | None, _ROWS] = None
-    lens_covariance: Annotated[Many[Many[Real]] | None, _ROWS] = None
+    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
 
     @model_validator(mode="after")
     def _position_is_whole(self) -> Self:

@@ -11,13 +11,14 @@ from aerodft.adapters.config.bias_tables import bias_document
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.config.fixed_pose import FixedPose, placed, pose_sample
 from aerodft.adapters.config.ground import ground_document, made_ground
-from aerodft.adapters.config.inputs import Device, ImageSettings, Rate, Stills, Stream, Topics, VideoFile
+from aerodft.adapters.config.inputs import Device, ImageSettings, Stills, Stream, Topics, VideoFile
 from aerodft.adapters.config.live_tables import live_document
 from aerodft.adapters.config.looked_for import NOT_OF_THE_NUMBERS, ObjectsTable, RiverTable, watch_document
 from aerodft.adapters.config.marker_tables import marker_landmarks, markers_document
 from aerodft.adapters.config.pose_tables import PoseTable
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.config.station_tables import (
+    ImagesTable,
     LimitsTable,
     ObservationsTable,
     OriginTable,
@@ -28,7 +29,6 @@ from aerodft.adapters.config.station_tables import (
 from aerodft.adapters.config.tables import keys_of
 from aerodft.adapters.config.telemetry_tables import TelemetryTable
 from aerodft.adapters.config.units import to_s
-from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model.probe import Probe
 from aerodft.service.settings import TelemetrySettings
 
@@ -141,10 +141,6 @@ def _looked_for(station: StationConfig) -> dict[str, Any]:
     return document
 
 
-def _stated(**values: object) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
-
-
 def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str, Any]:
     link = {} if station.link is None else keys_of(TelemetryTable, station.link)
     document = link | keys_of(TelemetryTable, settings)
@@ -162,31 +158,24 @@ def _pose(fixed: FixedPose) -> dict[str, Any]:
 
 def _images(settings: ImageSettings) -> dict[str, Any]:
     match settings.source:
-        case VideoFile(path=path, start_ns=start_ns):
-            start = None if start_ns is None else unix_ns_to_iso(start_ns)
-            document = _stated(video=str(path.absolute()), start=start)
-        case Stills(folder=folder, pattern=pattern, utc_offset=utc_offset):
-            document = _stated(stills=str(folder.absolute()), pattern=pattern, utc_offset=utc_offset)
+        case VideoFile(path=path):
+            document = {"video": str(path.absolute())}
+        case Stills(folder=folder):
+            document = {"stills": str(folder.absolute())}
         case Stream(url=url):
             document = {"stream": url}
         case Device(path=device):
             document = {"device": device}
-        case Rate(rate_hz=rate_hz):
-            document = {"rate_hz": rate_hz}
-        case None:
+        case _:
             document = {}
-    offset = "auto" if settings.is_auto else settings.time_offset_s
-    reference_ns = settings.time_reference_ns
-    drift = _stated(
-        time_drift=settings.time_drift or None,
-        time_reference=None if reference_ns is None else unix_ns_to_iso(reference_ns),
-    )
-    return {**document, "time_offset_s": offset, **drift}
+    document |= keys_of(ImagesTable, settings.source) | keys_of(ImagesTable, settings)
+    return document | {"time_offset_s": "auto"} if settings.is_auto else document
 
 
 def _topics(topics: Topics) -> dict[str, Any]:
-    images, camera = next(iter(topics.images), None), next(iter(topics.camera), None)
-    return _stated(mavlink=list(topics.mavlink) or None, images=images, camera=camera)
+    stated = {"images": topics.images, "camera": topics.camera}
+    named = {key: found[0] for key, found in stated.items() if found}
+    return {"mavlink": list(topics.mavlink), **named} if topics.mavlink else named
 
 
 def _probe(probe: Probe) -> dict[str, Any]:

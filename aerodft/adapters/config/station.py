@@ -13,7 +13,7 @@ from aerodft.model.marker import MarkerSurvey
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.settings import LiveCalibration, PipelineSettings
 from aerodft.service.watching import WatchSettings
-from aerodft.vision.river_look import RiverLook
+from aerodft.vision.river_status import RiverLook
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -94,7 +94,7 @@ class ImagesTable(Table):
     """Where images come from; at most one of the five inputs."""
 
     video: Text | None = None
-    start: Annotated[int | None, BeforeValidator(_instant)] = None
+    start: Annotated[int | None, BeforeValidator(_instant), Means("start_ns", out=_iso)] = None
     stills: Text | None = None
     pattern: Text | None = None
     utc_offset: Annotated[str, AfterValidator(_offset)] | None = None
@@ -102,8 +102,8 @@ class ImagesTable(Table):
     device: Text | None = None
     rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
     time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto)] = 0.0
-    time_drift: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
-    time_reference: Annotated[int | None, BeforeValidator(_instant)] = None
+    time_drift: Annotated[float, Field(ge=-0.5, le=0.5), Means(out=lambda drift: drift or None)] = 0.0
+    time_reference: Annotated[int | None, BeforeValidator(_instant), Means("time_reference_ns", out=_iso)] = None
     time_std_s: Duration = 0.0
 
     @model_validator(mode="after")
@@ -298,13 +298,8 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
     """Where images come from; relative paths start from ``folder``."""
-    return ImageSettings(
-        source=_image_input(table, folder),
-        time_offset_s=table.time_offset_s or 0.0,
-        time_drift=table.time_drift,
-        time_reference_ns=table.time_reference,
-        is_auto=table.time_offset_s is None,
-    )
+    offset_s, source = table.time_offset_s, _image_input(table, folder)
+    return value_of(table, ImageSettings, source=source, time_offset_s=offset_s or 0.0, is_auto=offset_s is None)
 
 
 def _image_input(table: ImagesTable, folder: Path) -> ImageInput | None:

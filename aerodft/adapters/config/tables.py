@@ -146,6 +146,10 @@ AS_SHARE = _INTO_SI["percent", "share"]
 """Percent to a share and back, where no name tells."""
 
 
+ROWS = Means(into=lambda rows: tuple(rows or ()), out=lambda rows: [list(row) for row in rows] or None)
+"""A covariance in rows, empty where none is stated."""
+
+
 def value_of(table: Table, kind: type[Value], folder: Path = Path(), **stated: object) -> Value:
     """The value that a table describes.
 

@@ -8,14 +8,12 @@ from typing import Final
 
 import cv2
 
-from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.images.pixels import StillPixels
+from aerodft.adapters.images.pixels import STILLS, read_still
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
 
-STILLS: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 MOST_OF_A_VIDEO: Final = 300
 """Images that are taken of one video."""
 
@@ -78,20 +76,10 @@ def _gathered(files: list[Path]) -> Iterator[Gathered]:
     for index, path in enumerate(files):
         name = path.name if called[path.name] == 1 else str(path)
         if path.suffix.lower() in STILLS:
-            yield Gathered(name=name, pixels=_still(path), done=(index + 1) / len(files))
+            yield Gathered(name=name, pixels=read_still(path), done=(index + 1) / len(files))
         else:
             for number, pixels, share in _of_video(path):
                 yield Gathered(name=f"{name}#{number}", pixels=pixels, done=(index + share) / len(files))
-
-
-def _still(path: Path) -> ImageArray:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError("the image cannot be read", where=path, got=error.strerror) from None
-    if not data:
-        raise InputError("not a readable image", where=path, got=looks_like(path), expected="an image")
-    return StillPixels(data, str(path))()
 
 
 def _of_video(path: Path) -> Iterator[tuple[int, ImageArray, float]]:

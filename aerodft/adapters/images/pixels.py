@@ -1,15 +1,22 @@
 """Pixels that are converted when somebody asks, and stay valid afterwards."""
 
 import threading
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from aerodft.adapters.filetype import looks_like
 from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
+from aerodft.model.camera import Camera
 
 if TYPE_CHECKING:
     import av
+
+
+STILLS: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
+"""What files of stills are called."""
 
 
 class FramePixels:
@@ -54,3 +61,42 @@ class StillPixels:
         pixels = np.asarray(decoded, dtype=np.uint8)
         pixels.setflags(write=False)
         return pixels
+
+
+def read_still(path: Path, expected: str = "") -> ImageArray:
+    """An image file's pixels, ``(height, width, 3)`` uint8 BGR, as stored.
+
+    Args:
+        path: The file.
+        expected: What it should be, for messages.
+
+    Raises:
+        InputError: It cannot be read, or is no image.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError("the image cannot be read", where=path, got=error.strerror, expected=expected) from error
+    if not data:
+        raise InputError("not a readable image", where=path, got=looks_like(path), expected=expected or "an image")
+    return StillPixels(data, str(path))()
+
+
+def read_camera_image(path: Path, camera: Camera, hint: str = "") -> ImageArray:
+    """An image file of the camera's size, ``(height, width, 3)`` BGR, as stored.
+
+    Args:
+        path: The file.
+        camera: Whose image it must be.
+        hint: What to do where it is of another size.
+
+    Raises:
+        InputError: It cannot be read, is no image, or is of another size.
+    """
+    expected = f"an image of {camera.width_px} x {camera.height_px} px"
+    pixels = read_still(path, expected)
+    height, width = pixels.shape[:2]
+    if (width, height) != (camera.width_px, camera.height_px):
+        got = f"{width} x {height} px"
+        raise InputError("the image is not the camera's", where=path, got=got, expected=expected, hint=hint)
+    return pixels

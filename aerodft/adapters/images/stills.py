@@ -10,17 +10,15 @@ from pathlib import Path
 from PIL import Image as PillowImage
 
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.images.pixels import StillPixels
-from aerodft.adapters.images.still_stamps import NamePattern, exif_stamp_ns
+from aerodft.adapters.images.pixels import STILLS, StillPixels
+from aerodft.adapters.images.still_data import UNREADABLE, NamePattern, exif_stamp_ns
 from aerodft.adapters.timestamps import parse_offset
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.image import Image
 
 _LOG = logging.getLogger(__name__)
-_SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 _EXAMPLE = "IMG_%Y%m%d_%H%M%S_%f.jpg or {unix_ms}.png"
-_UNREADABLE = (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError)  # all that Pillow raises
 _JPEG_END = b"\xff\xd9"
 _JPEG_SCAN = b"\xff\xda"
 
@@ -93,9 +91,9 @@ def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None) -> li
     if not folder.is_dir():
         got = looks_like(folder) if folder.exists() else "nothing there"
         raise InputError("no folder of stills", where=folder, got=got, expected="a folder", hint="check the path")
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file())
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in STILLS and path.is_file())
     if not paths:
-        raise InputError("holds no stills", where=folder, expected=f"files named {', '.join(sorted(_SUFFIXES))}")
+        raise InputError("holds no stills", where=folder, expected=f"files named {', '.join(sorted(STILLS))}")
     name_pattern = None if pattern is None else NamePattern(pattern, utc_offset)
     stills = [still for path in paths if (still := _still(path, name_pattern, utc_offset))]
     if not stills:
@@ -118,7 +116,7 @@ def _still(path: Path, pattern: NamePattern | None, utc_offset: timedelta | None
         with PillowImage.open(path) as image:
             width_px, height_px = image.size
             found = exif_stamp_ns(image, utc_offset) if pattern is None else None
-    except _UNREADABLE:
+    except UNREADABLE:
         _LOG.warning("%s: left out, not a readable image but %s", path, looks_like(path))
         return None
     stamp_ns = pattern.stamp_ns(path.name) if pattern else None
@@ -151,7 +149,7 @@ def _is_whole(data: bytes) -> bool:
     try:
         with PillowImage.open(io.BytesIO(data)) as image:
             image.load()
-    except _UNREADABLE:
+    except UNREADABLE:
         return False
     return True
 

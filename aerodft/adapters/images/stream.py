@@ -1,6 +1,7 @@
 """Live streams: read in a thread, stamped by the host's clock, newest image first when somebody is slow."""
 
 import logging
+import re
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -12,20 +13,24 @@ from types import TracebackType
 from typing import Self
 
 import av
+from av.bitstream import BitStreamFilterContext
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
-from aerodft.adapters.images.annexb import PacketTap
 from aerodft.adapters.images.arrival import ArrivalClock
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.images.udp import UdpFile
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError
-from aerodft.model.image import Image, StampClock
-from aerodft.model.packet import VideoPacket
+from aerodft.model.image import Image, StampClock, VideoPacket
 from aerodft.service.ports import Clock
 
 _LOG = logging.getLogger(__name__)
+_CODEC = "h264"
+_UNIT = re.compile(rb"\x00\x00\x01")
+_TYPE_MASK = 0x1F
+_PARAMETER_SETS = frozenset({7, 8})  # of the sequence, of pictures
+_SETS_BYTES = 4096  # they stand in front of a packet
 _WAITING = 4  # images between reading and delivery; the oldest gives way
 _OPEN_S = 4.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 5.0
@@ -38,6 +43,66 @@ _OPTIONS = {
     "rtsp_transport": "tcp",
     "protocol_whitelist": "file,rtp,udp,tcp,tls,rtsp,http,https,crypto,data",
 }
+
+
+class PacketTap:
+    """Hands the packets of one H.264 stream on as they came, in the form that recordings have them.
+
+    That is Annex B, one image a packet, decodable from every key image on.
+
+    A stream of another codec, or whose images refer to later ones, is not handed on.
+
+    Args:
+        stream: The stream.
+        where: Its name in messages.
+        on_packet: Takes the packets; None for nobody.
+    """
+
+    def __init__(self, stream: VideoStream, where: str, on_packet: Callable[[VideoPacket], None] | None) -> None:
+        self._where = where
+        self._on_packet = on_packet if stream.codec_context.name == _CODEC else None
+        self._filter = BitStreamFilterContext("h264_mp4toannexb", stream) if self._on_packet is not None else None
+        self._sets: dict[int, bytes] = {}
+        self._last_pts: int | None = None
+
+    def __call__(self, packet: "av.Packet[VideoStream]", image: Image | None, now_ns: int) -> None:
+        """Hand over a packet, with the image that it became, if it became one."""
+        if self._filter is None or self._on_packet is None or not packet.size:
+            return
+        if packet.pts is not None:
+            if self._last_pts is not None and packet.pts <= self._last_pts:
+                _LOG.warning("%s: its images refer to later ones: it is recorded as JPEGs", self._where)
+                self._on_packet = None
+                return
+            self._last_pts = packet.pts
+        is_key = packet.is_keyframe  # the filter takes the packet's content away
+        data = self._data(self._filter, packet)
+        if data:
+            arrival_ns = now_ns if image is None else image.arrival_ns
+            stamp_ns, index = (now_ns, None) if image is None else (image.stamp_ns, image.index)
+            self._on_packet(
+                VideoPacket(data=data, is_key=is_key, stamp_ns=stamp_ns, arrival_ns=arrival_ns, index=index)
+            )
+
+    def _data(self, annexb: BitStreamFilterContext, packet: "av.Packet[VideoStream]") -> bytes:
+        """The packet in Annex B form, a key image with its parameter sets; empty where it is damaged."""
+        is_key = packet.is_keyframe
+        try:
+            data = b"".join(bytes(part) for part in annexb.filter(packet))
+        except av.FFmpegError:
+            return b""
+        sets = {kind: unit for kind, unit in _units(data) if kind in _PARAMETER_SETS}
+        self._sets |= sets
+        if is_key and not sets:
+            data = b"".join(self._sets[kind] for kind in sorted(self._sets)) + data
+        return data
+
+
+def _units(data: bytes) -> list[tuple[int, bytes]]:
+    """Type and bytes of the units that begin early in a packet, start codes included."""
+    starts = [found.start() for found in _UNIT.finditer(data[:_SETS_BYTES]) if found.end() < len(data)]
+    ends = [*starts[1:], len(data)]
+    return [(data[a + 3] & _TYPE_MASK, b"\0" + data[a:b].rstrip(b"\0")) for a, b in zip(starts, ends, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from av.video.stream import VideoStream
 
 from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.images.pixels import FramePixels
-from aerodft.adapters.timestamps import iso_to_unix_ns
+from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.image import Image
@@ -30,7 +30,6 @@ _LOG = logging.getLogger(__name__)
 _START_KEYS = ("com.apple.quicktime.creationdate", "creation_time")
 _NO_VIDEO = {"image2", "tty", "bin", "xbin", "adf", "idf"}
 _Found: TypeAlias = tuple[int, int | None, av.VideoFrame | None]  # index, presentation stamp, image
-_OLDEST_NS = 946_684_800 * SECOND_NS  # the year 2000: before it the camera's clock was never set
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,7 +204,7 @@ def _metadata_start_ns(metadata: dict[str, str]) -> int | None:
             start_ns = iso_to_unix_ns(metadata.get(key, ""))
         except ValueError:
             continue
-        if start_ns >= _OLDEST_NS:
+        if start_ns >= OLDEST_NS:
             return start_ns
     return None
 

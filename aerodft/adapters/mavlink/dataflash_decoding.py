@@ -190,12 +190,9 @@ class _Messages:
             return None
         return [value.decode("ascii", "replace") for value in self.rows.payload[column].tolist()]
 
-    def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> bool:
-        """Leave faulty rows out; whether any is left."""
-        good = self.rows.kept(rejected, faults)
-        if good is not None:
-            self.rows = good
-        return good is not None
+    def keep(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> None:
+        """Leave faulty rows out."""
+        self.rows = self.rows.kept(rejected, faults)
 
     def no_height(self, *columns: str) -> dict[str, BoolArray]:
         return {f"{column} is no height": to.beyond(self.values(column), to.MAX_HEIGHT_M) for column in columns}
@@ -208,9 +205,7 @@ class _Messages:
         return {"another instance": self.rows.payload["I"] != 0} if self.has("I") else {}
 
 
-def _gps(m: _Messages, rejected: Counter[str]) -> Track | None:
-    if not m.has("Status", "GMS", "GWk"):
-        return None
+def _gps(m: _Messages, rejected: Counter[str]) -> Track:
     no_fix = m.rows.payload["Status"] < _GPS_FIX_3D
     faults = {
         **m.another_instance(),
@@ -218,8 +213,7 @@ def _gps(m: _Messages, rejected: Counter[str]) -> Track | None:
         "GMS is no time of a week": m.rows.payload["GMS"] >= _WEEK_MS,
         "impossible year": m.rows.payload["GWk"] >= _MAX_WEEK,
     }
-    if not m.kept(rejected, faults):
-        return None
+    m.keep(rejected, faults)
     unix_ns = gps_to_unix_ns(m.rows.payload["GWk"], m.rows.payload["GMS"])
     return ClockTrack(unix_ns=unix_ns, **m.rows.stamps())
 
@@ -229,25 +223,19 @@ def _wxyz(m: _Messages, yaw: str) -> FloatArray:
     return from_yaw_pitch_roll(*angles_rad)
 
 
-def _att(m: _Messages, rejected: Counter[str]) -> Track | None:
-    if not m.has("Roll", "Pitch", "Yaw") or not m.kept(rejected, m.no_angle("Roll", "Pitch", "Yaw")):
-        return None
+def _att(m: _Messages, rejected: Counter[str]) -> Track:
+    m.keep(rejected, m.no_angle("Roll", "Pitch", "Yaw"))
     return VehicleTrack(wxyz=_wxyz(m, "Yaw"), **m.rows.stamps())
 
 
-def _mnt(m: _Messages, rejected: Counter[str]) -> Track | None:
-    if not m.has("Roll", "Pitch", "YawB"):
-        return None
-    if not m.kept(rejected, {**m.another_instance(), **m.no_angle("Roll", "Pitch", "YawB")}):
-        return None
+def _mnt(m: _Messages, rejected: Counter[str]) -> Track:
+    m.keep(rejected, {**m.another_instance(), **m.no_angle("Roll", "Pitch", "YawB")})
     wxyz = _wxyz(m, "YawB")
     earth = np.zeros(len(wxyz), dtype=np.bool_)
     return GimbalTrack(source=GimbalSource.DATAFLASH_MNT, wxyz=wxyz, yaw_in_earth=earth, **m.rows.stamps())
 
 
-def _pos(m: _Messages, rejected: Counter[str]) -> Track | None:
-    if not m.has("Lat", "Lng", "Alt", "RelHomeAlt"):
-        return None
+def _pos(m: _Messages, rejected: Counter[str]) -> Track:
     nowhere = (m.rows.payload["Lat"] == 0) & (m.rows.payload["Lng"] == 0)
     faults = {
         "no position yet": nowhere,
@@ -255,8 +243,7 @@ def _pos(m: _Messages, rejected: Counter[str]) -> Track | None:
         "Lng is no longitude": to.beyond(m.values("Lng"), _MAX_LON_DEG),
         **m.no_height("Alt", "RelHomeAlt"),
     }
-    if not m.kept(rejected, faults):
-        return None
+    m.keep(rejected, faults)
     return PositionTrack(
         lat_rad=np.radians(m.values("Lat")),
         lon_rad=np.radians(m.values("Lng")),
@@ -273,9 +260,7 @@ def _height(m: _Messages, source: HeightSource, column: str, *, slant: bool) -> 
     )
 
 
-def _rfnd(sensors: Rangefinders, m: _Messages, rejected: Counter[str]) -> Track | None:
-    if not m.has("Dist", "Stat", "Orient"):
-        return None
+def _rfnd(sensors: Rangefinders, m: _Messages, rejected: Counter[str]) -> Track:
     payload = m.rows.payload
     sensor = m.values("Instance") if m.has("Instance") else np.zeros(len(payload))
     looks_away, is_bad = payload["Orient"] != ORIENTATION_DOWN, payload["Stat"] != _RANGEFINDER_GOOD
@@ -289,35 +274,36 @@ def _rfnd(sensors: Rangefinders, m: _Messages, rejected: Counter[str]) -> Track 
         "below the sensor's minimum": distance_m < least_m,
         "at the sensor's maximum or above": (most_m > 0) & (distance_m >= most_m),
     }
-    return _height(m, HeightSource.RANGEFINDER, "Dist", slant=True) if m.kept(rejected, faults) else None
+    m.keep(rejected, faults)
+    return _height(m, HeightSource.RANGEFINDER, "Dist", slant=True)
 
 
 def _parm(sensors: Rangefinders, m: _Messages, _rejected: Counter[str]) -> Track | None:
     names = m.text("Name")
-    if names is not None and m.has("Value"):
+    if names is not None:
         sensors.learn(names, m.values("Value").tolist(), m.rows.boot_ns.tolist())
     return None
 
 
-def _terr(m: _Messages, rejected: Counter[str]) -> Track | None:
-    if not m.has("Status", "Spacing", "CHeight"):
-        return None
+def _terr(m: _Messages, rejected: Counter[str]) -> Track:
     faults = {
         "spacing is 0": m.rows.payload["Spacing"] == 0,
         "status is not good": m.rows.payload["Status"] != _TERRAIN_OK,
         **m.no_height("CHeight"),
     }
-    return _height(m, HeightSource.TERRAIN, "CHeight", slant=False) if m.kept(rejected, faults) else None
+    m.keep(rejected, faults)
+    return _height(m, HeightSource.TERRAIN, "CHeight", slant=False)
 
 
 _Maker = Callable[[_Messages, Counter[str]], Track | None]
 _PARAMETER: Final = "PARM"
-_MAKERS: Final[dict[str, _Maker]] = {
-    "GPS": _gps,
-    "ATT": _att,
-    "MNT": _mnt,
-    "POS": _pos,
-    "TERR": _terr,
+# By message the fields that it must have, and what makes a track of them.
+_MAKERS: Final[dict[str, tuple[tuple[str, ...], _Maker]]] = {
+    "GPS": (("Status", "GMS", "GWk"), _gps),
+    "ATT": (("Roll", "Pitch", "Yaw"), _att),
+    "MNT": (("Roll", "Pitch", "YawB"), _mnt),
+    "POS": (("Lat", "Lng", "Alt", "RelHomeAlt"), _pos),
+    "TERR": (("Status", "Spacing", "CHeight"), _terr),
 }
 
 
@@ -335,10 +321,10 @@ class DataflashDecoder:
         self.damaged = 0
         self.formats: dict[int, MessageFormat] = {}
         sensors = Rangefinders()
-        self._makers: dict[str, _Maker] = {
+        self._makers: dict[str, tuple[tuple[str, ...], _Maker]] = {
             **_MAKERS,
-            _PARAMETER: partial(_parm, sensors),
-            "RFND": partial(_rfnd, sensors),
+            _PARAMETER: (("Value",), partial(_parm, sensors)),
+            "RFND": (("Dist", "Stat", "Orient"), partial(_rfnd, sensors)),
         }
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
@@ -376,5 +362,9 @@ class DataflashDecoder:
         late = payload["TimeUS"] >= MAX_STAMP_US
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
         rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns)
-        good = rows.kept(self.rejected, {"impossible time": late})
-        return None if good is None else self._makers[layout.name](_Messages(layout, good), self.rejected)
+        messages = _Messages(layout, rows.kept(self.rejected, {"impossible time": late}))
+        columns, make = self._makers[layout.name]
+        if not len(messages.rows.payload) or not messages.has(*columns):
+            return None
+        track = make(messages, self.rejected)
+        return track if track is not None and len(track.arrival_ns) else None

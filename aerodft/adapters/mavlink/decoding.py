@@ -26,7 +26,7 @@ _OF_GIMBALS: Final = (pick.MOUNT_STATUS, pick.MOUNT_ORIENTATION, pick.GIMBAL_DEV
 _V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
 _MODULUS: Final = 256
 _WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew
-_MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
+_MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track]]] = {
     pick.SYSTEM_TIME: to.clock_track,
     pick.ATTITUDE: to.vehicle_track,
     pick.GLOBAL_POSITION_INT: to.position_track,
@@ -47,11 +47,6 @@ _MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track | None]]] = {
     pick.CAMERA_FOV_STATUS: to.fov_track,
 }
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
-
-_NOTHING: Final = np.zeros(0, dtype=np.int64)
-_EMPTY: Final = RawBlock(
-    protocol=WireProtocol.MAVLINK, sender="", arrival_ns=_NOTHING, offset=_NOTHING, length=_NOTHING, data=b""
-)
 
 
 class OneAddress:
@@ -256,10 +251,6 @@ class MavlinkDecoder:
         self._address = OneAddress()
         self._sequence = SequenceWatch()
 
-    def warm_up(self) -> None:
-        """Compile now what would hold up the first frames: on the very first run that takes seconds."""
-        self.decode(_EMPTY)
-
     @property
     def system(self) -> int | None:
         """The system that is followed; None until one was heard."""
@@ -298,12 +289,13 @@ class MavlinkDecoder:
         tracks = (
             track
             for slot, (start, stop) in enumerate(pairwise(ends.tolist()))
-            if stop > start and pick.WANTED[slot] in _MAKERS
+            if stop > start
             for track in self._tracks(slot, order[start:stop], heads, block)
+            if len(track.arrival_ns)
         )
         link = self._sequence.track(block, data, heads, self._state)
         rivals = self._rivals.tracks(block, heads, slots, self._state)
-        return tuple(track for track in (*tracks, link, *rivals) if track is not None)
+        return (*tracks, *rivals) if link is None else (*tracks, link, *rivals)
 
     def _note_others(self, before: IntArray) -> None:
         """Count what came of other gimbals and sensors, and of those that look elsewhere, since the state was that."""
@@ -319,7 +311,7 @@ class MavlinkDecoder:
                 number = pick.device_of(self._state, pick.WANTED.index(message_id))
                 self.rejected[f"{message_name(message_id)}: of another {what} than number {number}"] += count
 
-    def _tracks(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Iterator[Track | None]:
+    def _tracks(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Iterator[Track]:
         """The tracks of one message's rows."""
         message_id = pick.WANTED[slot]
         payload = payload_rows(block, heads[3:, index], _DTYPES[message_id])

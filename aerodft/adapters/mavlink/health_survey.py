@@ -9,10 +9,9 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.health import FIX_3D, RATIOS, EstimatorTrack, GpsTrack, HeartbeatTrack, LinkTrack
 from aerodft.model.telemetry import CameraTrack, Track
-from aerodft.model.zoom import ZoomSource
 from aerodft.service.health_settings import HealthSettings
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.zoom import LEVEL_SLACK, apart_std_rad

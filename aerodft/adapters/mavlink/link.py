@@ -11,7 +11,6 @@ from typing import Final, Protocol, Self
 from pymavlink.dialects.v20 import ardupilotmega
 
 from aerodft.adapters.mavlink.address import LinkAddress, LinkKind, parse_address
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.framing import FrameCounts, StreamFramer
 from aerodft.adapters.mavlink.signing import SignatureCheck, SigningCounts
 from aerodft.adapters.mavlink.transport import Reads, TcpListener, Transport, UdpTransport, open_transport
@@ -110,7 +109,6 @@ class MavlinkLink:
         self._signing = signing
         self._senders = Senders(self.address.text)
         StreamFramer().push(_heartbeat())  # compiles on the very first run, which takes seconds: not while bytes wait
-        MavlinkDecoder().warm_up()
         self._transport: Transport = open_transport(self.address)
         self._stop = threading.Event()
         self._outbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()

@@ -15,8 +15,8 @@ from aerodft.adapters.mavlink.rows import MOST_ATTACHED
 from aerodft.adapters.mavlink.streams import Parameters, Stream
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
+from aerodft.model.camera import ZoomSource
 from aerodft.model.telemetry import RawBlock
-from aerodft.model.zoom import ZoomSource
 from aerodft.service.batches import Batches
 from aerodft.service.zoom_settings import ZoomSettings
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.camera import ZoomSource
 from aerodft.model.health import EstimatorTrack, GimbalFailureTrack, GpsTrack, HeartbeatTrack
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (
@@ -24,7 +25,6 @@ from aerodft.model.telemetry import (
     Track,
     VehicleTrack,
 )
-from aerodft.model.zoom import ZoomSource
 
 MIN_UNIX_NS: Final = 946_684_800 * 10**9  # 2000-01-01
 MAX_UNIX_NS: Final = 7_258_118_400 * 10**9  # 2200-01-01
@@ -81,8 +81,8 @@ class Rows:
         with np.errstate(invalid="ignore"):  # damaged senders write signalling NaN too
             return self.payload[field].astype(np.float64)
 
-    def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows | None":
-        """The rows without a fault, or None where none is left; a faulty row counts once, under its first fault."""
+    def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows":
+        """The rows without a fault; a faulty row counts once, under its first fault."""
         bad = np.zeros(len(self.payload), dtype=np.bool_)
         for fault, where in faults.items():
             fresh = int(np.count_nonzero(where & ~bad))
@@ -91,8 +91,6 @@ class Rows:
                 bad |= where
         if not bad.any():
             return self
-        if bad.all():
-            return None
         good = ~bad
         return Rows(self.name, self.payload[good], self.arrival_ns[good], self.boot_ns[good])
 
@@ -116,36 +114,32 @@ def no_angle(rows: Rows, *fields: str, unit_rad: float = 1.0) -> dict[str, BoolA
     return {f"{field} is no angle": beyond(rows.column(field) * unit_rad, MAX_ANGLE_RAD) for field in fields}
 
 
-def clock_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def clock_track(rows: Rows, rejected: Counter[str]) -> Track:
     """SYSTEM_TIME; without a fix the time is zero, with a broken clock it is in another century."""
     unix_us = rows.payload["time_unix_usec"]
     early = unix_us < MIN_UNIX_NS // 1000
     good = rows.kept(rejected, {"no UTC yet": early, "impossible year": unix_us >= MAX_UNIX_NS // 1000})
-    if good is None:
-        return None
     return ClockTrack(unix_ns=good.payload["time_unix_usec"].astype(np.int64) * 1000, **good.stamps())
 
 
-def sync_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def sync_track(rows: Rows, rejected: Counter[str]) -> Track:
     """TIMESYNC: its sender's own time, in a request (tc1 is 0) as in an answer; the rest is somebody else's."""
     asked, answered = rows.payload["ts1"], rows.payload["tc1"]
     own_ns = np.where(answered == 0, asked, answered)
     impossible = (own_ns < 0) | (own_ns >= _MAX_BOOT_US * 1000)
     timed = Rows(rows.name, rows.payload, rows.arrival_ns, own_ns.astype(np.int64))
     good = timed.kept(rejected, {"no time since boot": impossible})
-    return None if good is None else SyncTrack(**good.stamps())
+    return SyncTrack(**good.stamps())
 
 
-def vehicle_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def vehicle_track(rows: Rows, rejected: Counter[str]) -> Track:
     """ATTITUDE, radians."""
     good = rows.kept(rejected, no_angle(rows, "roll", "pitch", "yaw"))
-    if good is None:
-        return None
     wxyz = from_yaw_pitch_roll(good.column("yaw"), good.column("pitch"), good.column("roll"))
     return VehicleTrack(wxyz=wxyz, **good.stamps())
 
 
-def position_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def position_track(rows: Rows, rejected: Counter[str]) -> Track:
     """GLOBAL_POSITION_INT; before the first fix latitude and longitude are zero."""
     unit_rad = math.radians(1e-7)
     lat, lon = rows.payload["lat"], rows.payload["lon"]
@@ -156,8 +150,6 @@ def position_track(rows: Rows, rejected: Counter[str]) -> Track | None:
         **no_height(rows, "alt", "relative_alt", unit_m=0.001),
     }
     good = rows.kept(rejected, faults)
-    if good is None:
-        return None
     return PositionTrack(
         lat_rad=good.column("lat") * unit_rad,
         lon_rad=good.column("lon") * unit_rad,
@@ -167,7 +159,7 @@ def position_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     )
 
 
-def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
     """GIMBAL_DEVICE_ATTITUDE_STATUS: the yaw's frame from the flags, the lock bit only where no frame bit is set."""
     q = rows.column("q")
     norm = np.sqrt(np.sum(q * q, axis=-1))
@@ -178,8 +170,6 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
         "q is no rotation": ~(np.abs(norm - 1) <= _QUATERNION_NORM_SLACK),
     }
     good = rows.kept(rejected, faults)
-    if good is None:
-        return None
     q = good.column("q")
     flags = good.payload["flags"]
     framed = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
@@ -192,23 +182,19 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     )
 
 
-def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track:
     """MOUNT_ORIENTATION, degrees; yaw against the vehicle."""
     good = rows.kept(rejected, no_angle(rows, "roll", "pitch", "yaw", unit_rad=math.radians(1)))
-    if good is None:
-        return None
     angles_rad = (np.radians(good.column(field)) for field in ("yaw", "pitch", "roll"))
     return _vehicle_yaw_track(GimbalSource.MOUNT_ORIENTATION, good, from_yaw_pitch_roll(*angles_rad))
 
 
-def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track:
     """MOUNT_STATUS, centidegrees: a is pitch, b is roll, c is yaw against the vehicle; no stamp, zero when unknown."""
     fields = ("pointing_c", "pointing_a", "pointing_b")
     zero = np.logical_and.reduce([rows.payload[field] == 0 for field in fields])
     faults = {"all angles zero": zero, **no_angle(rows, *fields, unit_rad=math.radians(0.01))}
     good = rows.kept(rejected, faults)
-    if good is None:
-        return None
     angles_rad = (np.radians(good.column(field) / 100) for field in fields)
     return _vehicle_yaw_track(GimbalSource.MOUNT_STATUS, good, from_yaw_pitch_roll(*angles_rad))
 
@@ -217,7 +203,7 @@ def _vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Tr
     return GimbalTrack(source=source, wxyz=wxyz, yaw_in_earth=np.zeros(len(wxyz), dtype=np.bool_), **rows.stamps())
 
 
-def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track:
     """DISTANCE_SENSOR that looks down, centimetres along the body's down axis; what it cannot see is no value."""
     distance, limit = rows.payload["current_distance"], rows.payload["max_distance"]
     faults = {
@@ -228,8 +214,6 @@ def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track | None:
         "at the sensor's maximum or above": (limit > 0) & (distance >= limit),
     }
     good = rows.kept(rejected, faults)
-    if good is None:
-        return None
     variance_cm2 = good.column("covariance")
     # Autopilots that know no variance send 0, as often as the agreed 255.
     unknown = (variance_cm2 == _COVARIANCE_UNKNOWN) | (variance_cm2 == 0)
@@ -242,17 +226,15 @@ def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track | None:
     )
 
 
-def rangefinder_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def rangefinder_track(rows: Rows, rejected: Counter[str]) -> Track:
     """RANGEFINDER, metres along the body's down axis; zero before its first reading."""
     distance_m = rows.column("distance")
     faults = {**no_height(rows, "distance"), "distance is zero": distance_m == 0, "distance < 0": distance_m < 0}
     good = rows.kept(rejected, faults)
-    if good is None:
-        return None
     return _height_track(HeightSource.RANGEFINDER, good, good.column("distance"), slant=True)
 
 
-def terrain_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def terrain_track(rows: Rows, rejected: Counter[str]) -> Track:
     """TERRAIN_REPORT: height above the terrain database; with spacing 0 or without a position it is none."""
     faults = {
         "spacing is 0": rows.payload["spacing"] == 0,
@@ -261,14 +243,12 @@ def terrain_track(rows: Rows, rejected: Counter[str]) -> Track | None:
         "far below the ground": rows.payload["current_height"] < _UNDERGROUND_M,
     }
     good = rows.kept(rejected, faults)
-    if good is None:
-        return None
     lat_lon_rad = np.radians(1e-7 * np.stack([good.column("lat"), good.column("lon")], axis=-1))
     track = _height_track(HeightSource.TERRAIN, good, good.column("current_height"), slant=False)
     return replace(track, lat_lon_rad=lat_lon_rad)
 
 
-def altitude_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def altitude_track(rows: Rows, rejected: Counter[str]) -> Track:
     """ALTITUDE: the clearance below; where there is none, the altitude above terrain.
 
     In this order, because PX4 fills ``altitude_terrain`` with the terrain's own altitude, and always together with a
@@ -284,8 +264,6 @@ def altitude_track(rows: Rows, rejected: Counter[str]) -> Track | None:
         "altitude_terrain is far below the ground": ~has_clearance & (terrain_m < _UNDERGROUND_M),
     }
     good = rows.kept(rejected, faults)
-    if good is None:
-        return None
     clearance_m, terrain_m = good.column("bottom_clearance"), good.column("altitude_terrain")
     use_clearance = np.isfinite(clearance_m) & (clearance_m >= 0)
     value_m = np.where(use_clearance, clearance_m, terrain_m)
@@ -320,12 +298,12 @@ def number_cameras(payload: npt.NDArray[np.void], component: IntArray) -> None:
     payload[_CAMERA_NUMBER] = np.where((said > 0) & (said <= MOST_ATTACHED), said, component)
 
 
-def fov_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def fov_track(rows: Rows, rejected: Counter[str]) -> Track:
     """CAMERA_FOV_STATUS, degrees."""
     return _fov_track(ZoomSource.CAMERA_FOV_STATUS, rows, rejected)
 
 
-def video_stream_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def video_stream_track(rows: Rows, rejected: Counter[str]) -> Track:
     """VIDEO_STREAM_INFORMATION: whole degrees, 0 where not known; and the size of the images."""
     return _fov_track(
         ZoomSource.VIDEO_STREAM_INFORMATION, rows, rejected, ("resolution_h", "resolution_v"), stream="stream_id"
@@ -334,15 +312,13 @@ def video_stream_track(rows: Rows, rejected: Counter[str]) -> Track | None:
 
 def _fov_track(
     source: ZoomSource, rows: Rows, rejected: Counter[str], size: tuple[str, ...] = (), *, stream: str | None = None
-) -> Track | None:
+) -> Track:
     hfov_deg = rows.column("hfov")
     known = np.logical_or.reduce([rows.payload[field] > 0 for field in size]) if size else False
     impossible = ~((hfov_deg == 0) | ((hfov_deg >= _MIN_FOV_DEG) & (hfov_deg < _MAX_FOV_DEG)))
     good = rows.kept(
         rejected, {"impossible hfov": impossible, "hfov is not known": (hfov_deg == 0) & ~np.asarray(known)}
     )
-    if good is None:
-        return None
     hfov_deg = good.column("hfov")
     sizes = [good.payload[field].astype(np.int64) for field in size] or [_zeros(good)] * 2
     return CameraTrack(
@@ -356,13 +332,11 @@ def _fov_track(
     )
 
 
-def settings_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def settings_track(rows: Rows, rejected: Counter[str]) -> Track:
     """CAMERA_SETTINGS: the zoom in percent of its range, NaN of a camera that cannot zoom."""
     percent = rows.column("zoomLevel")
     outside = ~((percent >= 0) & (percent <= _FULL_LEVEL))
     good = rows.kept(rejected, {"zoomLevel is not known": np.isnan(percent), "impossible zoomLevel": outside})
-    if good is None:
-        return None
     count = len(good.arrival_ns)
     return CameraTrack(
         source=ZoomSource.CAMERA_SETTINGS,
@@ -384,11 +358,9 @@ def heartbeat_track(rows: Rows, _rejected: Counter[str]) -> Track:
     return HeartbeatTrack(autopilot=rows.payload["autopilot"].astype(np.int64), **rows.stamps())
 
 
-def gps_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def gps_track(rows: Rows, rejected: Counter[str]) -> Track:
     """GPS_RAW_INT: the kind of fix, and the accuracy where the receiver states one (0: not stated)."""
     good = rows.kept(rejected, {"impossible fix type": rows.payload["fix_type"] > _MAX_FIX})
-    if good is None:
-        return None
     satellites = good.payload["satellites_visible"].astype(np.int64)
     sent = {**good.stamps(), "boot_ns": np.full(len(satellites), NO_BOOT_TIME, dtype=np.int64)}  # it has the fix's time
     return GpsTrack(
@@ -405,25 +377,23 @@ def _accuracy_m(rows: Rows, field: str) -> FloatArray:
     return np.where((accuracy_mm > 0) & (accuracy_mm < _MOST_MM), accuracy_mm / 1000, np.nan)
 
 
-def ekf_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def ekf_track(rows: Rows, rejected: Counter[str]) -> Track:
     """EKF_STATUS_REPORT (ArduPilot); flags of 0 come from vehicles whose estimator does not report."""
     fields = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
     return _estimator_track(rows, rejected, fields, {"no estimator yet": rows.payload["flags"] == 0})
 
 
-def estimator_track(rows: Rows, rejected: Counter[str]) -> Track | None:
+def estimator_track(rows: Rows, rejected: Counter[str]) -> Track:
     """ESTIMATOR_STATUS (PX4)."""
     return _estimator_track(rows, rejected, ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"), {})
 
 
 def _estimator_track(
     rows: Rows, rejected: Counter[str], fields: tuple[str, ...], faults: dict[str, BoolArray]
-) -> Track | None:
+) -> Track:
     values = {field: rows.column(field) for field in fields}
     impossible = {f"{field} is no ratio": beyond(each, _MOST_RATIO) | (each < 0) for field, each in values.items()}
     good = rows.kept(rejected, {**faults, **impossible})
-    if good is None:
-        return None
     flags = good.payload["flags"].astype(np.int64)
     return EstimatorTrack(
         ratios=np.stack([good.column(field) for field in fields], axis=-1),

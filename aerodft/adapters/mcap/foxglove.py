@@ -10,8 +10,7 @@ from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from aerodft.model.camera import Camera, LensModel
-from aerodft.model.image import Image
-from aerodft.model.packet import VideoPacket
+from aerodft.model.image import Image, VideoPacket
 from aerodft.model.pose import PoseSample
 
 _BROWN_COEFFICIENTS = 5

@@ -6,7 +6,7 @@ A packet comes straight from the stream, its image through the inbox, which says
 from collections import deque
 from dataclasses import replace
 
-from aerodft.model.packet import VideoPacket
+from aerodft.model.image import VideoPacket
 
 _MOST_WAITING = 128  # packets: seconds of video, far longer than any image takes
 

@@ -19,8 +19,7 @@ from aerodft.adapters.mcap.series import Series
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError
-from aerodft.model.image import Image
-from aerodft.model.packet import VideoPacket
+from aerodft.model.image import Image, VideoPacket
 
 _IMAGE_BYTES = 1 << 20  # what an image counts for in the queue
 _LOSSLESS_QUEUE = 1  # images at once where nothing is shed: whoever brings the next one waits until it is encoded

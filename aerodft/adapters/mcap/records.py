@@ -13,11 +13,10 @@ from aerodft.adapters.mcap.message_rows import MessageRows
 from aerodft.adapters.texts import Texts
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image_rows import image_indices
 from aerodft.model.pose_batch import PoseBatch
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs
 

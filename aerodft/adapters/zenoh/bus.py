@@ -33,13 +33,12 @@ from aerodft.adapters.zenoh.publishing import Publishers
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, close_session, open_session
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.probe import Probe
-from aerodft.model.steadiness import SteadinessEstimate
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs
 

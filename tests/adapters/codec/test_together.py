@@ -17,7 +17,7 @@ from aerodft.dft.measurement_batch import NO_IMAGE
 from aerodft.dft.request import linked
 from aerodft.errors import InputError
 from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, Zoom, ZoomSource
 from aerodft.model.image import Image, StampClock
 from aerodft.model.image_rows import ImageRows
 from aerodft.model.measurement import Measurement
@@ -25,7 +25,6 @@ from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.model.zoom import Zoom, ZoomSource
 
 CAMERA = Camera(name="c", width_px=1920, height_px=1080, fx_px=1600.0, fy_px=1590.0, cx_px=990.0, cy_px=500.0)
 STD = PoseStd(height_agl_m=0.5, horizontal_m=1.0, tilt_rad=0.005, pan_rad=0.006, roll_rad=0.004, heading_rad=0.03)

@@ -12,10 +12,9 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.foreign import frames
-from aerodft.adapters.foreign.cameras import read_camera
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import Kind, kind_of
-from aerodft.adapters.foreign.pictures import read_picture
+from aerodft.adapters.foreign.pictures import read_camera, read_picture
 from aerodft.adapters.mcap.places import ReadChannel
 
 STAMP_NS = 1_795_221_278_868_833_001

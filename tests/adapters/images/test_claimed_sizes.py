@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.packet_decoders import decoder_of
+from aerodft.adapters.images.packets import PacketDecoder
 from aerodft.adapters.jpeg import decode_jpeg
 from aerodft.errors import InputError
 
@@ -42,7 +42,7 @@ def test_a_jpeg_is_no_larger_than_its_image() -> None:
 def test_a_video_s_images_are_no_larger_than_theirs() -> None:
     data = h264()
     for most_px in (WIDTH * HEIGHT, None):
-        frame = decoder_of("h264", most_px).decode(data)
+        frame = PacketDecoder("h264", most_px).decode(data)
         assert frame is not None
         assert (frame.width, frame.height) == (WIDTH, HEIGHT)
-    assert decoder_of("h264", 160 * 120).decode(data) is None
+    assert PacketDecoder("h264", 160 * 120).decode(data) is None

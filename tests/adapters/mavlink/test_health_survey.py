@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.telemetry import NO_BOOT_TIME, CameraTrack
-from aerodft.model.zoom import ZoomSource
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.zoom_settings import ZoomSettings
 

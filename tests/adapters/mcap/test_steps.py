@@ -11,8 +11,8 @@ from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.batch import Event
+from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.camera import Camera
-from aerodft.model.estimate import CalibrationEstimate
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement, ProjectionModel

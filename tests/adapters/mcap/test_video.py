@@ -8,16 +8,15 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from aerodft.adapters.images.annexb import PacketTap
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from aerodft.adapters.images.annexb import PacketTap
 from aerodft.adapters.mcap import series
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.packet import VideoPacket
+from aerodft.model.image import Image, VideoPacket
 from replay.recording import Recording
 from replay.source import RecordingSource
 from tests.batches import one_tick, take

@@ -24,7 +24,7 @@ from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.adapters.zenoh.session import open_session, session_on
 from aerodft.errors import InputError, LinkError
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample

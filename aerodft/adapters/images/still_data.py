@@ -1,13 +1,16 @@
-"""When a still was taken: from its EXIF data, or from its file name by a pattern."""
+"""What a still says of itself: when it was taken, by EXIF or by its name, and how the camera was set."""
 
+import math
 import re
 from datetime import datetime, timedelta
+from pathlib import Path
 
 from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
 from aerodft.errors import ConfigError
+from aerodft.model.camera import CameraMode
 
 _FIELDS = {
     "%Y": r"(?P<year>\d{4})",
@@ -112,3 +115,41 @@ def exif_stamp_ns(image: PillowImage.Image, utc_offset: timedelta | None) -> tup
 
 def _text(value: object) -> str:
     return value.strip(" \0") if isinstance(value, str) else ""
+
+
+UNREADABLE = (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError)  # all that Pillow raises
+
+
+def still_mode(path: Path) -> tuple[CameraMode, tuple[int, int] | None]:
+    """A still's mode, and the size that it was taken in.
+
+    Args:
+        path: Any file; what is no still, or has no EXIF data, has a mode of which nothing is known.
+
+    Returns:
+        The mode; and width and height in pixels when it was taken, None where EXIF does not say.
+    """
+    try:
+        with PillowImage.open(path) as image:
+            exif = image.getexif()
+            taken = exif.get_ifd(IFD.Exif)
+            device = exif.get(Base.Model)
+    except UNREADABLE:
+        return CameraMode(), None
+    size = (_positive(taken.get(Base.ExifImageWidth)), _positive(taken.get(Base.ExifImageHeight)))
+    mode = CameraMode(
+        device=(device.strip("\0 ") or None) if isinstance(device, str) else None,
+        focal_mm=_positive(taken.get(Base.FocalLength)),
+        focal_35mm_mm=_positive(taken.get(Base.FocalLengthIn35mmFilm)),
+        digital_zoom=_positive(taken.get(Base.DigitalZoomRatio)),
+    )
+    return mode, None if size[0] is None or size[1] is None else (round(size[0]), round(size[1]))
+
+
+def _positive(value: object) -> float | None:
+    """A positive number; EXIF has 0, and fractions by 0, for what is not known."""
+    try:
+        number = float(value)  # type: ignore[arg-type]  # whatever Pillow found there
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if math.isfinite(number) and number > 0 else None

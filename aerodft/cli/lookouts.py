@@ -21,8 +21,7 @@ from aerodft.model.status import Status
 from aerodft.service.looking import Lookout
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
-from aerodft.vision.moving import MovingObjects
-from aerodft.vision.moving_over_ground import MovingOverGround
+from aerodft.vision.moving import MovingObjects, MovingOverGround
 from aerodft.vision.reference import LEAST_CORNERS
 from aerodft.vision.river_observer import RiverObserver
 from aerodft.vision.steady import SteadyPoints

@@ -21,13 +21,12 @@ from aerodft.model.status import Status
 from aerodft.service.looking import Lookout
 from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
-from aerodft.vision.moving import MovingObjects
-from aerodft.vision.moving_over_ground import MovingOverGround
+from aerodft.vision.moving import MovingObjects, MovingOverGround
 from aerodft.vision.reference import LEAST_CORNERS
 from aerodft.vision.river_observer import RiverObserver
 from aerodft.vision.steady import SteadyPoints
 from aerodft.vision.tracked_probes import TrackedProbes
-from calibration.marker_observer import CameraPlace, MarkerObserver
+from calibration.markers import CameraPlace, MarkerObserver
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
 

@@ -30,7 +30,6 @@ from aerodft.vision import (
     blobs,
     ground_background,
     moving,
-    moving_over_ground,
     plane_lock,
     straight,
     tracked_probes,
@@ -102,7 +101,7 @@ def bench_from_above(count: int) -> None:
     def pose_of(image: Image) -> PoseSample:
         return PoseSample(stamp_ns=image.stamp_ns, status=Status.OK, pose=poses[image.stamp_ns])
 
-    observer, found, start = moving_over_ground.MovingOverGround(CAMERA, ObjectSettings(), pose_of), [], 0.0
+    observer, found, start = moving.MovingOverGround(CAMERA, ObjectSettings(), pose_of), [], 0.0
     for k, (stamp_ns, pixels) in enumerate(images):
         if k == len(images) - count:
             _spent.clear()

@@ -16,7 +16,7 @@ from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.objects import ObjectSettings
 from aerodft.sim.world import Post
-from aerodft.vision.moving_over_ground import MovingOverGround
+from aerodft.vision.moving import MovingOverGround
 from aerodft.vision.object_tracks import ObjectTracks
 from tests.truth import walkers_from_above as flown
 

@@ -14,18 +14,21 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION, PixelRays
-from aerodft.dft.quantities import KINDS, Sight, slant_range
+from aerodft.dft.quantities import KINDS, Sight
 from aerodft.dft.uncertainty import CHI2_2D_95
 from aerodft.geometry.ground import Ground
-from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import Pose
 from aerodft.model.probe import ProbeKind
 
 DRAWS: Final = 1024
 _SEED: Final = 20
-_RAYS_AT_ONCE: Final = 24
+_RAYS_AT_ONCE: Final = 16
 """So many rays' draws stay in the cache together."""
+
+
+_NARROW: Final = 1e-6
+"""Of a squared trace: a determinant that is smaller than this share of it is known to half of its digits only."""
 
 
 @lru_cache(maxsize=16)
@@ -106,34 +109,55 @@ def draw(probes: Uncertain, on_ground: int, centre: FloatArray, first_enu_m: Flo
         first_enu_m: ``(p, 3)`` their first points without errors.
     """
     count = len(probes.image)
-    ends, ranges = np.full((2, count), np.nan), np.empty((2, count, on_ground))
+    scalars, ranges = np.full((2, count), np.nan), np.empty((2, count, on_ground))
     cov = np.empty((count, 3, 3))
     scalar = KINDS[probes.kind].scalar
-    for own, sights in _sights(probes, 1):
-        found = _range_intervals(sights, on_ground)
-        ranges[0, own], ranges[1, own] = found.low, found.high
-        if scalar is not None:
-            values = scalar(sights)
-            if probes.kind is ProbeKind.BEARING:  # on the same turn as without errors
-                middle = centre[own, None]
-                values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
-            interval = _interval(values)
-            ends[0, own], ends[1, own] = interval.low, interval.high
-        cov[own] = _scatters(sights.points_enu_m[..., 0, :], first_enu_m[own])
-    return Drawn(Interval(*ends), Interval(*ranges), cov)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for own, seen in _draws(probes, 1):
+            ranges[:, own] = _central(seen.ranges_m(on_ground))
+            if scalar is not None:
+                values = scalar(seen.sight)
+                if probes.kind is ProbeKind.BEARING:  # on the same turn as without errors
+                    middle = centre[own, None]
+                    values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
+                scalars[:, own] = _central(values)
+            cov[own] = _scatters(seen.points_enu_m[:, 0] - first_enu_m[own, :, None])
+    return Drawn(Interval(*scalars), Interval(*ranges), cov)
 
 
 def draw_ranges(probes: Uncertain, on_ground: int, every: int) -> Interval:
     """A quick look at slant ranges ``(p, k)`` alone, by only every so many-th draw."""
-    found = [_range_intervals(sights, on_ground) for _, sights in _sights(probes, every)]
-    return Interval(np.concatenate([each.low for each in found]), np.concatenate([each.high for each in found]))
+    return Interval(*np.concatenate([_central(seen.ranges_m(on_ground)) for _, seen in _draws(probes, every)], axis=1))
 
 
-def _sights(probes: Uncertain, every: int) -> Iterator[tuple[slice, Sight]]:
-    """What each draw of the stated errors would have seen of some probes ``(m, DRAWS / every)`` after the other.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Draws:
+    """What each of ``d`` draws of the stated errors would have seen of ``m`` probes; NaN where a ray misses.
 
-    Points are NaN where a draw's ray misses the ground.
+    Attributes:
+        cameras_enu_m: ``(m, 3, d)``.
+        directions_enu: ``(m, q, 3, d)``.
+        points_enu_m: ``(m, q, 3, d)``.
     """
+
+    cameras_enu_m: FloatArray
+    directions_enu: FloatArray
+    points_enu_m: FloatArray
+
+    @property
+    def sight(self) -> Sight:
+        """As ``(m, d)`` sights."""
+        parts = self.cameras_enu_m, self.directions_enu, self.points_enu_m
+        return Sight(*(np.moveaxis(part, -1, 1) for part in parts))
+
+    def ranges_m(self, count: int) -> FloatArray:
+        """Slant ranges ``(m, count, d)`` of the first points."""
+        away = self.points_enu_m[:, :count] - self.cameras_enu_m[:, None]
+        return np.sqrt(np.einsum("mqid,mqid->mqd", away, away))
+
+
+def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Draws]]:
+    """The draws of some probes after the other."""
     errors, pixels = probes.shared_cov.shape[-1], probes.rays.rays_cam.shape[1]
     draws = standard_draws(errors + 2 * pixels).T[:, ::every]
     own_draws = np.ascontiguousarray(draws[errors:]).reshape(pixels, 2, -1)
@@ -142,123 +166,117 @@ def _sights(probes: Uncertain, every: int) -> Iterator[tuple[slice, Sight]]:
     for first in range(0, len(probes.image), most):
         own = slice(first, first + most)
         shared, rotations, poses = _drawn_poses(probes, own, draws[:errors])
-        by_px = probes.std_px[own, None, None, None] * probes.rays.by_px[own]
-        rays_cam = by_px @ own_draws  # (m, q, 3, d)
+        rays_cam = (probes.std_px[own, None, None, None] * probes.rays.by_px[own]) @ own_draws  # (m, q, 3, d)
         rays_cam += probes.rays.rays_cam[own][..., None]
         if is_bent:
             by = probes.rays.by_intrinsics[own]
             bent = by.reshape(len(by), -1, by.shape[-1]) @ shared[poses, INTRINSICS]
             rays_cam += bent.reshape(rays_cam.shape)
-        turns = rotations[poses][:, None]  # (m, 1, 3, 3, d)
-        directions = np.empty(rays_cam.shape)
-        for row in range(3):
-            directions[:, :, row] = turns[:, :, row, 0] * rays_cam[:, :, 0]
-            directions[:, :, row] += turns[:, :, row, 1] * rays_cam[:, :, 1]
-            directions[:, :, row] += turns[:, :, row, 2] * rays_cam[:, :, 2]
-        cameras = (probes.pose.position_enu_m[probes.image[own], :, None] + shared[poses, POSITION])[:, None]
-        elevations = (probes.elevation_m[own, None] + shared[poses, ELEVATION])[:, None]
-        points = _meet(cameras, directions, elevations, probes.surface)
-        yield own, Sight(_last(cameras[:, 0]), _last(directions), _last(points))
-
-
-def _last(vectors: FloatArray) -> FloatArray:
-    """``(m, q, 3, d)`` as ``(m, d, q, 3)``, and ``(m, 3, d)`` as ``(m, d, 3)``, where they are."""
-    return np.moveaxis(vectors, -1, 1)
+        directions = np.einsum("mijd,mqjd->mqid", rotations[poses], rays_cam)
+        cameras = probes.pose.position_enu_m[probes.image[own], :, None] + shared[poses, POSITION]
+        elevations = probes.elevation_m[own, None] + shared[poses, ELEVATION]
+        yield own, _Draws(cameras, directions, _meet(cameras, directions, elevations, probes.surface))
 
 
 def _drawn_poses(probes: Uncertain, own: slice, draws: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Draws of what some probes share with others of their image.
+    """Draws of what some probes share with those of their image before them.
 
     Returns:
         Shared errors ``(u, s, d)``, turns ``(u, 3, 3, d)`` from camera axes to ENU, and which of the ``u`` each probe
         has.
     """
-    keys = np.stack([probes.image[own], probes.elevation_std_m[own]], axis=-1)
-    of_images, poses = np.unique(keys, axis=0, return_inverse=True)
-    images = of_images[:, 0].astype(np.int64)
-    cov = probes.shared_cov[images]
-    cov[:, ELEVATION, ELEVATION] += np.square(of_images[:, 1])
+    image, elevation_std = probes.image[own], probes.elevation_std_m[own]
+    is_new = np.ones(len(image), dtype=np.bool_)
+    is_new[1:] = (image[1:] != image[:-1]) | (elevation_std[1:] != elevation_std[:-1])
+    cov = probes.shared_cov[image[is_new]]
+    cov[:, ELEVATION, ELEVATION] += np.square(elevation_std[is_new])
     variances, axes = np.linalg.eigh(cov)  # a covariance may be singular
     roots = axes * np.sqrt(np.clip(variances, 0.0, None))[:, None]
-    shared = (roots.reshape(-1, len(draws)) @ draws).reshape(len(images), len(draws), -1)
-    turned = _matrices(shared[:, ROTATION])
-    rotations = matrix(probes.pose.wxyz[images]) @ turned.reshape(len(images), 3, -1)
-    return shared, rotations.reshape(turned.shape), poses.reshape(-1)
+    shared = (roots.reshape(-1, len(draws)) @ draws).reshape(*cov.shape[:2], -1)
+    return shared, _turned(probes.pose.wxyz[image[is_new]], shared[:, ROTATION]), np.cumsum(is_new) - 1
 
 
-def _matrices(rotvec_rad: FloatArray) -> FloatArray:
-    """Rotation matrices ``(u, 3, 3, d)`` of rotation vectors ``(u, 3, d)``."""
-    x, y, z = (rotvec_rad[:, axis] for axis in range(3))
-    half = np.sqrt(x * x + y * y + z * z) / 2
-    w, share = np.cos(half), 0.5 * np.sinc(half / np.pi)  # sin(half) / angle, regular at 0
-    x, y, z = x * share, y * share, z * share
-    found = np.empty((len(x), 3, 3, x.shape[-1]))
-    found[:, 0, 0], found[:, 0, 1], found[:, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    found[:, 1, 0], found[:, 1, 1], found[:, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    found[:, 2, 0], found[:, 2, 1], found[:, 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+def _turned(wxyz: FloatArray, rotvec_rad: FloatArray) -> FloatArray:
+    """Matrices ``(u, 3, 3, d)`` of rotations ``(u, 4)`` after rotation vectors ``(u, 3, d)``."""
+    half = np.sqrt(np.einsum("uid,uid->ud", rotvec_rad, rotvec_rad)) / 2
+    small = np.empty((len(half), 4, half.shape[-1]))
+    small[:, 0] = np.cos(half)
+    share = np.sin(half)
+    np.divide(share, 2 * half, out=share, where=half > 0)
+    np.copyto(share, 0.5, where=half == 0)
+    np.multiply(rotvec_rad, share[:, None], out=small[:, 1:])
+    w, x, y, z = wxyz.T
+    times = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])  # a quaternion's product
+    both = math.sqrt(2) * times.transpose(2, 0, 1) @ small
+    pairs = both[:, :, None] * both[:, None]
+    (ww, wx, wy, wz), (_, xx, xy, xz), (_, _, yy, yz), (_, _, _, zz) = pairs.transpose(1, 2, 0, 3)
+    del ww
+    found = np.empty((len(half), 3, 3, half.shape[-1]))
+    found[:, 0, 0], found[:, 1, 1], found[:, 2, 2] = 1 - (yy + zz), 1 - (xx + zz), 1 - (xx + yy)
+    found[:, 0, 1], found[:, 1, 0] = xy - wz, xy + wz
+    found[:, 2, 0], found[:, 0, 2] = xz - wy, xz + wy
+    found[:, 1, 2], found[:, 2, 1] = yz - wx, yz + wx
     return found
 
 
 def _meet(cameras: FloatArray, directions: FloatArray, elevations: FloatArray, surface: Ground | None) -> FloatArray:
-    """Points ``(m, q, 3, d)`` of rays from cameras ``(m, 1, 3, d)`` on surfaces at elevations ``(m, 1, d)``."""
+    """Points ``(m, q, 3, d)`` of rays from cameras ``(m, 3, d)`` on surfaces at elevations ``(m, d)``."""
     if surface is not None:
-        met = surface.meet(np.moveaxis(cameras, 2, -1), np.moveaxis(directions, 2, -1), elevations)
-        return np.moveaxis(met.points_enu_m, -1, 2)
+        starts, rays = np.moveaxis(cameras, 1, -1)[:, None], np.moveaxis(directions, 2, -1)
+        return np.moveaxis(surface.meet(starts, rays, elevations[:, None]).points_enu_m, -1, 2)
     down = directions[:, :, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = (elevations - cameras[:, :, 2]) / down
-        reach[(down >= 0) | (reach <= 0)] = np.nan
-        return np.asarray(cameras + reach[:, :, None] * directions)
+    reach = (elevations - cameras[:, 2])[:, None] / down
+    np.copyto(reach, np.nan, where=(down >= 0) | (reach <= 0))
+    points = reach[:, :, None] * directions
+    points += cameras[:, None]
+    return points
 
 
-def _range_intervals(sights: Sight, on_ground: int) -> Interval:
-    """Of the slant ranges ``(m, k)`` of the first points."""
-    points = sights.points_enu_m
-    count = len(points)
-    found = [
-        _interval(slant_range(Sight(sights.camera_enu_m, points[..., :0, :], points[..., k : k + 1, :])))
-        for k in range(on_ground)
-    ]
-    if not found:
-        return Interval(np.empty((count, 0)), np.empty((count, 0)))
-    return Interval(*(np.stack([getattr(each, end) for each in found], axis=-1) for end in ("low", "high")))
-
-
-def _interval(values: FloatArray) -> Interval:
-    """The central 95 % of ``values (m, d)``; NaN are beyond everything."""
+def _central(values: FloatArray) -> FloatArray:
+    """Low and high end ``(2, ...)`` of the central 95 % of ``values (..., d)``; NaN are beyond everything."""
     count = values.shape[-1]
     tail = 0.025 * (count - 1)
     first, part = int(tail), tail % 1
-    ordered = np.sort(values, axis=-1)
-    ends = ordered[:, [first, first + 1, count - 2 - first, count - 1 - first]]
-    low, next_low, next_high, high = np.where(np.isnan(ends), np.inf, ends).T
-    with np.errstate(invalid="ignore"):
-        is_open = ~np.isfinite(high)
-        inner = high - part * (high - next_high)
-        return Interval(np.where(is_open, low, low + part * (next_low - low)), np.where(is_open, high, inner))
+    places = [first, first + 1, count - 2 - first, count - 1 - first]
+    ends = np.partition(values, places, axis=-1)[..., places]
+    ends[np.isnan(ends)] = np.inf
+    low, next_low, next_high, high = np.moveaxis(ends, -1, 0)
+    is_open = ~np.isfinite(high)
+    low = np.where(is_open, low, low + part * (next_low - low))
+    return np.stack([low, np.where(is_open, high, high - part * (high - next_high))])
 
 
-def _scatters(draws_enu_m: FloatArray, centre_enu_m: FloatArray) -> FloatArray:
-    """Second moments ``(m, 3, 3)`` about the measured points, scaled so that their 95 % ellipses hold 95 % of draws.
+def _scatters(away_m: FloatArray) -> FloatArray:
+    """Second moments ``(m, 3, 3)`` of what draws ``(m, 3, d)`` are away, scaled so that 95 % ellipses hold 95 %.
 
     Their shapes are those of the nearer 95 %: a few draws near the horizon would stretch them without bound. Infinite
     where more draws have no point than an ellipse may leave out: the point is refused for its range anyway.
     """
-    away = np.moveaxis(draws_enu_m, -1, 1) - centre_enu_m[:, :, None]  # (m, 3, d)
-    count = away.shape[-1]
-    with np.errstate(invalid="ignore", over="ignore"):
-        far = away[:, 0] ** 2 + away[:, 1] ** 2  # squared
-        far[np.isnan(far)] = np.inf
-        last = int(0.95 * count) - 1
-        is_near = far <= np.partition(far, last, axis=-1)[:, last, None]
-        nearest = np.where(is_near[:, None], away, 0.0)
-        moment = nearest @ nearest.swapaxes(-1, -2) / np.count_nonzero(is_near, axis=-1)[:, None, None]
-        holds = np.count_nonzero(np.isinf(far), axis=-1) <= math.floor(0.05 * count)
-        inverse = np.linalg.pinv(np.where(holds[:, None, None], moment[:, :2, :2], 0.0))
-        east, north = away[:, 0], away[:, 1]
-        squared = east * (east * inverse[:, 0, 0, None] + 2 * north * inverse[:, 0, 1, None])
-        squared += north * north * inverse[:, 1, 1, None]
-        squared[np.isnan(squared)] = np.inf
-        last = math.ceil(0.95 * count) - 1
-        scale = np.partition(squared, last, axis=-1)[:, last] / CHI2_2D_95
-        return np.where(holds[:, None, None], moment * scale[:, None, None], np.inf)
+    count = away_m.shape[-1]
+    most, level = int(0.95 * count), away_m[:, :2]
+    far = np.einsum("mid,mid->md", level, level)
+    last, first_beyond = _ordered(far, most - 1)
+    holds = ~np.isnan(first_beyond)
+    is_near = far <= last[:, None]
+    nearest = np.where(is_near[:, None], away_m, 0.0)
+    moment = nearest @ nearest.copy().swapaxes(-1, -2)  # of one array with itself it would take three times as long
+    moment /= is_near.sum(axis=-1)[:, None, None]
+    inverse = _inverse(np.where(holds[:, None, None], moment[:, :2, :2], 0.0))
+    scale, _ = _ordered(np.einsum("mid,mid->md", inverse @ level, level), math.ceil(0.95 * count) - 1) / CHI2_2D_95
+    return np.where(holds[:, None, None], moment * scale[:, None, None], np.inf)
+
+
+def _inverse(moments: FloatArray) -> FloatArray:
+    """Of symmetric ``(m, 2, 2)``; their pseudo-inverses where these are narrow, or none at all."""
+    det = moments[:, 0, 0] * moments[:, 1, 1] - moments[:, 0, 1] * moments[:, 1, 0]
+    trace = moments[:, 0, 0] + moments[:, 1, 1]
+    found = np.array([[1.0, -1.0], [-1.0, 1.0]]) * moments[:, ::-1, ::-1] / det[:, None, None]
+    is_narrow = ~(det > _NARROW * trace * trace)
+    if is_narrow.any():
+        found[is_narrow] = np.linalg.pinv(moments[is_narrow])
+    return found
+
+
+def _ordered(values: FloatArray, place: int) -> FloatArray:
+    """What would stand at a place and at the next one ``(2, m)`` if ``values (m, d)`` were sorted."""
+    return np.partition(values, [place, place + 1], axis=-1)[:, place : place + 2].T

@@ -142,9 +142,8 @@ def _height(evidence: KnownHeight, state: State) -> Found:
     if state.model is ProjectionModel.PINHOLE:
         rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)
         sight = Sight(state.position_m, rays.directions_enu, ground.points_enu_m)
-    _, _, heading = camera_angles(state.wxyz)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value, by = scalars(ProbeKind.HEIGHT, state.model, sight, heading, np.array(state.elevation_m))
+        value, by = scalars(ProbeKind.HEIGHT, state.model, sight, pose, np.array(state.elevation_m))
         shared, own = dependence(by, ground, rays)
     variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
     residual_m = float(value) - evidence.height_m

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -153,7 +154,7 @@ class _Draws:
     def ranges_m(self, count: int) -> FloatArray:
         """Slant ranges ``(m, count, d)`` of the first points."""
         away = self.points_enu_m[:, :count] - self.cameras_enu_m[:, None]
-        return np.sqrt(np.einsum("mqid,mqid->mqd", away, away))
+        return np.asarray(np.sqrt(np.einsum("mqid,mqid->mqd", away, away)))
 
 
 def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Draws]]:
@@ -168,11 +169,13 @@ def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Draws]]:
         shared, rotations, poses = _drawn_poses(probes, own, draws[:errors])
         rays_cam = (probes.std_px[own, None, None, None] * probes.rays.by_px[own]) @ own_draws  # (m, q, 3, d)
         rays_cam += probes.rays.rays_cam[own][..., None]
-        if is_bent:
-            by = probes.rays.by_intrinsics[own]
-            bent = by.reshape(len(by), -1, by.shape[-1]) @ shared[poses, INTRINSICS]
-            rays_cam += bent.reshape(rays_cam.shape)
-        directions = np.einsum("mijd,mqjd->mqid", rotations[poses], rays_cam)
+        directions = np.empty(rays_cam.shape)
+        for pose, (start, stop) in enumerate(pairwise(np.flatnonzero(np.diff(poses, prepend=-1, append=-2)).tolist())):
+            rays = rays_cam[start:stop]  # of one pose: copies of its draws for each would not stay in the cache
+            if is_bent:
+                by = probes.rays.by_intrinsics[own][start:stop]
+                rays += (by.reshape(-1, by.shape[-1]) @ shared[pose, INTRINSICS]).reshape(rays.shape)
+            np.einsum("ijd,mqjd->mqid", rotations[pose], rays, out=directions[start:stop])
         cameras = probes.pose.position_enu_m[probes.image[own], :, None] + shared[poses, POSITION]
         elevations = probes.elevation_m[own, None] + shared[poses, ELEVATION]
         yield own, _Draws(cameras, directions, _meet(cameras, directions, elevations, probes.surface))

@@ -44,7 +44,6 @@ from aerodft.dft.uncertainty import (
     shared_covariance,
     standard_deviations,
 )
-from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseSample
@@ -162,7 +161,7 @@ class Judgement:
         first = columns[:, 0]
         self._elevation_std_m, self.std_px = view.elevation_std_m[first], view.std_px[first]
         self._vars = np.square(self._elevation_std_m), np.square(self.std_px)
-        self._ground = view.ground[:, columns]
+        self._ground = view.ground.of_images(columns)
         self._camera_m = view.poses.pose.position_enu_m[:, None]
         count = columns.shape[1]
         self._is_pinhole = view.setup.model is ProjectionModel.PINHOLE
@@ -262,16 +261,15 @@ class Judgement:
         first = (slice(None), slice(None), 0)
         jac = self._ground.jac_shared[first], self._ground.jac_px[first]
         self._cov = point_covariances(*jac, self._view.shared_cov, *self._vars)
-        if self._traits.scalar is None or self._traits.gradient is None:
+        if self._traits.scalar is None:
             self.value = self.std = np.full(shape, np.nan)
             self._ends = Interval(self.value, self.value)
             return
         if self._traits.sees_rays and self._is_pinhole:
             self._rays = _directions(self._view.rays, self._columns, self._view.poses)
             self._sight = Sight(self._camera_m, self._rays.directions_enu, self._ground.points_enu_m)
-        _, _, heading = camera_angles(self._view.poses.pose.wxyz)
         elevation = self._view.elevation_m[:, self._columns[:, 0]]
-        self.value, by = scalars(self.kind, self._view.setup.model, self._sight, heading[:, None], elevation)
+        self.value, by = scalars(self.kind, self._view.setup.model, self._sight, self._view.poses.pose, elevation)
         self.by_shared, self.by_px = dependence(by, self._ground, self._rays)
         self.std = self._std(self.by_shared, self.by_px)
         low = self.value - Z95 * self.std

@@ -7,7 +7,7 @@ Columns of ``jac_shared`` (one error that all points of an image have in common)
     6    elevation of the ground (m)       11:   distortion coefficients, where they are uncertain
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from aerodft.dft import equations
 from aerodft.geometry.ground import Ground, jacobians
 from aerodft.geometry.intrinsics import PINHOLE_PARAMETERS, intrinsics_covariance, rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import camera_angles, matrix, turned
+from aerodft.geometry.rotation import camera_angles, matrix, skew, turned
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
@@ -56,6 +56,16 @@ class GroundPoints:
     jac_px: FloatArray
     status: Codes
     depression_rad: FloatArray
+
+    def of_images(self, columns: IntArray) -> "GroundPoints":
+        """Points ``(n, *columns.shape)`` of those ``(n, k)`` of several images; no copies where all are in order."""
+        wanted = columns.ravel()
+        if np.array_equal(wanted, np.arange(wanted[0], wanted[0] + len(wanted))):
+            some = self[:, wanted[0] : wanted[0] + len(wanted)]
+        else:
+            some = self[:, wanted]
+        parts = (getattr(some, each.name) for each in fields(some))
+        return GroundPoints(*(part.reshape(len(part), *columns.shape, *part.shape[2:]) for part in parts))
 
     def __getitem__(self, rows: Rows | None) -> "GroundPoints":
         return GroundPoints(
@@ -188,16 +198,16 @@ def _dependence(
         by: What depends on them, by their direction, the camera's position ``(..., 3, 3)``, and elevation ``(..., 3)``.
     """
     by_direction, by_position, by_elevation = by
-    by_ray = by_direction @ rotation
-    x, y, z = (rays.rays_cam[..., axis, None] for axis in range(3))
+    # To a small rotation in its axes, a ray answers with the rows of its cross-product matrix.
+    by_errors = np.concatenate([-skew(rays.rays_cam), rays.by_intrinsics, rays.by_px], axis=-1)
+    turn = rotation if rotation.ndim == 2 else rotation[:, 0]  # noqa: PLR2004 - one for each image
+    by_ray = (by_direction.reshape(*turn.shape[:-2], -1, 3) @ turn).reshape(by_direction.shape)
+    found = by_ray @ by_errors
+    intrinsics = slice(3, by_errors.shape[-1] - 2)
     shared = np.empty((*by_elevation.shape, INTRINSICS.start + rays.by_intrinsics.shape[-1]))
-    shared[..., POSITION] = by_position
-    shared[..., ROTATION.start] = y * by_ray[..., 2] - z * by_ray[..., 1]
-    shared[..., ROTATION.start + 1] = z * by_ray[..., 0] - x * by_ray[..., 2]
-    shared[..., ROTATION.start + 2] = x * by_ray[..., 1] - y * by_ray[..., 0]
-    shared[..., ELEVATION] = by_elevation
-    shared[..., INTRINSICS] = by_ray @ rays.by_intrinsics
-    return shared, by_ray @ rays.by_px
+    shared[..., POSITION], shared[..., ROTATION] = by_position, found[..., :3]
+    shared[..., ELEVATION], shared[..., INTRINSICS] = by_elevation, found[..., intrinsics]
+    return shared, np.ascontiguousarray(found[..., intrinsics.stop :])
 
 
 def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -> _Met:

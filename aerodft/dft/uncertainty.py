@@ -8,6 +8,7 @@ import numpy as np
 from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, Directions, GroundPoints, shared_count
 from aerodft.dft.quantities import KINDS, Gradient, Sight, paper_bearing, paper_height
 from aerodft.geometry.intrinsics import intrinsics_covariance
+from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
@@ -44,9 +45,7 @@ def shared_covariance(
     cov[..., ELEVATION, ELEVATION] = np.square(elevation_std_m)
     intrinsics, lens_cov = intrinsics_covariance(camera), pose.lens_cov
     if zoom is not None:
-        scales, moved = np.ones((len(zoom), count - INTRINSICS.start)), np.zeros((len(zoom), count - INTRINSICS.start))
-        scales[:, :2], moved[:, :2] = zoom[:, :1], zoom[:, 1:] * [camera.fx_px, camera.fy_px]
-        intrinsics = scales[:, :, None] * scales[:, None] * intrinsics + moved[:, :, None] * moved[:, None]
+        scales, intrinsics = _zoomed(camera, zoom, intrinsics)
         lens_cov = lens_cov * scales[:, None] if lens_cov.shape[-1] == scales.shape[-1] else lens_cov
     cov[..., INTRINSICS, INTRINSICS] = intrinsics
     if lens_cov.shape[-1] == count - INTRINSICS.start:
@@ -55,8 +54,25 @@ def shared_covariance(
     return cov
 
 
+def _zoomed(camera: Camera, zoom: FloatArray, intrinsics_cov: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What errors of the intrinsics ``(n, m)`` grow by in zoomed images, and their covariances ``(n, m, m)``.
+
+    As of ``Camera.zoomed``, to the last bit: of equal variances the axes, and with these the draws, turn on that.
+    """
+    scales, moved = np.ones((len(zoom), len(intrinsics_cov))), np.zeros((len(zoom), len(intrinsics_cov)))
+    scales[:, :2], moved[:, :2] = zoom[:, :1], zoom[:, 1:] * [camera.fx_px, camera.fy_px]
+    if camera.covariance:
+        return scales, scales[:, :, None] * scales[:, None] * intrinsics_cov + moved[:, :, None] * moved[:, None]
+    cov = np.broadcast_to(intrinsics_cov, (len(zoom), *intrinsics_cov.shape)).copy()
+    magnification = zoom[:, 0]
+    focal_px = np.stack([np.ones(len(zoom)), magnification * camera.fy_px / (magnification * camera.fx_px)], axis=-1)
+    focal_px *= np.hypot(magnification * camera.std.focal_px, moved[:, 0])[:, None]
+    cov[:, :2, :2] = focal_px[:, :, None] * focal_px[:, None]
+    return scales, cov
+
+
 def scalars(
-    kind: ProbeKind, model: ProjectionModel, sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray
+    kind: ProbeKind, model: ProjectionModel, sight: Sight, pose: Pose, elevation_m: FloatArray
 ) -> tuple[FloatArray, Gradient]:
     """Values ``(...)`` of probes of a kind that has a scalar, in SI units and without errors, and their derivatives.
 
@@ -64,12 +80,13 @@ def scalars(
         kind: What is measured.
         model: The paper's has equations of its own for what looks at rays.
         sight: What is seen of each; directions only for kinds that see rays under the pinhole model.
-        heading_rad: ``(...)`` of the cameras.
+        pose: One pose, or ``(n,)`` of sights ``(n, g)``.
         elevation_m: ``(...)`` of the measured surfaces.
     """
     traits = KINDS[kind]
     if model is ProjectionModel.DFT and kind is ProbeKind.HEIGHT:
-        return paper_height(sight, heading_rad, elevation_m)
+        _, _, heading = camera_angles(pose.wxyz)
+        return paper_height(sight, heading[:, None] if heading.ndim else heading, elevation_m)
     if model is ProjectionModel.DFT and kind is ProbeKind.BEARING:
         return paper_bearing(sight)
     assert traits.scalar is not None  # noqa: S101 - the callers' own condition, for the type checker
@@ -130,10 +147,12 @@ def point_covariances(
         pixel_var: ``(g,)`` of each pixel coordinate.
     """
     count, requests, axes, errors = jac_shared.shape
-    rows = (jac_shared.reshape(count, requests * axes, errors) @ shared_cov).reshape(jac_shared.shape)
+    by_errors = np.concatenate([jac_shared, jac_px], axis=-1)
+    rows = np.empty(by_errors.shape)
+    rows[..., :errors] = (jac_shared.reshape(count, requests * axes, errors) @ shared_cov).reshape(jac_shared.shape)
     rows[..., ELEVATION] += elevation_var[:, None] * jac_shared[..., ELEVATION]
-    own = pixel_var[:, None, None] * (jac_px @ jac_px.swapaxes(-1, -2))
-    return np.asarray(rows @ jac_shared.swapaxes(-1, -2) + own)
+    rows[..., errors:] = pixel_var[:, None, None] * jac_px
+    return np.asarray(np.einsum("ngis,ngjs->ngij", rows, by_errors))
 
 
 def ellipses95(cov_enu_m2: FloatArray) -> FloatArray:

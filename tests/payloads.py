@@ -14,6 +14,7 @@ from aerodft.model.health import Health
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.observation import Observation
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 
@@ -75,6 +76,11 @@ def _geo(payload: wire.Json) -> GeoPoint:
         lon_rad=math.radians(wire.number(payload["lon"])),
         alt_msl_m=payload["alt_msl_m"],
     )
+
+
+def encode_pose(sample: PoseSample) -> bytes:
+    """One pose sample as ``aerodft.pose/1``."""
+    return pose.encode_poses(PoseBatch.of([sample])).text(0)
 
 
 def decode_pose(data: bytes) -> PoseSample:

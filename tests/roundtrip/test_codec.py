@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from aerodft.adapters.codec import events, measurement, pose, schemas, status, wire
-from aerodft.adapters.codec.angles import camera_angles_deg
 from aerodft.adapters.codec.measurement import encode_measurement
+from aerodft.adapters.codec.pose import camera_angles_deg
 from aerodft.errors import InputError
 from aerodft.geometry.rotation import camera_angles, camera_attitude
 from aerodft.model.image import Image, StampClock
@@ -24,7 +24,7 @@ from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, Pose
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from tests.batches import measurement_batch
-from tests.payloads import decode_measurement, decode_observation, decode_pose, decode_status
+from tests.payloads import decode_measurement, decode_observation, decode_pose, decode_status, encode_pose
 
 SCHEMA_FILES = Path(__file__).parents[2] / "docs" / "schema"
 ATTITUDE_ATOL_RAD = 1e-9
@@ -156,7 +156,7 @@ def check(name: str, payload: bytes) -> None:
 
 @given(samples)
 def test_a_pose_comes_back(sample: PoseSample) -> None:
-    payload = pose.encode_pose(sample)
+    payload = encode_pose(sample)
     check(pose.SCHEMA, payload)
     assert_same(decode_pose(payload), sample)
 
@@ -251,7 +251,7 @@ def test_what_is_not_finite_is_null_and_never_nan() -> None:
     sample = PoseSample(
         stamp_ns=1, status=Status.OK, pose=Pose(position_enu_m=np.full(3, np.nan), wxyz=np.array([1.0, 0, 0, 0]))
     )
-    payload = pose.encode_pose(sample)
+    payload = encode_pose(sample)
     check(pose.SCHEMA, payload)
     assert orjson.loads(payload)["position_enu_m"] == [None, None, None]
 

@@ -19,7 +19,7 @@ from aerodft.model.status import Status
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Autopilot, Biases
 from replay.recording import Recording
-from tests.payloads import decode_estimate, decode_pose
+from tests.payloads import decode_estimate, decode_pose, encode_pose
 
 from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory
 
@@ -199,4 +199,4 @@ def test_an_imported_flight_with_landmarks_is_computed_anew_to_the_byte(monkeypa
     middle = payloads(recording, pose.SCHEMA)[60]
     _, asked = recorded_setup(recording.folder, unix_ns_to_iso(decode_pose(middle).stamp_ns), Instead())
     assert asked.calibration.startswith("live:")
-    assert pose.encode_pose(asked) == middle
+    assert encode_pose(asked) == middle

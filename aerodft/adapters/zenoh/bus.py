@@ -20,6 +20,7 @@ from aerodft.adapters.codec.observations import parse_observation
 from aerodft.adapters.codec.pose import encode_poses
 from aerodft.adapters.codec.requests import (
     MeasureRequest,
+    encode_error,
     encode_probes,
     parse_history_request,
     parse_measure_request,
@@ -28,8 +29,6 @@ from aerodft.adapters.codec.status import StationStatus, encode_status
 from aerodft.adapters.codec.steadiness import encode_steadiness
 from aerodft.adapters.jpeg import encode_jpeg
 from aerodft.adapters.lane import Lane
-from aerodft.adapters.zenoh.answering import Answer, declare_answer
-from aerodft.adapters.zenoh.publishing import Publishers
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, close_session, open_session
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
@@ -83,6 +82,7 @@ class _Payload(NamedTuple):
 
 
 _Work: TypeAlias = StepOutputs | StationStatus
+_Answer: TypeAlias = Callable[[bytes], bytes]
 
 
 class ZenohBus:
@@ -118,7 +118,7 @@ class ZenohBus:
         self._in_utc = in_utc
         self._malformed = self._shed_images = self._shed_outputs = 0
         self._session = open_session(settings.listen, settings.connect)
-        self._publishers = Publishers(self._session)
+        self._publishers = _Publishers(self._session)
         self._lane: Lane[_Work] = Lane("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
         self._image_lane: Lane[Image] = Lane("publish-images", self._publish_image, _nothing, capacity=2)
         self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
@@ -207,7 +207,7 @@ class ZenohBus:
     def _answers(
         self, probes: tuple[Probe, ...], on_measure: Callable[[MeasureRequest], list[Measurement]] | None
     ) -> "list[zenoh.Queryable[None]]":
-        answers: list[tuple[str, Answer]] = [
+        answers: list[tuple[str, _Answer]] = [
             (self._keys.probes, lambda _: encode_probes(probes)),
             (self._keys.history, self._answer_history),
         ]
@@ -215,7 +215,7 @@ class ZenohBus:
             answers.append(
                 (self._keys.measure, lambda data: encode_measurements(on_measure(parse_measure_request(data))))
             )
-        return [declare_answer(self._session, key, answer) for key, answer in answers]
+        return [_declare_answer(self._session, key, answer) for key, answer in answers]
 
     def _answer_history(self, data: bytes) -> bytes:
         last, name = parse_history_request(data)
@@ -241,3 +241,61 @@ class ZenohBus:
 
 def _nothing() -> None:
     """Publishing needs no tending."""
+
+
+class _Publishers:
+    """The publishers of one session; used by several threads, each with keys of its own."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._declared: dict[str, zenoh.Publisher] = {}
+
+    def json(self, key: str, payload: bytes) -> None:
+        """Publish a JSON payload."""
+        self._publisher(key, zenoh.Encoding.APPLICATION_JSON).put(payload)
+
+    def jpeg(self, key: str, payload: bytes, attachment: bytes) -> None:
+        """Publish a JPEG, with the JSON of its image attached."""
+        self._publisher(key, zenoh.Encoding.IMAGE_JPEG, zenoh.Priority.DATA_LOW).put(payload, attachment=attachment)
+
+    def close(self) -> None:
+        """Withdraw all publishers."""
+        for publisher in self._declared.values():
+            publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+        self._declared.clear()
+
+    def _publisher(
+        self, key: str, encoding: zenoh.Encoding, priority: zenoh.Priority = zenoh.Priority.DATA
+    ) -> zenoh.Publisher:
+        publisher = self._declared.get(key)
+        if publisher is None:
+            publisher = self._session.declare_publisher(
+                key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP, priority=priority
+            )
+            self._declared[key] = publisher
+        return publisher
+
+
+def _declare_answer(session: zenoh.Session, key: str, answer: _Answer) -> "zenoh.Queryable[None]":
+    """Answer queries on ``key`` with JSON: what ``answer`` makes of the payload, or ``{"error": sentence}``."""
+
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            payload = query.payload
+            query.reply(
+                key,
+                _answer(answer, b"" if payload is None else payload.to_bytes(), key),
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+            )
+
+    return session.declare_queryable(key, reply, complete=True)
+
+
+def _answer(answer: _Answer, payload: bytes, key: str) -> bytes:
+    try:
+        return answer(payload)
+    except AerodftError as error:
+        return encode_error(str(error))
+    except Exception as error:  # noqa: BLE001 - whatever it is, the client must hear of it
+        _log.exception("%s: the question could not be answered", key)
+        return encode_error(f"{key}: internal error: {type(error).__name__}: {error}")

@@ -2,15 +2,23 @@
 
 import json
 import logging
+import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Final
 
 import zenoh
 
-from aerodft.adapters.zenoh.endpoint import EXPECTED, fault_of, reason_in
 from aerodft.errors import LinkError
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+
+_EXPECTED: Final = "an endpoint such as tcp/127.0.0.1:7447"
+_WITH_PORT: Final = ("tcp", "udp", "ws", "tls", "quic")
+_OTHERS: Final = ("unixsock-stream",)
+_MOST_PORT: Final = 65535
+_OS_ERROR: Final = re.compile(r"\(os error (\d+)\)")
 
 _log = logging.getLogger(__name__)
 
@@ -37,8 +45,8 @@ def open_session(listen: str | None, connect: Sequence[str] = ()) -> zenoh.Sessi
     }
     endpoints = (*([] if listen is None else [listen]), *connect)
     for each in endpoints:
-        if fault := fault_of(each):
-            raise LinkError("no endpoint", got=fault, expected=EXPECTED)
+        if fault := _fault_of(each):
+            raise LinkError("no endpoint", got=fault, expected=_EXPECTED)
     try:
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
@@ -80,10 +88,35 @@ def _link_error(where: str, error: zenoh.ZError) -> LinkError:
             hint="another service runs there, or choose another port in the configuration",
         )
     _log.debug("zenoh says: %s", error)
-    got = reason_in(str(error)) or "an endpoint that zenoh cannot open"
-    return LinkError("the bus cannot be opened", where=where, got=got, expected=EXPECTED)
+    got = _reason_in(str(error)) or "an endpoint that zenoh cannot open"
+    return LinkError("the bus cannot be opened", where=where, got=got, expected=_EXPECTED)
 
 
 def _short(error: zenoh.ZError) -> str:
     """The error without the source locations that zenoh puts behind it."""
     return str(error).split(" at /", 1)[0].split(" at ", 1)[0]
+
+
+def _fault_of(endpoint: str) -> str:
+    """What is wrong with how an endpoint is written; empty where nothing is."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol not in (*_WITH_PORT, *_OTHERS):
+        return f"{protocol!r} for a protocol" if address else repr(endpoint)
+    if protocol in _OTHERS:
+        return "" if address else f"{endpoint!r}, without a path"
+    host, _, port = re.split(r"[?#]", address, maxsplit=1)[0].rpartition(":")
+    if not host:
+        return f"{endpoint!r}, without {'a port' if address else 'a host'}"
+    if not (port.isascii() and port.isdigit() and int(port) <= _MOST_PORT):
+        return f"{port!r} for a port"
+    return ""
+
+
+def _reason_in(text: str) -> str:
+    """Why the system refused an endpoint, out of zenoh's error; empty where the error does not tell."""
+    found = _OS_ERROR.search(text)
+    if found is not None:
+        return os.strerror(int(found[1]))
+    if "lookup address" in text:
+        return "a host that nobody knows"
+    return "no certificate, which TLS and QUIC need" if "private key" in text else ""

@@ -11,9 +11,8 @@ from aerodft.adapters.codec import measurement
 from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.mcap.chunk_table import ChunkTable
 from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
-from aerodft.adapters.mcap.reading import ReadMessage, Wanted
+from aerodft.adapters.mcap.reading import ChunkTable, ReadMessage, Wanted
 from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError, NoAnswerError, located
 from replay.segments import is_mcap, messages_of, numbered, tables_of

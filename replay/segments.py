@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.mcap.chunk_table import ChunkTable, is_one_of
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
-from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage, Wanted
+from aerodft.adapters.mcap.reading import ChunkReader, ChunkTable, ReadMessage, Wanted
 
 
 def numbered(path: Path) -> tuple[list[int], str]:
@@ -65,8 +64,8 @@ def tables_of(
 ) -> Iterator[ChunkTable]:
     """The same messages as columns, chunk after chunk; arguments as in ``messages_of``."""
 
-    def wanted_of(table: ChunkTable) -> ChunkTable:
-        rows = is_one_of(table.channel, [number for number, each in table.channels.items() if wanted(each)])
+    def within(table: ChunkTable) -> ChunkTable:
+        rows = np.ones(len(table.log_ns), dtype=np.bool_)
         if from_ns is not None:
             rows &= table.log_ns >= np.uint64(from_ns)
         if to_ns is not None:
@@ -75,7 +74,7 @@ def tables_of(
 
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
-        yield from map(wanted_of, reader.tables(_places(segment, from_ns, to_ns, wanted)))
+        yield from map(within, reader.tables(_places(segment, from_ns, to_ns, wanted), wanted))
 
 
 def _places(

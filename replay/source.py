@@ -10,8 +10,8 @@ import numpy as np
 from aerodft.adapters.codec import events
 from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.mcap.channels import SENDER_KEY
-from aerodft.adapters.mcap.chunk_table import ChunkTable, is_one_of
 from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.reading import ChunkTable, is_one_of
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
 from aerodft.model.arrays import IntArray

@@ -1,31 +1,45 @@
-"""Messages out of a segment's chunks, in the order in which they were written."""
+"""Messages out of a segment's chunks, in the order in which they were written: as columns, or one by one."""
 
 import logging
 import struct
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
+from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from aerodft.adapters.mcap.chunk_table import ChunkTable, message_table, record_tables
-from aerodft.adapters.mcap.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head, records_in
+from aerodft.adapters.mcap.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
 from aerodft.adapters.mcap.definitions import TooMuchDefinedError
-from aerodft.adapters.mcap.layout import MESSAGE_HEAD
+from aerodft.adapters.mcap.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
 from aerodft.adapters.mcap.places import Channels, ChunkPlace, ReadChannel
 from aerodft.errors import InputError
+from aerodft.geometry.jit import njit
+from aerodft.model.arrays import BoolArray, ImageArray, IntArray
 
+Times = npt.NDArray[np.uint64]
+Wanted = Callable[[ReadChannel], bool]
+
+_COLUMNS: Final = ("channel", "sequence", "log_ns", "start", "stop")
+_HEAD: Final = RECORD_HEAD.size
+_MESSAGE: Final = int(Opcode.MESSAGE)
+_MESSAGE_HEAD: Final = MESSAGE_HEAD.size
+_HEADS: Final = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
+_CHANNELS: Final = 1 << 16  # their ids are of 16 bits
+_USUAL_BYTES: Final = 64  # of a record, at least; of shorter ones there are several tables
+_LEAST, _MOST = 8, 1 << 16  # records of a table: some kilobytes of zeros unpack to millions of empty ones
+_MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
+_LEAST_KEPT: Final = 0.5  # of a larger one
 _DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 _MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
-_MOST_KEPT: Final = 100_000
+_MOST_LEFT_OUT: Final = 100_000
 _DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
-
-Wanted = Callable[[ReadChannel], bool]
 
 _log = logging.getLogger(__name__)
 
@@ -37,6 +51,69 @@ class ReadMessage(NamedTuple):
     channel: ReadChannel
     data: bytes
     sequence: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChunkTable:
+    """Messages of one chunk, in the order in which they were written.
+
+    Attributes:
+        content: The chunk's records; may hold more than these messages.
+        channels: By id, all that are known.
+        channel: ``(n,)`` ids.
+        sequence: ``(n,)``.
+        log_ns: ``(n,)``.
+        start: ``(n,)`` where the payloads begin in the content.
+        stop: ``(n,)`` where they end.
+    """
+
+    content: bytes
+    channels: dict[int, ReadChannel]
+    channel: IntArray
+    sequence: IntArray
+    log_ns: Times
+    start: IntArray
+    stop: IntArray
+
+    def rows(self, rows: BoolArray | IntArray) -> "ChunkTable":
+        """Some of the messages."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
+
+    def messages(self) -> Iterator[ReadMessage]:
+        """The messages one by one."""
+        columns = (self.log_ns, self.channel, self.start, self.stop, self.sequence)
+        for log_ns, channel, start, stop, sequence in zip(*(column.tolist() for column in columns), strict=True):
+            yield ReadMessage(log_ns, self.channels[channel], self.content[start:stop], sequence)
+
+    def kept(self) -> "ChunkTable":
+        """The same, without the rest of a large content: a few of its messages would keep it in memory."""
+        length = self.stop - self.start
+        if len(self.content) <= _MOST_KEPT_BYTES or length.sum() > _LEAST_KEPT * len(self.content):
+            return self
+        content = b"".join(
+            [self.content[start:stop] for start, stop in zip(self.start.tolist(), self.stop.tolist(), strict=True)]
+        )
+        stop = np.cumsum(length)
+        return replace(self, content=content, start=stop - length, stop=stop)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordTable:
+    """Records of a chunk, one after the other.
+
+    Attributes:
+        opcode: ``(n,)``.
+        start: ``(n,)`` where contents begin.
+        stop: ``(n,)`` where they end.
+        rest: Where others begin; None where there are none, or the next is damaged.
+        is_damaged: Whether the next one is.
+    """
+
+    opcode: IntArray
+    start: IntArray
+    stop: IntArray
+    rest: int | None
+    is_damaged: bool
 
 
 @dataclass(slots=True)
@@ -54,7 +131,11 @@ class ChunkReader:
     left_out: set[int] = field(default_factory=set)
 
     def messages(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ReadMessage]:
-        """The messages of chunks of one file; a damaged chunk is left out, counted and logged.
+        """The messages of chunks of one file; arguments and errors are those of ``tables``."""
+        return chain.from_iterable(map(ChunkTable.messages, self.tables(chunks, wanted)))
+
+    def tables(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ChunkTable]:
+        """The messages of chunks of one file as columns; a damaged chunk is left out, counted and logged.
 
         Args:
             chunks: In order; a chunk may define the channels of those behind it.
@@ -66,33 +147,17 @@ class ChunkReader:
         for place in chunks:
             self.channels.ledger.begin()
             try:
-                yield from self._records(_content(place), wanted)
+                yield from self._tables(place, wanted)
             except _DAMAGED as error:
                 self._leave_out(place, error)
 
-    def tables(self, chunks: Iterable[ChunkPlace]) -> Iterator[ChunkTable]:
-        """The same messages, each chunk's as columns: quicker where nearly all of them are wanted.
-
-        Args:
-            chunks: As in ``messages``.
-
-        Raises:
-            InputError: The file cannot be read.
-        """
-        for place in chunks:
-            self.channels.ledger.begin()
-            try:
-                yield from self._tables(place)
-            except _DAMAGED as error:
-                self._leave_out(place, error)
-
-    def _tables(self, place: ChunkPlace) -> Iterator[ChunkTable]:
+    def _tables(self, place: ChunkPlace, wanted: Wanted | None) -> Iterator[ChunkTable]:
         """Those of one chunk; its content goes with the generator, before the next chunk is unpacked."""
         content = _content(place)
         for records in record_tables(content):
             for row in np.flatnonzero(np.isin(records.opcode, _DEFINITIONS)).tolist():
                 self._define(int(records.opcode[row]), content[records.start[row] : records.stop[row]])
-            yield message_table(content, self.channels.by_id, records)
+            yield message_table(content, self.channels.by_id, records, wanted)
             if records.is_damaged:
                 raise ValueError("ends within a record, or in none")
 
@@ -100,24 +165,13 @@ class ChunkReader:
         self.damaged += 1
         if isinstance(why, TooMuchDefinedError):  # what others define must have room
             self.channels.ledger.undo()
-        if place.offset in self.left_out or len(self.left_out) == _MOST_KEPT:
+        if place.offset in self.left_out or len(self.left_out) == _MOST_LEFT_OUT:
             return
         self.left_out.add(place.offset)
         if len(self.left_out) > _MOST_NAMED:
             return
         more = "; further ones are left out and not named" if len(self.left_out) == _MOST_NAMED else ""
         _log.warning("%s: damaged chunk at byte %d left out: %s%s", place.path, place.offset, why, more)
-
-    def _records(self, content: bytes, wanted: Wanted | None) -> Iterator[ReadMessage]:
-        known = self.channels.by_id
-        for opcode, start, stop in records_in(content):
-            if opcode == Opcode.MESSAGE:
-                identity, sequence, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
-                channel = known.get(identity)
-                if channel is not None and (wanted is None or wanted(channel)):
-                    yield ReadMessage(log_ns, channel, content[start + MESSAGE_HEAD.size : stop], sequence)
-            elif opcode in _DEFINITIONS:
-                self._define(opcode, content[start:stop])
 
     def _define(self, opcode: int, data: bytes) -> None:
         """Take a schema or channel record."""
@@ -166,3 +220,64 @@ def _content(place: ChunkPlace) -> bytes:
     except OSError as error:
         raise InputError("the recording cannot be read", where=place.path, got=error.strerror) from error
     return chunk_content(head, data)
+
+
+def record_tables(content: bytes) -> Iterator[RecordTable]:
+    """The records of a chunk's content up to the first that is damaged, thousands at a time."""
+    position: int | None = 0
+    while position is not None:
+        table = _record_table(content, position)
+        yield table
+        position = table.rest
+
+
+def _record_table(content: bytes, position: int) -> RecordTable:
+    data = np.frombuffer(content, dtype=np.uint8)
+    table = np.empty((min(max(len(content) // _USUAL_BYTES, _LEAST), _MOST), 3), dtype=np.int64)
+    count, position = _walk(data, table, position)
+    opcode, start, stop = np.ascontiguousarray(table[:count].T)
+    is_at_end = position == len(content)
+    is_full = count == len(table) and not is_at_end
+    return RecordTable(opcode, start, stop, position if is_full else None, not is_full and not is_at_end)
+
+
+def message_table(
+    content: bytes, channels: dict[int, ReadChannel], records: RecordTable, wanted: Wanted | None = None
+) -> ChunkTable:
+    """The messages among records, of channels that are known and, where somebody says so, wanted."""
+    rows = np.flatnonzero(records.opcode == _MESSAGE)
+    start = records.start[rows]
+    size = max(len(content) - _MESSAGE_HEAD + 1, 0) if len(start) else 0
+    heads = np.ndarray((size,), dtype=f"V{_MESSAGE_HEAD}", buffer=content, strides=(1,))[start].view(_HEADS)
+    ids, sequence = heads["channel"].astype(np.int64), heads["sequence"].astype(np.int64)
+    times = heads["log_ns"].astype(np.uint64)
+    table = ChunkTable(content, channels, ids, sequence, times, start + _MESSAGE_HEAD, records.stop[rows])
+    used = np.zeros(_CHANNELS, dtype=np.bool_)
+    used[ids] = True
+    known = [number for number in np.flatnonzero(used).tolist() if number in channels]
+    return table.rows(is_one_of(ids, [each for each in known if wanted is None or wanted(channels[each])]))
+
+
+def is_one_of(channel: IntArray, ids: Iterable[int]) -> BoolArray:
+    """Which channels ``(n,)`` are among some: as numpy's own, which sorts them, in a tenth of its time."""
+    wanted = np.zeros(_CHANNELS, dtype=np.bool_)
+    wanted[list(ids)] = True
+    return wanted[channel]
+
+
+@njit
+def _walk(content: ImageArray, table: IntArray, first: int) -> tuple[int, int]:
+    """How many records there are, ``n`` at most, and where others begin; in ``table (n, 3)`` opcodes and places."""
+    position, count, end = np.int64(first), 0, len(content)
+    while position + _HEAD <= end and count < len(table):
+        opcode, length = np.int64(content[position]), np.uint64(0)
+        for k in range(_HEAD - 1, 0, -1):
+            length = (length << np.uint64(8)) | np.uint64(content[position + k])
+        start = position + _HEAD
+        is_message = opcode == _MESSAGE
+        if opcode == NO_OPCODE or length > np.uint64(end - start) or (is_message and length < np.uint64(_MESSAGE_HEAD)):
+            break
+        position = start + np.int64(length)
+        table[count, 0], table[count, 1], table[count, 2] = opcode, start, position
+        count += 1
+    return count, int(position)

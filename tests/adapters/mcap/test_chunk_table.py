@@ -6,9 +6,9 @@ from itertools import chain, takewhile
 
 import pytest
 
-from aerodft.adapters.mcap import chunk_table
-from aerodft.adapters.mcap.chunk_table import message_table, record_tables
+from aerodft.adapters.mcap import reading
 from aerodft.adapters.mcap.chunks import records_in
+from aerodft.adapters.mcap.reading import message_table, record_tables
 
 MESSAGE, FEW = 5, 64
 KNOWN = dict.fromkeys(range(40_000))
@@ -43,7 +43,7 @@ def expected(data: bytes) -> list[tuple[int, int, int]]:
 @pytest.mark.parametrize("most", [FEW, 1 << 16])
 @pytest.mark.parametrize("count", [0, 1, FEW - 1, FEW, FEW + 1, 300])
 def test_records_and_messages_are_those_of_the_format(count: int, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chunk_table, "_MOST", most)
+    monkeypatch.setattr(reading, "_MOST", most)
     dice = random.Random(count)  # noqa: S311 - damage, no secrets
     for turn in range(60):
         data = b"".join(record(dice) for _ in range(count))

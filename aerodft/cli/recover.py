@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.mcap.recovery import Recovery, SegmentRecovery, is_recording, recordings_in, recover_folder
-from aerodft.adapters.mcap.repair import Loss
+from aerodft.adapters.mcap.recovery import Loss, Recovery, SegmentRecovery, is_recording, recordings_in, recover_folder
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.gaps import LOSS
 from aerodft.cli.output import print_json, say

@@ -14,7 +14,7 @@ import pytest
 from mcap.reader import make_reader
 
 from aerodft.adapters.mcap import file as disk
-from aerodft.adapters.mcap import recorder, series, syncing
+from aerodft.adapters.mcap import recorder, series
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.recovery import recover_folder
 from aerodft.adapters.mcap.settings import RecorderSettings
@@ -131,7 +131,7 @@ def test_a_call_that_fails_once_costs_nothing(
     monkeypatch.setattr(recorder, "_SPARE_DATA_BYTES", 1 << 16)
     monkeypatch.setattr(recorder, "_SPARE_IMAGE_BYTES", 1 << 16)
     monkeypatch.setattr(series, "FLUSH_S", 0.0)
-    monkeypatch.setattr(syncing, "SYNC_S", 0.0)
+    monkeypatch.setattr(series, "SYNC_S", 0.0)
     monkeypatch.setattr(series, "RETRY_S", 0.0)
     allocate = disk.allocate
     failed: dict[str, int] = {}
@@ -173,7 +173,7 @@ def test_a_folder_that_vanishes_is_a_loss_that_is_counted(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(series, "FLUSH_S", 0.0)
-    monkeypatch.setattr(syncing, "SYNC_S", 0.0)
+    monkeypatch.setattr(series, "SYNC_S", 0.0)
     settings = RecorderSettings(station="s", camera=CAMERA, lossless=True)
     made = McapRecorder(folder / "r", settings, started_ns=1)
 

@@ -2,6 +2,8 @@
 
 import logging
 import threading
+from collections import deque
+from dataclasses import replace
 from pathlib import Path
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -13,7 +15,6 @@ from aerodft.adapters.jpeg import encode_jpeg
 from aerodft.adapters.lane import Lane
 from aerodft.adapters.mcap.channels import Channel, protobuf_channel
 from aerodft.adapters.mcap.foxglove import compressed_image, compressed_video
-from aerodft.adapters.mcap.pairing import PacketPairing
 from aerodft.adapters.mcap.records import image_sequence
 from aerodft.adapters.mcap.series import Series
 from aerodft.adapters.mcap.settings import RecorderSettings
@@ -25,6 +26,8 @@ _IMAGE_BYTES = 1 << 20  # what an image counts for in the queue
 _LOSSLESS_QUEUE = 1  # images at once where nothing is shed: whoever brings the next one waits until it is encoded
 _NO_IMAGE = 0xFFFFFFFF  # sequence of a packet that became no image
 _SILENCE_NS = 2 * SECOND_NS  # without packets for so long, images are recorded as JPEGs
+
+_MOST_WAITING = 128  # packets: seconds of video, far longer than any image takes to come
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +55,7 @@ class Pictures:
         self._last_image_ns: int | None = None
         self._last_packet_ns: int | None = None
         self._is_decodable = False
-        self._pairing = PacketPairing()
+        self._pairing = _PacketPairing()
         self._packets = threading.Lock()  # they come from the stream's thread, what they wait for from another
         self._failed = 0
         self.offered = self.shed = 0
@@ -139,3 +142,42 @@ class Pictures:
             return
         data = compressed_image(image, jpeg, self._settings.camera.name)
         self._series.write(self._jpeg, image.arrival_ns, data, image_sequence(image.index))
+
+
+class _PacketPairing:
+    """Holds packets until their image is there, or will not come.
+
+    A packet gets the arrival of the image that it became, by which the two find each other in a recording. It comes
+    straight from the stream, its image through the inbox, which says when it arrived; so the packet waits.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[VideoPacket] = deque()
+        self._last_ns = 0
+
+    def add(self, packet: VideoPacket) -> list[VideoPacket]:
+        """Take a packet; returns one that has waited too long."""
+        self._waiting.append(packet)
+        return [self._timed(self._waiting.popleft())] if len(self._waiting) > _MOST_WAITING else []
+
+    def arrived(self, index: int, arrival_ns: int) -> list[VideoPacket]:
+        """The packets up to that of this image, in order; its own with the image's arrival."""
+        done: list[VideoPacket] = []
+        if any(packet.index == index for packet in self._waiting):
+            while not done or done[-1].index != index:
+                packet = self._waiting.popleft()
+                done.append(self._timed(replace(packet, arrival_ns=arrival_ns) if packet.index == index else packet))
+        return done
+
+    def rest(self) -> list[VideoPacket]:
+        """All that still waits."""
+        done = [self._timed(packet) for packet in self._waiting]
+        self._waiting.clear()
+        return done
+
+    def _timed(self, packet: VideoPacket) -> VideoPacket:
+        """The packet, not before the one that was handed out last."""
+        if packet.arrival_ns <= self._last_ns:
+            packet = replace(packet, arrival_ns=self._last_ns + 1)
+        self._last_ns = packet.arrival_ns
+        return packet

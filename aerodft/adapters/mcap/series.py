@@ -8,6 +8,8 @@ is room again, and that is counted.
 import logging
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 
 import numpy as np
 
@@ -18,17 +20,19 @@ from aerodft.adapters.mcap.message_rows import MessageRows
 from aerodft.adapters.mcap.records import Record
 from aerodft.adapters.mcap.segment import Segment
 from aerodft.adapters.mcap.settings import SeriesSettings
-from aerodft.adapters.mcap.syncing import Syncing
 from aerodft.conventions import SECOND_NS
 
 FLUSH_S = 0.25  # chunks are closed at least every 0.5 s, also where whoever calls `tend` comes late
 RETRY_S = 1.0
+SYNC_S = 1.0
 _CHUNK_BYTES = 1 << 20
 _LEAST_CHUNK_BYTES = 4096  # with less room than that a segment is full
 _MESSAGE_BYTES = 64  # what a message takes beside its data, in chunk and index, generously
 _CLOSINGS = 3  # of the last segment: what a failure cuts off goes into another one
 _UNSYNCED_BYTES = 32 << 20  # beyond it, writing waits for the disk
 _RESUME_BYTES = 512 << 10  # less room is not worth a segment
+
+_MUCH_BYTES = 8 << 20  # chunks that the disk may not have are kept: of a flight computed again 30 MB a second
 
 _log = logging.getLogger(__name__)
 
@@ -59,7 +63,7 @@ class Series:
         self._room_bytes, self._until_ns = _CHUNK_BYTES, 0
         self._opened_for_ns: int | None = None
         self._flushed_s = time.monotonic()
-        self._syncing = Syncing(settings.stem)
+        self._syncing = _Syncing(settings.stem)
         self._segment: Segment | None = self._open()
 
     @property
@@ -294,3 +298,51 @@ class Series:
         self._lost += segment.deleted
         self._segment = None
         return chunks
+
+
+class _Syncing:
+    """Waits for the disk in a thread of its own, so that who writes goes on meanwhile; one segment at a time.
+
+    Args:
+        stem: What the thread is called after.
+    """
+
+    def __init__(self, stem: str) -> None:
+        self._began_s = time.monotonic()  # of the last sync; before that of this
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"sync-{stem}")
+        self._running: tuple[Future[None], int, int] | None = None
+
+    def begin_where_due(self, segment: Segment) -> None:
+        """Sync a segment where it is time, or much of it is not synced yet, unless the last sync still goes on."""
+        now_s = time.monotonic()
+        is_due = now_s >= self._began_s + SYNC_S or segment.unsynced_bytes > _MUCH_BYTES
+        if is_due and self._running is None:
+            self._began_s = now_s
+            self._running = (self._thread.submit(segment.sync), *segment.place)
+
+    def ended(self, *, wait: bool) -> tuple[int, int] | None:
+        """What a sync that has ended since the last call has synced, as ``Segment.place`` said it; else None.
+
+        Args:
+            wait: Whether to wait for one that goes on.
+
+        Raises:
+            OSError: It failed.
+        """
+        if self._running is None:
+            return None
+        future, chunks, size = self._running
+        if not (wait or future.done()):
+            return None
+        self._running = None
+        future.result()
+        return chunks, size
+
+    def give_up(self) -> None:
+        """Wait for a sync that goes on, whatever becomes of it."""
+        with suppress(OSError):  # one failure is enough
+            self.ended(wait=True)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._thread.shutdown()

@@ -174,7 +174,7 @@ def of_one_image(
 
 
 def _known(values: FloatArray) -> FloatArray | None:
-    return None if np.all(np.isnan(values)) else values
+    return None if np.isnan(values).all() else values
 
 
 def _tuples(rows: FloatArray | None) -> tuple[tuple[float, ...], ...] | None:

@@ -26,6 +26,7 @@ _LIST = "measurements"
 _MOST_SPLIT_BYTES: Final = 32 << 20  # what the measurements of an image share, once for each
 _BEFORE_PIXELS: Final = ("value", "std", "ci95", "ellipse95")
 _BEHIND_PIXELS: Final = ("ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
+_OWN_AXES: Final = 3  # of pixels that each image has of its own: image, pixel, coordinate
 _ANGLES: Final = {"ellipse95": slice(2, 3), "geo": slice(0, 2)}  # which of the numbers
 
 
@@ -33,11 +34,13 @@ def encode_batch(batch: MeasurementBatch) -> Texts:
     """What was measured in each image as ``aerodft.measurements/1``."""
     kinds = [batch.poses.variant_index, batch.images == NO_IMAGE]
     numbers = [summary_numbers(batch.poses)]
-    own_pixels = [each.pixels for each in batch.requests if np.ndim(each.pixels) > 2]  # noqa: PLR2004 - one set an image
+    has_own_pixels = any(
+        isinstance(each.pixels, np.ndarray) and each.pixels.ndim == _OWN_AXES for each in batch.requests
+    )
     for request, column in zip(batch.requests, batch.columns, strict=True):
         kinds += [column.status, _reasons_index(column)]
         numbers += _numbers(column, _BEFORE_PIXELS)
-        if own_pixels:
+        if has_own_pixels:
             pixels = np.asarray(request.pixels, dtype=np.float64)
             numbers.append(flat(np.broadcast_to(pixels, (len(batch), *pixels.shape[-2:]))))
         numbers += _numbers(column, _BEHIND_PIXELS)
@@ -46,7 +49,7 @@ def encode_batch(batch: MeasurementBatch) -> Texts:
         lambda row: _image_payload(batch, row),
         {"stamp_ns": batch.poses.stamp_ns, "image": batch.images},
         np.concatenate(numbers, axis=1),
-        fixed={"std_px"} if own_pixels else {"std_px", "pixels"},
+        fixed={"std_px"} if has_own_pixels else {"std_px", "pixels"},
     )
 
 

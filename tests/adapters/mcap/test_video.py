@@ -8,10 +8,10 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from aerodft.adapters.images.annexb import PacketTap
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from aerodft.adapters.images.stream import PacketTap
 from aerodft.adapters.mcap import series
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings

@@ -17,8 +17,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
-from aerodft.service.settings import PipelineSettings
-from aerodft.service.watching import WatchSettings
+from aerodft.service.settings import PipelineSettings, WatchSettings
 from calibration.steady_pose import KnownTurn, shift_of, turned_pose, turned_std
 from calibration.steady_state import Look, Looker, SteadyState
 

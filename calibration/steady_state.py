@@ -17,7 +17,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import Steadiness
 from aerodft.model.camera import Camera
 from aerodft.model.observation import Observation
-from aerodft.service.watching import WatchSettings
+from aerodft.service.settings import WatchSettings
 
 _LEAST_AGREEING: Final = 8
 _LEAST_SHARE: Final = 0.2  # of the points: strays agree by chance

@@ -19,8 +19,8 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import PixelSource
 from aerodft.model.status import Status
 from aerodft.service.looking import Lookout
-from aerodft.service.objects import ObjectSettings
 from aerodft.service.pipeline import Pipeline
+from aerodft.service.settings import ObjectSettings
 from aerodft.vision.moving import MovingObjects, MovingOverGround
 from aerodft.vision.reference import LEAST_CORNERS
 from aerodft.vision.river_observer import RiverObserver

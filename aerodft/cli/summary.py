@@ -10,7 +10,7 @@ from aerodft.cli.output import print_json, say
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.watching import steadiness_document, steadiness_sentence
 from aerodft.errors import NoAnswerError
-from aerodft.service.counts import Counts
+from aerodft.service.pipeline import Counts
 
 
 def report(

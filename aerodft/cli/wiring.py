@@ -20,10 +20,10 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
-from aerodft.service.objects import ObjectSettings
 from aerodft.service.outputs import Sink
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Feed, ObjectTracker, Source
+from aerodft.service.settings import ObjectSettings
 from calibration.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
 from calibration.steadiness import SteadyCalibrator

@@ -19,11 +19,10 @@ from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, takes_pixels
 from aerodft.model.status import Status
-from aerodft.service.objects import OBJECTS
 from aerodft.service.outlined import can_answer, request_of, unseen
 from aerodft.service.outputs import Estimate, ImageOutputs, ObservationOutputs, SingleOutput, StepOutputs
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker
-from aerodft.service.settings import PipelineSettings
+from aerodft.service.settings import OBJECTS, PipelineSettings
 from aerodft.service.waiting import Task, WorkList
 
 _LOOKING_DOWN: Final = PoseBatch.of(

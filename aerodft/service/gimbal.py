@@ -8,8 +8,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.telemetry import GimbalTrack, ReportFrame
 from aerodft.service.feed import tick_after
-from aerodft.service.gimbal_frame import FrameDetector, FrameEvidence
-from aerodft.service.gravity import moments
+from aerodft.service.gimbal_frame import FrameDetector, FrameEvidence, moments
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.slew import Demands, demands_before
 from aerodft.service.streams import LAST, Stream

@@ -13,7 +13,7 @@ from aerodft.model.health import FIX_3D
 from aerodft.model.pose import GimbalSource, PoseSample
 from aerodft.model.pose_batch import HORIZONTAL, PoseBatch
 from aerodft.model.status import CODE_OF, Status
-from aerodft.service.health_settings import HealthSettings
+from aerodft.service.settings import HealthSettings
 
 _WARNING_SHARE: Final = 0.8  # of the largest ratio
 _OF_THE_GIMBAL: Final = (GimbalSource.MOUNT_ORIENTATION, GimbalSource.MOUNT_STATUS)  # that cannot say so themselves

@@ -8,7 +8,7 @@ is used from the next stamp on: of what is done on one tick, in the order of the
 
 import threading
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.answering import Answering, Helpers, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of
-from aerodft.service.counts import Counts
 from aerodft.service.intake import Intake
 from aerodft.service.outputs import StepOutputs
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, TelemetryDecoder
@@ -33,6 +32,16 @@ from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.streams import LAST
 from aerodft.service.waiting import RecentImages, Task, WorkList, answer_in_order
+
+
+@dataclass(slots=True)
+class Counts:
+    """What came in and what could not be used."""
+
+    images: int = 0
+    observations: int = 0
+    unknown_probe: int = 0
+    wrong_pixel_count: int = 0
 
 
 class Pipeline:

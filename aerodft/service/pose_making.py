@@ -2,10 +2,11 @@
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Final, cast
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariances
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
@@ -16,19 +17,47 @@ from aerodft.service.attitude_readings import AttitudeBatch
 from aerodft.service.footing import footing, raised
 from aerodft.service.height import DATUM, SOURCES, HeightBatch
 from aerodft.service.places import PlaceBatch
-from aerodft.service.pose_words import (
-    BY_GUESS,
-    BY_HOST,
-    HOME_MOVED,
-    REBOOTED,
-    no_height,
-    no_place,
-    sentence,
-    unplaced,
-)
-from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
+from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
 from aerodft.service.streams import Missing
 from aerodft.service.timing import HOST_STD_S, ClockMap
+
+REBOOTED: Final = "the vehicle rebooted: what it had said before is forgotten"
+HOME_MOVED: Final = "the vehicle rebooted: home may be elsewhere since, and heights above it count from there"
+
+
+BY_GUESS: Final = "the vehicle has not said what UTC is: the receiving machine's clock is taken for it"
+BY_HOST: Final = "the vehicle has not said what UTC is: the stamp is the receiving machine's clock"
+
+
+def unplaced(missing: Missing, settings: HeightSettings) -> PoseSample:
+    """Status and reason of a pose over ground of which nobody knows which part is below."""
+    status, what = Status.NO_HEIGHT, "no position received yet"
+    if missing is Missing.STALE:
+        status, what = Status.STALE_TELEMETRY, no_place(settings)
+    return PoseSample(stamp_ns=0, status=status, reasons=(f"{what}, and the ground is uneven",))
+
+
+def no_place(settings: HeightSettings) -> str:
+    """Why no place is stated, where positions come: none around the stamp, or two between which nothing flies."""
+    return f"no believable position on both sides of the stamp within {settings.max_gap_ns / SECOND_NS:g} s"
+
+
+def no_height(missing: Missing, settings: HeightSettings) -> str:
+    """Why there is no height."""
+    if missing is Missing.NEVER:
+        return sentence("height", missing, settings.order, settings.max_gap_ns)
+    near = {HeightSource.TERRAIN: f" and {settings.terrain_max_distance_m:g} m"}
+    within = (f"{settings.gap_ns(each) / SECOND_NS:g} s{near.get(each, '')} from {each}" for each in settings.order)
+    return f"no height on both sides of the stamp within {', '.join(within)}"
+
+
+def sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:
+    """Why there is none of something that comes from one of several sources."""
+    sources = ", ".join(order)
+    if missing is Missing.NEVER:
+        return f"no {what} received yet from {sources}"
+    return f"no {what} on both sides of the stamp within {max_gap_ns / SECOND_NS:g} s from {sources}"
+
 
 _HOME = SOURCES.index(HeightSource.HOME)
 

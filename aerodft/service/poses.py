@@ -21,7 +21,7 @@ from aerodft.service.pose_making import PoseInputs, PoseMaker, missed
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, LAST, Stream
 from aerodft.service.timing import ClockMap
-from aerodft.service.zoom_sources import ZoomSources
+from aerodft.service.zoom import ZoomSources
 
 
 class PoseSource:

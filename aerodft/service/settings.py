@@ -6,14 +6,117 @@ from typing import Final
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground
-from aerodft.model.camera import Camera
+from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.probe import Probe
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.health_settings import HealthSettings
-from aerodft.service.zoom_settings import ZoomSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchSettings:
+    """What is looked for, and what counts as moved.
+
+    Attributes:
+        limit_rad: A camera that looks farther than this from where it looked has moved.
+        every_s: Least time between two looks.
+        confirm: So many looks in a row must agree.
+        lever_arm_m: From the lens to the joint that it turns about, at the most: a bump moves the lens along.
+        ignore: Polygons of pixels of the reference image that move by themselves: water, trees, roads.
+    """
+
+    limit_rad: float = math.radians(0.2)
+    every_s: float = 1.0
+    confirm: int = 3
+    lever_arm_m: float = 0.2
+    ignore: tuple[tuple[tuple[float, float], ...], ...] = ()
+
+
+OBJECTS: Final = "objects"
+"""Observations of that name are of whatever moves: an outline each, and one without anything where nothing does."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectSettings:
+    """What is looked for in a fixed camera's images, and how it is followed over the ground.
+
+    Attributes:
+        detect: Whether aerodft looks itself; else all outlines come from outside.
+        every_s: Least time between two looks; 0 for every image.
+        shadows: Whether cast shadows are told from what casts them.
+        least_px: What covers fewer pixels is noise.
+        ignore: Polygons of pixels that move by themselves: water, trees, a road that is of no interest.
+        std_px: Of where an outline has its edge.
+        speed_mps: How fast objects are in each direction, a standard deviation, before the second look.
+        acceleration_mps2: How much an object's velocity changes in a second, a standard deviation.
+        confirm: Looks that have to see an object before it is one.
+        forget_s: An object that is not seen for so long is given up.
+        distances_within_m: Distances are measured between objects that are this close; 0 for none.
+    """
+
+    detect: bool = True
+    every_s: float = 0.0
+    shadows: bool = True
+    least_px: int = 60
+    ignore: tuple[tuple[tuple[float, float], ...], ...] = ()
+    std_px: float = 2.0
+    speed_mps: float = 3.0
+    acceleration_mps2: float = 0.5
+    confirm: int = 3
+    forget_s: float = 5.0
+    distances_within_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZoomSettings:
+    """The camera file is the reference: what is followed is the focal length over that of the file.
+
+    Attributes:
+        order: The first source that is live wins; none where the camera's file always holds.
+        level: Zoom, as a share of its range, at which the camera file holds.
+        curve: Zoom and focal length over that at any fixed zoom, ascending, from 0 to 1; empty where it is not known.
+        reported_hfov_rad: What the vehicle reports where the camera file holds; None for the file's own.
+        hfov_std_rad: Standard deviation of reported fields of view.
+        std_per_doubling: Relative standard deviation of the focal length for each doubling against the file's.
+        camera: Whose reports count: up to 6 the number of a camera that the autopilot speaks for, from 7 on a camera's
+            component id; None where there is one.
+        stream: Number of the camera's video stream whose reports count; None for the first heard.
+        max_gap_ns: Longest gap between two reports that is interpolated over.
+    """
+
+    order: tuple[ZoomSource, ...] = tuple(ZoomSource)
+    level: float = 0.0
+    curve: tuple[tuple[float, float], ...] = ()
+    reported_hfov_rad: float | None = None
+    hfov_std_rad: float = math.radians(0.5)
+    std_per_doubling: float = 0.02
+    camera: int | None = None
+    stream: int | None = None
+    max_gap_ns: int = 2 * SECOND_NS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HealthSettings:
+    """Limits; what is beyond the first two has no answer, the others are remarked on.
+
+    Attributes:
+        heartbeat_ns: Longest silence of the autopilot's HEARTBEAT.
+        max_ratio: Largest test ratio of the estimator: innovations over their gates, of which it refuses those above 1.
+        gps_ns: Longest silence of the receiver.
+        horizontal_std_m: Largest standard deviation of the receiver's position.
+        vertical_std_m: Likewise.
+        loss_share: Largest share of the autopilot's frames that may be lost.
+        window_ns: Over which the share is counted.
+    """
+
+    heartbeat_ns: int = 5 * SECOND_NS
+    max_ratio: float = 1.0
+    gps_ns: int = 4 * SECOND_NS
+    horizontal_std_m: float = 3.0
+    vertical_std_m: float = 5.0
+    loss_share: float = 0.1
+    window_ns: int = 10 * SECOND_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,17 +1,127 @@
 """What one camera reports of its view at a stamp, held against the camera file."""
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from typing import Final, cast
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.camera import Camera, ZoomSource
-from aerodft.model.telemetry import CameraTrack
+from aerodft.model.camera import Camera, Zoom, ZoomSource
+from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.status import CODE_OF, Status
+from aerodft.model.telemetry import CameraTrack, Track
+from aerodft.service.settings import ZoomSettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
-from aerodft.service.zoom_reports import ViewBatch, ViewReports
-from aerodft.service.zoom_settings import ZoomSettings
+
+_LATE: Final = 1.5  # periods that a report of a live source is waited for
+_SAME: Final = 0.002  # focal lengths this close, as a share, are one: 32 bits bring them back with an error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewBatch:
+    """What is reported of a focal length at ``n`` stamps; NaN where there is nothing.
+
+    Attributes:
+        value: ``(n,)`` the focal length, in the unit of the reports.
+        jump_std: ``(n,)`` standard deviation by not knowing when between two reports it changed.
+        age_s: ``(n,)`` since the newest report that is not after the stamp.
+        is_silent: ``(n,)`` whether reports that came regularly have stopped.
+        missing: ``(n,)`` why there is none, as ``Missing``.
+    """
+
+    value: FloatArray
+    jump_std: FloatArray
+    age_s: FloatArray
+    is_silent: BoolArray
+    missing: IntArray
+
+
+class ViewReports:
+    """Focal lengths as one source reports them, in a unit of its own.
+
+    Attributes:
+        is_live: Whether a report has differed from the first: a parameter that somebody typed in does not.
+        size_px: Width and height of the images as last reported; None where they never were.
+    """
+
+    def __init__(self, max_gap_ns: int, stream: int | None) -> None:
+        self.is_live = False
+        self.size_px: tuple[int, int] | None = None
+        self._number = stream
+        self._first: float | None = None
+        self.stream = Stream(max_gap_ns)
+
+    def changes_nothing(self, track: CameraTrack, focal: FloatArray) -> bool:
+        """Whether reports of several ticks may be appended at once: what is known for good stays as it is."""
+        own = track.stream == self._number
+        sizes = track.size_px[own & np.all(track.size_px > 0, axis=-1)]
+        if self._number is None or self._first is None or np.any(sizes != self.size_px):
+            return False
+        return self.is_live or not self._has_changed(focal[own & np.isfinite(focal)])
+
+    def append(
+        self, track: CameraTrack, focal: FloatArray, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None
+    ) -> None:
+        """Take in the reports of a step: those of the stream that was heard first, or is asked for."""
+        if self._number is None and len(track.stream):
+            self._number = int(track.stream[0])
+        own = track.stream == self._number
+        sized = own & np.all(track.size_px > 0, axis=-1)
+        if np.any(sized):
+            width, height = track.size_px[np.flatnonzero(sized)[-1]].tolist()
+            self.size_px = (width, height)
+        known = own & np.isfinite(focal)
+        if not np.any(known):
+            return
+        if self._first is None:
+            self._first = float(focal[known][0])
+        self.is_live = self.is_live or self._has_changed(focal[known])
+        ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(known)])[row_end_by_tick]
+        self.stream.append(stamps_ns[known], ends, focal=focal[known])
+
+    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> ViewBatch:
+        """Focal lengths at stamps ``(n,)``: between two reports where they are near, else as last reported.
+
+        A change between two reports may have been at any time: the mean of that is the line between them, and the
+        variance that of a coin that falls as often as the stamp is past the change. Arguments as in ``Stream.find``.
+        """
+        nothing = np.full(len(stamps_ns), np.nan)
+        if self.stream.is_empty:
+            never = np.full(len(stamps_ns), int(Missing.NEVER))
+            return ViewBatch(nothing, nothing, nothing, np.full(len(stamps_ns), fill_value=False), never)
+        samples_ns, focal = self.stream.stamps_ns, self.stream.column("focal")
+        first, end = self.stream.rows_known_at(ticks)
+        period_ns = self._period_ns(first, end)
+        before = self.stream.last_before(stamps_ns, ticks)
+        after = np.minimum(before + 1, np.maximum(end - 1, 0))
+        is_last = before + 1 >= end
+        gap_ns = samples_ns[after] - samples_ns[before]
+        is_between = ~is_last & (gap_ns <= self.stream.max_gap_ns)
+        weight = np.where(is_between, (stamps_ns - samples_ns[before]) / np.maximum(gap_ns, 1), 0.0)
+        change = np.where(is_between, focal[after] - focal[before], 0.0)
+        age_s = (stamps_ns - samples_ns[before]) / SECOND_NS
+        is_regular = (period_ns > 0) & (period_ns <= self.stream.max_gap_ns)
+        newest_ns = samples_ns[np.maximum(end, 1) - 1]
+        waits = is_last & (newest_ns < stamps_ns) & is_regular & (watermark_ns - newest_ns <= _LATE * period_ns)
+        missing = np.where(end == first, Missing.NEVER, np.where(waits, Missing.PENDING, Missing.NO))
+        missing = np.where((before < 0) & ~waits, Missing.NEVER, missing)
+        is_silent = (period_ns > 0) & (age_s > np.maximum(self.stream.max_gap_ns, 3 * period_ns) / SECOND_NS)
+        jump_std = np.abs(change) * np.sqrt(weight * (1 - weight))
+        return ViewBatch(focal[before] + weight * change, jump_std, age_s, is_silent, missing)
+
+    def _has_changed(self, focal: FloatArray) -> bool:
+        return self._first is not None and bool(np.any(np.abs(focal - self._first) > _SAME * self._first))
+
+    def _period_ns(self, first: IntArray, end: IntArray) -> IntArray:
+        """Between the last two reports before rows ``end (n,)``; 0 before there are two."""
+        samples_ns = self.stream.stamps_ns
+        last, earlier = np.maximum(end - 1, 0), np.maximum(end - 2, 0)
+        return np.where(end - first > 1, samples_ns[last] - samples_ns[earlier], 0)
+
 
 LEVEL_SLACK: Final = 0.005
 """Zooms this close, as shares of their range, are the same."""
@@ -180,3 +290,113 @@ def apart_std_rad(settings: ZoomSettings, source: ZoomSource, camera: Camera) ->
 def _hfov_std_rad(settings: ZoomSettings, source: ZoomSource) -> float:
     whole = source is ZoomSource.VIDEO_STREAM_INFORMATION
     return math.hypot(settings.hfov_std_rad, _ROUNDING_STD_RAD if whole else 0.0)
+
+
+class ZoomSources:
+    """All that a vehicle reports of its cameras.
+
+    Args:
+        settings: How it is read, and which camera makes the images.
+        camera: As its file has it.
+    """
+
+    def __init__(self, settings: ZoomSettings, camera: Camera) -> None:
+        self._settings = settings
+        self._camera = camera
+        self._cameras: dict[int, CameraReports] = {}
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether any camera that counts has said something."""
+        return bool(self._cameras)
+
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams, to be forgotten or moved when clocks jump."""
+        return tuple(stream for camera in self._cameras.values() for stream in camera.streams())
+
+    def may_append_ticks(self, track: Track) -> bool:
+        """Whether a track of several ticks may be appended at once."""
+        if not isinstance(track, CameraTrack) or track.source not in self._settings.order:
+            return True
+        numbers = [number for number in np.unique(track.device).tolist() if self._settings.camera in {None, number}]
+        return all(
+            number in self._cameras and self._cameras[number].may_append_ticks(_of_camera(track, number)[0])
+            for number in numbers
+        )
+
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take a track of a step in, if it is of a camera that counts; as ``Stream.append``."""
+        if not isinstance(track, CameraTrack) or track.source not in self._settings.order:
+            return
+        for number in np.unique(track.device).tolist():
+            if self._settings.camera in {None, number}:
+                reports = self._cameras.setdefault(number, CameraReports(self._settings, self._camera))
+                own, is_own = _of_camera(track, number)
+                ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(is_own)])[row_end_by_tick]
+                reports.append(own, stamps_ns[is_own], ends)
+
+    def commit(self) -> None:
+        """The ticks so far are over."""
+        for stream in self.streams():
+            stream.commit()
+
+    def applied(self, poses: PoseBatch, ticks: IntArray, watermark_ns: IntArray) -> tuple[PoseBatch, BoolArray]:
+        """Poses with the camera's zoom and what contradicts the camera's file.
+
+        Args:
+            poses: ``(n,)``.
+            ticks: ``(n,)`` as in ``Stream.find``.
+            watermark_ns: ``(n,)`` as in ``Stream.find``.
+
+        Returns:
+            The poses, and where a report that matters may still come.
+        """
+        is_ok = poses.status == CODE_OF[Status.OK]
+        if not self._cameras or not np.any(is_ok):
+            return poses, np.full(len(poses), fill_value=False)
+        asked = poses.stamp_ns, ticks, watermark_ns
+        found = {number: camera.at(*asked) for number, camera in sorted(self._cameras.items())}
+        is_pending = np.logical_or.reduce([zoom.is_pending for zoom in found.values()]) & is_ok
+        zoom = next(iter(found.values())) if len(found) == 1 else _of_several(found)
+        keys = [
+            (zoom.sources[k], zoom.reasons[k], bool(zoom.is_unknown[k])) if is_ok[k] else (None, (), False)
+            for k in range(len(poses))
+        ]
+        varied = poses.varied(keys, _varied)
+        is_zoomed = is_ok & ~zoom.is_unknown & ~np.isnan(zoom.magnification)
+        numbers = np.where(is_zoomed[:, None], np.stack([zoom.magnification, zoom.std], axis=-1), poses.zoom)
+        return replace(varied, zoom=numbers), is_pending
+
+
+def _of_camera(track: CameraTrack, number: int) -> tuple[CameraTrack, BoolArray]:
+    """The rows of one camera, and which rows these are."""
+    own = track.device == number
+    return track.rows(own, boot_ns=track.boot_ns), own
+
+
+def _varied(sample: PoseSample, key: Hashable) -> PoseSample:
+    """A sample without its numbers, with a zoom of that source, reasons, and whether the focal length is unknown."""
+    source, reasons, is_unknown = cast("tuple[ZoomSource | None, tuple[str, ...], bool]", key)
+    if is_unknown:
+        return replace(sample, status=Status.CAMERA_ZOOMED, reasons=(*reasons, *sample.reasons))
+    zoom = None if source is None else Zoom(magnification=math.nan, std=math.nan, source=source)
+    return replace(sample, zoom=zoom, reasons=(*sample.reasons, *reasons))
+
+
+def _of_several(cameras: dict[int, ZoomBatch]) -> ZoomBatch:
+    """What cameras say of which none is chosen: whose images these are matters as soon as one of them is zoomed."""
+    numbers = ", ".join(map(str, cameras))
+    choose = f"several cameras report ({numbers}), and not the same zoom: set telemetry.zoom.camera to one of them"
+    found = ZoomBatch.of_file(len(next(iter(cameras.values())).reasons))
+    for row in range(len(found.reasons)):
+        said = tuple(f"camera {number}: {why}" for number, zoom in cameras.items() for why in _reasons(zoom, row))
+        matters = any(zoom.sources[row] is not None or zoom.is_unknown[row] for zoom in cameras.values())
+        found.is_unknown[row] = matters
+        found.reasons[row] = (choose, *said) if matters else said
+    return found
+
+
+def _reasons(zoom: ZoomBatch, row: int) -> tuple[str, ...]:
+    source = zoom.sources[row]
+    own = () if source is None else (f"{source} says zoom x {zoom.magnification[row]:.2f}",)
+    return (*own, *zoom.reasons[row])

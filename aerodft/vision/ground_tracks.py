@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.uncertainty import CHI2_2D_95
 from aerodft.model.arrays import FloatArray
-from aerodft.service.objects import ObjectSettings
+from aerodft.service.settings import ObjectSettings
 from aerodft.vision.sights import Sight
 
 GATE: Final = 13.815510557964274

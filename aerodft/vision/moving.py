@@ -16,7 +16,7 @@ from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
-from aerodft.service.objects import OBJECTS, ObjectSettings
+from aerodft.service.settings import OBJECTS, ObjectSettings
 from aerodft.vision.blobs import (
     MOST_OUTLINES,
     TOO_MANY,

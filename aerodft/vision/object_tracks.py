@@ -26,7 +26,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.objects import ObjectSettings
+from aerodft.service.settings import ObjectSettings
 from aerodft.vision.ground_tracks import GroundTrack, GroundTracks
 from aerodft.vision.sights import below_top, ground_at, sights
 

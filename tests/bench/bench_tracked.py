@@ -19,7 +19,7 @@ from aerodft.model.image import Image
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.objects import ObjectSettings
+from aerodft.service.settings import ObjectSettings
 from aerodft.sim.plan import survey
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River

@@ -18,8 +18,7 @@ from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.settings import PipelineSettings
-from aerodft.service.watching import WatchSettings
+from aerodft.service.settings import PipelineSettings, WatchSettings
 from calibration.steadiness import SteadyCalibrator
 from calibration.steady_pose import KnownTurn, turned_pose
 from calibration.steady_state import Look, SteadyState, Verdict

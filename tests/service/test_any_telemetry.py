@@ -13,7 +13,7 @@ from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.zoom_settings import ZoomSettings
+from aerodft.service.settings import ZoomSettings
 
 MS = 1_000_000
 SPECIAL = (0.0, 1.0, -1.0, 50.0, -1e4, 1e-40, 1e30, math.nan, math.inf, -math.inf)

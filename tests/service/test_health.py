@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.model.health import EstimatorTrack, GpsTrack
 from aerodft.model.status import Status
 from aerodft.service.health import HealthSources
-from aerodft.service.health_settings import HealthSettings
+from aerodft.service.settings import HealthSettings
 
 MS = 1_000_000
 SECONDS = 14.0

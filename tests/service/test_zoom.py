@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.zoom_settings import ZoomSettings
+from aerodft.service.settings import ZoomSettings
 
 MS = 1_000_000
 HFOV_RAD = 1.1

@@ -14,7 +14,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.objects import OBJECTS, ObjectSettings
+from aerodft.service.settings import OBJECTS, ObjectSettings
 from aerodft.vision.moving import MovingObjects
 from aerodft.vision.object_tracks import ObjectTracks
 from tests.truth import walkers as yard

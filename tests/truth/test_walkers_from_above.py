@@ -14,7 +14,7 @@ from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.objects import ObjectSettings
+from aerodft.service.settings import ObjectSettings
 from aerodft.sim.world import Post
 from aerodft.vision.moving import MovingOverGround
 from aerodft.vision.object_tracks import ObjectTracks

@@ -7,7 +7,7 @@ from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
-from aerodft.service.objects import ObjectSettings
+from aerodft.service.settings import ObjectSettings
 from aerodft.vision.moving import MovingObjects, observations_of
 
 WIDTH, HEIGHT = 480, 270

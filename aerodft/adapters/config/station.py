@@ -10,9 +10,7 @@ from aerodft.adapters.images.clock import ImageClock
 from aerodft.conventions import SECOND_NS
 from aerodft.model.calibration import Calibration
 from aerodft.model.marker import MarkerSurvey
-from aerodft.service.objects import ObjectSettings
-from aerodft.service.settings import LiveCalibration, PipelineSettings
-from aerodft.service.watching import WatchSettings
+from aerodft.service.settings import LiveCalibration, ObjectSettings, PipelineSettings, WatchSettings
 from aerodft.vision.river_status import RiverLook
 
 

@@ -12,10 +12,8 @@ from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.health import FIX_3D, RATIOS, EstimatorTrack, GpsTrack, HeartbeatTrack, LinkTrack
 from aerodft.model.telemetry import CameraTrack, Track
-from aerodft.service.health_settings import HealthSettings
-from aerodft.service.settings import TelemetrySettings
+from aerodft.service.settings import HealthSettings, TelemetrySettings, ZoomSettings
 from aerodft.service.zoom import LEVEL_SLACK, apart_std_rad
-from aerodft.service.zoom_settings import ZoomSettings
 
 _SAME_DEG: Final = 0.1
 _NOTABLE_LOSS: Final = 0.01

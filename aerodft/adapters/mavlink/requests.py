@@ -18,7 +18,7 @@ from aerodft.model.arrays import IntArray
 from aerodft.model.camera import ZoomSource
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
-from aerodft.service.zoom_settings import ZoomSettings
+from aerodft.service.settings import ZoomSettings
 
 ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
 PX4: Final = dialect.MAV_AUTOPILOT_PX4

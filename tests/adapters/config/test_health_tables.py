@@ -7,8 +7,7 @@ from pydantic import ValidationError
 
 from aerodft.adapters.config.tables import keys_of, value_of
 from aerodft.adapters.config.telemetry_tables import HealthTable, ZoomTable
-from aerodft.service.health_settings import HealthSettings
-from aerodft.service.zoom_settings import ZoomSettings
+from aerodft.service.settings import HealthSettings, ZoomSettings
 
 percents = st.decimals(0, 100, places=3).map(float)
 

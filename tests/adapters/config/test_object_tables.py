@@ -9,7 +9,7 @@ from aerodft.adapters.config.resolved import resolved_toml
 from aerodft.adapters.config.station import StationConfig
 from aerodft.errors import ConfigError
 from aerodft.model.probe import PixelSource
-from aerodft.service.objects import ObjectSettings
+from aerodft.service.settings import ObjectSettings
 
 CAMERA = '[camera]\nname = "c"\nwidth_px = 640\nheight_px = 480\nhfov_deg = 60\n'
 FIXED = "[pose]\nheight_agl_m = 5\ntilt_deg = 60\n"

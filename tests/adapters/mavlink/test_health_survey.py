@@ -8,8 +8,7 @@ import pytest
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
 from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.telemetry import NO_BOOT_TIME, CameraTrack
-from aerodft.service.settings import TelemetrySettings
-from aerodft.service.zoom_settings import ZoomSettings
+from aerodft.service.settings import TelemetrySettings, ZoomSettings
 
 
 def _track(

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink.requests import ARDUPILOT, OFF, PX4, MessageRequest, wanted, wanted_of_cameras
 from aerodft.adapters.mavlink.streams import Parameters, Stream
 from aerodft.model.camera import ZoomSource
-from aerodft.service.zoom_settings import ZoomSettings
+from aerodft.service.settings import ZoomSettings
 
 # What ArduPilot's parameter documentation says that each rate is of.
 ARDUPILOTS_GROUPS = {

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.allocation import keep_little
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.flight import open_flight
 from aerodft.cli.looking import build_eyes
@@ -36,7 +35,6 @@ def measure_flight(
     Raises:
         AerodftError: A file cannot be read, or nothing could be measured.
     """
-    keep_little()
     tally, pipeline = Tally(), build_pipeline(station)
     eyes = build_eyes(station, pipeline, where, may_record=log is not None and is_mcap(log))
     flight = open_flight(station, log, (*station.observations.files, *observations), eyes.lookouts)

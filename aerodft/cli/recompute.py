@@ -1,6 +1,5 @@
 """``aerodft recompute``: the same pipeline over a recording's raw input, or over that of many recordings."""
 
-import gc
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +8,6 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
-from aerodft.cli.allocation import keep_little
-from aerodft.cli.collector import without_collector
 from aerodft.cli.computed_from import COMPUTED_FROM, computed_from, computed_from_toml
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.output import progress_bar, say
@@ -107,10 +104,7 @@ def _measure_foreign(
 def _recompute_one(
     folder: Path, output: Path, config: Path | None, calibration: Path | None, *, vision: bool, as_json: bool
 ) -> None:
-    keep_little()
-    with without_collector():
-        ready = prepare(folder, config, calibration, vision=vision)
-    gc.freeze()  # what is loaded stays: it need not be looked through again
+    ready = prepare(folder, config, calibration, vision=vision)
     old, tally, source = ready.recording, Tally(), computed_from(ready)
     texts = {COMPUTED_FROM: computed_from_toml(source)}
     recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -13,7 +13,6 @@ from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
-from aerodft.cli.collector import without_collector
 from aerodft.cli.output import say
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.answers import ImageAnswers
@@ -193,17 +192,6 @@ def run(
         on_tick: Called with the time that has been reached.
         span_ns: Ticks that are advanced by at once: nothing comes out before the last; 0 for one by one, live.
     """
-    with without_collector() if span_ns else nullcontext():
-        _drive(feed, pipeline, sinks, on_tick, span_ns)
-
-
-def _drive(
-    feed: Feed,
-    pipeline: Pipeline,
-    sinks: tuple[Sink, ...],
-    on_tick: Callable[[int], None] | None,
-    span_ns: int,
-) -> None:
     if span_ns and isinstance(feed, SpanFeed):
         for batches in feed.spans(span_ns):
             made = pipeline.advance(batches)

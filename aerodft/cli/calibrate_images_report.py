@@ -7,8 +7,8 @@ from typing import Any
 
 from aerodft import __version__
 from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.cli.calibrate_report_marks import Row, rows_of_images
 from aerodft.cli.calibrate_report_plots import draw_residuals
-from aerodft.cli.calibrate_report_rows import Row, rows_of_images
 from aerodft.cli.calibrate_report_text import (
     LAST_COLUMN,
     bullets,

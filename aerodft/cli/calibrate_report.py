@@ -8,8 +8,8 @@ from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.images.pixels import StillPixels
 from aerodft.cli.calibrate_report_grid import axes_of, ground_grid
 from aerodft.cli.calibrate_report_image import Picture, draw_picture
+from aerodft.cli.calibrate_report_marks import rows_of
 from aerodft.cli.calibrate_report_plots import draw_residuals
-from aerodft.cli.calibrate_report_rows import rows_of
 from aerodft.cli.calibrate_report_text import markdown, residual_table
 from aerodft.cli.output import say
 from aerodft.errors import InputError

@@ -13,7 +13,7 @@ import numpy as np
 from aerodft import __version__
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import takes_degrees
-from aerodft.cli.calibrate_report_rows import Row
+from aerodft.cli.calibrate_report_marks import Row
 from aerodft.cli.calibrate_words import decimals, document, values_of
 from aerodft.dft.projection import INTRINSICS
 from aerodft.model.measurement import ProjectionModel

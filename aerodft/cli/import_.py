@@ -12,7 +12,7 @@ from aerodft.adapters.config.inputs import ImageInput, Rate, Stills, VideoFile, 
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.flight_run import measure_flight
+from aerodft.cli.flight import measure_flight
 from aerodft.cli.output import say
 from aerodft.cli.times import parse_utc
 from aerodft.cli.topics import TopicOption, parse_topics

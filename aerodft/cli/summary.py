@@ -1,15 +1,18 @@
 """What a run says when it is over: what was recorded and measured, and what was lost."""
 
+import math
 from collections.abc import Mapping
+from datetime import UTC, datetime
 
 import typer
 
 from aerodft.adapters.mcap.totals import RecordingTotals
 from aerodft.cli.gaps import LOSS, end_with_gaps
 from aerodft.cli.output import print_json, say
-from aerodft.cli.watching import steadiness_document, steadiness_sentence
 from aerodft.cli.wiring import Tally
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
+from aerodft.model.calibration import SteadinessEstimate
 from aerodft.service.counts import Counts
 
 
@@ -114,3 +117,30 @@ def _refuse_emptiness(totals: RecordingTotals, tally: Tally) -> None:
 
 def _listed(counter: dict[str, int]) -> str:
     return ", ".join(f"{number} {status}" for status, number in counter.items()) or "none"
+
+
+def steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:
+    """What a run's summary says of the camera at the end."""
+    return {
+        "state": estimate.state,
+        "since": _utc(estimate.since_ns),
+        "turned_deg": _turned_deg(estimate),
+        "moved_since": None if estimate.moved_ns is None else _utc(estimate.moved_ns),
+        "points": estimate.points,
+    }
+
+
+def steadiness_sentence(estimate: SteadinessEstimate) -> str:
+    """The same for people."""
+    said = f"{estimate.state} since {_utc(estimate.since_ns)}"
+    if estimate.moved_ns is not None:
+        return f"{said}; turned by {_turned_deg(estimate):.2f} deg at {_utc(estimate.moved_ns)}"
+    return f"{said}; turned by {_turned_deg(estimate):.3f} deg, within the limit"
+
+
+def _turned_deg(estimate: SteadinessEstimate) -> float:
+    return math.degrees(math.hypot(*estimate.turn_rad))
+
+
+def _utc(stamp_ns: int) -> str:
+    return f"{datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC):%Y-%m-%dT%H:%M:%SZ}"

@@ -86,7 +86,7 @@ def calibrate_flight(
     if why_not is not None:
         raise why_not
     if outputs.report is not None:
-        from aerodft.cli.calibrate_images_report import write_images_report  # noqa: PLC0415 - matplotlib is slow
+        from aerodft.cli.calibrate_report import write_images_report  # noqa: PLC0415 - matplotlib is slow
 
         write_images_report(result, found, images_document(result, found, None), outputs.report)
     if outputs.calibration is not None:

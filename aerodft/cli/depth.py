@@ -7,11 +7,10 @@ from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
-import orjson
 
 from aerodft.adapters.georaster import write_top_view
 from aerodft.adapters.images.pixels import read_camera_image
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import json_bytes, output_folder, print_json, say
 from aerodft.dft.depth_map import DepthMap, Z, depth_map, measured_plane
 from aerodft.dft.depth_spread import range_std
 from aerodft.dft.limits import MAX_RELATIVE_RANGE_STD
@@ -255,19 +254,11 @@ def write_depth(
     pixels = None if image is None else read_camera_image(image, setup.camera, hint)
     scene = scene_of(setup, sample, max_range_m)
     document = describe(scene)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with output_folder(folder, "the depth map"):
         _write_arrays(scene, folder / "depth.npz")
         title = f"Slant range to {ground_in_words(document['ground'])}"
         draw_depth(scene.seen, horizon_line(scene.camera, scene.pose), title, folder / "depth.png")
         (folder / "footprint.geojson").write_bytes(_footprint(scene, document))
-    except OSError as error:
-        raise InputError(
-            "the depth map cannot be written",
-            where=folder,
-            got=error.strerror or error,
-            expected="a folder to write to",
-        ) from error
     names = ["depth.npz", "depth.png", "footprint.geojson"]
     if pixels is not None:
         document["top_view"], more = _write_top_view(scene, pixels, step_m, folder)
@@ -310,8 +301,7 @@ def _footprint(scene: Scene, document: dict[str, Any]) -> bytes:
             properties["coordinates"] = "ground frame: X right, Y ahead of the camera, m"
         geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
         features.append({"type": "Feature", "properties": properties, "geometry": geometry})
-    collection = {"type": "FeatureCollection", "features": features}
-    return orjson.dumps(collection, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
+    return json_bytes({"type": "FeatureCollection", "features": features})
 
 
 def _places(scene: Scene, corners_en_m: FloatArray) -> list[list[float]]:

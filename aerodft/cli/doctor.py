@@ -19,9 +19,8 @@ from aerodft.adapters.mavlink.findings import document, notes, problems
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
 from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
+from aerodft.cli.option_values import MOST_SECONDS, TopicOption, parse_topics
 from aerodft.cli.output import tables
-from aerodft.cli.times import MOST_SECONDS
-from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.gimbal_frame import FrameEvidence

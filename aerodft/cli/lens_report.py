@@ -11,9 +11,8 @@ import matplotlib as mpl
 import numpy as np
 
 from aerodft import __version__
-from aerodft.cli.lens_output import notes, parameter_rows
-from aerodft.cli.lens_run import LensRun
-from aerodft.errors import InputError
+from aerodft.cli.lens_run import LensRun, notes, parameter_rows
+from aerodft.cli.output import output_folder
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import LensModel
 from calibration.lens.coverage import covered_cells, distortion_px, missing, ray_std_px
@@ -61,13 +60,10 @@ def write_lens_report(run: LensRun, folder: Path) -> list[str]:
     Raises:
         InputError: The folder cannot be written to.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with output_folder(folder, "the report", expected=None):
         figures = draw_lens(run, folder)
         page = folder / "report.html"
         page.write_text(_page(run, figures), encoding="utf-8")
-    except OSError as error:
-        raise InputError("the report cannot be written", where=folder, got=error.strerror or error) from error
     return [str(page), *map(str, figures.values())]
 
 

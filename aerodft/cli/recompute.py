@@ -11,11 +11,11 @@ import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.cli.ending import Interruptible
+from aerodft.cli.option_values import TopicOption, parse_topics
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.recompute_many import Many, are_many, recompute_many
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.summary import report
-from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.cli.wiring import RECORDED_SPAN_NS, Tally, build_recorder, closing_recorder, run
 from aerodft.errors import InputError, UsageError
 from replay.dataset import recording_hash

@@ -11,8 +11,7 @@ import typer
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
 from aerodft.adapters.config.resolved import resolved_toml
-from aerodft.cli.gaps import LOSS, gaps
-from aerodft.cli.output import print_json, progress_bar, say
+from aerodft.cli.output import LOSS, gaps, print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.wiring import Tally, run
 from aerodft.dft.answers import ImageAnswers

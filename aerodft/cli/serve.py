@@ -26,12 +26,12 @@ from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_eyes
+from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
 from aerodft.cli.recover import recovering_beside
 from aerodft.cli.rehearsal import rehearse
 from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
-from aerodft.cli.times import MOST_SECONDS
 from aerodft.cli.wiring import Tally, build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Request

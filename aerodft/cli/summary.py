@@ -7,8 +7,7 @@ from datetime import UTC, datetime
 import typer
 
 from aerodft.adapters.mcap.totals import RecordingTotals
-from aerodft.cli.gaps import LOSS, end_with_gaps
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import LOSS, end_with_gaps, print_json, say
 from aerodft.cli.wiring import Tally
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError

@@ -10,7 +10,6 @@ import typer
 from rich.table import Table
 
 from aerodft.adapters.codec.measurement import MeasurementEncoder
-from aerodft.adapters.config.calibration import load_calibrated_pose
 from aerodft.cli.option_values import TopicOption, parse_topics
 from aerodft.cli.output import print_json, say, tables
 from aerodft.cli.pose_options import (
@@ -27,7 +26,6 @@ from aerodft.cli.pose_options import (
     StdOption,
     Stds,
     TiltOption,
-    calibrated,
     given_scene,
     parse_stds,
     refuse_beside,
@@ -132,12 +130,8 @@ def measure(
             refuse_beside({"camera": camera}, "--config")
         files = {"config": config, "calibration": calibration, "camera": camera}
         setup, sample, stds = _recorded(recording, at, model, std, topic, files)
-    elif calibration is not None and load_calibrated_pose(calibration) is not None:
-        pose.refuse_all("--calibration")
-        setup, sample, stds = calibrated(calibration, camera, model, std, terms)
     else:
-        stds = pose.stds(std)
-        setup, sample = given_scene(pose, terms, camera, calibration, model, stds)
+        setup, sample, stds = given_scene(pose, terms, camera, calibration, model, std)
     setup = MeasuredLevel.of(elevation, max_range, stds).on(setup)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:

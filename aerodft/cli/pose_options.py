@@ -1,7 +1,7 @@
 """Camera, pose, ground and their stds, as the commands about one image are told them."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,7 @@ import typer
 from aerodft.adapters.config.calibration import load_calibrated_lens, load_calibrated_pose, load_calibration
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.covariance import load_covariance
-from aerodft.adapters.config.fixed_pose import pose_sample
+from aerodft.adapters.config.fixed_pose import FixedPose, pose_sample
 from aerodft.conventions import LARGEST
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError, UsageError
@@ -369,58 +369,68 @@ def given_scene(
     camera: Path | None,
     calibration: Path | None,
     model: ProjectionModel | None,
-    stds: Stds,
-) -> tuple[Setup, PoseSample]:
-    """Camera, ground and pose out of options.
+    std: str | None,
+    *,
+    says_exact: bool = False,
+) -> tuple[Setup, PoseSample, Stds]:
+    """Camera, ground and pose out of options, and how well they are known.
 
     Args:
         pose: The pose.
         ground: The ground.
         camera: The camera's file.
-        calibration: What telemetry is off by, where that is known.
-        model: Projection model; None for the pinhole.
-        stds: How well the pose and the camera are known.
+        calibration: Pose and lens, in place of the camera and the pose; or what telemetry is off by.
+        model: Projection model; None for the calibration's, else the pinhole.
+        std: As ``--std`` was given.
+        says_exact: Say which part of the pose ``std`` leaves out and thereby takes as exact.
 
     Raises:
         UsageError: There is no camera, or options do not go together.
         InputError: Something is impossible.
     """
+    if calibration is not None and (fixed := load_calibrated_pose(calibration)) is not None:
+        pose.refuse_all("--calibration")
+        return _calibrated(calibration, fixed, camera, model, std, ground)
+    stds = pose.stds(std)
+    if says_exact and std is not None and pose.covariance is None:
+        stds = replace(stds, assumptions=tuple(_taken_as_exact(stds.pose)))
     surface, origin = ground.ground(pose.origin)
     if camera is None:
         raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
     lens = stds.on_camera(load_camera(camera))
     setup = Setup(camera=lens, model=model or ProjectionModel.PINHOLE, ground=surface)
     sample = pose.sample(stds, origin)
-    return (setup, sample) if calibration is None else _corrected(setup, sample, calibration)
+    return (*(_corrected(setup, sample, calibration) if calibration else (setup, sample)), stds)
 
 
-def calibrated(
-    path: Path, camera: Path | None, model: ProjectionModel | None, std: str | None, terms: GivenGround
+def _taken_as_exact(std: PoseStd) -> Iterator[str]:
+    """What ``--std`` leaves out, though widths depend on it."""
+    attitude = (std.tilt_rad, std.pan_rad, std.roll_rad)
+    left_out = [name for name, known in (("height", std.height_agl_m), ("attitude", any(attitude))) if not known]
+    if left_out:
+        yield f"--std leaves out {' and '.join(left_out)}: taken as exact"
+
+
+def _calibrated(
+    path: Path,
+    fixed: FixedPose,
+    camera: Path | None,
+    model: ProjectionModel | None,
+    std: str | None,
+    ground: GivenGround,
 ) -> tuple[Setup, PoseSample, Stds]:
-    """What a calibration that has a pose says, with the stds that it does not know.
-
-    Args:
-        path: The calibration.
-        camera: The camera's file, where the calibration took the lens as it was.
-        model: Projection model that was asked for.
-        std: As ``--std`` was given: px and elevation alone.
-        terms: The ground.
-
-    Raises:
-        UsageError: Options that do not go together.
-    """
+    """What a calibration that has a pose says, with the stds that it does not know: of pixels and of the elevation."""
     stds = parse_stds(std) if std else Stds()
     if stds.pose != PoseStd():
         raise UsageError("--std of the pose beside --calibration", expected="px, elevation: the pose's are in the file")
-    fixed, (lens, own_model) = load_calibrated_pose(path), load_calibrated_lens(path)
-    assert fixed is not None  # noqa: S101 - who calls this has looked, for the type checker
+    lens, own_model = load_calibrated_lens(path)
     if model not in (None, own_model):
         raise UsageError(f"--model {model} beside --calibration", expected=f"{own_model}, which it was made with")
     if lens is None and camera is None:
         raise UsageError("--calibration without --camera", expected="both: the calibration took the lens as it was")
     lens = stds.on_camera(load_camera(camera)) if lens is None and camera is not None else lens
     flat = pose_sample(fixed, None)
-    surface, origin = terms.ground(flat.origin)
+    surface, origin = ground.ground(flat.origin)
     sample = flat if surface is None else pose_sample(fixed, origin, surface, str(path))
     assert lens is not None  # noqa: S101 - one of the two was there, for the type checker
     return Setup(camera=lens, model=own_model, ground=surface), sample, stds

@@ -1,14 +1,12 @@
 """``aerodft river``: a river's width along it, from one image with a known pose, a recording or a video."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
-from aerodft.adapters.config.calibration import load_calibrated_pose
 from aerodft.adapters.images.pixels import read_camera_image
 from aerodft.cli.output import print_json, say, steps
 from aerodft.cli.pose_options import (
@@ -25,7 +23,6 @@ from aerodft.cli.pose_options import (
     StdOption,
     Stds,
     TiltOption,
-    calibrated,
     given_scene,
     parse_stds,
     refuse_beside,
@@ -36,7 +33,7 @@ from aerodft.cli.river_views import View, Views, filmed_views, is_recording, rec
 from aerodft.conventions import LARGEST
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
-from aerodft.model.pose import Pose, PoseSample, PoseStd
+from aerodft.model.pose import Pose, PoseSample
 from aerodft.vision.river import NoRiver, RiverQuestion, find_river
 from aerodft.vision.river_reach import ReachView, measure_reach
 from aerodft.vision.water_motion import LaterLook
@@ -119,7 +116,7 @@ def river(
     else:
         if config is not None:
             raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
-        setup, sample, stds = _scene(given, camera, calibration, std)
+        setup, sample, stds = given_scene(given, GivenGround(), camera, calibration, None, std, says_exact=True)
         level = MeasuredLevel.of(elevation, max_range, stds)
         if what.suffix.lower() in VIDEO_SUFFIXES:
             document = _flight_document(filmed_views(what, setup, sample, most), level, question, output)
@@ -147,26 +144,6 @@ def _still(
     if output is not None:
         write_river(output, document, found, pixels, setup, sample)
     return document
-
-
-def _scene(
-    given: GivenPose, camera: Path | None, calibration: Path | None, std: str | None
-) -> tuple[Setup, PoseSample, Stds]:
-    if calibration is not None and load_calibrated_pose(calibration) is not None:
-        given.refuse_all("--calibration")
-        return calibrated(calibration, camera, None, std, GivenGround())
-    stds = given.stds(std)
-    if std is not None and given.covariance is None:
-        stds = replace(stds, assumptions=tuple(_taken_as_exact(stds.pose)))
-    return *given_scene(given, GivenGround(), camera, calibration, None, stds), stds
-
-
-def _taken_as_exact(std: PoseStd) -> Iterator[str]:
-    """What ``--std`` leaves out, though widths depend on it."""
-    attitude = (std.tilt_rad, std.pan_rad, std.roll_rad)
-    left_out = [name for name, known in (("height", std.height_agl_m), ("attitude", any(attitude))) if not known]
-    if left_out:
-        yield f"--std leaves out {' and '.join(left_out)}: taken as exact"
 
 
 def _question(seed: str | None, spacing_m: float, flow_deg: float | None, std: str | None) -> RiverQuestion:

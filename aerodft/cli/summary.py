@@ -44,30 +44,21 @@ def report(
     """
     missing = totals.lost + totals.shed_messages
     if as_json:
-        print_json(
-            {
-                "recording": str(totals.folder),
-                "images": tally.images,
-                "poses": dict(tally.poses),
-                "measurements": dict(tally.measurements),
-                "reasons": tally.reasons,
-                "warnings": warnings,
-                **(left_out or {}),
-                "lost": missing,
-                "recorded": totals.counts,
-                **_landmarks(tally),
-                **_steadiness(tally),
-                **(seen or {}),
-            }
-        )
+        document = {
+            "recording": str(totals.folder),
+            "images": tally.images,
+            "poses": dict(tally.poses),
+            "measurements": dict(tally.measurements),
+            "reasons": tally.reasons,
+            "warnings": warnings,
+            **(left_out or {}),
+            "lost": missing,
+            "recorded": totals.counts,
+        }
+        print_json({**document, **_calibrated(tally), **(seen or {})})
     for sentence in warnings:
         say(f"aerodft: {sentence}")
-    say(f"recording: {totals.folder}; {tally.images} images; poses: {_listed(tally.poses)}")
-    say(f"measurements: {_listed(tally.measurements)}")
-    if tally.estimate is not None:
-        say(f"landmarks: {tally.estimate.updates} used, {tally.estimate.refused} refused")
-    if tally.steadiness is not None:
-        say(f"camera: {steadiness_sentence(tally.steadiness)}")
+    _say_tally(totals, tally)
     _say_unused(counts)
     if missing:
         why = "could not be written" if totals.lost else "came faster than they could be written"
@@ -81,17 +72,23 @@ def report(
         raise typer.Exit(LOSS)
 
 
-def _landmarks(tally: Tally) -> dict[str, object]:
-    """What became of the landmarks, where the station has any."""
-    last = tally.estimate
-    if last is None:
-        return {}
-    return {"landmarks": {"used": last.updates, "refused": last.refused, "restarts": last.restarts}}
+def _calibrated(tally: Tally) -> dict[str, object]:
+    """What became of landmarks, and whether a watched camera still looks where it looked: where the station has any."""
+    found: dict[str, object] = {}
+    if (last := tally.estimate) is not None:
+        found["landmarks"] = {"used": last.updates, "refused": last.refused, "restarts": last.restarts}
+    if tally.steadiness is not None:
+        found["steadiness"] = _steadiness_document(tally.steadiness)
+    return found
 
 
-def _steadiness(tally: Tally) -> dict[str, object]:
-    """Whether the camera still looks where it looked, where it is watched."""
-    return {} if tally.steadiness is None else {"steadiness": steadiness_document(tally.steadiness)}
+def _say_tally(totals: RecordingTotals, tally: Tally) -> None:
+    say(f"recording: {totals.folder}; {tally.images} images; poses: {_listed(tally.poses)}")
+    say(f"measurements: {_listed(tally.measurements)}")
+    if tally.estimate is not None:
+        say(f"landmarks: {tally.estimate.updates} used, {tally.estimate.refused} refused")
+    if tally.steadiness is not None:
+        say(f"camera: {_steadiness_sentence(tally.steadiness)}")
 
 
 def _say_unused(counts: Counts) -> None:
@@ -118,7 +115,7 @@ def _listed(counter: dict[str, int]) -> str:
     return ", ".join(f"{number} {status}" for status, number in counter.items()) or "none"
 
 
-def steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:
+def _steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:
     """What a run's summary says of the camera at the end."""
     return {
         "state": estimate.state,
@@ -129,8 +126,8 @@ def steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:
     }
 
 
-def steadiness_sentence(estimate: SteadinessEstimate) -> str:
-    """The same for people."""
+def _steadiness_sentence(estimate: SteadinessEstimate) -> str:
+    """Whether a watched camera still looks where it looked, for people."""
     said = f"{estimate.state} since {_utc(estimate.since_ns)}"
     if estimate.moved_ns is not None:
         return f"{said}; turned by {_turned_deg(estimate):.2f} deg at {_utc(estimate.moved_ns)}"

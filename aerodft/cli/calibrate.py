@@ -64,10 +64,9 @@ def calibrate(
     found = _evidence(observations, detect, crs, lens, names, model)
     check_against(found, lens)
     if found.flight is not None:
-        from aerodft.cli.calibrate_images import Outputs, calibrate_flight  # noqa: PLC0415 - recordings are slow to load
+        from aerodft.cli.calibrate_images import calibrate_flight  # noqa: PLC0415 - recordings are slow to load
 
-        outputs = Outputs(calibration=output, report=report, as_json=json)
-        calibrate_flight(found, lens, names, model, telemetry, camera, outputs)
+        calibrate_flight(found, lens, names, model, telemetry, camera, output, report, as_json=json)
         return
     if telemetry is not None:
         raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")

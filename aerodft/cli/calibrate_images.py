@@ -1,7 +1,6 @@
 """``aerodft calibrate`` with many images in its file: what telemetry is off by in all of them."""
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,21 +27,6 @@ from calibration.result import angles_deg
 from calibration.state import expanded
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs:
-    """Where a calibration goes.
-
-    Attributes:
-        calibration: File; None for none.
-        report: Folder; None for none.
-        as_json: Print one JSON document, else tables.
-    """
-
-    calibration: Path | None
-    report: Path | None
-    as_json: bool
-
-
 def calibrate_flight(
     found: EvidenceFile,
     lens: Camera,
@@ -50,7 +34,10 @@ def calibrate_flight(
     model: ProjectionModel,
     telemetry: Path | None,
     camera_file: Path,
-    outputs: Outputs,
+    output: Path | None,
+    report: Path | None,
+    *,
+    as_json: bool,
 ) -> None:
     """Solve, say and write.
 
@@ -61,7 +48,9 @@ def calibrate_flight(
         model: Projection model.
         telemetry: Log or recording to take the place of the file's.
         camera_file: The camera's, for the provenance.
-        outputs: What to write.
+        output: File for the calibration; None for none.
+        report: Folder for pictures and tables; None for none.
+        as_json: Print one JSON document, else tables.
 
     Raises:
         AerodftError: An image has no pose, unknowns that there are not, or no answer.
@@ -72,7 +61,7 @@ def calibrate_flight(
     except ValueError as error:
         raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
     why_not = images_refusal(result, found.path)
-    if outputs.as_json:
+    if as_json:
         print_json(images_document(result, found, why_not))
     else:
         _print(result)
@@ -80,11 +69,11 @@ def calibrate_flight(
         say(f"aerodft: {sentence}")
     if why_not is not None:
         raise why_not
-    if outputs.report is not None:
+    if report is not None:
         from aerodft.cli.calibrate_report import write_images_report  # noqa: PLC0415 - matplotlib is slow
 
-        write_images_report(result, found, images_document(result, found, None), outputs.report)
-    if outputs.calibration is not None:
+        write_images_report(result, found, images_document(result, found, None), report)
+    if output is not None:
         lens_found = any(np.any(row) for row in result.camera.covariance)
         log = telemetry or (None if found.flight is None else found.flight.log)
         inputs = {
@@ -93,8 +82,8 @@ def calibrate_flight(
             "images": len(result.problem.views),
         }
         biases, about = calibration_of(result, found), provenance(result, found, names, inputs)
-        write_calibration(outputs.calibration, biases, result.camera if lens_found else None, model, about)
-        say(f"wrote {outputs.calibration}")
+        write_calibration(output, biases, result.camera if lens_found else None, model, about)
+        say(f"wrote {output}")
 
 
 def calibration_of(result: ImagesResult, found: EvidenceFile) -> Calibration:

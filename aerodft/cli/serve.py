@@ -3,7 +3,7 @@
 import gc
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -86,7 +86,7 @@ def serve(
         gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s
         say(f"recording to {folder}; stop with Ctrl-C")
         receivers = (recorder,) if bus is None else (bus, recorder)
-        status = _StatusEverySecond(station, pipeline, inbox, look, tally, bus, recorder, link)
+        status = _status_every_second(station, pipeline, inbox, look, tally, receivers, recorder, link)
         run(feed, pipeline, (*receivers, tally), status, span_ns=0)
     images.raise_refusal()
     if bus is not None and bus.malformed:
@@ -188,58 +188,48 @@ class _ImageGate:
             raise self._refusal
 
 
-class _StatusEverySecond:
-    """Publishes and records the station's state once a second of ticks."""
+def _status_every_second(
+    station: StationConfig,
+    pipeline: Pipeline,
+    inbox: Inbox,
+    look: LiveLook,
+    tally: Tally,
+    receivers: Sequence[McapRecorder | ZenohBus],
+    recorder: McapRecorder,
+    link: MavlinkLink | None,
+) -> Callable[[int], None]:
+    """What publishes and records the station's state once a second of ticks, called with the time of each."""
+    next_ns = 0
 
-    def __init__(
-        self,
-        station: StationConfig,
-        pipeline: Pipeline,
-        inbox: Inbox,
-        look: LiveLook,
-        tally: Tally,
-        bus: ZenohBus | None,
-        recorder: McapRecorder,
-        link: MavlinkLink | None,
-    ) -> None:
-        self._link = link
-        self._recorder = recorder
-        self._station = station.pipeline.station
-        self._pipeline = pipeline
-        self._inbox = inbox
-        self._look = look
-        self._tally = tally
-        self._receivers: tuple[McapRecorder | ZenohBus, ...] = (recorder,) if bus is None else (bus, recorder)
-        self._next_ns = 0
-
-    def __call__(self, now_ns: int) -> None:
-        if now_ns < self._next_ns:
+    def tell(now_ns: int) -> None:
+        nonlocal next_ns
+        if now_ns < next_ns:
             return
-        self._next_ns = now_ns + SECOND_NS
-        tally = self._tally
+        next_ns = now_ns + SECOND_NS
         counts = {
             "images": tally.images,
-            "dropped_images": self._inbox.dropped_images,
-            "looks": sum(each.looked for each in self._look.counts),
-            "skipped_looks": sum(each.skipped for each in self._look.counts),
-            **({} if self._link is None else _link_counts(self._link)),
-            **self._recorder.totals.counts,
+            "dropped_images": inbox.dropped_images,
+            "looks": sum(each.looked for each in look.counts),
+            "skipped_looks": sum(each.skipped for each in look.counts),
+            **({} if link is None else _link_counts(link)),
+            **recorder.totals.counts,
             **{f"poses_{status}": number for status, number in tally.poses.items()},
             **{f"measurements_{status}": number for status, number in tally.measurements.items()},
         }
-        last = self._pipeline.last_pose
-        text = "no image yet" if last is None else "; ".join((str(last.status), *last.reasons))
+        last = pipeline.last_pose
         status = StationStatus(
-            station=self._station,
+            station=station.pipeline.station,
             stamp_ns=now_ns,
             state="running",
-            text=text,
+            text="no image yet" if last is None else "; ".join((str(last.status), *last.reasons)),
             counts=counts,
-            health=self._pipeline.health(now_ns),
-            rejected=self._pipeline.rejected(),
+            health=pipeline.health(now_ns),
+            rejected=pipeline.rejected(),
         )
-        for receiver in self._receivers:
+        for receiver in receivers:
             receiver.status(status)
+
+    return tell
 
 
 def _link_counts(link: MavlinkLink) -> dict[str, int]:

@@ -13,9 +13,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model.arrays import FloatArray
 from aerodft.model.image import Image
 from replay.export import ExportFormat, export_text
+from replay.overlay import Overlay
 from replay.recording import Recording
 from replay.source import RecordingSource
 
@@ -23,7 +24,6 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 _SILENCE_S = 0.6
-_WHITE, _BLACK, _YELLOW = (255, 255, 255), (0, 0, 0), (0, 220, 255)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,40 +65,6 @@ def _with_breaks(rows: FloatArray) -> FloatArray:
     """Rows ``(n, m)`` in order of their first column (s), with a NaN row in every silence: no line is drawn there."""
     gaps = np.flatnonzero(np.diff(rows[:, 0]) > _SILENCE_S) + 1
     return np.insert(rows, gaps, np.nan, axis=0)
-
-
-def draw_measurements(image: ImageArray, measurements: Sequence[dict[str, Any]]) -> ImageArray:
-    """The image with the pixels of every measurement, its name, value and interval.
-
-    Args:
-        image: ``(h, w, 3)`` uint8 BGR; not changed.
-        measurements: Measurements as on the wire.
-    """
-    canvas = image.copy()
-    for item in measurements:
-        points = np.rint(np.array(item["pixels"])).astype(int)
-        for u, v in points.tolist():
-            cv2.drawMarker(canvas, (u, v), _BLACK, cv2.MARKER_CROSS, 22, 5, cv2.LINE_AA)
-            cv2.drawMarker(canvas, (u, v), _YELLOW, cv2.MARKER_CROSS, 20, 2, cv2.LINE_AA)
-        if len(points) > 1:
-            cv2.polylines(canvas, [points.reshape(-1, 1, 2)], isClosed=False, color=_YELLOW, thickness=2)
-        _write(canvas, _label(item), points.mean(axis=0))
-    return canvas
-
-
-def _label(item: dict[str, Any]) -> str:
-    if item["value"] is None:
-        return str(item["name"])
-    return f"{item['name']}: {item['value']:.2f} m +- {(item['ci95'][1] - item['ci95'][0]) / 2:.2f}"
-
-
-def _write(canvas: ImageArray, text: str, near_px: np.ndarray) -> None:
-    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 1)
-    rows, columns = canvas.shape[:2]
-    u = int(np.clip(near_px[0] - width / 2, 5, columns - width - 5))
-    v = int(np.clip(near_px[1] - 14, height + 5, rows - 8))
-    cv2.rectangle(canvas, (u - 4, v - height - 4), (u + width + 4, v + 6), _BLACK, cv2.FILLED)
-    cv2.putText(canvas, text, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _WHITE, 1, cv2.LINE_AA)
 
 
 def report_demo(flight: Path, recording: Recording, out: Path) -> dict[str, Any]:
@@ -168,4 +134,7 @@ def _annotate(recording: Recording, measured: list[dict[str, Any]], path: Path) 
             if best is None or rank >= len(by_image[best.index]):
                 best = event
     if best is not None and best.pixels is not None:
-        cv2.imwrite(str(path), draw_measurements(best.pixels(), by_image[best.index]))
+        pixels = best.pixels()
+        overlay = Overlay(pixels.shape[1], pixels.shape[0])
+        drawn = overlay.draw(pixels, by_image[best.index], best.stamp_ns, best.index)
+        cv2.imwrite(str(path), cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR))

@@ -23,6 +23,7 @@ from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from calibration.images_result import ImagesResult, calibrate_images, said_of_images
+from calibration.images_state import typical_noise
 from calibration.result import angles_deg
 from calibration.state import expanded
 

@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -176,7 +176,7 @@ def _observations(about: dict[str, Any], rows: Sequence[Row]) -> tuple[str, ...]
     return "## What is left of each observation", LAST_COLUMN, observation_table(rows), left_out
 
 
-def _combined(names: Sequence[str]) -> str:
+def _combined(names: Iterable[str]) -> str:
     """What is known worst, in words."""
     *others, last = map(plain, names)
     return f"the combination of {', '.join(others)} and {last}" if others else last

@@ -60,7 +60,7 @@ def write_lens_report(run: LensRun, folder: Path) -> list[str]:
     Raises:
         InputError: The folder cannot be written to.
     """
-    with output_folder(folder, "the report", expected=None):
+    with output_folder(folder, "the report", expected=""):
         figures = draw_lens(run, folder)
         page = folder / "report.html"
         page.write_text(_page(run, figures), encoding="utf-8")

@@ -21,7 +21,7 @@ from aerodft.cli.camera_mode import common_mode
 from aerodft.cli.output import progress_bar, say, tables
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera, LensModel
-from calibration.lens.adjustment import intrinsics_of
+from calibration.lens.adjustment import View, intrinsics_of
 from calibration.lens.board import Board, draw_board
 from calibration.lens.coverage import Choice, choose, missing
 from calibration.lens.detection import BoardFinder, suggestion

@@ -56,7 +56,7 @@ def print_json(document: object) -> None:
 
 
 @contextmanager
-def output_folder(folder: Path, what: str, expected: str | None = "a folder to write to") -> Iterator[None]:
+def output_folder(folder: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
     """A folder, made where it is not there, that something is written to.
 
     Args:
@@ -73,7 +73,7 @@ def output_folder(folder: Path, what: str, expected: str | None = "a folder to w
 
 
 @contextmanager
-def writable(folder: Path, what: str, expected: str | None = "a folder to write to") -> Iterator[None]:
+def writable(folder: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
     """As ``output_folder``, of a folder that is not made.
 
     Raises:

@@ -12,8 +12,7 @@ from aerodft.adapters.config.loading import load_station
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import print_json
-from aerodft.cli.sync_lines import SyncLines
-from aerodft.cli.sync_output import describe_sync, say_sync
+from aerodft.cli.sync_lines import SyncLines, describe_sync, say_sync
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, run_sync
 from aerodft.errors import ConfigError, UsageError
 from aerodft.model.camera import Camera

@@ -45,7 +45,7 @@ def draw_sync(run: SyncRun, folder: Path) -> str:
     for each in axes[-1]:
         each.set_xlabel(f"s since {unix_ns_to_iso(found.reference_ns)}, by the video's clock")
     file = folder / "sync.png"
-    with output_folder(folder, "the plot", expected=None):
+    with output_folder(folder, "the plot", expected=""):
         figure.savefig(file, dpi=_DPI)
     plt.close(figure)
     return str(file)

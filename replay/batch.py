@@ -1,8 +1,6 @@
 """Many recordings at once over Dask: one task each, none of which stops the others; needs the extra ``batch``."""
 
 import logging
-import multiprocessing
-import os
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -11,7 +9,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib import import_module
 from itertools import islice
-from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,13 +16,6 @@ from aerodft.errors import InputError, LinkError
 
 _CONNECT_S: Final = 5
 _WORKERS_S: Final = 30
-_OF_WORKERS: Final = {
-    "MALLOC_TRIM_THRESHOLD_": "65536",
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
-"""Dask's own settings of its workers' environment, which must be there before what they load."""
 _MOST_DEATHS: Final = 1
 """So often a worker may die of a recording before another try is none."""
 
@@ -80,7 +70,7 @@ def jobs_of(folders: Sequence[Path]) -> list[Job]:
     return [Job(recording=names[folder], folder=folder) for folder in folders]
 
 
-def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int, *, ready: str) -> Iterator[Outcome]:
+def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int) -> Iterator[Outcome]:
     """Run jobs, as many at once as there are threads, and give the outcomes as they come.
 
     Args:
@@ -89,14 +79,11 @@ def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int, *, 
         scheduler: ``processes`` for processes of this machine, else a scheduler's address. Whoever owns that can run
             anything on the workers and here: it must be trusted.
         workers: Processes of this machine.
-        ready: Name of a module that loads what ``work`` needs, for processes of this machine.
 
     Raises:
         InputError: The extra is not installed.
         LinkError: The scheduler cannot be reached, or has no worker.
     """
-    if scheduler == "processes":
-        _begin_loading(ready)
     with _client(scheduler, min(workers, len(jobs))) as client:
         waiting = iter(jobs)
         running = {client.submit(work, job, pure=False): job for job in islice(waiting, _threads(client))}
@@ -108,27 +95,6 @@ def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int, *, 
                 submitted = client.submit(work, following, pure=False)
                 running[submitted] = following
                 futures.add(submitted)
-
-
-def _begin_loading(ready: str) -> None:
-    """Start the process that workers are forked from: it loads once what each of them would load for itself.
-
-    That goes on while Dask is loaded and its scheduler starts here.
-    """
-    if not _can_fork():
-        return
-    before = dict(os.environ)
-    os.environ.update({name: value for name, value in _OF_WORKERS.items() if name not in before})
-    try:
-        multiprocessing.get_context("forkserver").set_forkserver_preload([ready])
-        forkserver.ensure_running()
-    finally:
-        for name in _OF_WORKERS.keys() - before.keys():
-            del os.environ[name]
-
-
-def _can_fork() -> bool:
-    return "forkserver" in multiprocessing.get_all_start_methods()
 
 
 def _threads(client: Any) -> int:  # noqa: ANN401 - an extra's
@@ -160,7 +126,6 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:
             settings = {
                 "distributed.scheduler.allowed-failures": _MOST_DEATHS,
                 "distributed.scheduler.worker-saturation": 1.0,
-                "distributed.worker.multiprocessing-method": "forkserver" if _can_fork() else "spawn",
             }
             stack.enter_context(import_module("dask.config").set(settings))
             address = stack.enter_context(

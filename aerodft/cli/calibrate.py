@@ -3,21 +3,19 @@
 import hashlib
 import math
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
-from aerodft import __version__
 from aerodft.adapters.config.calibration import write_calibration
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
 from aerodft.adapters.config.fixed_pose import FixedPose
 from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
 from aerodft.cli.calibrate_unknowns import check_unknowns, names_from, unstated
-from aerodft.cli.calibrate_words import document, print_result, refusal, sentences
+from aerodft.cli.calibrate_words import document, print_result, provenance, refusal, sentences
 from aerodft.cli.camera_mode import check_mode
 from aerodft.cli.output import check_output, print_json, say
 from aerodft.errors import UsageError
@@ -66,10 +64,9 @@ def calibrate(
     found = _evidence(observations, detect, crs, lens, names, model)
     check_against(found, lens)
     if found.flight is not None:
-        from aerodft.cli.calibrate_images import Outputs, calibrate_flight  # noqa: PLC0415 - recordings are slow to load
+        from aerodft.cli.calibrate_images import calibrate_flight  # noqa: PLC0415 - recordings are slow to load
 
-        outputs = Outputs(calibration=output, report=report, as_json=json)
-        calibrate_flight(found, lens, names, model, telemetry, camera, outputs)
+        calibrate_flight(found, lens, names, model, telemetry, camera, output, report, as_json=json)
         return
     if telemetry is not None:
         raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")
@@ -116,23 +113,15 @@ def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None)
 
         write_report(result, found, report)
     if output is not None:
-        provenance: dict[str, Any] = {
-            "date": datetime.now(UTC).isoformat(timespec="seconds"),
-            "software": f"aerodft {__version__}",
-            "observations": found.path.name,
-            "observations_sha256": found.sha256,
+        inputs = {
             "images_sha256": {each.name: _sha256(each) for each in found.image_paths} or None,
             "camera_file": camera.name,
             "camera_sha256": _sha256(camera),
-            "unknowns": list(asked.names),
-            "rms_px": result.rms_px,
-            "chi2": result.solution.chi2,
-            "degrees_of_freedom": result.solution.dof,
-            "outliers": [left.name for left in result.left if left.is_outlier],
         }
         lens_found = any(np.any(row) for row in result.camera.covariance)
         lens = replace(result.camera, mode=asked.camera.mode) if lens_found else None
-        write_calibration(output, fixed_pose(result, found), lens, result.solution.state.model, provenance)
+        about = provenance(result, found, asked.names, inputs)
+        write_calibration(output, fixed_pose(result, found), lens, result.solution.state.model, about)
         say(f"wrote {output}")
 
 

@@ -1,51 +1,31 @@
 """``aerodft calibrate`` with many images in its file: what telemetry is off by in all of them."""
 
 import math
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from aerodft import __version__
 from aerodft.adapters.config.calibration import write_calibration
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.calibrate_words import (
-    finite,
-    fit_document,
     fit_sentences,
     images_refusal,
+    provenance,
     residual_table,
-    rows,
+    result_document,
 )
 from aerodft.cli.image_views import views_of
 from aerodft.cli.output import print_json, say, tables
-from aerodft.errors import AerodftError, NoAnswerError, UsageError
+from aerodft.errors import AerodftError, UsageError
 from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from calibration.images_result import ImagesResult, calibrate_images, said_of_images
 from calibration.images_state import typical_noise
-from calibration.observability import correlations
 from calibration.result import angles_deg
 from calibration.state import expanded
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs:
-    """Where a calibration goes.
-
-    Attributes:
-        calibration: File; None for none.
-        report: Folder; None for none.
-        as_json: Print one JSON document, else tables.
-    """
-
-    calibration: Path | None
-    report: Path | None
-    as_json: bool
 
 
 def calibrate_flight(
@@ -55,7 +35,10 @@ def calibrate_flight(
     model: ProjectionModel,
     telemetry: Path | None,
     camera_file: Path,
-    outputs: Outputs,
+    output: Path | None,
+    report: Path | None,
+    *,
+    as_json: bool,
 ) -> None:
     """Solve, say and write.
 
@@ -66,7 +49,9 @@ def calibrate_flight(
         model: Projection model.
         telemetry: Log or recording to take the place of the file's.
         camera_file: The camera's, for the provenance.
-        outputs: What to write.
+        output: File for the calibration; None for none.
+        report: Folder for pictures and tables; None for none.
+        as_json: Print one JSON document, else tables.
 
     Raises:
         AerodftError: An image has no pose, unknowns that there are not, or no answer.
@@ -77,7 +62,7 @@ def calibrate_flight(
     except ValueError as error:
         raise UsageError("--unknowns", got=str(error).removeprefix("got ")) from None
     why_not = images_refusal(result, found.path)
-    if outputs.as_json:
+    if as_json:
         print_json(images_document(result, found, why_not))
     else:
         _print(result)
@@ -85,36 +70,21 @@ def calibrate_flight(
         say(f"aerodft: {sentence}")
     if why_not is not None:
         raise why_not
-    if outputs.report is not None:
-        from aerodft.cli.calibrate_images_report import write_images_report  # noqa: PLC0415 - matplotlib is slow
+    if report is not None:
+        from aerodft.cli.calibrate_report import write_images_report  # noqa: PLC0415 - matplotlib is slow
 
-        write_images_report(result, found, images_document(result, found, None), outputs.report)
-    if outputs.calibration is not None:
+        write_images_report(result, found, images_document(result, found, None), report)
+    if output is not None:
         lens_found = any(np.any(row) for row in result.camera.covariance)
-        provenance = _provenance(result, found, names, camera_file, telemetry)
-        biases = calibration_of(result, found)
-        write_calibration(outputs.calibration, biases, result.camera if lens_found else None, model, provenance)
-        say(f"wrote {outputs.calibration}")
-
-
-def _provenance(
-    result: ImagesResult, found: EvidenceFile, names: tuple[str, ...], camera_file: Path, telemetry: Path | None
-) -> dict[str, Any]:
-    log = telemetry or (None if found.flight is None else found.flight.log)
-    return {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": f"aerodft {__version__}",
-        "observations": found.path.name,
-        "observations_sha256": found.sha256,
-        "telemetry": None if log is None else log.name,
-        "camera_file": camera_file.name,
-        "images": len(result.problem.views),
-        "unknowns": list(names),
-        "rms_px": result.rms_px,
-        "chi2": result.solution.chi2,
-        "degrees_of_freedom": result.solution.dof,
-        "outliers": [left.name for left in result.left if left.is_outlier],
-    }
+        log = telemetry or (None if found.flight is None else found.flight.log)
+        inputs = {
+            "telemetry": None if log is None else log.name,
+            "camera_file": camera_file.name,
+            "images": len(result.problem.views),
+        }
+        biases, about = calibration_of(result, found), provenance(result, found, names, inputs)
+        write_calibration(output, biases, result.camera if lens_found else None, model, about)
+        say(f"wrote {output}")
 
 
 def calibration_of(result: ImagesResult, found: EvidenceFile) -> Calibration:
@@ -146,28 +116,9 @@ def calibration_of(result: ImagesResult, found: EvidenceFile) -> Calibration:
 
 def images_document(result: ImagesResult, found: EvidenceFile, error: AerodftError | None) -> dict[str, Any]:
     """The whole result as JSON; nothing that is not finite."""
-    keys, scales = zip(*(said_of_images(name) for name in result.names), strict=True)
-    covariance = result.named_covariance * np.outer(scales, scales)
-    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    scales = [said_of_images(name)[1] for name in result.names]
     return {
-        "schema": "aerodft.calibration/1",
-        "status": "ok" if error is None else "ILL_CONDITIONED",
-        "reasons": [] if error is None else [error.got if isinstance(error, NoAnswerError) else str(error)],
-        "parameters": {
-            key: {"value": value, "std": finite(std)}
-            for (key, value), std in zip(result.named_values.items(), stds, strict=True)
-        },
-        "order": list(keys),
-        "covariance": rows(covariance),
-        "correlations": rows(correlations(covariance)),
-        **fit_document(result),
-        "observability": {
-            "determined": result.weakest.is_determined,
-            "weakest": result.weakest.combination,
-            "std_share": finite(result.weakest.std_share),
-            "sentence": result.weakest.sentence,
-            "rival": None,
-        },
+        **result_document(result, result.named_values, scales, error),
         "images": _images(result, found),
         "position": None,
         "lat_deg": None,

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.cli.lens_output import describe_lens, print_board_picture, say_lens, write_camera_file
-from aerodft.cli.lens_run import run_lens
+from aerodft.cli.lens_run import describe_lens, print_board_picture, run_lens, say_lens, write_camera_file
 from aerodft.cli.output import check_output, print_json
 from aerodft.errors import UsageError
 from calibration.lens.board import DEFAULT_CHARUCO, parse_board

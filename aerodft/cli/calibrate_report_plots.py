@@ -9,8 +9,8 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.cli.calibrate_report_pen import shortened
-from aerodft.cli.calibrate_report_rows import Row
+from aerodft.cli.calibrate_report_image import shortened
+from aerodft.cli.calibrate_report_marks import Row
 from aerodft.model.arrays import FloatArray
 from calibration.images_result import ImagesResult
 from calibration.observability import correlations

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from aerodft import __version__
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import LocalFrame, takes_degrees
 from aerodft.cli.output import tables
@@ -119,18 +121,43 @@ def fit_sentences(result: Result | ImagesResult) -> list[str]:
 def document(result: Result, found: EvidenceFile, error: AerodftError | None) -> dict[str, Any]:
     """The whole result as JSON; nothing that is not finite."""
     solution, names, frame = result.solution, result.problem.unknowns.names, found.frame
-    keys, scales = zip(*(said(name) for name in names), strict=True)
-    covariance = result.named_covariance * np.outer(scales, scales)
     place = frame.wgs84(solution.state.position_m)
+    scales = [said(name)[1] for name in names]
+    about = result_document(result, values_of(solution.state, names, frame), scales, error)
+    about["observability"]["rival"] = None if solution.rival is None else values_of(solution.rival, names, frame)
+    return {
+        **about,
+        "origin": list(frame.origin),
+        "position": frame.file_coordinates(solution.state.position_m).tolist(),
+        "lat_deg": None if place is None else math.degrees(place[0]),
+        "lon_deg": None if place is None else math.degrees(place[1]),
+        "crs": frame.crs,
+        "model": str(solution.state.model),
+        "notes": sentences(result, found),
+    }
+
+
+def result_document(
+    result: Result | ImagesResult, values: dict[str, float], scales: Sequence[float], error: AerodftError | None
+) -> dict[str, Any]:
+    """What a calibration of one image or of many found, and how well it fits, as JSON.
+
+    Args:
+        result: The calibration.
+        values: Of its unknowns, by the names that people see.
+        scales: From SI to the units of these.
+        error: Why there is none.
+    """
+    covariance = result.named_covariance * np.outer(scales, scales)
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     return {
         "schema": "aerodft.calibration/1",
         "status": "ok" if error is None else "ILL_CONDITIONED",
         "reasons": [] if error is None else [error.got if isinstance(error, NoAnswerError) else str(error)],
         "parameters": {
-            key: {"value": value, "std": finite(math.sqrt(max(covariance[index, index], 0.0)))}
-            for index, (key, value) in enumerate(values_of(solution.state, names, frame).items())
+            key: {"value": value, "std": finite(std)} for (key, value), std in zip(values.items(), stds, strict=True)
         },
-        "order": list(keys),
+        "order": list(values),
         "covariance": rows(covariance),
         "correlations": rows(correlations(covariance)),
         **fit_document(result),
@@ -139,15 +166,33 @@ def document(result: Result, found: EvidenceFile, error: AerodftError | None) ->
             "weakest": result.weakest.combination,
             "std_share": finite(result.weakest.std_share),
             "sentence": result.weakest.sentence,
-            "rival": None if solution.rival is None else values_of(solution.rival, names, frame),
+            "rival": None,
         },
-        "origin": list(frame.origin),
-        "position": frame.file_coordinates(solution.state.position_m).tolist(),
-        "lat_deg": None if place is None else math.degrees(place[0]),
-        "lon_deg": None if place is None else math.degrees(place[1]),
-        "crs": frame.crs,
-        "model": str(solution.state.model),
-        "notes": sentences(result, found),
+    }
+
+
+def provenance(
+    result: Result | ImagesResult, found: EvidenceFile, names: Sequence[str], inputs: dict[str, Any]
+) -> dict[str, Any]:
+    """What a calibration's file says of where it comes from.
+
+    Args:
+        result: The calibration.
+        found: What it is from.
+        names: What was asked for.
+        inputs: What else it is from.
+    """
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": f"aerodft {__version__}",
+        "observations": found.path.name,
+        "observations_sha256": found.sha256,
+        **inputs,
+        "unknowns": list(names),
+        "rms_px": result.rms_px,
+        "chi2": result.solution.chi2,
+        "degrees_of_freedom": result.solution.dof,
+        "outliers": [left.name for left in result.left if left.is_outlier],
     }
 
 

@@ -93,10 +93,19 @@ def _check_size(path: Path, camera: Camera) -> None:
             size_px = image.size
     except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError):
         return
+    refuse_other_size(size_px, camera, path)
+
+
+def refuse_other_size(size_px: tuple[int, int], camera: Camera, where: object) -> None:
+    """Refuse an image of another size than the camera's.
+
+    Raises:
+        InputError: It has one.
+    """
     if size_px != (camera.width_px, camera.height_px):
         raise InputError(
             "the image is not of this camera's mode",
-            where=path,
+            where=where,
             got=f"{size_px[0]} x {size_px[1]} px",
             expected=f'{camera.width_px} x {camera.height_px} px, the size of camera "{camera.name}"',
             hint=_HINT,

@@ -1,19 +1,70 @@
-"""What the demo measured against what the simulator knows."""
+"""What the demo shows: a table of truth beside measurement, pictures and files."""
 
 import json
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
+import matplotlib as mpl
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.demo_plots import Answer, draw_measurements, plot_widths
+from aerodft.model.arrays import FloatArray
 from aerodft.model.image import Image
 from replay.export import ExportFormat, export_text
+from replay.overlay import Overlay
 from replay.recording import Recording
 from replay.source import RecordingSource
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+
+_SILENCE_S = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One measured width beside its truth."""
+
+    name: str
+    stamp_ns: int
+    truth_m: float
+    value_m: float
+    ci95_m: tuple[float, float]
+
+    @property
+    def inside(self) -> bool:
+        """Whether the interval holds the truth."""
+        return self.ci95_m[0] <= self.truth_m <= self.ci95_m[1]
+
+
+def plot_widths(answers: Mapping[str, Sequence[Answer]], start_ns: int, path: Path) -> None:
+    """Width over time with its 95 % band and the truth, one panel a probe, as PNG."""
+    figure, panels = plt.subplots(len(answers), 1, sharex=True, figsize=(9, 2.6 * len(answers)), squeeze=False)
+    for panel, (name, series) in zip(panels[:, 0], answers.items(), strict=True):
+        rows = np.array([(a.stamp_ns - start_ns, a.value_m, a.truth_m, *a.ci95_m) for a in series], dtype=np.float64)
+        time_s, value, truth, low, high = _with_breaks(rows * [1e-9, 1, 1, 1, 1]).T
+        panel.fill_between(time_s, low, high, alpha=0.3, label="95 % interval")
+        panel.plot(time_s, value, ".", markersize=4, label="measured")
+        panel.plot(time_s, truth, "k-", linewidth=1, label="truth")
+        panel.set_ylabel(f"{name} (m)")
+        panel.grid(alpha=0.3)
+    panels[0, 0].legend(loc="best", fontsize="small")
+    panels[-1, 0].set_xlabel("time since the first image (s)")
+    figure.suptitle("River widths of the simulated flight")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _with_breaks(rows: FloatArray) -> FloatArray:
+    """Rows ``(n, m)`` in order of their first column (s), with a NaN row in every silence: no line is drawn there."""
+    gaps = np.flatnonzero(np.diff(rows[:, 0]) > _SILENCE_S) + 1
+    return np.insert(rows, gaps, np.nan, axis=0)
 
 
 def report_demo(flight: Path, recording: Recording, out: Path) -> dict[str, Any]:
@@ -83,4 +134,7 @@ def _annotate(recording: Recording, measured: list[dict[str, Any]], path: Path) 
             if best is None or rank >= len(by_image[best.index]):
                 best = event
     if best is not None and best.pixels is not None:
-        cv2.imwrite(str(path), draw_measurements(best.pixels(), by_image[best.index]))
+        pixels = best.pixels()
+        overlay = Overlay(pixels.shape[1], pixels.shape[0])
+        drawn = overlay.draw(pixels, by_image[best.index], best.stamp_ns, best.index)
+        cv2.imwrite(str(path), cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR))

@@ -14,7 +14,7 @@ from aerodft.adapters.config.markers import MarkersFile, load_markers
 from aerodft.adapters.images.gathering import Gathered, gather, image_files
 from aerodft.adapters.images.pixels import STILLS
 from aerodft.cli.calibrate_unknowns import check_unknowns
-from aerodft.cli.camera_mode import check_mode
+from aerodft.cli.camera_mode import check_mode, refuse_other_size
 from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.arrays import FloatArray, ImageArray
@@ -99,25 +99,14 @@ def _look(file: MarkersFile, images: Sequence[Path], camera: Camera) -> tuple[li
     with progress_bar("looking for markers", 0, _PROGRESS) as advance:
         for image in gather(images):
             first = first or image
-            _check_size(image, camera)
+            height_px, width_px = image.pixels.shape[:2]
+            refuse_other_size((width_px, height_px), camera, image.name)
             found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
             seen.append(_Seen(image.name, _each_once(found, file, image.name)))
             advance(round(_PROGRESS * image.done))
     if first is None:
         raise InputError("no image could be read", where=images[0], expected="images, folders of images or videos")
     return seen, first
-
-
-def _check_size(image: Gathered, camera: Camera) -> None:
-    height_px, width_px = image.pixels.shape[:2]
-    if (width_px, height_px) != (camera.width_px, camera.height_px):
-        raise InputError(
-            "the image is not of this camera's mode",
-            where=image.name,
-            got=f"{width_px} x {height_px} px",
-            expected=f'{camera.width_px} x {camera.height_px} px, the size of camera "{camera.name}"',
-            hint="take the camera file of the mode that the image was taken in",
-        )
 
 
 def _each_once(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> dict[int, MarkerSighting]:

@@ -19,9 +19,8 @@ from aerodft.adapters.mavlink.findings import document, notes, problems
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
 from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
+from aerodft.cli.option_values import MOST_SECONDS, TopicOption, parse_topics
 from aerodft.cli.output import tables
-from aerodft.cli.times import MOST_SECONDS
-from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.gimbal_frame import FrameEvidence
@@ -103,8 +102,7 @@ def doctor(
         asked = {"fix": [each.document() for each in fixed]} if fix else {}
         typer.echo(json.dumps({**document(report), **asked}))
     else:
-        _print(report, tables())
-        _print_fixed(fixed)
+        _print(report, fixed, tables())
     if not report.usable:
         what = "nothing could be used" if report.first_ns is None else "no image could be measured"
         raise NoAnswerError(what, where=target, hint="see the problems listed")
@@ -141,7 +139,7 @@ def _print_fixed(fixed: Sequence[Fixed]) -> None:
         typer.echo(f"- {what}: {each.outcome.answer} ({came if request.rate_hz is None else rates})")
 
 
-def _print(report: SurveyReport, console: Console) -> None:
+def _print(report: SurveyReport, fixed: Sequence[Fixed], console: Console) -> None:
     streams = Table(title=f"{report.target}: {report.duration_s:.1f} s", title_justify="left")
     for column in ("message", "from", "count", "rate Hz"):
         streams.add_column(column, justify="left" if column in {"message", "from"} else "right")
@@ -170,6 +168,7 @@ def _print(report: SurveyReport, console: Console) -> None:
         console.print(sentence, soft_wrap=True)
     for sentence in problems(report):
         console.print(f"- {sentence}", soft_wrap=True)
+    _print_fixed(fixed)
 
 
 def _against(evidence: FrameEvidence | None) -> str:

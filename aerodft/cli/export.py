@@ -11,8 +11,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.whole_file import whole_file
-from aerodft.cli.gaps import end_with_gaps
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import end_with_gaps, print_json, say
 from aerodft.errors import NoAnswerError, UsageError, located
 from replay.export import ExportFormat, export_text
 from replay.merging import merge_segments

@@ -1,4 +1,4 @@
-"""A recorded flight's sources: its log, its images and what was observed in them, on one axis of arrival times."""
+"""A recorded flight: its sources on one axis of arrival times, and the way through the pipeline to a new recording."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -15,22 +15,38 @@ from aerodft.adapters.images.stills import StillsFolderSource
 from aerodft.adapters.images.thinning import Thinned
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.foreign_camera import check_camera
+from aerodft.cli.ending import Interruptible
 from aerodft.cli.logs import TelemetryLog, open_telemetry_log
-from aerodft.cli.wiring import Late, SizeChecked
+from aerodft.cli.looking import build_eyes
+from aerodft.cli.output import progress_bar, say
+from aerodft.cli.run_statistics import RunStatistics
+from aerodft.cli.summary import report
+from aerodft.cli.wiring import (
+    Late,
+    SizeChecked,
+    build_pipeline,
+    build_recorder,
+    closing_recorder,
+    run,
+)
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.service.feed import MergedFeed
 from aerodft.service.looking import LookedAt, Lookout
 from aerodft.service.ports import Source
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
 from replay.foreign import ForeignRecording
 from replay.foreign_sources import ForeignImages
+from replay.segments import is_mcap
 
 DEFAULT_RATE_HZ = 5.0
+
+_STDS = 3.0
+_SHARE = 0.01  # what two calibrations of one camera differ by, or a zoom by the least
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,3 +218,59 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, before, strict=True):
             logger.setLevel(level)
+
+
+def measure_flight(
+    station: StationConfig,
+    log: Path | None,
+    observations: tuple[Path, ...],
+    output: Path,
+    *,
+    where: Path,
+    as_json: bool,
+) -> None:
+    """Measure a flight from its files, record it, and say what came of it.
+
+    Args:
+        station: The station, complete.
+        log: As for :func:`aerodft.cli.flight.open_flight`.
+        observations: Files of observed pixels, beside those of the station.
+        output: A new folder.
+        where: The configuration's name in messages.
+        as_json: Print the summary as JSON.
+
+    Raises:
+        AerodftError: A file cannot be read, or nothing could be measured.
+    """
+    statistics, pipeline = RunStatistics(), build_pipeline(station)
+    eyes = build_eyes(station, pipeline, where, may_record=log is not None and is_mcap(log))
+    flight = open_flight(station, log, (*station.observations.files, *observations), eyes.lookouts)
+    recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
+    with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
+        feed = Interruptible(MergedFeed(flight.sources, station.pipeline.tick_ns))
+        run(feed, pipeline, (recorder, statistics), progress)
+    seen = eyes.report(flight.looked.counts)
+    report(recorder.totals, statistics, pipeline.counts, as_json=as_json, warnings=flight.warnings(), seen=seen)
+
+
+def check_camera(recording: ForeignRecording, camera: Camera) -> None:
+    """Say where the recording's own camera is another one; the camera that was asked for counts.
+
+    Args:
+        recording: With or without a camera.
+        camera: What is measured with.
+    """
+    try:
+        recorded = recording.camera()
+    except InputError as error:
+        say(f"aerodft: {error}; not compared with {camera.name!r}")
+        return
+    if recorded is None:
+        return
+    scale = camera.width_px / recorded.width_px
+    apart_px = abs(recorded.fx_px * scale - camera.fx_px)
+    if apart_px > max(_STDS * camera.std.focal_px, _SHARE * camera.fx_px):
+        say(
+            f"aerodft: {recording.path}: its camera ({recorded.name}) has a focal length of"
+            f" {recorded.fx_px * scale:.1f} px, {camera.name!r} of {camera.fx_px:.1f} px, which is measured with"
+        )

@@ -1,6 +1,7 @@
 """Images of a file of evidence as a calibration takes them: each with its poses by telemetry, in the file's frame."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,16 +11,31 @@ from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.evidence_images import Flight, GivenImage, StatedPose
-from aerodft.cli.image_poses import open_telemetry, poses_of, unbroken
+from aerodft.adapters.config.inputs import Device, Stills, Stream, VideoFile
+from aerodft.adapters.mavlink.composite import decoder_of, open_log
+from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError, UsageError
+from aerodft.geometry.ground import Ground
 from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Landmark, Prior
-from aerodft.model.pose import HeightSource, PoseSample, PoseStd
+from aerodft.model.image import Image, StampClock
+from aerodft.model.pose import GeoOrigin, HeightSource, PoseSample, PoseStd
+from aerodft.model.status import Status
+from aerodft.model.telemetry import RawBlock
+from aerodft.service.clock_ticks import Ticks
+from aerodft.service.feed import MergedFeed
+from aerodft.service.ports import Source
+from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
+from aerodft.service.span import LogSpan, survey_span
+from aerodft.service.streams import LAST
 from calibration.images_state import Moment, PoseTrack, View, shared_and_new
 
 _REACH_S, _LEAST_STEP_S, _STEPS, _STDS = 2.0, 0.05, 40, 4.0
+
+_TICK_NS = SECOND_NS // 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,3 +184,170 @@ def _check_heights(said: dict[str, _Said], path: Path) -> None:
         got = f"heights by {one} ({where}) and by {other} ({there})"
         hint = 'name one in [telemetry], like height = { order = ["home"] }'
         raise ConfigError("telemetry.height", where=path, got=got, expected="one source, which has one bias", hint=hint)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Telemetry:
+    """A log or recording, and how it becomes poses.
+
+    Attributes:
+        path: Of the log or recording.
+        source: Its events.
+        settings: How they become poses.
+        origin: East and north count from it; None for the first fix.
+        ground: What heights count from; None for the level plane at 0.
+        has_images: It is a recording, which has images.
+        offset_ns: Of these, what an older calibration had added to their stamps.
+    """
+
+    path: Path
+    source: Source
+    settings: TelemetrySettings
+    origin: GeoOrigin | None
+    ground: Ground | None = None
+    has_images: bool = False
+    offset_ns: int = 0
+
+
+def open_telemetry(
+    path: Path, settings: TelemetrySettings, origin: GeoOrigin | None, *, says_settings: bool
+) -> Telemetry:
+    """Open a log or a recording.
+
+    Args:
+        path: A .tlog, a .bin, a recording, or another tool's MCAP file.
+        settings: How telemetry becomes a pose.
+        origin: Of the coordinates; None for a recording's own.
+        says_settings: Somebody stated the settings; else a recording's own are taken.
+
+    Raises:
+        InputError: It is missing, unreadable, or of a fixed camera.
+    """
+    from replay.segments import is_mcap  # noqa: PLC0415 - what recordings need is slow to load
+
+    if not is_mcap(path) and not path.is_dir():
+        return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
+    from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - as above
+    from replay.foreign import open_recording  # noqa: PLC0415 - as above
+    from replay.foreign_sources import ForeignTelemetry  # noqa: PLC0415 - as above
+    from replay.recording import Recording  # noqa: PLC0415 - as above
+    from replay.source import RecordingSource  # noqa: PLC0415 - as above
+
+    recording = open_recording(path)
+    if not isinstance(recording, Recording):
+        return Telemetry(path=path, source=ForeignTelemetry(recording), settings=settings, origin=origin)
+    station = recorded_station(recording)
+    own = station.pipeline.telemetry
+    if own is None:
+        raise InputError("a fixed camera's recording", where=path, got="[pose]", expected="one with telemetry")
+    has_stamps = isinstance(station.images.source, VideoFile | Stills | Stream | Device)  # others' are the pipeline's
+    before = station.calibration.time_offset_s if station.calibration is not None and has_stamps else 0.0
+    return Telemetry(
+        path=path,
+        source=RecordingSource(recording),
+        settings=settings if says_settings else own,
+        origin=origin or station.pipeline.origin,
+        ground=station.pipeline.ground,
+        has_images=True,
+        offset_ns=round(before * SECOND_NS),
+    )
+
+
+def poses_of(
+    telemetry: Telemetry, images: Sequence[GivenImage], offsets_s: Sequence[float]
+) -> tuple[tuple[PoseSample, ...], ...]:
+    """For each image its poses at some times around its stamp.
+
+    Args:
+        telemetry: Where from.
+        images: Each with a stamp or an index.
+        offsets_s: Seconds from the stamp, ascending, with 0.
+
+    Raises:
+        InputError: A stamp outside the telemetry, or an index that no image has.
+    """
+    span = survey_span(telemetry.source, decoder_of(telemetry.settings))
+    stamps = _stamps(telemetry, images)
+    for image, stamp_ns in zip(images, stamps, strict=True):
+        _check_inside(image, stamp_ns, span, telemetry.path)
+    offsets_ns = [round(offset_s * SECOND_NS) for offset_s in offsets_s]
+    found: dict[int, tuple[PoseSample, ...]] = {}
+    waiting = sorted(set(stamps), reverse=True)
+    poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
+    late_ns = offsets_ns[-1] + span.lateness_ns + 2 * telemetry.settings.height.max_gap_ns
+    for batches in MergedFeed([telemetry.source], _TICK_NS, linger_ns=0, longest_ns=0).batches():
+        for block in batches.raw:
+            poses.append(Ticks.one(decoder.decode(block)))
+        while waiting and waiting[-1] + late_ns < int(batches.now_ns[-1]):
+            stamp_ns = waiting.pop()
+            found[stamp_ns] = _around(poses, stamp_ns, offsets_ns)
+    found |= {stamp_ns: _around(poses, stamp_ns, offsets_ns) for stamp_ns in waiting}
+    return tuple(found[stamp_ns] for stamp_ns in stamps)
+
+
+def _pose_source(telemetry: Telemetry) -> PoseSource:
+    return PoseSource(telemetry.settings, origin=telemetry.origin, time_std_s=0.0, ground=telemetry.ground)
+
+
+def _around(poses: PoseSource, stamp_ns: int, offsets_ns: Sequence[int]) -> tuple[PoseSample, ...]:
+    stamps_ns = stamp_ns + np.array(offsets_ns)
+    no = np.full(len(stamps_ns), fill_value=False)
+    found, _ = poses.at(stamps_ns, np.broadcast_to(LAST, stamps_ns.shape), final=~no, by_utc=no)
+    return tuple(found)
+
+
+def _stamps(telemetry: Telemetry, images: Sequence[GivenImage]) -> list[int]:
+    """UTC of each image, without what an older calibration had added."""
+    by_index: dict[int, int] = {}
+    if any(image.index is not None for image in images):
+        if not telemetry.has_images:
+            first = next(image for image in images if image.index is not None)
+            expected = "utc: a log has no images, a recording does"
+            raise InputError(f'image "{first.name}": index', where=telemetry.path, got="a log", expected=expected)
+        by_index = _recorded_stamps(telemetry)
+    for image in images:
+        if image.index is not None and image.index not in by_index:
+            expected = f"0 to {max(by_index)}" if by_index else "a recording with images"
+            raise InputError(f'image "{image.name}": index', where=telemetry.path, got=image.index, expected=expected)
+    return [by_index[image.index] if image.index is not None else image.stamp_ns or 0 for image in images]
+
+
+def _recorded_stamps(telemetry: Telemetry) -> dict[int, int]:
+    poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
+    stamps: dict[int, int] = {}
+    by_host: set[int] = set()
+    for event in telemetry.source.events():
+        if isinstance(event, Image):
+            stamp_ns = event.stamp_ns
+            if event.clock is StampClock.HOST:
+                by_host.add(event.index)
+                stamp_ns = int(poses.clock.host_to_utc(np.array([stamp_ns]))[0])
+            stamps[event.index] = stamp_ns - telemetry.offset_ns
+        elif isinstance(event, RawBlock) and (shift_ns := poses.append(Ticks.one(decoder.decode(event)))):
+            stamps |= {index: stamps[index] + shift_ns for index in by_host}
+    return stamps
+
+
+def _check_inside(image: GivenImage, stamp_ns: int, span: LogSpan, path: Path) -> None:
+    if span.first_ns is None or span.last_ns is None:
+        raise InputError("no telemetry in it", where=path, expected="a flight's log")
+    if not span.first_ns <= stamp_ns <= span.last_ns:
+        raise InputError(
+            f'image "{image.name}" is outside the telemetry',
+            where=path,
+            got=unix_ns_to_iso(stamp_ns),
+            expected=f"{unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
+            hint="check utc, and whose clock it is",
+        )
+
+
+def unbroken(samples: Sequence[PoseSample], offsets_s: Sequence[float]) -> np.ndarray:
+    """Indices of the poses around the stamp that have a place in one run without a gap."""
+    middle = int(np.argmin(np.abs(offsets_s)))
+    has = [sample.status is Status.OK and sample.pose is not None for sample in samples]
+    first, last = middle, middle
+    while first > 0 and has[first - 1]:
+        first -= 1
+    while last < len(has) - 1 and has[last + 1]:
+        last += 1
+    return np.arange(first, last + 1)

@@ -12,10 +12,9 @@ from aerodft.adapters.config.inputs import ImageInput, Rate, Stills, VideoFile, 
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.flight_run import measure_flight
+from aerodft.cli.flight import measure_flight
+from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import say
-from aerodft.cli.times import parse_utc
-from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, UsageError
 from replay.segments import is_mcap
@@ -85,7 +84,7 @@ def _station(
 def _on_time(station: StationConfig, sync: SyncChoice | None, log: Path | None, config: Path) -> StationConfig:
     """The station with its images' clock as it was asked for, and how well that is known."""
     if sync is SyncChoice.AUTO or (sync is None and station.images.is_auto):
-        from aerodft.cli.sync_station import aligned  # noqa: PLC0415 - 40 MB of fitting and decoding, asked for seldom
+        from aerodft.cli.sync_lines import aligned  # noqa: PLC0415 - 40 MB of fitting and decoding, asked for seldom
 
         return refreshed(aligned(station, log, config))
     return refreshed(_timed(replace(station, images=replace(station.images, is_auto=False))))

@@ -4,26 +4,27 @@ Exit codes: 0 done, 1 a bug, 2 usage, 3 bad input or configuration, 4 no answer 
 a loss to report.
 """
 
-import gc
+import difflib
 import inspect
+import io
 import keyword
 import logging
+import os
+import re
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
+from itertools import pairwise
 from types import FrameType
-from typing import Annotated, Final, NoReturn
+from typing import Annotated, Final, NoReturn, cast
 
 import typer
 from typer.exceptions import TyperException
 
 from aerodft import __version__
-from aerodft.cli.collector import end_at_once, without_collector
-from aerodft.cli.misuse import refuse_empty, usage_error
-from aerodft.cli.streams import ReaderGone, flush_stdout, guard_streams
-from aerodft.errors import AerodftError, UsageError, printable
+from aerodft.errors import AerodftError, InputError, UsageError, printable
 
 _INTERRUPTED = 130  # what a shell says of a program that a signal ended: 128 and its number
 _PIPE_CLOSED = 141
@@ -49,6 +50,51 @@ COMMANDS: Final = {
 ``x-y`` is ``x_y``."""
 
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
+
+_CHOICES: Final = re.compile(r"'(?P<got>[^']*)' is not one of (?P<expected>.*?)\.?$", re.DOTALL)
+_OUTPUT: Final = ("-o", "--output")
+_BOUND: Final = re.compile(r"should be (?P<expected>[^,]+)")
+
+
+class _ReaderGone(Exception):  # noqa: N818 - no error: whoever read stdout has seen enough
+    """The pipe behind stdout was closed at its other end."""
+
+
+class _Stream(io.FileIO):
+    """A standard stream whose first failure is its last: what is still to be written then goes nowhere.
+
+    stdout raises ``_ReaderGone``, or ``InputError`` where it cannot be written; of stderr nobody is left to tell.
+    """
+
+    def write(self, data: bytes | memoryview, /) -> int:  # type: ignore[override]  # of the buffer, never None
+        try:
+            return super().write(data) or 0
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
+            if self.fileno() == 1 and isinstance(error, BrokenPipeError):
+                raise _ReaderGone from error
+            if self.fileno() == 1:
+                raise InputError("the output cannot be written", where="stdout", got=error.strerror) from error
+        return len(data)
+
+
+def _guard_streams() -> None:
+    """Have the process's own stdout and stderr fail in a sentence, and open closed ones on nothing.
+
+    Else the next file opened would take the place of a closed one, and what C libraries print.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) in {None, getattr(sys, f"__{name}__")}:
+            stream = _Stream(number, "w", closefd=False)
+            buffer = io.BufferedWriter(cast("io.RawIOBase", stream))
+            is_live = number == 2 or stream.isatty()  # noqa: PLR2004 - stderr
+            text = io.TextIOWrapper(buffer, "utf-8", "backslashreplace", line_buffering=is_live, write_through=is_live)
+            setattr(sys, name, text)
 
 
 class _Sentences(logging.Formatter):
@@ -79,9 +125,7 @@ def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
         python_name = f"{name}_" if keyword.iskeyword(name) else name.replace("-", "_")
-        with without_collector():
-            function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{python_name}"), python_name)
-        gc.freeze()  # what is loaded stays: it need not be looked through again
+        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{python_name}"), python_name)
         return function
     return lambda: None
 
@@ -138,18 +182,87 @@ def _run(arguments: list[str]) -> NoReturn:
 
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
-    end_at_once()
-    guard_streams()
+    _guard_streams()
     try:
         with _ended_by_sigterm():
             try:
                 _run(sys.argv[1:])
             finally:
-                flush_stdout()
+                with suppress(ValueError):  # closed already
+                    sys.stdout.flush()
     except AerodftError as error:
         typer.echo(f"aerodft: {error}", err=True)
         sys.exit(error.exit_code)
-    except ReaderGone:
+    except _ReaderGone:
         sys.exit(_PIPE_CLOSED)
     except KeyboardInterrupt:  # while the command was loaded; once it runs, typer exits likewise
         sys.exit(_INTERRUPTED)
+
+
+def usage_error(error: TyperException, arguments: list[str], commands: Collection[str]) -> UsageError | None:
+    """The sentence for what the parser of the command line refused.
+
+    Args:
+        error: What it raised.
+        arguments: The command line without the program's name.
+        commands: Every command.
+
+    Returns:
+        None where its message is help that was asked for, and should stand as it is.
+    """
+    if not arguments:
+        return None
+    command = next((each for each in arguments if each in commands), "")
+    hint = f"see aerodft {command} --help" if command else "see aerodft --help"
+    option = getattr(error, "option_name", None)
+    if possibilities := getattr(error, "possibilities", None) or ():
+        close = difflib.get_close_matches(str(option), possibilities, n=1, cutoff=0.0)
+        hint = f"did you mean {close[0]}?" if close else hint
+    message = str(getattr(error, "format_message", lambda: error)())
+    if message.startswith("No such command"):
+        wanted = next((each for each in arguments if not each.startswith("-")), arguments[-1])
+        close = difflib.get_close_matches(wanted, commands, n=1)
+        expected = f"one of {', '.join(commands)}"
+        return UsageError(
+            "no such command", got=wanted, expected=expected, hint=f"did you mean {close[0]}?" if close else hint
+        )
+    if message.startswith("No such option"):
+        return UsageError("no such option", where=command, got=option, hint=hint)
+    if message.startswith("Invalid value"):
+        return _invalid(message, arguments, command, hint)
+    first, *_ = message.splitlines()
+    return UsageError(f"{first[:1].lower()}{first[1:].rstrip('.')}", where=command, hint=hint)
+
+
+def refuse_empty(arguments: list[str]) -> None:
+    """Refuse an output without a name, as ``-o "$UNSET"`` gives it: the parser takes it for the current folder.
+
+    Raises:
+        UsageError: There is one.
+    """
+    for before, argument in pairwise(["", *arguments]):
+        if (before in _OUTPUT and not argument) or argument in {f"{name}=" for name in _OUTPUT}:
+            raise UsageError("--output", got="nothing", expected="a file or a folder to write to")
+
+
+def _invalid(message: str, arguments: list[str], command: str, hint: str) -> UsageError:
+    """A value of another kind than its option takes."""
+    label, _, why = message.removeprefix("Invalid value").removeprefix(" for ").partition(": ")
+    label, why = label.strip("'"), " ".join(why.removeprefix("Value error, ").split())
+    choice = _CHOICES.search(why)
+    if choice:
+        return UsageError(label, where=command, got=choice["got"], expected=f"one of {choice['expected']}", hint=hint)
+    bound = _BOUND.search(why)
+    if bound:
+        expected = bound["expected"].replace("valid number", "number").replace("valid integer", "whole number")
+        return UsageError(label, where=command, got=_given(arguments, label), expected=expected, hint=hint)
+    return UsageError(label, where=command, got=why.rstrip("."), hint=hint)
+
+
+def _given(arguments: list[str], option: str) -> str:
+    """What stands behind an option, or after its equals sign."""
+    for argument, after in zip(arguments, [*arguments[1:], ""], strict=True):
+        name, _, value = argument.partition("=")
+        if name == option:
+            return value or after
+    return ""

@@ -1,43 +1,62 @@
-"""``aerodft measure``: one pose, some pixels, measurements."""
+"""``aerodft measure``: one pose, some pixels, measurements; or the same pixels under both projection models."""
 
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import typer
+from rich.table import Table
 
 from aerodft.adapters.codec.measurement import measurement_payload
-from aerodft.adapters.config.calibration import load_calibrated_pose
-from aerodft.adapters.config.camera import load_camera
-from aerodft.cli.calibrated import calibrated, corrected
-from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
-from aerodft.cli.measured_table import print_budget, print_measurements
-from aerodft.cli.model_table import cautions, show_models
-from aerodft.cli.output import print_json, say
+from aerodft.cli.option_values import TopicOption, parse_topics
+from aerodft.cli.output import print_json, say, tables
+from aerodft.cli.pose_options import (
+    CameraOption,
+    CovarianceOption,
+    GivenGround,
+    GivenPose,
+    HeadingOption,
+    HeightOption,
+    LatOption,
+    LonOption,
+    MeasuredLevel,
+    RollOption,
+    StdOption,
+    Stds,
+    TiltOption,
+    given_scene,
+    parse_stds,
+    refuse_beside,
+)
 from aerodft.cli.probes import parse_probes
-from aerodft.cli.stds import Stds, assumed_stds, parse_stds
-from aerodft.cli.topics import TopicOption, parse_topics
-from aerodft.conventions import LARGEST
 from aerodft.dft.budget import Share, advice
+from aerodft.dft.equations import tilt_warning
 from aerodft.dft.measure import Request, Setup
 from aerodft.dft.measure import explain as explain_request
 from aerodft.dft.measure import measure as measure_requests
-from aerodft.dft.models import compare_models
-from aerodft.errors import InputError, UsageError
+from aerodft.dft.models import ModelDifference, compare_models
+from aerodft.errors import UsageError
+from aerodft.geometry.rotation import camera_angles
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Camera
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 
+_LEVEL_RAD: Final = math.radians(0.05)
+
 
 def measure(
-    camera: Annotated[Path | None, typer.Option(help="Camera file (TOML).")] = None,
-    height: Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")] = None,
-    tilt: Annotated[float | None, typer.Option(help="Angle of the optical axis from straight down, deg.")] = None,
-    roll: Annotated[float, typer.Option(help="Positive with the camera's right side down, deg.")] = 0.0,
-    heading: Annotated[float, typer.Option(help="Clockwise from true north, deg.")] = 0.0,
-    lat: Annotated[float | None, typer.Option(help="Camera latitude, WGS84, deg.")] = None,
-    lon: Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")] = None,
+    camera: CameraOption = None,
+    height: HeightOption = None,
+    tilt: TiltOption = None,
+    roll: RollOption = 0.0,
+    heading: HeadingOption = 0.0,
+    lat: LatOption = None,
+    lon: LonOption = None,
     altitude: Annotated[
         float | None, typer.Option(help="With --terrain, instead of --height: above mean sea level, m.")
     ] = None,
@@ -47,15 +66,8 @@ def measure(
     terrain: Annotated[Path | None, typer.Option(help="Ground of an elevation model (GeoTIFF); needs --lat.")] = None,
     max_range: Annotated[float | None, typer.Option(help="What is farther is refused, m.")] = None,
     model: Annotated[ProjectionModel | None, typer.Option(help="Projection model; else pinhole.")] = None,
-    std: Annotated[
-        str | None,
-        typer.Option(
-            help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude."
-        ),
-    ] = None,
-    covariance: Annotated[
-        Path | None, typer.Option(help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.")
-    ] = None,
+    std: StdOption = None,
+    covariance: CovarianceOption = None,
     probe: Annotated[
         list[str] | None,
         typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
@@ -119,17 +131,9 @@ def measure(
             refuse_beside({"camera": camera}, "--config")
         files = {"config": config, "calibration": calibration, "camera": camera}
         setup, sample, stds = _recorded(recording, at, model, std, topic, files)
-    elif calibration is not None and load_calibrated_pose(calibration) is not None:
-        pose.refuse_all("--calibration")
-        setup, sample, stds = calibrated(calibration, camera, model, std, terms)
     else:
-        stds = _stds(std, pose)
-        surface, origin = terms.ground(pose.origin)
-        setup = replace(_setup(camera, model or ProjectionModel.PINHOLE, stds), ground=surface)
-        sample = pose.sample(stds, origin)
-        if calibration is not None:
-            setup, sample = corrected(setup, sample, calibration)
-    setup = replace(_limited(setup, elevation, max_range), elevation_std_m=stds.elevation_m)
+        setup, sample, stds = given_scene(pose, terms, camera, calibration, model, std)
+    setup = MeasuredLevel.of(elevation, max_range, stds).on(setup)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
         from aerodft.cli.depth import write_depth  # noqa: PLC0415 - matplotlib and the video library are slow
@@ -162,25 +166,6 @@ def _check_together(probing: dict[str, object], mapping: dict[str, object]) -> N
         raise UsageError("--explain beside --compare", expected="one of them")
     if "--probe" not in asked:
         raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
-
-
-def _stds(std: str | None, pose: GivenPose) -> Stds:
-    stds = parse_stds(std) if std else None
-    if pose.covariance is None:
-        return stds or assumed_stds(pose.height_m or pose.altitude_m or 0.0)
-    if stds is not None and stds.pose != PoseStd():
-        raise UsageError("--std of the pose beside --covariance", expected="px, focal, elevation: the rest is there")
-    return stds or Stds()
-
-
-def _limited(setup: Setup, elevation_m: float, max_range_m: float | None) -> Setup:
-    if not abs(elevation_m) <= LARGEST:
-        raise InputError("--elevation", got=f"{elevation_m:g}", expected="m above the ground, finite")
-    if max_range_m is None:
-        return replace(setup, elevation_m=elevation_m)
-    if not 0 < max_range_m <= LARGEST:
-        raise InputError("--max-range", got=f"{max_range_m:g}", expected="m, above 0")
-    return replace(setup, elevation_m=elevation_m, max_range_m=max_range_m)
 
 
 def _recorded(
@@ -223,12 +208,6 @@ def _check_model(
         say(f"aerodft: {caution}")
 
 
-def _setup(camera: Path | None, model: ProjectionModel, stds: Stds) -> Setup:
-    if camera is None:
-        raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
-    return Setup(camera=stds.on_camera(load_camera(camera)), model=model)
-
-
 def _show(measurements: list[Measurement], budgets: list[tuple[Share, ...]], *, as_json: bool) -> None:
     """Print measurements; with budgets, one for each, also where their uncertainty comes from."""
     documents = [measurement_payload(measurement) for measurement in measurements]
@@ -252,3 +231,121 @@ def _finish(measurements: list[Measurement]) -> None:
         raise typer.Exit(3)
     if Status.OK not in statuses:
         raise typer.Exit(4)
+
+
+def print_measurements(measurements: Iterable[Measurement]) -> None:
+    """A table on stdout."""
+    table = Table("probe", "kind", "value", "95 % interval", "ground X, Y (m)", "status")
+    for item in measurements:
+        value = "" if item.value is None else f"{item.value:.3f} {item.unit}"
+        interval = "" if item.ci95 is None else f"{item.ci95[0]:.3f} ... {item.ci95[1]:.3f}"
+        if item.ellipse95 is not None:
+            interval = f"ellipse {item.ellipse95.semi_major_m:.3f} x {item.ellipse95.semi_minor_m:.3f} m"
+        ground = "; ".join(f"{x:.2f}, {y:.2f}" for x, y, _ in item.ground_m or ())
+        status = str(item.status) if item.status is Status.OK else f"{item.status}: {'; '.join(item.reasons)}"
+        table.add_row(item.name, item.kind, value, interval, ground, status)
+    tables().print(table)
+
+
+def print_budget(measurement: Measurement, budget: Sequence[Share]) -> None:
+    """Where one measurement's uncertainty comes from, the largest part first, on stdout."""
+    parts = ", ".join(f"{part.source} {100 * part.share:.0f} % ({part.std:.3g} {measurement.unit})" for part in budget)
+    sentence = f"{parts}. {advice(tuple(budget))}" if budget else "no single number whose uncertainty could be divided"
+    tables().print(f"{measurement.name}: {sentence}", soft_wrap=True)
+
+
+def model_document(differences: Sequence[ModelDifference]) -> dict[str, list[dict[str, Any]]]:
+    """The JSON of ``--compare``: the measurements of both models as on the wire, and what lies between them."""
+    return {
+        "pinhole": [measurement_payload(item.pinhole) for item in differences],
+        "dft": [measurement_payload(item.dft) for item in differences],
+        "difference": [_difference(item) for item in differences],
+    }
+
+
+def cautions(camera: Camera, sample: PoseSample) -> list[str]:
+    """What the paper's model cannot see of this camera and pose, a sentence each: the horizon (Eq. 1), and roll."""
+    if sample.pose is None:
+        return []
+    tilt_rad, roll_rad, _ = map(float, camera_angles(sample.pose.wxyz))
+    past_horizon = tilt_warning(tilt_rad, camera.vfov_rad)
+    said = [] if past_horizon is None else [past_horizon]
+    if abs(roll_rad) > _LEVEL_RAD:
+        said.append(
+            f"the paper's camera does not roll: a roll of {math.degrees(roll_rad):.1f} deg is left out under dft"
+        )
+    return said
+
+
+def show_models(differences: Sequence[ModelDifference], sample: PoseSample, *, as_json: bool) -> None:
+    """Print the comparison: a JSON document, or a table and a sentence on what Eq. 5 does at this tilt."""
+    if as_json:
+        print_json(model_document(differences))
+        return
+    table = Table("probe", "", "pinhole", "dft", "difference", "%", "by Eq. 5 (m)", "by angles (m)")
+    for item in differences:
+        _add(table, item)
+    console = tables()
+    console.print(table)
+    if sample.pose is None:
+        return
+    tilt_rad, _, _ = camera_angles(sample.pose.wxyz)
+    console.print(
+        f"In the image's middle, at a tilt of {math.degrees(tilt_rad):.1f} deg, Eq. 5 gives"
+        f" {math.sin(tilt_rad):.2f} of the true X; the rest is the paper's angles, linear in pixels."
+    )
+
+
+def _difference(item: ModelDifference) -> dict[str, Any]:
+    apart, percent = _apart(item)
+    return {
+        "name": item.pinhole.name,
+        "kind": item.pinhole.kind,
+        "value": item.value,
+        "unit": item.pinhole.unit,
+        "percent": item.percent,
+        "ground_m": _listed(item.ground_m),
+        "apart_m": apart,
+        "apart_percent_of_range": percent,
+        "equation_5_m": _listed(item.equation_5_m),
+        "angles_m": _listed(item.angles_m),
+    }
+
+
+def _listed(values: FloatArray | None) -> list[Any] | None:
+    return None if values is None else values.tolist()
+
+
+def _apart(item: ModelDifference) -> tuple[list[float] | None, list[float] | None]:
+    """How far the two ground points of each pixel are apart, in m and in percent of the pinhole's slant range."""
+    if item.ground_m is None or item.pinhole.range_m is None:
+        return None, None
+    apart = [math.hypot(*row) for row in item.ground_m.tolist()]
+    return apart, [100 * m / away for m, away in zip(apart, item.pinhole.range_m, strict=True)]
+
+
+def _add(table: Table, item: ModelDifference) -> None:
+    pinhole, dft = item.pinhole, item.dft
+    if pinhole.value is not None or item.ground_m is None:
+        values = [str(m.status) if m.value is None else f"{m.value:.3f} {m.unit}" for m in (pinhole, dft)]
+        table.add_row(pinhole.name, pinhole.kind, *values, _signed(item.value), _signed(item.percent, 1))
+    if item.ground_m is None or pinhole.ground_m is None or dft.ground_m is None:
+        return
+    _, percents = _apart(item)
+    for index, shift in enumerate(item.ground_m.tolist()):
+        for axis, letter in enumerate("XY"):
+            first = index == axis == 0 and pinhole.value is None
+            table.add_row(
+                pinhole.name if first else "",
+                f"{letter} {index} (m)",
+                f"{pinhole.ground_m[index][axis]:.3f}",
+                f"{dft.ground_m[index][axis]:.3f}",
+                _signed(shift[axis]),
+                "" if percents is None or axis else f"{percents[index]:.1f} of range",
+                "" if item.equation_5_m is None or axis else _signed(float(item.equation_5_m[index])),
+                "" if item.angles_m is None else _signed(float(item.angles_m[index, axis])),
+            )
+
+
+def _signed(number: float | None, digits: int = 3) -> str:
+    return "" if number is None else f"{number:+.{digits}f}"

@@ -3,11 +3,13 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 import orjson
+import typer
 from rich.console import Console
 from rich.progress import Progress
 
@@ -17,11 +19,71 @@ _SAY_EVERY_S = 5.0
 _FILE_WIDTH = 132
 """Columns of a table that goes to a pipe or a file, where nothing says how wide it may be."""
 
+LOSS: Final = 5
+"""Exit code of what is done, and not whole."""
+
+
+def end_with_gaps(left_out: Mapping[str, int]) -> None:
+    """Say what of the input could not be read.
+
+    Raises:
+        Exit: With 5, where there is such.
+    """
+    if any(left_out.values()):
+        say(f"aerodft: {gaps(left_out)}")
+        raise typer.Exit(LOSS)
+
+
+def gaps(left_out: Mapping[str, int]) -> str:
+    """What could not be read, as a sentence; empty where that is nothing."""
+    found = [
+        f"{count} {what.replace('_', ' ').removesuffix('s' if count == 1 else '')}"
+        for what, count in left_out.items()
+        if count
+    ]
+    return f"the recording is not whole, and so is what came of it: without {' and '.join(found)}" if found else ""
+
+
+def json_bytes(document: object) -> bytes:
+    """A JSON document for people and programs, as it is printed and written to files."""
+    return orjson.dumps(document, option=orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2)
+
 
 def print_json(document: object) -> None:
     """One JSON document on stdout."""
-    sys.stdout.buffer.write(orjson.dumps(document, option=orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2))
+    sys.stdout.buffer.write(json_bytes(document))
     sys.stdout.flush()
+
+
+@contextmanager
+def output_folder(folder: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
+    """A folder, made where it is not there, that something is written to.
+
+    Args:
+        folder: The folder.
+        what: Is written, for the sentence where that fails.
+        expected: For the sentence as well.
+
+    Raises:
+        InputError: It cannot be written to.
+    """
+    with writable(folder, what, expected):
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+
+
+@contextmanager
+def writable(folder: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
+    """As ``output_folder``, of a folder that is not made.
+
+    Raises:
+        InputError: It cannot be written to.
+    """
+    try:
+        yield
+    except OSError as error:
+        got = error.strerror or error
+        raise InputError(f"{what} cannot be written", where=folder, got=got, expected=expected) from error
 
 
 def tables() -> Console:

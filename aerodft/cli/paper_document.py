@@ -1,17 +1,20 @@
-"""The paper's tables and figures as one JSON document: degrees and percent, as people read them."""
+"""The paper's tables and figures as a JSON document, with a sentence for every difference."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from aerodft.cli.paper_notes import figure_12_notes, figure_14_notes, table_1_notes, table_2_notes, table_3_notes
+from aerodft.dft.paper_printed import MAX_DEPTH_M, TABLE_1, TABLE_2_HEIGHT_M, TABLE_2_TILT_RAD
 from aerodft.dft.paper_sensitivity import Percent, Sensitivity, SensitivityRow
-from aerodft.dft.paper_tables import CameraRow, DepthRow, ErrorCurve
+from aerodft.dft.paper_tables import CANON, CameraRow, DepthRow, ErrorCurve, figure_14_text_depth
 
 SCHEMA: Final = "aerodft.paper/1"
 
 _DEPTHS_M: Final = tuple(range(10, 151, 10))
+
+_HALF_DIGIT: Final = 0.005
+_HALF_PITCH_DIGIT_DEG: Final = 0.05
 
 
 def paper_document(
@@ -117,3 +120,176 @@ def _curve(curve: ErrorCurve) -> dict[str, Any]:
 
 def _point(row: DepthRow) -> dict[str, float]:
     return {"truth_m": row.printed.truth_m, "error_m": row.printed.error_m, "quantization_m": row.quantization_m}
+
+
+def table_1_notes(rows: Sequence[CameraRow]) -> list[str]:
+    """Table 1: pitches, and the quantization errors that Section 5.1 states in its text."""
+    by_label = {row.printed.label: row for row in rows}
+    canon, nao = by_label["Cam1"], by_label["Cam7"]
+    along, ahead = (
+        _rounded(rows, lambda row: row.tilt_for_depth_rad),
+        _rounded(rows, lambda row: row.tilt_for_ahead_rad),
+    )
+    neither = " and ".join(label for label in by_label if label not in {*along, *ahead})
+    pitch = (
+        "Pitch: the paper adjusts it until the greatest depth is 150 m. If that is the slant range Z of the top row's"
+        f" middle, {len(along)} of {len(rows)} printed pitches are the computed ones to 0.1 deg ({', '.join(along)});"
+        f" if it is the distance ahead, Y, {len(ahead)} are ({', '.join(ahead)}). {neither} fit neither: Cam7 is off by"
+        f" {_off_deg(nao):.2f} deg, Cam1 by {_off_deg(canon):.2f} deg."
+    )
+    cam1 = (
+        f"Cam1 needs {_deg(canon.tilt_for_depth_rad):.2f} deg: at the printed {_deg(canon.printed.tilt_rad):.1f} deg"
+        f" the top row ends at {canon.depth_at_printed_m:.1f} m in its middle; only towards its corners"
+        f" ({canon.corner_at_printed_m:.1f} m) does it reach 150 m."
+    )
+    return [pitch, cam1, *_text_error_notes(rows, by_label)]
+
+
+def _text_error_notes(rows: Sequence[CameraRow], by_label: dict[str, CameraRow]) -> list[str]:
+    sdz, snb, dlink, nao = (by_label[label] for label in ("Cam2", "Cam3", "Cam4", "Cam7"))
+    nearer = ", ".join(_text_depth(row) for row in rows if row.printed.text_error_m)
+    definition = (
+        "Error at 150 m: by the definition in Section 5.1, the largest change of Z among the 8 neighbours (here: those"
+        " inside the image), at the top row's middle. One more row above the image would make it a little larger (Cam4:"
+        f" {dlink.error_outward_m:.2f} m). The text's figures fit the definition nearer to the camera, as if read off"
+        f" the plot: {nearer}."
+    )
+    samsung = (
+        "The text gives 2.0-2.5 m for the two Samsung cameras 'respectively', the SDZ first and so the smaller;"
+        f" computed it is the larger, {sdz.error_m:.2f} m against {snb.error_m:.2f} m."
+    )
+    resolution = (
+        "Section 5.1 says that Cam2 and Cam7 have the same resolution; by Table 1 it is Cam3 that has 640x480 as Cam7."
+        f" Its conclusion holds for those two: {snb.error_m:.2f} m against {nao.error_m:.2f} m with the narrower view."
+    )
+    return [definition, samsung, resolution]
+
+
+def table_2_notes(rows: Sequence[DepthRow]) -> list[str]:
+    """Table 2: what had to be assumed, its arithmetic, and what its errors look like."""
+    off = [str(row.printed.case) for row in rows if abs(row.error_m - row.printed.error_m) > _HALF_DIGIT]
+    percent = max(abs(row.error_percent - row.printed.error_percent) for row in rows)
+    arithmetic = (
+        f"Arithmetic: truth - estimate is the printed error but for cases {' and '.join(off)}, which are 0.01 m off, as"
+        f" two depths rounded to 0.01 m can be; the percentages agree within {percent:.3f} %."
+    )
+    pixels = [row.error_m / row.quantization_m for row in rows]
+    tilts = [_deg(row.tilt_error_rad) for row in rows]
+    one_sided = (
+        f"All ten estimates are short, by {min(pixels):.0f} to {max(pixels):.0f} pixels: errors of picking, as Section"
+        f" 5.2 has it, would fall on both sides. A pitch {min(tilts):.2f} to {max(tilts):.2f} deg above the printed"
+        f" {_deg(TABLE_2_TILT_RAD):.1f} deg (column 'pitch') makes each estimate meet its truth."
+    )
+    linear = max(abs(_deg(row.psi_rad - math.acos(TABLE_2_HEIGHT_M / row.pinhole_m))) for row in rows)
+    pinhole = (
+        "Linear angles: a pinhole with the same field of view sees the same rows at other angles, by up to"
+        f" {linear:.2f} deg; its depths stand in the column 'pinhole'."
+    )
+    return [*_recovery_notes(rows), arithmetic, one_sided, pinhole]
+
+
+def _recovery_notes(rows: Sequence[DepthRow]) -> list[str]:
+    near, far = rows[0], rows[-1]
+    recovered = (
+        "The paper prints no pixels. psi is recovered from its estimated depth, psi = acos(h / Z) with"
+        f" h = {TABLE_2_HEIGHT_M} m, as if the point lay in the middle column (X = 0); the row follows from Eq. 3 with"
+        f" theta = {_deg(TABLE_2_TILT_RAD):.1f} deg. At the image's left or right border psi would be"
+        f" {_deg(near.psi_rad - near.psi_at_border_rad):.1f} (case 1) to"
+        f" {_deg(far.psi_rad - far.psi_at_border_rad):.1f} deg (case 10) smaller."
+    )
+    between = sum(abs(row.row_px - round(row.row_px)) > row.row_half_digit_px for row in rows)
+    theta_px = _HALF_PITCH_DIGIT_DEG / (_deg(CANON.vfov_rad) / CANON.height_px)
+    digits = (
+        f"Depths printed to 0.01 m fix the row to {near.row_half_digit_px:.2f} px (case 1) to"
+        f" {far.row_half_digit_px:.2f} px (case 10); theta printed to 0.1 deg may shift all rows together by"
+        f" {theta_px:.1f} px. {between} of {len(rows)} rows lie farther than the former from a whole row, and not all"
+        " by the same: points beside the middle column, or picked between pixels. So the depth at the nearest whole row"
+        " is not quite the printed one."
+    )
+    return [recovered, digits]
+
+
+def table_3_notes(rows: Sequence[SensitivityRow]) -> list[str]:
+    """Table 3: how each percentage arises, and where it holds."""
+    pitch, height, x_axis, y_axis = rows
+    angles = (
+        f"Pitch and y-axis: X and Y are tan(1 deg) = {pitch.holds_at.change_percent[1]:.2f} % and tan(2 deg) ="
+        f" {y_axis.holds_at.change_percent[1]:.2f} % of the camera height. That is the change of Y at psi = 0 alone"
+        " (elsewhere it grows with 1 / cos^2 psi), and of X only if also phi = 45 deg, which no camera of Table 1 sees."
+    )
+    mixed = (
+        "Camera height: 1 % of h in X and Y holds at psi = 45 deg alone (for X at phi = 45 deg too), not at psi = 0,"
+        f" where it is 0. x-axis: {x_axis.holds_at.change_percent[0]:.2f} % = tan(2 deg) is the change of X at phi = 0"
+        " in percent of Y, and so of the camera height at psi = 45 deg alone. The rows of one table hold at different"
+        " angles."
+    )
+    bound = (
+        "Column Z is the length of the vector of the other changes: sqrt(2) x 1.75 = 2.475 (printed 2.48; unrounded"
+        f" {pitch.displacement_percent:.2f}), sqrt(3) x 1 = {height.displacement_percent:.2f} (the height itself"
+        f" counted in), {x_axis.displacement_percent:.2f}, sqrt(2) x 3.49 = {y_axis.displacement_percent:.2f}. It is"
+        " how far the ground point moves, an upper bound of the change of Z, which at those angles is"
+        f" {', '.join(f'{row.holds_at.change_percent[2]:.2f}' for row in rows)} %."
+    )
+    return [angles, mixed, bound, *_size_notes(pitch)]
+
+
+def _size_notes(pitch: SensitivityRow) -> list[str]:
+    across = [_deg(printed.camera.hfov_rad) / 100 for printed in TABLE_1]
+    up = [_deg(printed.camera.vfov_rad) / 100 for printed in TABLE_1]
+    worst = max(true.derivative_percent[1] for true in pitch.true)
+    percent = (
+        "1 % of the image is taken for 2.0 deg; with the fields of view of Table 1 it is"
+        f" {min(across):.2f} to {max(across):.2f} deg across and {min(up):.2f} to {max(up):.2f} deg up. The true"
+        " figures here keep the 2.0 deg, to be comparable."
+    )
+    not_a_maximum = (
+        f"So these are no maximum errors: at psi = 85 deg one degree of pitch moves Y by {worst:.0f} % of the camera"
+        " height, and there the whole change is larger than even the derivative says."
+    )
+    return [percent, not_a_maximum]
+
+
+def figure_12_notes(curves: Sequence[ErrorCurve]) -> list[str]:
+    """Figure 12: what is drawn."""
+    nearest = [curve.depth_m.min() for curve in curves]
+    return [
+        (
+            f"Middle column, 10.0 m high, at the pitch with which each camera reaches {MAX_DEPTH_M:.0f} m. A curve"
+            f" begins at the image's bottom row, {min(nearest):.1f} to {max(nearest):.1f} m away, and ends flat: the"
+            " top row has no neighbour above it. Crosses and bars: what the text of Section 5.1 says."
+        )
+    ]
+
+
+def figure_14_notes(rows: Sequence[DepthRow]) -> list[str]:
+    """Figure 14: the text's figures beside the table's."""
+    far = rows[-1]
+    return [
+        (
+            f"Section 5.2 speaks of 3.6 m 'at a distance of 150 m' with a quantization error of 0.5 m; by Table 2 the"
+            f" point is {far.printed.truth_m} m away, and the quantization error at its estimated depth is"
+            f" {far.quantization_m:.2f} m. 0.5 m is reached at {figure_14_text_depth():.0f} m."
+        )
+    ]
+
+
+def _deg(angle_rad: float) -> float:
+    return math.degrees(angle_rad)
+
+
+def _off_deg(row: CameraRow) -> float:
+    return abs(_deg(row.tilt_for_depth_rad - row.printed.tilt_rad))
+
+
+def _rounded(rows: Sequence[CameraRow], tilt_rad: Callable[[CameraRow], float]) -> list[str]:
+    """Labels of the cameras whose printed pitch is the computed one, rounded as printed."""
+    return [
+        row.printed.label for row in rows if abs(_deg(tilt_rad(row) - row.printed.tilt_rad)) <= _HALF_PITCH_DIGIT_DEG
+    ]
+
+
+def _text_depth(row: CameraRow) -> str:
+    highest = (row.printed.text_error_m or (math.nan, math.nan))[1]
+    if row.depth_of_text_error_m is None:
+        return f"{row.printed.label} never has {highest} m"
+    return f"{row.printed.label} has {highest} m at {row.depth_of_text_error_m:.0f} m"

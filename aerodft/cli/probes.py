@@ -2,7 +2,7 @@
 
 import math
 
-from aerodft.cli.stds import Stds
+from aerodft.cli.pose_options import Stds
 from aerodft.conventions import LARGEST
 from aerodft.dft.request import Request, linked
 from aerodft.errors import UsageError

@@ -1,31 +1,32 @@
 """``aerodft recompute``: the same pipeline over a recording's raw input, or over that of many recordings."""
 
-import gc
 import shutil
+import tomllib
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
+import tomli_w
 import typer
 
 from aerodft.adapters.config.loading import load_station, with_calibration
-from aerodft.cli.allocation import keep_little
-from aerodft.cli.collector import without_collector
-from aerodft.cli.computed_from import COMPUTED_FROM, computed_from, computed_from_toml
 from aerodft.cli.ending import Interruptible
+from aerodft.cli.option_values import TopicOption, parse_topics
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.recompute_many import Many, are_many, recompute_many
-from aerodft.cli.recomputing import prepare
+from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.summary import report
-from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.cli.wiring import build_recorder, closing_recorder, run
 from aerodft.errors import InputError, UsageError
+from replay.dataset import recording_hash
 from replay.foreign import is_foreign
 from replay.recording import Recording
 
 _SAID = ("recording", "recording_sha256", "config", "calibration")
 _FROM_IMAGE_TO_IMAGE = {"objects": "[objects]", "tracked": "tracked probes"}
+
+COMPUTED_FROM: Final = "computed_from.toml"
 
 
 def recompute(
@@ -100,7 +101,7 @@ def _measure_foreign(
     if calibration is not None:
         station = with_calibration(station, calibration)
     station = replace(station, topics=parse_topics(topic, station.topics))
-    from aerodft.cli.flight_run import measure_flight  # noqa: PLC0415 - stills, logs: our own recordings need neither
+    from aerodft.cli.flight import measure_flight  # noqa: PLC0415 - stills, logs: our own recordings need neither
 
     measure_flight(station, path, (), output, where=config, as_json=as_json)
 
@@ -108,10 +109,7 @@ def _measure_foreign(
 def _recompute_one(
     folder: Path, output: Path, config: Path | None, calibration: Path | None, *, vision: bool, as_json: bool
 ) -> None:
-    keep_little()
-    with without_collector():
-        ready = prepare(folder, config, calibration, vision=vision)
-    gc.freeze()  # what is loaded stays: it need not be looked through again
+    ready = prepare(folder, config, calibration, vision=vision)
     old, statistics, source = ready.recording, RunStatistics(), computed_from(ready)
     texts = {COMPUTED_FROM: computed_from_toml(source)}
     recorder = build_recorder(ready.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
@@ -151,3 +149,40 @@ def _copy_images(recording: Recording, output: Path) -> None:
         except OSError as error:
             hint = "the measurements are complete"
             raise InputError("images cannot be copied", where=segment.path, got=error.strerror, hint=hint) from error
+
+
+def computed_from(ready: Recomputation) -> dict[str, Any]:
+    """The recording's own provenance, which its new measurements no longer name; ids are those in its measurements.
+
+    Where it was computed from another one itself, what it says of that one is in it, under ``computed_from``.
+
+    Raises:
+        InputError: A segment cannot be read.
+    """
+    old, was = ready.recording, ready.was
+    known = {
+        "recording": str(old.folder.resolve()),
+        "recording_sha256": recording_hash([segment.path for segment in old.data]),
+        "station": was.pipeline.station,
+        "camera": was.pipeline.camera.name,
+        "config": was.pipeline.config_id,
+        "calibration": None if was.calibration is None else was.calibration.id,
+        "config_toml": old.text("config.toml"),
+        "computed_from": _before(old),
+    }
+    return {key: value for key, value in known.items() if value is not None}
+
+
+def computed_from_toml(document: dict[str, Any]) -> str:
+    """The document as a file that people read."""
+    return tomli_w.dumps(document, multiline_strings=True)
+
+
+def _before(recording: Recording) -> dict[str, Any] | None:
+    text = recording.text(COMPUTED_FROM)
+    if text is None:
+        return None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("the file is no TOML", where=recording.folder / COMPUTED_FROM, got=error) from error

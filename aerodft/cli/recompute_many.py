@@ -13,9 +13,7 @@ import typer
 
 from aerodft.adapters.codec.measurement import encode_measurement
 from aerodft.adapters.config.resolved import resolved_toml
-from aerodft.cli.collector import end_at_once
-from aerodft.cli.gaps import LOSS, gaps
-from aerodft.cli.output import print_json, progress_bar, say
+from aerodft.cli.output import LOSS, gaps, print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.wiring import run
@@ -25,9 +23,6 @@ from aerodft.service.outputs import StepOutputs
 from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset, InputKey, input_key
 from replay.parquet import ParquetRows
-
-READY = "aerodft.cli.recompute_ready"
-"""Loads what ``recompute_rows`` needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +75,7 @@ def recompute_many(
     work = partial(recompute_rows, dataset=dataset, many=settled)
     outcomes: dict[str, Outcome] = {}
     with progress_bar("recomputing", 0, len(jobs)) as progress:
-        for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0)), ready=READY):
+        for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0))):
             outcomes[outcome.recording] = outcome
             progress(len(outcomes))
             if outcome.sentence:
@@ -107,7 +102,6 @@ def _folders(recordings: Sequence[str], output: Path) -> list[Path]:
 
 def recompute_rows(job: Job, *, dataset: Dataset, many: Many) -> Outcome:
     """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
-    end_at_once()
     try:
         ready = prepare(job.folder, many.config, many.calibration)
         key = _key(ready)

@@ -9,8 +9,8 @@ from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.config.loading import load_station, with_calibration
 from aerodft.adapters.config.resolved import refreshed
 from aerodft.adapters.config.station import StationConfig
+from aerodft.cli.option_values import parse_instant
 from aerodft.cli.recorded import recorded_station
-from aerodft.cli.times import parse_instant
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Setup

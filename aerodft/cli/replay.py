@@ -14,9 +14,8 @@ from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, session_on
 from aerodft.cli.keys import has_keys, pressed
+from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, progress_bar, say
-from aerodft.cli.times import parse_instant
-from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clock import WallClock

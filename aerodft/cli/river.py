@@ -1,56 +1,67 @@
-"""``aerodft river``: a river's width along it, from one image with a known pose."""
+"""``aerodft river``: a river's width along it, from one image with a known pose, a recording or a video."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
-from aerodft.adapters.config.calibration import load_calibrated_pose
-from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.images.pixels import read_camera_image
-from aerodft.cli.calibrated import calibrated, corrected
-from aerodft.cli.given import GivenGround, GivenPose, refuse_beside
-from aerodft.cli.output import print_json, say
-from aerodft.cli.river_document import refusal_document, river_document
-from aerodft.cli.river_files import check_folder, write_river
-from aerodft.cli.river_flight import MOST_IMAGES, VIDEO_SUFFIXES, WaterLevel, flight_document
-from aerodft.cli.river_views import filmed_views, is_recording, recorded_views
-from aerodft.cli.stds import Stds, assumed_stds, parse_stds
+from aerodft.cli.output import print_json, say, steps
+from aerodft.cli.pose_options import (
+    CameraOption,
+    CovarianceOption,
+    GivenGround,
+    GivenPose,
+    HeadingOption,
+    HeightOption,
+    LatOption,
+    LonOption,
+    MeasuredLevel,
+    RollOption,
+    StdOption,
+    Stds,
+    TiltOption,
+    given_scene,
+    parse_stds,
+    refuse_beside,
+)
+from aerodft.cli.river_document import reach_document, refusal_document, refused_reach, river_document
+from aerodft.cli.river_files import check_folder, write_reach, write_river
+from aerodft.cli.river_views import View, Views, filmed_views, is_recording, recorded_views
 from aerodft.conventions import LARGEST
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
-from aerodft.model.pose import PoseSample, PoseStd
+from aerodft.model.pose import Pose, PoseSample
 from aerodft.vision.river import NoRiver, RiverQuestion, find_river
+from aerodft.vision.river_reach import ReachView, measure_reach
+from aerodft.vision.water_motion import LaterLook
 from aerodft.vision.water_network import WaterNetwork
+from aerodft.vision.water_plane import WaterPlane
+
+VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
+MOST_IMAGES: Final = 60
+"""Images that are looked at, unless told otherwise."""
 
 
 def river(
     what: Annotated[
         Path, typer.Argument(help="An image as the camera stored it, a fixed camera's video, or a recording.")
     ],
-    camera: Annotated[Path | None, typer.Option(help="Camera file (TOML).")] = None,
-    height: Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")] = None,
-    tilt: Annotated[float | None, typer.Option(help="Angle of the optical axis from straight down, deg.")] = None,
-    roll: Annotated[float, typer.Option(help="Positive with the camera's right side down, deg.")] = 0.0,
-    heading: Annotated[float, typer.Option(help="Clockwise from true north, deg.")] = 0.0,
-    lat: Annotated[float | None, typer.Option(help="Camera latitude, WGS84, deg.")] = None,
-    lon: Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")] = None,
+    camera: CameraOption = None,
+    height: HeightOption = None,
+    tilt: TiltOption = None,
+    roll: RollOption = 0.0,
+    heading: HeadingOption = 0.0,
+    lat: LatOption = None,
+    lon: LonOption = None,
     elevation: Annotated[
         float, typer.Option(help="Height of the water above the ground that --height is of, m.")
     ] = 0.0,
     max_range: Annotated[float | None, typer.Option(help="Water farther than this is left out, m.")] = None,
-    std: Annotated[
-        str | None,
-        typer.Option(
-            help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude."
-        ),
-    ] = None,
-    covariance: Annotated[
-        Path | None, typer.Option(help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.")
-    ] = None,
+    std: StdOption = None,
+    covariance: CovarianceOption = None,
     calibration: Annotated[
         Path | None,
         typer.Option(help="Take pose and lens of a calibration file, or correct the options by its biases."),
@@ -86,7 +97,6 @@ def river(
     """
     given = GivenPose(
         height_m=height,
-        altitude_m=None,
         tilt_deg=tilt,
         roll_deg=roll,
         heading_deg=heading,
@@ -101,15 +111,15 @@ def river(
     if is_recording(what):
         given.refuse_all("a recording")
         refuse_beside({"camera": camera}, "a recording")
-        level = _level(elevation, max_range, parse_stds(std) if std else Stds())
-        document = flight_document(recorded_views(what, config, calibration, most), level, question, output)
+        level = MeasuredLevel.of(elevation, max_range, parse_stds(std) if std else Stds())
+        document = _flight_document(recorded_views(what, config, calibration, most), level, question, output)
     else:
         if config is not None:
             raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
-        setup, sample, stds = _scene(given, camera, calibration, std)
-        level = _level(elevation, max_range, stds)
+        setup, sample, stds = given_scene(given, GivenGround(), camera, calibration, None, std, says_exact=True)
+        level = MeasuredLevel.of(elevation, max_range, stds)
         if what.suffix.lower() in VIDEO_SUFFIXES:
-            document = flight_document(filmed_views(what, setup, sample, most), level, question, output)
+            document = _flight_document(filmed_views(what, setup, sample, most), level, question, output)
         else:
             if images is not None:
                 raise UsageError("--images beside one image", expected="it with a recording or a video")
@@ -134,42 +144,6 @@ def _still(
     if output is not None:
         write_river(output, document, found, pixels, setup, sample)
     return document
-
-
-def _scene(
-    given: GivenPose, camera: Path | None, calibration: Path | None, std: str | None
-) -> tuple[Setup, PoseSample, Stds]:
-    level = GivenGround(slope_deg=None, uphill_deg=None, terrain=None)
-    if calibration is not None and load_calibrated_pose(calibration) is not None:
-        given.refuse_all("--calibration")
-        return calibrated(calibration, camera, None, std, level)
-    stds = parse_stds(std) if std else Stds() if given.covariance else assumed_stds(given.height_m or 0.0)
-    if given.covariance is not None and stds.pose != PoseStd():
-        raise UsageError("--std of the pose beside --covariance", expected="px, focal, elevation: the rest is there")
-    if camera is None:
-        raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
-    setup, sample = Setup(camera=stds.on_camera(load_camera(camera))), given.sample(stds, given.origin)
-    if std is not None and given.covariance is None:
-        sample = replace(sample, reasons=(*sample.reasons, *_taken_as_exact(stds.pose)))
-    if calibration is not None:
-        setup, sample = corrected(setup, sample, calibration)
-    return setup, sample, stds
-
-
-def _taken_as_exact(std: PoseStd) -> Iterator[str]:
-    """What ``--std`` leaves out, though widths depend on it."""
-    attitude = (std.tilt_rad, std.pan_rad, std.roll_rad)
-    left_out = [name for name, known in (("height", std.height_agl_m), ("attitude", any(attitude))) if not known]
-    if left_out:
-        yield f"--std leaves out {' and '.join(left_out)}: taken as exact"
-
-
-def _level(elevation_m: float, max_range_m: float | None, stds: Stds) -> WaterLevel:
-    if not abs(elevation_m) <= LARGEST:
-        raise InputError("--elevation", got=f"{elevation_m:g}", expected="m above the ground, finite")
-    if max_range_m is not None and not 0 < max_range_m <= LARGEST:
-        raise InputError("--max-range", got=f"{max_range_m:g}", expected="m, above 0")
-    return WaterLevel(elevation_m=elevation_m, elevation_std_m=stds.elevation_m, max_range_m=max_range_m)
 
 
 def _question(seed: str | None, spacing_m: float, flow_deg: float | None, std: str | None) -> RiverQuestion:
@@ -209,3 +183,36 @@ def _say(document: dict[str, Any]) -> None:
             say(f"note: {reason}")
     for file in document["files"]:
         say(f"wrote {file}")
+
+
+def _flight_document(
+    views: Views, level: MeasuredLevel, question: RiverQuestion, output: Path | None
+) -> dict[str, Any]:
+    """Measure a river over many images; writes the folder where there is one to write.
+
+    Raises:
+        InputError: An image cannot be read, or the folder cannot be written.
+    """
+    asked = [_asked(each, level) for each in views.views]
+    with steps("looking at the river twice in each image", 2 * len(asked)) as advance:
+        found = measure_reach(asked, question, advance)
+    if isinstance(found, NoRiver):
+        return refused_reach(found, views)
+    document = reach_document(found, views)
+    if output is not None:
+        write_reach(output, document, found, views)
+    return document
+
+
+def _asked(view: View, level: MeasuredLevel) -> ReachView:
+    later = None
+    if view.later is not None:
+        setup = level.on(view.later.setup)
+        plane = WaterPlane(setup.camera, _pose(view.later.sample), setup.elevation_m, setup.max_range_m)
+        later = LaterLook(plane, view.later.copy, (view.later.sample.stamp_ns - view.sample.stamp_ns) / 1e9)
+    return ReachView(level.on(view.setup), _pose(view.sample), view.pixels, later)
+
+
+def _pose(sample: PoseSample) -> Pose:
+    assert sample.pose is not None  # noqa: S101 - views have one, for the type checker
+    return sample.pose

@@ -1,8 +1,9 @@
 """``aerodft serve``: MAVLink and images in, measurements out on zenoh and into a recording, until it is stopped."""
 
+import gc
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,16 +24,15 @@ from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mavlink.signing import signing_sentences
 from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
-from aerodft.cli.collector import keep_loaded
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_eyes
+from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
 from aerodft.cli.recover import recovering_beside
 from aerodft.cli.rehearsal import rehearse
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
-from aerodft.cli.times import MOST_SECONDS
 from aerodft.cli.wiring import build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Request
@@ -84,10 +84,10 @@ def serve(
         stack.callback(recorder.close)
         packets.recorder = recorder
         stack.enter_context(_stop_on_signal(feed, seconds))
-        keep_loaded()
+        gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s
         say(f"recording to {folder}; stop with Ctrl-C")
         receivers = (recorder,) if bus is None else (bus, recorder)
-        status = _StatusEverySecond(station, pipeline, inbox, look, statistics, bus, recorder, link)
+        status = _status_every_second(station, pipeline, inbox, look, statistics, receivers, recorder, link)
         run(feed, pipeline, (*receivers, statistics), status)
     images.raise_refusal()
     if bus is not None and bus.malformed:
@@ -189,58 +189,48 @@ class _ImageGate:
             raise self._refusal
 
 
-class _StatusEverySecond:
-    """Publishes and records the station's state once a second of ticks."""
+def _status_every_second(
+    station: StationConfig,
+    pipeline: Pipeline,
+    inbox: Inbox,
+    look: LiveLook,
+    statistics: RunStatistics,
+    receivers: Sequence[McapRecorder | ZenohBus],
+    recorder: McapRecorder,
+    link: MavlinkLink | None,
+) -> Callable[[int], None]:
+    """What publishes and records the station's state once a second of ticks, called with the time of each."""
+    next_ns = 0
 
-    def __init__(
-        self,
-        station: StationConfig,
-        pipeline: Pipeline,
-        inbox: Inbox,
-        look: LiveLook,
-        statistics: RunStatistics,
-        bus: ZenohBus | None,
-        recorder: McapRecorder,
-        link: MavlinkLink | None,
-    ) -> None:
-        self._link = link
-        self._recorder = recorder
-        self._station = station.pipeline.station
-        self._pipeline = pipeline
-        self._inbox = inbox
-        self._look = look
-        self._statistics = statistics
-        self._receivers: tuple[McapRecorder | ZenohBus, ...] = (recorder,) if bus is None else (bus, recorder)
-        self._next_ns = 0
-
-    def __call__(self, now_ns: int) -> None:
-        if now_ns < self._next_ns:
+    def tell(now_ns: int) -> None:
+        nonlocal next_ns
+        if now_ns < next_ns:
             return
-        self._next_ns = now_ns + SECOND_NS
-        statistics = self._statistics
+        next_ns = now_ns + SECOND_NS
         counts = {
             "images": statistics.images,
-            "dropped_images": self._inbox.dropped_images,
-            "looks": sum(each.looked for each in self._look.counts),
-            "skipped_looks": sum(each.skipped for each in self._look.counts),
-            **({} if self._link is None else _link_counts(self._link)),
-            **self._recorder.totals.counts,
+            "dropped_images": inbox.dropped_images,
+            "looks": sum(each.looked for each in look.counts),
+            "skipped_looks": sum(each.skipped for each in look.counts),
+            **({} if link is None else _link_counts(link)),
+            **recorder.totals.counts,
             **{f"poses_{status}": number for status, number in statistics.poses.items()},
             **{f"measurements_{status}": number for status, number in statistics.measurements.items()},
         }
-        last = self._pipeline.last_pose
-        text = "no image yet" if last is None else "; ".join((str(last.status), *last.reasons))
+        last = pipeline.last_pose
         status = StationStatus(
-            station=self._station,
+            station=station.pipeline.station,
             stamp_ns=now_ns,
             state="running",
-            text=text,
+            text="no image yet" if last is None else "; ".join((str(last.status), *last.reasons)),
             counts=counts,
-            health=self._pipeline.health(now_ns),
-            rejected=self._pipeline.rejected(),
+            health=pipeline.health(now_ns),
+            rejected=pipeline.rejected(),
         )
-        for receiver in self._receivers:
+        for receiver in receivers:
             receiver.status(status)
+
+    return tell
 
 
 def _link_counts(link: MavlinkLink) -> dict[str, int]:

@@ -1,15 +1,17 @@
 """What a run says when it is over: what was recorded and measured, and what was lost."""
 
+import math
 from collections.abc import Mapping
+from datetime import UTC, datetime
 
 import typer
 
 from aerodft.adapters.mcap.totals import RecordingTotals
-from aerodft.cli.gaps import LOSS, end_with_gaps
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import LOSS, end_with_gaps, print_json, say
 from aerodft.cli.run_statistics import RunStatistics
-from aerodft.cli.watching import steadiness_document, steadiness_sentence
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
+from aerodft.model.calibration import SteadinessEstimate
 from aerodft.service.pipeline import Counts
 
 
@@ -42,30 +44,21 @@ def report(
     """
     missing = totals.lost + totals.shed_messages
     if as_json:
-        print_json(
-            {
-                "recording": str(totals.folder),
-                "images": statistics.images,
-                "poses": dict(statistics.poses),
-                "measurements": dict(statistics.measurements),
-                "reasons": statistics.reasons,
-                "warnings": warnings,
-                **(left_out or {}),
-                "lost": missing,
-                "recorded": totals.counts,
-                **_landmarks(statistics),
-                **_steadiness(statistics),
-                **(seen or {}),
-            }
-        )
+        document = {
+            "recording": str(totals.folder),
+            "images": statistics.images,
+            "poses": dict(statistics.poses),
+            "measurements": dict(statistics.measurements),
+            "reasons": statistics.reasons,
+            "warnings": warnings,
+            **(left_out or {}),
+            "lost": missing,
+            "recorded": totals.counts,
+        }
+        print_json({**document, **_calibrated(statistics), **(seen or {})})
     for sentence in warnings:
         say(f"aerodft: {sentence}")
-    say(f"recording: {totals.folder}; {statistics.images} images; poses: {_listed(statistics.poses)}")
-    say(f"measurements: {_listed(statistics.measurements)}")
-    if statistics.estimate is not None:
-        say(f"landmarks: {statistics.estimate.updates} used, {statistics.estimate.refused} refused")
-    if statistics.steadiness is not None:
-        say(f"camera: {steadiness_sentence(statistics.steadiness)}")
+    _say_statistics(totals, statistics)
     _say_unused(counts)
     if missing:
         why = "could not be written" if totals.lost else "came faster than they could be written"
@@ -79,17 +72,23 @@ def report(
         raise typer.Exit(LOSS)
 
 
-def _landmarks(statistics: RunStatistics) -> dict[str, object]:
-    """What became of the landmarks, where the station has any."""
-    last = statistics.estimate
-    if last is None:
-        return {}
-    return {"landmarks": {"used": last.updates, "refused": last.refused, "restarts": last.restarts}}
+def _calibrated(statistics: RunStatistics) -> dict[str, object]:
+    """What became of landmarks, and whether a watched camera still looks where it looked: where the station has any."""
+    found: dict[str, object] = {}
+    if (last := statistics.estimate) is not None:
+        found["landmarks"] = {"used": last.updates, "refused": last.refused, "restarts": last.restarts}
+    if statistics.steadiness is not None:
+        found["steadiness"] = _steadiness_document(statistics.steadiness)
+    return found
 
 
-def _steadiness(statistics: RunStatistics) -> dict[str, object]:
-    """Whether the camera still looks where it looked, where it is watched."""
-    return {} if statistics.steadiness is None else {"steadiness": steadiness_document(statistics.steadiness)}
+def _say_statistics(totals: RecordingTotals, statistics: RunStatistics) -> None:
+    say(f"recording: {totals.folder}; {statistics.images} images; poses: {_listed(statistics.poses)}")
+    say(f"measurements: {_listed(statistics.measurements)}")
+    if statistics.estimate is not None:
+        say(f"landmarks: {statistics.estimate.updates} used, {statistics.estimate.refused} refused")
+    if statistics.steadiness is not None:
+        say(f"camera: {_steadiness_sentence(statistics.steadiness)}")
 
 
 def _say_unused(counts: Counts) -> None:
@@ -114,3 +113,30 @@ def _refuse_emptiness(totals: RecordingTotals, statistics: RunStatistics) -> Non
 
 def _listed(counter: dict[str, int]) -> str:
     return ", ".join(f"{number} {status}" for status, number in counter.items()) or "none"
+
+
+def _steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:
+    """What a run's summary says of the camera at the end."""
+    return {
+        "state": estimate.state,
+        "since": _utc(estimate.since_ns),
+        "turned_deg": _turned_deg(estimate),
+        "moved_since": None if estimate.moved_ns is None else _utc(estimate.moved_ns),
+        "points": estimate.points,
+    }
+
+
+def _steadiness_sentence(estimate: SteadinessEstimate) -> str:
+    """Whether a watched camera still looks where it looked, for people."""
+    said = f"{estimate.state} since {_utc(estimate.since_ns)}"
+    if estimate.moved_ns is not None:
+        return f"{said}; turned by {_turned_deg(estimate):.2f} deg at {_utc(estimate.moved_ns)}"
+    return f"{said}; turned by {_turned_deg(estimate):.3f} deg, within the limit"
+
+
+def _turned_deg(estimate: SteadinessEstimate) -> float:
+    return math.degrees(math.hypot(*estimate.turn_rad))
+
+
+def _utc(stamp_ns: int) -> str:
+    return f"{datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC):%Y-%m-%dT%H:%M:%SZ}"

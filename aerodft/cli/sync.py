@@ -10,12 +10,10 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.inputs import Topics, stated_start_ns
 from aerodft.adapters.config.loading import load_station
 from aerodft.adapters.images.video import VideoFileSource
+from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import print_json
-from aerodft.cli.sync_lines import SyncLines
-from aerodft.cli.sync_output import describe_sync, say_sync
+from aerodft.cli.sync_lines import SyncLines, describe_sync, say_sync
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, run_sync
-from aerodft.cli.times import parse_utc
-from aerodft.cli.topics import TopicOption, parse_topics
 from aerodft.errors import ConfigError, UsageError
 from aerodft.model.camera import Camera
 from aerodft.service.settings import TelemetrySettings

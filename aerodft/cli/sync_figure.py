@@ -6,8 +6,8 @@ import matplotlib as mpl
 import numpy as np
 
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.cli.output import output_folder
 from aerodft.cli.sync_run import SyncRun
-from aerodft.errors import InputError
 from aerodft.model.arrays import FloatArray
 
 mpl.use("Agg")
@@ -45,13 +45,9 @@ def draw_sync(run: SyncRun, folder: Path) -> str:
     for each in axes[-1]:
         each.set_xlabel(f"s since {unix_ns_to_iso(found.reference_ns)}, by the video's clock")
     file = folder / "sync.png"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with output_folder(folder, "the plot", expected=""):
         figure.savefig(file, dpi=_DPI)
-    except OSError as error:
-        raise InputError("the plot cannot be written", where=folder, got=error.strerror or error) from error
-    finally:
-        plt.close(figure)
+    plt.close(figure)
     return str(file)
 
 

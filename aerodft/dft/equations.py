@@ -61,11 +61,6 @@ def depth(height_m: FloatLike, ahead_m: FloatLike, right_m: FloatLike) -> FloatA
     return np.asarray(np.sqrt(np.square(height_m) + np.square(ahead_m) + np.square(right_m)))
 
 
-def ground_distance(a_xy_m: FloatArray, b_xy_m: FloatArray) -> FloatArray:
-    """Eq. 7: distance of two ground points ``(..., 2)``."""
-    return np.asarray(np.hypot(*np.moveaxis(np.asarray(a_xy_m) - np.asarray(b_xy_m), -1, 0)))
-
-
 def object_height(height_m: FloatLike, base_ahead_m: FloatLike, top_ahead_m: FloatLike) -> FloatArray:
     """Eq. 8: height of an object whose base is seen at ``Y1`` and whose top at ``Y2``: ``h (Y2 - Y1) / Y2``."""
     top = np.asarray(top_ahead_m, dtype=np.float64)

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from aerodft.cli.main import main as aerodft
-from aerodft.cli.recompute_many import READY, Many, recompute_rows
+from aerodft.cli.recompute_many import Many, recompute_rows
 from replay.batch import Job, Outcome, State, jobs_of, run_batch
 from replay.dataset import Dataset
 
@@ -58,7 +58,7 @@ def timed(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]
         each.mkdir(parents=True)
     start = time.perf_counter()
     jobs = jobs_of(sorted(flights.iterdir()))
-    outcomes = list(run_batch(jobs, partial(work, out=out, log=log), "processes", workers, ready=READY))
+    outcomes = list(run_batch(jobs, partial(work, out=out, log=log), "processes", workers))
     wall = time.perf_counter() - start
     assert {outcome.state for outcome in outcomes} == {State.DONE}
     import pyarrow.dataset as ds  # noqa: PLC0415 - as above
@@ -68,7 +68,7 @@ def timed(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]
 
 
 def alone(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]:
-    """The same in a process of its own: what workers are forked from starts and ends with it."""
+    """The same in a process of its own."""
     line = [sys.executable, __file__, "--flights", flights, "--into", folder, "--workers", str(workers)]
     wall, busiest, rows = json.loads(subprocess.run(line, check=True, stdout=subprocess.PIPE).stdout)
     return wall, busiest, rows

@@ -2,6 +2,7 @@
 
 import atexit
 import sys
+from typing import Any
 
 from numba.core.dispatcher import Dispatcher
 
@@ -9,7 +10,7 @@ from aerodft.cli import serve
 from aerodft.cli.main import main
 
 WORD = "late:"
-_begin, _before = serve.keep_loaded, set[str]()
+_run, _before = serve.run, set[str]()
 
 
 def compiled() -> set[str]:
@@ -19,10 +20,10 @@ def compiled() -> set[str]:
     return {f"{each.py_func.__qualname__} {signature}" for each in found for signature in each.signatures}
 
 
-def begin() -> None:
-    """What the service does last before it runs."""
+def run(*arguments: Any, **named: Any) -> None:
+    """Note what is compiled when the service begins to run."""
     _before.update(compiled())
-    _begin()
+    _run(*arguments, **named)
 
 
 def say() -> None:
@@ -32,6 +33,6 @@ def say() -> None:
 
 
 if __name__ == "__main__":
-    serve.keep_loaded = begin
+    serve.run = run
     atexit.register(say)
     main()

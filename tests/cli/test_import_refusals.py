@@ -209,7 +209,7 @@ def test_what_ends_halfway_says_that_it_did(aerodft, desk, monkeypatch, ending):
             for sink in sinks:
                 sink.take(batch, StepOutputs())
 
-    monkeypatch.setattr("aerodft.cli.flight_run.run", interrupted)
+    monkeypatch.setattr("aerodft.cli.flight.run", interrupted)
     out = desk.folder / "out"
     found = aerodft("import", desk.log, "-c", desk.config, "-o", out)
     assert found.code == (3 if isinstance(ending, InputError) else 130)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.cli.model_table import cautions
+from aerodft.cli.measure import cautions
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aerodft.cli.pose_options import Stds, assumed_stds, parse_stds
 from aerodft.cli.probes import parse_probes
-from aerodft.cli.stds import Stds, assumed_stds, parse_stds
 from aerodft.errors import UsageError
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.probe import ProbeKind

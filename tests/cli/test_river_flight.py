@@ -13,8 +13,8 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
-from aerodft.cli.river_flight_document import scatter_remarks
-from aerodft.cli.river_table import COLUMNS
+from aerodft.cli.river_document import scatter_remarks
+from aerodft.cli.river_files import COLUMNS
 from aerodft.geometry.geodesy import east_north
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Biases

@@ -52,10 +52,6 @@ def test_at_and_above_the_horizon_there_is_no_ground(psi):
     assert np.isnan(eq.ground_point(10.0, psi, 0.1)).all()
 
 
-def test_equation_7_is_euclids():
-    assert_allclose(eq.ground_distance(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[3.0, 4.0], [1.0, 2.0]])), [5, 1])
-
-
 @given(camera=st.floats(1, 100), share=st.floats(0.01, 0.95), ahead=st.floats(0.5, 200))
 def test_equation_8_finds_the_height_that_casts_its_top_there(camera, share, ahead):
     """The ray over an object's top meets the ground where similar triangles say."""

@@ -36,7 +36,7 @@ if __name__ == "__main__":
     dask.config.set({"distributed.scheduler.allowed-failures": 1})
     with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None,
                       local_directory=str(folder / "scratch"), silence_logs=50) as cluster:
-        outcomes = run_batch(jobs, work, cluster.scheduler_address, 9, ready="orjson")
+        outcomes = run_batch(jobs, work, cluster.scheduler_address, 9)
         got = [(o.recording, o.state, o.sentence) for o in outcomes]
     sys.stdout.buffer.write(orjson.dumps(sorted(got)))
 """

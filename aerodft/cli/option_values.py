@@ -1,8 +1,13 @@
-"""Times as people write them on the command line."""
+"""Times and topics as people write them on the command line."""
 
 import math
+from dataclasses import replace
 from datetime import timedelta
+from typing import Annotated
 
+import typer
+
+from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
@@ -15,6 +20,13 @@ _LEAST_UNIX_S = 1e8  # 1973; anything below is seconds from a start
 _MOST_UNIX_S = 1e10  # 2286; milli- and microseconds are in between
 _LEAST_UNIX_NS = 1e17
 _MOST_UNIX_NS = 9.2e18
+
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option("--topic", help="Of another tool's recording: mavlink=/TOPIC, images=/TOPIC, camera=/TOPIC."),
+]
+_ROLES = ("mavlink", "images", "camera")
+_SINGLE = ("images", "camera")
 
 
 def parse_utc(option: str, text: str) -> int:
@@ -61,3 +73,21 @@ def _number(text: str) -> float | None:
     except ValueError:
         return None
     return number if math.isfinite(number) else None
+
+
+def parse_topics(given: list[str] | None, configured: Topics | None = None) -> Topics:
+    """What the options say, else what the configuration says.
+
+    Raises:
+        UsageError: An option makes no sense.
+    """
+    topics, stated = configured or Topics(), dict[str, tuple[str, ...]]()
+    for text in given or ():
+        role, _, topic = text.partition("=")
+        if role not in _ROLES or not topic:
+            expected = f"ROLE=TOPIC with one of {', '.join(_ROLES)}"
+            raise UsageError("--topic", got=repr(text), expected=expected)
+        if role in _SINGLE and role in stated:
+            raise UsageError(f"--topic {role} twice", got=topic, expected=f"one topic of {role}")
+        stated[role] = (*stated.get(role, ()), topic)
+    return replace(topics, **stated)

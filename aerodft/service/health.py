@@ -125,7 +125,7 @@ class HealthSources:
         """A link that was dead, or a clock that was set, is no autopilot without heartbeat: that counts from there."""
         first_ns = int(stamps_ns[0])
         if (
-            row_end_by_tick is None
+            (row_end_by_tick is None or len(row_end_by_tick) == 1)  # ``goes_on`` over several
             and self._newest_ns is not None
             and first_ns > self._newest_ns + self._settings.heartbeat_ns
         ):

@@ -93,7 +93,7 @@ class HealthSources:
         self._kinds.setdefault(_name(track), Stream(self._settings.heartbeat_ns)).append(stamps_ns, row_end_by_tick)
 
     def may_append_ticks(self, track: Track) -> bool:
-        """Whether a track of several ticks may be appended at once: one of its kind came before, since clocks were set."""
+        """Whether a track of several ticks may be appended at once: its kind is known, since clocks were set."""
         if isinstance(track, LinkTrack):
             return True
         return _name(track) in self._kinds and not self._kinds[_name(track)].is_empty

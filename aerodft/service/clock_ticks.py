@@ -145,9 +145,9 @@ def of_a_kind(
 
     Rows of two messages that fill one stream are dropped where they go back in time, and that depends on their order.
     """
-    kinds: dict[tuple[type[Track], object], list[int]] = {}
+    kinds: dict[tuple[type[Track], object, object], list[int]] = {}
     for row, track in enumerate(tracks):
-        kinds.setdefault((type(track), getattr(track, "source", None)), []).append(row)
+        kinds.setdefault((type(track), getattr(track, "source", None), getattr(track, "what", None)), []).append(row)
     for rows in kinds.values():
         if len(rows) == 1:
             yield tracks[rows[0]], stamps[rows[0]], row_ends[rows[0]]

@@ -125,7 +125,7 @@ class HealthSources:
         self._kinds.setdefault(_name(track), Stream(self._settings.heartbeat_ns)).append(stamps_ns, row_end_by_tick)
 
     def may_append_ticks(self, track: Track) -> bool:
-        """Whether a track of several ticks may be appended at once: one of its kind came since clocks were set."""
+        """Whether a track of several ticks may be appended at once: its kind is known, since clocks were set."""
         if isinstance(track, LinkTrack):
             return True
         return _name(track) in self._kinds and not self._kinds[_name(track)].is_empty
@@ -157,7 +157,7 @@ class HealthSources:
         """A link that was dead, or a clock that was set, is no autopilot without heartbeat: that counts from there."""
         first_ns = int(stamps_ns[0])
         if (
-            row_end_by_tick is None
+            (row_end_by_tick is None or len(row_end_by_tick) == 1)  # ``goes_on`` over several
             and self._newest_ns is not None
             and first_ns > self._newest_ns + self._settings.heartbeat_ns
         ):

@@ -5,24 +5,27 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import pytest
+from aerodft.model.estimate import CalibrationEstimate
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.codec.events import encode_image, encode_observation
-from aerodft.adapters.codec.measurement import MeasurementEncoder
+from aerodft.adapters.codec.estimate import encode_estimate
+from aerodft.adapters.codec.events import encode_observation
+from aerodft.adapters.codec.height import encode_height_switch
+from aerodft.adapters.codec.measurement import encode_measurements
 from aerodft.adapters.codec.pose import encode_pose
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.dft.answers import ImageAnswers
 from aerodft.model.camera import Camera
+from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, PoseSample
-from aerodft.model.pose_columns import PoseRow, sample_of
+from aerodft.model.pose import HeightSource
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.arrivals import first_arrival_ns
 from aerodft.service.feed import MergedFeed, block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import HeightSettings, PipelineSettings, TelemetrySettings
+from tests.answers import ImageAnswer, ObservationAnswer, answers_of, measurements_of
 
 MS = 1_000_000
 DOWN_60 = [math.cos(math.pi / 6), 0.0, -math.sin(math.pi / 6), 0.0]  # a gimbal pitch of -60 deg
@@ -37,11 +40,14 @@ SETTINGS = PipelineSettings(
     tick_ns=50 * MS,
 )
 ENCODERS = {
-    ImageAnswers: MeasurementEncoder().image,
-    PoseSample: encode_pose,
-    PoseRow: lambda row: encode_pose(row.sample),
-    Image: encode_image,
+    ImageAnswer: lambda answer: (
+        b"%d" % answer.image + encode_pose(answer.sample) + encode_measurements(answer.measurements)
+    ),
+    ObservationAnswer: lambda answer: encode_observation(answer.observation) + encode_measurements(answer.measurements),
     Observation: encode_observation,
+    CalibrationEstimate: encode_estimate,
+    HeightSwitch: encode_height_switch,
+    list: encode_measurements,
 }
 
 
@@ -127,32 +133,26 @@ class Bench:
     def pipeline(self, **changes):
         return Pipeline(replace(self.settings, **changes), MavlinkDecoder())
 
-    def encoded(self, outputs):
-        return [ENCODERS[type(item)](item) for item in outputs]
+    def encoded(self, answers):
+        return [ENCODERS[type(each)](each) for each in answers]
 
     def source(self, *events):
         return ListSource(events)
 
-    def poses(self, outputs):
-        return [sample_of(item) for item in outputs if isinstance(item, PoseSample | PoseRow)]
+    def poses(self, answers):
+        return [each.sample for each in answers if isinstance(each, ImageAnswer)]
 
-    def measured(self, outputs, name):
-        images = [item for item in outputs if isinstance(item, ImageAnswers)]
-        return [item for image in images for item in image if item.name == name]
+    def measured(self, answers, name):
+        return [each for each in measurements_of(answers) if each.name == name]
 
-    def run(self, batches, made=None):
-        return self.run_groups(([batch] for batch in batches), made)
+    def run(self, steps, made=None):
+        return answers_of(made or self.pipeline(), steps)
 
-    def run_groups(self, groups, made=None):
-        """As ``run``, some ticks at once."""
-        made = made or self.pipeline()
-        outputs = []
-        for batches in groups:
-            outputs += [output for tick in made.advance(batches) for output in tick]
-        return [*outputs, *made.finish()]
+    def batches(self, *events, **feed):
+        return MergedFeed([self.source(*events)], self.tick_ns, **feed).batches()
 
     def run_events(self, *events, made=None, **feed):
-        return self.run(MergedFeed([self.source(*events)], self.tick_ns, **feed).batches(), made)
+        return self.run(self.batches(*events, **feed), made)
 
 
 @pytest.fixture(scope="session")

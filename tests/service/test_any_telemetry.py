@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink.selection import WANTED
-from aerodft.model.measurement import Measurement
-from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import ZoomSettings
+from tests.answers import measurements_of
 
 MS = 1_000_000
 SPECIAL = (0.0, 1.0, -1.0, 50.0, -1e4, 1e-40, 1e30, math.nan, math.inf, -math.inf)
@@ -76,11 +75,11 @@ def test_nothing_that_is_no_number_reaches_what_is_published(bench, messages, cu
     extra = [(bench.host0_ns + (ms + 30) * MS + k, frame) for k, (ms, frame) in enumerate(messages)]
     images = [bench.image(k, 500 + 600 * k) for k in range(4)]
     outputs = bench.run_events(*bench.blocks(sorted([*bench.flight(3.0), *extra])), *images, made=pipeline)
-    for output in outputs:
-        if isinstance(output, Measurement | PoseSample):
-            wrong = [(path, number) for path, number in _numbers(output) if not math.isfinite(number)]
-            assert not wrong, output
-            assert output.status is not Status.OK or getattr(output, "value", 0.0) is not None
+    for output in (*bench.poses(outputs), *measurements_of(outputs)):
+        wrong = [(path, number) for path, number in _numbers(output) if not math.isfinite(number)]
+        assert not wrong, output
+        assert output.status is not Status.OK or getattr(output, "value", 0.0) is not None
+    assert len(bench.poses(outputs)) == len(images)
     assert len(bench.measured(outputs, "width")) == len(images)
     health = pipeline.health(bench.host0_ns + 3_000 * MS)
     assert all(math.isfinite(number) for _, number in _numbers(health))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.model.batch import Arrival, Batch, Event
+from aerodft.model.batch import Arrival, Event
 from aerodft.model.image import Image, StampClock
 from aerodft.model.image_rows import ImageRows, joined_images
 from aerodft.model.observation import Observation
@@ -18,7 +18,9 @@ from aerodft.service import feed
 from aerodft.service.arrivals import first_arrival_ns
 from aerodft.service.batches import Batches
 from aerodft.service.clock import WallClock
-from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, batch_of, block_of, tick_after
+from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of, tick_after
+from tests.answers import one_by_one
+from tests.batches import one_tick
 from tests.clock import VirtualClock
 
 TICK_NS = 50
@@ -77,13 +79,20 @@ def observation(name: str, arrival_ns: int) -> Observation:
     return Observation(name=name, stamp_ns=arrival_ns, arrival_ns=arrival_ns, pixels=((1.0, 2.0),))
 
 
-def flat(batch: Batch) -> tuple[object, ...]:
+def flat(batch: Batches) -> tuple[object, ...]:
+    """What is in a tick."""
+    (now_ns,) = batch.now_ns.tolist()
     return (
-        batch.now_ns,
+        now_ns,
         tuple((raw.protocol, raw.sender, tuple(frames_of(raw))) for raw in batch.raw),
         tuple((shot.index, shot.arrival_ns) for shot in batch.images),
-        batch.observations,
+        tuple(batch.observations),
     )
+
+
+def ticks_of(feed: MergedFeed | LiveFeed) -> Iterator[Batches]:
+    for batches in feed.batches():
+        yield from one_by_one(batches)
 
 
 @pytest.mark.parametrize(("arrival_ns", "tick_ns"), [(0, 0), (1, 50), (49, 50), (50, 50), (51, 100)])
@@ -100,7 +109,7 @@ def test_a_block_is_cut_at_ticks_and_senders_are_joined() -> None:
             block("a", (60, b"four")),
         ]
     )
-    got = list(MergedFeed([source], TICK_NS, linger_ns=0).batches())
+    got = list(ticks_of(MergedFeed([source], TICK_NS, linger_ns=0)))
     assert [flat(batch) for batch in got] == [
         (
             50,
@@ -117,7 +126,7 @@ def test_a_block_is_cut_at_ticks_and_senders_are_joined() -> None:
 
 def test_ticks_come_on_for_a_while_after_the_last_event_and_no_longer() -> None:
     sources = [ListSource([image(0, 40)]), ListSource([image(1, 1000)])]
-    got = [batch.now_ns for batch in MergedFeed(sources, TICK_NS, linger_ns=100).batches()]
+    got = np.concatenate([batches.now_ns for batches in MergedFeed(sources, TICK_NS, linger_ns=100).batches()]).tolist()
     assert got == [50, 100, 150, 1000, 1050, 1100]
 
 
@@ -133,10 +142,10 @@ EVENTS = st.lists(
 
 
 @given(EVENTS, st.integers(0, 400), st.integers(0, 200))
-def test_spans_are_the_batches_together_and_pixels_wait_for_nobody(
+def test_batches_are_their_ticks_together_and_pixels_wait_for_nobody(
     given_events: list[tuple[int, str, int, bool]], longest_ns: int, linger_ns: int
 ) -> None:
-    """What a span is cut into, what a tick is made of, and what is made of ticks again, are the same."""
+    """What a batch is cut into, and what its ticks are made of, are the same."""
     events: list[Event] = []
     for index, (at, kind, more, has_pixels) in enumerate(sorted(given_events)):
         if kind == "i":
@@ -146,25 +155,23 @@ def test_spans_are_the_batches_together_and_pixels_wait_for_nobody(
             events.append(observation(str(index), at))
         else:
             events.append(block(kind, *((at + 40 * k, b"%d" % index) for k in range(more + 1))))
-    spans = list(MergedFeed([ListSource(events)], TICK_NS, linger_ns=linger_ns).spans(longest_ns))
-    batches = [batch for span in spans for batch in span]
+    together = list(MergedFeed([ListSource(events)], TICK_NS, linger_ns=linger_ns, longest_ns=longest_ns).batches())
+    ticks = [tick for batches in together for tick in one_by_one(batches)]
     wanted: dict[int, list[Event]] = {}
     for event in events:
         parts = [event.rows(k, k + 1) for k in range(len(event.length))] if isinstance(event, RawBlock) else [event]
         for part in parts:
             wanted.setdefault(tick_after(first_arrival_ns(part), TICK_NS), []).append(part)
-    assert [flat(batch) for batch in batches if batch.event_count] == [
-        flat(batch_of(now_ns, own)) for now_ns, own in sorted(wanted.items())
+    assert [flat(tick) for tick in ticks if tick.event_count] == [
+        flat(one_tick(now_ns, own)) for now_ns, own in sorted(wanted.items())
     ]
     lingering = {now_ns + TICK_NS * k for now_ns in wanted for k in range(linger_ns // TICK_NS + 1)}
-    assert [batch.now_ns for batch in batches] == sorted(lingering)
-    for span in spans:
-        assert [flat(span[tick]) for tick in range(-len(span), 0)] == [flat(batch) for batch in span]
-        assert [flat(batch) for batch in Batches.of(list(span))] == [flat(batch) for batch in span]
-        assert [flat(batch) for batch in span[1:3]] == [flat(batch) for batch in list(span)[1:3]]
-        busy_ns = [batch.now_ns for batch in span if batch.event_count]
+    assert [int(tick.now_ns[0]) for tick in ticks] == sorted(lingering)
+    for batches in together:
+        assert [flat(tick) for tick in one_by_one(batches[1:3])] == [flat(tick) for tick in one_by_one(batches)[1:3]]
+        busy_ns = [int(tick.now_ns[0]) for tick in one_by_one(batches) if tick.event_count]
         assert not busy_ns or busy_ns[-1] - busy_ns[0] <= longest_ns
-        assert len(busy_ns) < 2 or all(shot.pixels is None for shot in span.images)
+        assert len(busy_ns) < 2 or all(shot.pixels is None for shot in batches.images)
 
 
 def test_no_input_gives_no_batch() -> None:
@@ -191,8 +198,8 @@ def test_batches_do_not_depend_on_how_frames_were_cut_into_blocks(
             position += size
     cut.sort(key=lambda event: int(event.arrival_ns[0]) if isinstance(event, RawBlock) else event.arrival_ns)
     images = ListSource([image(index, at) for index, at in enumerate(sorted(shots))])
-    one = [flat(batch) for batch in MergedFeed([ListSource(single), images], TICK_NS, linger_ns=0).batches()]
-    two = [flat(batch) for batch in MergedFeed([ListSource(cut), images], TICK_NS, linger_ns=0).batches()]
+    one = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(single), images], TICK_NS, linger_ns=0))]
+    two = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(cut), images], TICK_NS, linger_ns=0))]
     assert one == two
 
 
@@ -208,7 +215,7 @@ def test_the_inbox_stamps_strictly_increasing_and_never_into_a_taken_tick() -> N
     assert [seen.arrival_ns for seen in rest.observations] == [102]
     assert [shot.arrival_ns for shot in rest.images] == [103]
     inbox.put_observation(observation("late", 0))
-    assert inbox.take(150).observations == ()
+    assert not inbox.take(150).observations
     assert [seen.arrival_ns for seen in inbox.take(200).observations] == [151]
 
 
@@ -230,7 +237,7 @@ def test_the_inbox_drops_the_oldest_images_and_counts_them() -> None:
 def test_recorded_batches_merge_back_into_the_live_ones() -> None:
     clock = VirtualClock(1000)
     inbox = Inbox(clock)
-    live: list[Batch] = []
+    live: list[Batches] = []
     for step in range(1, 30):
         clock.sleep_until(1000 + 17 * step)
         inbox.put_frames(WireProtocol.MAVLINK, "ab"[step % 2], [bytes([step]), b"x" * step])
@@ -241,13 +248,13 @@ def test_recorded_batches_merge_back_into_the_live_ones() -> None:
     live.append(inbox.take(tick_after(clock.now_ns() + 1, TICK_NS)))
     merged: dict[int, list[Event]] = {}
     for batch in live:
-        merged.setdefault(batch.now_ns, []).extend((*batch.raw, *batch.images))
-    expected = [flat(batch_of(now, events)) for now, events in merged.items() if events]
+        merged.setdefault(int(batch.now_ns[0]), []).extend((*batch.raw, *batch.images))
+    expected = [flat(one_tick(now, events)) for now, events in merged.items() if events]
     events = sorted(
         (event for part in merged.values() for event in part),
         key=lambda event: int(event.arrival_ns[0]) if isinstance(event, RawBlock) else event.arrival_ns,
     )
-    replayed = [flat(batch) for batch in MergedFeed([ListSource(events)], TICK_NS, linger_ns=0).batches()]
+    replayed = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(events)], TICK_NS, linger_ns=0))]
     assert replayed == expected
 
 
@@ -255,7 +262,7 @@ def test_recorded_batches_merge_back_into_the_live_ones() -> None:
 def test_images_that_are_read_together_come_as_if_they_were_not(
     given_events: list[tuple[int, str, int, bool]], longest_ns: int, together: int, most: int
 ) -> None:
-    """Cut by ticks and by spans, of one size or of several, among frames and observations."""
+    """Cut by ticks and by batches, of one size or of several, among frames and observations."""
     events: list[Event] = []
     for index, (at, kind, more, is_wide) in enumerate(sorted(given_events)):
         if kind == "b":
@@ -267,20 +274,20 @@ def test_images_that_are_read_together_come_as_if_they_were_not(
             is_stamp = kind == "i" or not is_wide
             events.append(stamp if is_stamp else replace(stamp, clock=StampClock.UTC, width_px=64, height_px=48))
 
-    def spans_of(source: ListSource) -> list[Batches]:
-        return list(MergedFeed([source], TICK_NS, linger_ns=0).spans(longest_ns))
+    def batches_of(source: ListSource) -> list[Batches]:
+        return list(MergedFeed([source], TICK_NS, linger_ns=0, longest_ns=longest_ns).batches())
 
-    def seen(batch: Batch) -> object:
-        return flat(batch), [(shot.stamp_ns, shot.clock, shot.width_px, shot.height_px) for shot in batch.images]
+    def seen(tick: Batches) -> object:
+        return flat(tick), [(shot.stamp_ns, shot.clock, shot.width_px, shot.height_px) for shot in tick.images]
 
-    apart = [seen(batch) for span in spans_of(ListSource(events)) for batch in span]
+    apart = [seen(tick) for batches in batches_of(ListSource(events)) for tick in one_by_one(batches)]
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(feed, "_MOST_SUBJECTS", most)
-        spans = spans_of(GatheredListSource(events, together))
-    assert [seen(batch) for span in spans for batch in span] == apart
-    for span in spans:
-        assert [seen(batch) for batch in span[1:]] == [seen(batch) for batch in list(span)[1:]]
-        subjects = [len(batch.images) + len(batch.observations) for batch in span]
+        found = batches_of(GatheredListSource(events, together))
+    assert [seen(tick) for batches in found for tick in one_by_one(batches)] == apart
+    for batches in found:
+        assert [seen(tick) for tick in one_by_one(batches[1:])] == [seen(tick) for tick in one_by_one(batches)[1:]]
+        subjects = [len(tick.images) + len(tick.observations) for tick in one_by_one(batches)]
         assert len(subjects) == 1 or sum(subjects) <= most + 2 * together or subjects[0] > most
 
 
@@ -289,11 +296,11 @@ def test_a_live_feed_ticks_on_the_grid_and_ends_after_the_batch_in_hand() -> Non
     inbox = Inbox(clock)
     feed = LiveFeed(inbox, clock, TICK_NS)
     ticks = feed.batches()
-    assert next(ticks).now_ns == 150
+    assert next(ticks).now_ns.tolist() == [150]
     inbox.put_frames(WireProtocol.MAVLINK, "a", [b"1"])
     feed.stop()
     last = next(ticks)
-    assert (last.now_ns, len(last.raw)) == (200, 1)
+    assert (last.now_ns.tolist(), len(last.raw)) == ([200], 1)
     assert list(ticks) == []
 
 
@@ -314,7 +321,7 @@ def test_what_came_before_the_first_batch_is_on_the_grid_as_well() -> None:
     ticks = LiveFeed(inbox, clock, TICK_NS).batches()
     live = [flat(next(ticks)) for _ in range(5)]
     assert [now_ns for now_ns, *_ in live] == [150, 200, 250, 300, 350]
-    recorded = [flat(batch) for batch in MergedFeed([ListSource(came)], TICK_NS, linger_ns=0).batches()]
+    recorded = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(came)], TICK_NS, linger_ns=0))]
     assert [each for each in live if any(each[1:])] == recorded
 
 

@@ -13,10 +13,11 @@ from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseStd
-from aerodft.model.status import Status
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseStd
+from aerodft.model.status import CODE_OF, Status
 from aerodft.model.telemetry import ClockTrack, GimbalTrack, HeightTrack, PositionTrack, VehicleTrack
-from aerodft.service.footing import footing
+from aerodft.service.clock_ticks import Ticks
+from aerodft.service.footing import footing, raised
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 
@@ -78,8 +79,8 @@ def sample(ground, *tracks, stamp_ns=UTC0 + 450 * MS, origin=ORIGIN, **height):
     settings = TelemetrySettings(height=HeightSettings(**height), attitude=AttitudeSettings(std=STD))
     poses = PoseSource(settings, origin=origin, time_std_s=0.0, ground=ground)
     clock = ClockTrack(arrival_ns=np.array([UTC0]), boot_ns=np.array([0]), unix_ns=np.array([UTC0]))
-    poses.append((clock, *tracks))
-    return poses.at(stamp_ns, final=True)
+    poses.append(Ticks.one((clock, *tracks)))
+    return poses.sample_at(stamp_ns, final=True)
 
 
 @pytest.mark.parametrize("ground", [SLOPE, grid()], ids=["slope", "terrain"])
@@ -168,11 +169,11 @@ def test_a_lost_position_is_stale_over_uneven_ground():
         wxyz=from_yaw_pitch_roll(0 * full, -full, 0 * full), yaw_in_earth=full > 0,
     )  # fmt: skip
     clock = ClockTrack(arrival_ns=np.array([UTC0]), boot_ns=np.array([0]), unix_ns=np.array([UTC0]))
-    poses.append((clock, position(0.0, 0.0), gimbal))
-    found = poses.at(UTC0 + 4 * SECOND, final=True)
+    poses.append(Ticks.one((clock, position(0.0, 0.0), gimbal)))
+    found = poses.sample_at(UTC0 + 4 * SECOND, final=True)
     reason = "no believable position on both sides of the stamp within 2 s, and the ground is uneven"
     assert (found.status, found.reasons, found.pose) == (Status.STALE_TELEMETRY, (reason,), None)
-    assert poses.at(UTC0 + 450 * MS, final=True).status is Status.OK
+    assert poses.sample_at(UTC0 + 450 * MS, final=True).status is Status.OK
 
 
 def test_a_slope_is_alike_everywhere_so_that_widths_need_no_position():
@@ -186,10 +187,11 @@ def test_a_slope_is_alike_everywhere_so_that_widths_need_no_position():
 @given(east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4), slope=st.floats(0, 1.2), uphill=st.floats(0, 6.28))
 def test_the_footing_is_the_planes_own(east, north, slope, uphill):
     plane = Plane.sloping([100.0, -20.0, 7.0], slope, uphill)
-    below = footing(plane, np.array([east, north]))
+    below = footing(plane, np.array([[east, north]]))
     gradient = math.tan(slope) * np.array([math.sin(uphill), math.cos(uphill)])
-    assert below.status is Status.OK
-    assert_allclose(below.slope, gradient, atol=1e-9)
-    assert_allclose(below.height_m, 7.0 + gradient @ [east - 100.0, north + 20.0], atol=1e-6)
+    assert below.status.tolist() == [CODE_OF[Status.OK]]
+    assert_allclose(below.slope, [gradient], atol=1e-9)
+    assert_allclose(below.height_m, [7.0 + gradient @ [east - 100.0, north + 20.0]], atol=1e-6)
     pose = camera_pose(height_agl_m=4.0, tilt_rad=0.3, east_m=east, north_m=north)
-    assert_allclose(below.carrying(pose).position_enu_m, [east, north, below.height_m + 4.0])
+    carried = raised(Pose.stacked([pose]), below.height_m, below.slope)
+    assert_allclose(carried.position_enu_m, [[east, north, below.height_m[0] + 4.0]])

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from aerodft.adapters.codec.pose import encode_pose
+from aerodft.geometry.poses import camera_pose
 from aerodft.model.health import EstimatorTrack, GpsTrack
+from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.health import HealthSources
 from aerodft.service.settings import HealthSettings
@@ -85,6 +89,12 @@ def test_without_a_heartbeat_for_five_seconds_telemetry_is_stale(fly):
         elif ms > 9050:
             assert each.status is Status.STALE_TELEMETRY, ms
             assert each.reasons[0] == "no HEARTBEAT of the autopilot for more than 5 s"
+
+
+def test_after_a_link_was_dead_a_heartbeat_may_come_in_its_time(fly):
+    poses = fly(BEATS, drop=lambda k: 51 * 4.0 < k < 51 * 10.3)  # 51 frames in a second
+    assert poses[7000].status is Status.STALE_TELEMETRY
+    assert poses[10_500].status is Status.OK
 
 
 @pytest.mark.parametrize("which", ["velocity", "horizontal", "vertical", "compass"])
@@ -213,9 +223,10 @@ def test_verdicts_on_many_poses_are_those_on_each():
     gps = GpsTrack(**known, fix=fixes, satellites=satellites, horizontal_std_m=same, vertical_std_m=unknown)
     sources.append(gps, stamps_ns)
     asked = np.sort(rng.integers(0, stamps_ns[-1], 900))
-    ticks = np.zeros(len(asked), dtype=np.int64)
-    together = sources.verdicts(asked, ticks)
-    alone = [sources.verdicts(asked[row : row + 1], ticks[:1]).of(0) for row in range(len(asked))]
-    assert [together.of(row) for row in range(len(asked))] == alone
-    assert len({each.remarks for each in alone}) > 20
-    assert len(together.each) < 400
+    flown = PoseSample(stamp_ns=0, status=Status.OK, pose=camera_pose(height_agl_m=10.0, tilt_rad=0.5))
+    poses, ticks = PoseBatch.repeated(flown, asked), np.zeros(len(asked), dtype=np.int64)
+    together = sources.judged(poses, ticks)
+    alone = [sources.judged(poses[row : row + 1], ticks[:1])[0] for row in range(len(asked))]
+    assert [encode_pose(each) for each in together] == [encode_pose(each) for each in alone]
+    assert len({each.reasons for each in alone}) > 20
+    assert len(together.variants) < 400

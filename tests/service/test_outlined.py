@@ -7,7 +7,6 @@ import pytest
 
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import inverse, matrix
-from aerodft.model.batch import Batch
 from aerodft.model.camera import Camera
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample, PoseStd
@@ -15,6 +14,8 @@ from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import PipelineSettings
+from tests.answers import answers_of, measurements_of
+from tests.batches import one_tick
 
 CAMERA = Camera.from_fov(name="c", width_px=1920, height_px=1080, hfov_rad=1.1, vfov_rad=0.66)
 STD = PoseStd(height_agl_m=0.02, tilt_rad=1e-3, roll_rad=1e-3)
@@ -48,9 +49,7 @@ def measured(kind, **seen):
     settings = PipelineSettings(station="s", camera=CAMERA, probes=(probe,), fixed_pose=sample)
     pipeline = Pipeline(settings, NoTelemetry())
     seen = Observation(name="walker", stamp_ns=5, arrival_ns=5, pixels=(), **seen)
-    outputs = (*pipeline.step(Batch(now_ns=10, observations=(seen,))), *pipeline.finish())
-    answers = [each for item in outputs if hasattr(item, "answers") for each in item]
-    return answers, pipeline.counts
+    return measurements_of(answers_of(pipeline, [one_tick(10, [seen])])), pipeline.counts
 
 
 def contour():
@@ -129,8 +128,7 @@ def test_a_tracked_probe_that_is_not_found_is_lost_and_has_no_number():
         Observation(name="walker", stamp_ns=stamp, arrival_ns=stamp, pixels=pixels)
         for stamp, pixels in ((5, probe.pixels), (6, ()), (7, ((900.0, 600.0),)))
     ]
-    outputs = (*pipeline.step(Batch(now_ns=10, observations=tuple(seen))), *pipeline.finish())
-    found, lost = (each for item in outputs if hasattr(item, "answers") for each in item)
+    found, lost = measurements_of(answers_of(pipeline, [one_tick(10, seen)]))
     assert (found.status, lost.status) == (Status.OK, Status.LOST)
     assert (lost.value, lost.enu_m, lost.pixels) == (None, None, ())
     assert lost.reasons == ("it is out of the image, or was not recognised in it",)

@@ -10,36 +10,30 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.dft.measure import Request
 from aerodft.geometry.poses import camera_pose
-from aerodft.model.batch import Batch
 from aerodft.model.calibration import Calibration
 from aerodft.model.height import HeightSwitch
-from aerodft.model.image import Image, StampClock
-from aerodft.model.observation import Observation
+from aerodft.model.image import StampClock
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from aerodft.service.feed import MergedFeed, batch_of, tick_after
+from aerodft.service.batches import Batches
+from aerodft.service.feed import tick_after
 from aerodft.service.pipeline import Pipeline
 from calibration.biases import BiasCalibrator
+from tests.answers import ImageAnswer, ObservationAnswer, in_order, timed
+from tests.batches import one_tick
 
 MS, SECOND = 1_000_000, 1_000_000_000
 CENTRE = Probe(name="centre", kind=ProbeKind.RANGE, pixels=((959.5, 539.5),))
 
 
 def test_an_image_before_its_telemetry_waits_for_it(bench):
-    made = bench.pipeline()
     early, frames = bench.image(0, 1_050), bench.flight(1.5)
-    batches = MergedFeed([bench.source(*bench.blocks(frames))], bench.tick_ns).batches()
-    arrived_at = tick_after(early.arrival_ns, bench.tick_ns)
-    answered_at = None
-    for batch in batches:
-        outputs = made.step(replace(batch, images=(early,)) if batch.now_ns == arrived_at else batch)
-        if bench.poses(outputs):
-            assert answered_at is None
-            answered_at = batch.now_ns
-            assert bench.poses(outputs)[0].status is Status.OK
+    batches = bench.batches(*bench.blocks(frames), early, longest_ns=0)
+    ((answered_at, answer),) = timed(bench.pipeline(), batches)
+    assert answer.sample.status is Status.OK
     needed = max(at for at, raw in frames if boot_ms_of(raw) == 1_100)
-    assert answered_at == tick_after(needed, bench.tick_ns)
+    assert answered_at == tick_after(needed, bench.tick_ns) > tick_after(early.arrival_ns, bench.tick_ns)
 
 
 def boot_ms_of(frame):
@@ -49,33 +43,27 @@ def boot_ms_of(frame):
 def test_an_image_is_given_up_at_its_deadline_and_not_before(bench):
     made = bench.pipeline()
     lost = bench.image(0, 5_000)
-    run_batches = list(
-        MergedFeed([bench.source(*bench.blocks(bench.flight(1.0)))], bench.tick_ns, linger_ns=0).batches()
-    )
-    for batch in run_batches:
-        made.step(batch)
+    for batches in bench.batches(*bench.blocks(bench.flight(1.0)), linger_ns=0):
+        made.advance(batches)
     now_ns = tick_after(lost.arrival_ns, bench.tick_ns)
     deadline_ns = tick_after(lost.arrival_ns + 2 * SECOND, bench.tick_ns)
-    assert made.step(Batch(now_ns=now_ns, images=(lost,))) == ()
+    assert in_order(made.advance(one_tick(now_ns, [lost]))) == []
     while now_ns < deadline_ns - bench.tick_ns:
         now_ns += bench.tick_ns
-        assert made.step(Batch(now_ns=now_ns)) == ()
-    outputs = made.step(Batch(now_ns=deadline_ns))
-    assert [sample.status for sample in bench.poses(outputs)] == [Status.STALE_TELEMETRY]
-    assert [(m.status, m.value) for m in bench.measured(outputs, "centre")] == [(Status.STALE_TELEMETRY, None)]
-    assert made.finish() == ()
+        assert in_order(made.advance(one_tick(now_ns, []))) == []
+    answers = [answer for _, answer in in_order(made.advance(one_tick(deadline_ns, [])))]
+    assert [sample.status for sample in bench.poses(answers)] == [Status.STALE_TELEMETRY]
+    assert [(m.status, m.value) for m in bench.measured(answers, "centre")] == [(Status.STALE_TELEMETRY, None)]
+    assert in_order(made.finish()) == []
 
 
 def test_finish_answers_everything_that_waits(bench):
     made = bench.pipeline()
-    made.step(
-        Batch(
-            now_ns=tick_after(bench.host0_ns + SECOND, bench.tick_ns), images=(bench.image(0, 900), bench.image(1, 950))
-        )
-    )
-    outputs = made.finish()
-    assert [sample.status for sample in bench.poses(outputs)] == [Status.NO_TELEMETRY] * 2
-    assert made.finish() == ()
+    now_ns = tick_after(bench.host0_ns + SECOND, bench.tick_ns)
+    made.advance(one_tick(now_ns, [bench.image(0, 900), bench.image(1, 950)]))
+    answers = [answer for _, answer in in_order(made.finish())]
+    assert [sample.status for sample in bench.poses(answers)] == [Status.NO_TELEMETRY] * 2
+    assert in_order(made.finish()) == []
 
 
 def test_without_waiting_every_image_is_answered_in_its_own_tick(bench):
@@ -93,7 +81,7 @@ def test_an_observation_is_linked_to_the_image_that_was_looked_at(bench):
         bench.observation(1_200, image=77),
         bench.observation(2_000),
     )
-    linked = [item.image for item in outputs if isinstance(item, Observation)]
+    linked = [item.observation.image for item in outputs if isinstance(item, ObservationAnswer)]
     assert linked == [3, 4, 77, None]
     assert [m.image for m in bench.measured(outputs, "width")] == linked
 
@@ -130,8 +118,7 @@ def test_what_cannot_be_used_is_counted(bench):
 def test_host_stamps_are_looked_up_on_the_vehicles_clock(bench):
     """A stamp of this machine's clock is the vehicle's UTC plus the clocks' difference and the fastest link."""
     outputs = bench.run_events(*bench.blocks(bench.flight(3.0)), bench.image(0, 2_000, clock=StampClock.HOST))
-    (taken,) = [item for item in outputs if isinstance(item, Image)]
-    assert taken.clock is StampClock.UTC
+    (taken,) = bench.poses(outputs)
     assert abs(taken.stamp_ns - (bench.utc0_ns + 2_000 * MS - 20 * MS)) < 2 * MS
 
 
@@ -185,7 +172,7 @@ def test_a_batch_is_the_same_whatever_order_its_events_are_given_in(bench):
     now_ns = tick_after(bench.host0_ns + 100 * MS, bench.tick_ns)
     frames = bench.flight(1.0)[:8]
     events = [*bench.blocks(frames), bench.image(0, 60), bench.image(1, 70), bench.observation(60, late_ms=0)]
-    one, two = batch_of(now_ns, events), batch_of(now_ns, events[::-1])
+    one, two = (Batches.of(np.array([now_ns]), given) for given in (events, events[::-1]))
     assert [shot.index for shot in one.images] == [shot.index for shot in two.images]
     assert frames_of(one.raw[0]) == frames_of(two.raw[0]) == [raw for _, raw in frames]
 
@@ -214,4 +201,5 @@ def test_a_switch_of_the_heights_source_is_an_event_with_its_step(bench):
     slant_m, home_m = 50.0 + 0.01 * k, 50.0 + 0.01 * k
     leaning = math.cos(0.02) * math.cos(-0.1 + 0.01 * math.sin(k))
     assert switch.step.step_m == pytest.approx(home_m - slant_m * leaning, abs=1e-4)
-    assert outputs.index(switch) < outputs.index(first)
+    (later,) = [k for k, item in enumerate(outputs) if isinstance(item, ImageAnswer) and item.sample is first]
+    assert outputs.index(switch) + 1 == later

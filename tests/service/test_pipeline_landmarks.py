@@ -19,8 +19,8 @@ class Counting:
     def __init__(self):
         self.asked = []
 
-    def refine(self, sample):
-        return replace(sample, calibration=str(len(self.asked)))
+    def refine(self, poses):
+        return poses.all_varied(lambda variant: replace(variant, calibration=str(len(self.asked))))
 
     def observes(self, name):
         return name.startswith("mark")

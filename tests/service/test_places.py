@@ -9,7 +9,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.telemetry import PositionTrack
 from aerodft.service.places import Places
 from aerodft.service.settings import HeightSettings
-from aerodft.service.streams import END_OF_TIME, Missing
+from aerodft.service.streams import END_OF_TIME, LAST, Missing
 
 METRE_RAD = 1 / 6_378_137.0  # of longitude on the equator
 HALF_SECOND = SECOND_NS // 2
@@ -32,18 +32,24 @@ def places(lat_rad, lon_rad):
     return made
 
 
+def at(made, stamp_ns):
+    """As of the last tick, when nothing more will come."""
+    return made.at(np.array([stamp_ns]), LAST, np.array([END_OF_TIME]))
+
+
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_a_flight_over_the_180th_meridian(direction):
     """20 m/s along the equator; in the middle of the second it is right on the meridian, a little later beyond."""
     half = direction * 10 * METRE_RAD
     made = places([0.0, 0.0], [direction * math.pi - half, half - direction * math.pi])
-    place = made.at(HALF_SECOND + SECOND_NS // 10, END_OF_TIME)
-    assert place.lat_lon_alt[1] == pytest.approx(half / 5 - direction * math.pi, abs=1e-12)
-    np.testing.assert_allclose(place.east_north_m, [direction * 12.0, 0.0], atol=1e-3)
-    np.testing.assert_allclose(place.velocity_enu_mps, [direction * 20.0, 0.0, 0.0], atol=1e-3)
+    place = at(made, HALF_SECOND + SECOND_NS // 10)
+    assert place.lat_lon_alt[0, 1] == pytest.approx(half / 5 - direction * math.pi, abs=1e-12)
+    np.testing.assert_allclose(place.east_north_m, [[direction * 12.0, 0.0]], atol=1e-3)
+    np.testing.assert_allclose(place.velocity_enu_mps, [[direction * 20.0, 0.0, 0.0]], atol=1e-3)
 
 
 @pytest.mark.parametrize(("apart_m", "is_known"), [(40.0, True), (190.0, True), (210.0, False), (1e6, False)])
 def test_between_two_positions_that_nothing_flies_between_there_is_none(apart_m, is_known):
-    found = places([0.0, 0.0], [0.0, apart_m * METRE_RAD]).at(HALF_SECOND, END_OF_TIME)
-    assert (found is not Missing.STALE) == is_known
+    found = at(places([0.0, 0.0], [0.0, apart_m * METRE_RAD]), HALF_SECOND)
+    assert found.missing.tolist() == [Missing.NO if is_known else Missing.STALE]
+    assert np.isfinite(found.east_north_m).all() == is_known

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.interpolation import bracket
+from aerodft.geometry.interpolation import brackets
+from aerodft.geometry.rotation import slerp
 from aerodft.service.slew import demands_before, lag_std
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -22,15 +23,16 @@ def pitches(values_rad):
 
 
 def std_at(demands_rad, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW):
-    found = bracket(STAMPS, stamp_ns, SECOND)
-    return lag_at(pitches(demands_rad), found, stamp_ns, lag_ns, slew_radps)
+    return lag_at(pitches(demands_rad), stamp_ns, lag_ns, slew_radps)
 
 
-def lag_at(reported_wxyz, found, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW):
-    before, stamps_ns, first = (np.array([each] * 3) for each in (found.before, stamp_ns, 0))
-    demands = demands_before(STAMPS, before, stamps_ns, first, lag_ns=lag_ns, slew_radps=slew_radps)
-    now = found.spherical(reported_wxyz)
-    together = lag_std(demands, reported_wxyz, np.array([now] * 3), slew_radps)
+def lag_at(reported_wxyz, stamp_ns, lag_ns=LAG_NS, slew_radps=SLEW):
+    stamps_ns = np.full(3, stamp_ns)
+    found = brackets(STAMPS, stamps_ns, SECOND)
+    first = np.zeros(3, dtype=np.int64)
+    demands = demands_before(STAMPS, found.before, stamps_ns, first, lag_ns=lag_ns, slew_radps=slew_radps)
+    now = slerp(*found.ends(reported_wxyz), found.weight)
+    together = lag_std(demands, reported_wxyz, now, slew_radps)
     assert np.array_equal(together[1:], together[:-1])
     return together[0]
 
@@ -76,7 +78,6 @@ def test_the_answer_is_about_the_axis_that_turns():
     yaws = np.where(STAMPS < 2 * SECOND, 0.0, 0.5)
     reported = Rotation.from_euler("ZY", np.column_stack([yaws, np.full(len(STAMPS), -math.pi / 2)]))
     stamp_ns = 2 * SECOND + 100 * MS
-    found = bracket(STAMPS, stamp_ns, SECOND)
-    std = lag_at(reported.as_quat(scalar_first=True), found, stamp_ns)
+    std = lag_at(reported.as_quat(scalar_first=True), stamp_ns)
     assert abs(std[0]) == pytest.approx(0.5 / math.sqrt(3), abs=1e-9)  # at nadir a pan is a roll of the image
     assert_allclose(std[1:], 0.0, atol=1e-9)

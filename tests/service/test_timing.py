@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
 from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
-from aerodft.service.clock_ticks import LineTable
+from aerodft.service.clock_ticks import LineTable, Ticks
+from aerodft.service.streams import LAST
 from aerodft.service.timing import ClockMap
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -35,16 +36,25 @@ def system_time(boot_ns, utc_at_boot_ns=UTC0, delay_ns=LINK):
     )
 
 
+def to_utc(clock, track):
+    """Stamps by what is known now."""
+    return clock.to_utc(track, LAST)
+
+
+def host_to_utc(clock, host_ns):
+    return int(clock.host_to_utc(np.array([host_ns]))[0])
+
+
 def told(*utc_at_boot_ns):
     """A map that was told these offsets, one a second, and the shifts after the first, which ends arrival times."""
     clock = ClockMap()
-    shifts = [clock.update((system_time(k * SECOND, utc),)).shift_ns for k, utc in enumerate(utc_at_boot_ns)]
+    shifts = [clock.update(Ticks.one((system_time(k * SECOND, utc),))).shift_ns for k, utc in enumerate(utc_at_boot_ns)]
     return clock, shifts[1:]
 
 
 def test_system_time_gives_utc_whatever_the_link_delays():
     clock, _ = told(UTC0)
-    stamps = clock.to_utc(track([2 * SECOND, 3 * SECOND], [HOST0 + 2 * SECOND, HOST0 + 9 * SECOND]))
+    stamps = to_utc(clock, track([2 * SECOND, 3 * SECOND], [HOST0 + 2 * SECOND, HOST0 + 9 * SECOND]))
     np.testing.assert_array_equal(stamps, [UTC0 + 2 * SECOND, UTC0 + 3 * SECOND])
 
 
@@ -58,12 +68,12 @@ def test_whole_milliseconds_of_boot_time_average_out():
 def test_without_system_time_the_fastest_message_says_what_time_it_is():
     clock = ClockMap()
     assert (clock.host_minus_boot_ns, clock.is_utc_known) == (None, False)
-    clock.update((sent(SECOND, 900 * MS),))
-    clock.update((sent(2 * SECOND, LINK),))
-    clock.update((sent(3 * SECOND, 400 * MS),))
+    clock.update(Ticks.one((sent(SECOND, 900 * MS),)))
+    clock.update(Ticks.one((sent(2 * SECOND, LINK),)))
+    clock.update(Ticks.one((sent(3 * SECOND, 400 * MS),)))
     assert clock.host_minus_boot_ns == HOST0 + LINK
-    np.testing.assert_array_equal(clock.to_utc(sent(3 * SECOND, 400 * MS)), [HOST0 + 3 * SECOND + LINK])
-    assert clock.host_to_utc(HOST0) == HOST0
+    np.testing.assert_array_equal(to_utc(clock, sent(3 * SECOND, 400 * MS)), [HOST0 + 3 * SECOND + LINK])
+    assert host_to_utc(clock, HOST0) == HOST0
 
 
 def test_a_link_that_is_busy_for_a_while_does_not_move_the_clock():
@@ -71,7 +81,7 @@ def test_a_link_that_is_busy_for_a_while_does_not_move_the_clock():
     clock = ClockMap()
     for second in range(1, 31):
         busy_ms = rng.uniform(100, 900) if 10 <= second < 20 else 0.0
-        clock.update((sent(second * SECOND, LINK + round(busy_ms * MS)),))
+        clock.update(Ticks.one((sent(second * SECOND, LINK + round(busy_ms * MS)),)))
     assert clock.host_minus_boot_ns == HOST0 + LINK
 
 
@@ -80,9 +90,9 @@ def test_a_step_of_this_machines_clock_is_found(step_ms):
     """Backwards at once, forwards when for ten seconds nothing was as fast as before."""
     clock, _ = told(*[UTC0] * 30)
     for second in range(30, 42):
-        clock.update((sent(second * SECOND, LINK + step_ms * MS),))
+        clock.update(Ticks.one((sent(second * SECOND, LINK + step_ms * MS),)))
     host_ns = HOST0 + 42 * SECOND + step_ms * MS
-    assert clock.host_to_utc(host_ns + LINK) == pytest.approx(UTC0 + 42 * SECOND, abs=MS)
+    assert host_to_utc(clock, host_ns + LINK) == pytest.approx(UTC0 + 42 * SECOND, abs=MS)
 
 
 @pytest.mark.parametrize("step_ms", [150, 500, 3000])
@@ -91,8 +101,8 @@ def test_until_a_step_of_this_machines_clock_is_believed_its_stamps_are_unsettle
     off_ns, waits = [], []
     for tenth in range(300, 420):
         boot_ns = tenth * SECOND // 10
-        clock.update((sent(boot_ns, LINK + (step_ms + tenth % 4) * MS),))
-        off_ns.append(abs(clock.host_to_utc(HOST0 + boot_ns + LINK + step_ms * MS) - UTC0 - boot_ns))
+        clock.update(Ticks.one((sent(boot_ns, LINK + (step_ms + tenth % 4) * MS),)))
+        off_ns.append(abs(host_to_utc(clock, HOST0 + boot_ns + LINK + step_ms * MS) - UTC0 - boot_ns))
         waits.append(clock.unsettled(by_utc=False))
         assert clock.unsettled(by_utc=True) is None  # the vehicle's UTC did not jump
     assert waits[:5] == [None] * 5  # a receiver that is held up
@@ -109,29 +119,29 @@ def test_a_link_that_is_slow_for_some_and_not_for_others_leaves_this_machines_cl
     waits = []
     for second in range(30, 40):
         boots = second * SECOND + np.arange(10) * SECOND // 10
-        clock.update((track(boots, HOST0 + boots + LINK + rng.integers(110, 900, 10) * MS),))
+        clock.update(Ticks.one((track(boots, HOST0 + boots + LINK + rng.integers(110, 900, 10) * MS),)))
         waits.append(clock.unsettled(by_utc=False) is not None)
     assert sum(waits) <= 1
-    clock.update((sent(41 * SECOND),))
+    clock.update(Ticks.one((sent(41 * SECOND),)))
     assert clock.unsettled(by_utc=False) is None
-    assert abs(clock.host_to_utc(HOST0 + 41 * SECOND + LINK) - UTC0 - 41 * SECOND) < MS
+    assert abs(host_to_utc(clock, HOST0 + 41 * SECOND + LINK) - UTC0 - 41 * SECOND) < MS
 
 
 def test_before_utc_is_known_a_step_leaves_all_stamps_unsettled():
     clock = ClockMap()
     for second in range(1, 21):
-        clock.update((sent(second * SECOND),))
+        clock.update(Ticks.one((sent(second * SECOND),)))
     assert (clock.unsettled(by_utc=False), clock.unsettled(by_utc=True)) == (None, None)
     for tenth in range(6):
-        clock.update((sent(21 * SECOND + tenth * 100 * MS, LINK + SECOND),))
+        clock.update(Ticks.one((sent(21 * SECOND + tenth * 100 * MS, LINK + SECOND),)))
     for by_utc in (False, True):
         assert "arrives 1.0 s later" in clock.unsettled(by_utc=by_utc)
 
 
 def test_host_stamps_are_mapped_with_the_fastest_message():
     clock, _ = told(UTC0)
-    clock.update((sent(2 * SECOND, 5 * SECOND),))
-    assert clock.host_to_utc(HOST0 + 7 * SECOND) == UTC0 + 7 * SECOND - LINK
+    clock.update(Ticks.one((sent(2 * SECOND, 5 * SECOND),)))
+    assert host_to_utc(clock, HOST0 + 7 * SECOND) == UTC0 + 7 * SECOND - LINK
 
 
 @pytest.mark.parametrize("strangers", [1, 2])
@@ -163,17 +173,17 @@ def test_a_small_correction_is_no_jump():
 def test_until_a_jump_is_believed_it_is_said():
     clock, _ = told(*[UTC0] * 5, *[UTC0 + 2 * SECOND] * 2)
     assert clock.unsettled(by_utc=True) == "the vehicle's UTC jumped by +2.000 s, and has not settled yet"
-    clock.update((system_time(8 * SECOND, UTC0 + 2 * SECOND),))
+    clock.update(Ticks.one((system_time(8 * SECOND, UTC0 + 2 * SECOND),)))
     assert clock.unsettled(by_utc=True) is None
     assert clock.health.jumps_s == (2.0,)
 
 
 def test_the_first_utc_moves_what_was_stamped_by_arrival():
     clock = ClockMap()
-    clock.update((sent(SECOND),))
-    heard = clock.update((system_time(2 * SECOND),))
+    clock.update(Ticks.one((sent(SECOND),)))
+    heard = clock.update(Ticks.one((system_time(2 * SECOND),)))
     assert heard.shift_ns == heard.host_shift_ns == UTC0 - HOST0 - LINK
-    assert clock.host_to_utc(HOST0 + LINK) == UTC0
+    assert host_to_utc(clock, HOST0 + LINK) == UTC0
 
 
 def test_an_unstamped_message_takes_the_time_of_the_stamped_one_before_it():
@@ -182,30 +192,30 @@ def test_an_unstamped_message_takes_the_time_of_the_stamped_one_before_it():
     arrival_ns = HOST0 + 10 * SECOND + 2 * SECOND
     stamped = track([10 * SECOND], [arrival_ns])
     bare = track([NO_BOOT_TIME, NO_BOOT_TIME], [arrival_ns + 3 * MS, arrival_ns + 400 * MS])
-    stamped, bare = clock.update((stamped, bare)).tracks
-    np.testing.assert_array_equal(clock.to_utc(bare), [UTC0 + 10 * SECOND] * 2)
+    stamped, bare = clock.update(Ticks.one((stamped, bare))).ticks.tracks
+    np.testing.assert_array_equal(to_utc(clock, bare), [UTC0 + 10 * SECOND] * 2)
 
 
 def test_an_anchor_of_the_tick_before_serves_too():
     clock, _ = told(UTC0)
-    clock.update((sent(10 * SECOND, 2 * SECOND),))
+    clock.update(Ticks.one((sent(10 * SECOND, 2 * SECOND),)))
     bare = track([NO_BOOT_TIME], [HOST0 + 12 * SECOND + 60 * MS])
-    (bare,) = clock.update((bare,)).tracks
-    np.testing.assert_array_equal(clock.to_utc(bare), [UTC0 + 10 * SECOND])
+    (bare,) = clock.update(Ticks.one((bare,))).ticks.tracks
+    np.testing.assert_array_equal(to_utc(clock, bare), [UTC0 + 10 * SECOND])
 
 
 def test_without_an_anchor_near_an_unstamped_message_is_stamped_by_its_arrival():
     clock, _ = told(UTC0)
     bare = track([NO_BOOT_TIME], [HOST0 + 3 * SECOND + LINK])
-    clock.update((bare,))
-    np.testing.assert_array_equal(clock.to_utc(bare), [UTC0 + 3 * SECOND])
+    clock.update(Ticks.one((bare,)))
+    np.testing.assert_array_equal(to_utc(clock, bare), [UTC0 + 3 * SECOND])
 
 
 def test_before_anything_is_known_arrival_is_all_there_is():
     bare = track([NO_BOOT_TIME], [HOST0])
     clock = ClockMap()
-    assert not clock.update((bare,)).restarted
-    np.testing.assert_array_equal(clock.to_utc(bare), bare.arrival_ns)
+    assert not clock.update(Ticks.one((bare,))).restarted
+    np.testing.assert_array_equal(to_utc(clock, bare), bare.arrival_ns)
 
 
 @given(st.lists(st.integers(0, 3 * SECOND), min_size=1, max_size=30), st.integers(0, 29))
@@ -215,8 +225,9 @@ def test_stamps_do_not_depend_on_delays_once_utc_is_known(delays_ns, learnt_at):
     for k, delay_ns in enumerate(delays_ns):
         boot_ns = (k + 1) * 100 * MS
         message = sent(boot_ns, delay_ns)
-        clock.update((message, system_time(boot_ns, delay_ns=delay_ns)) if k >= learnt_at else (message,))
-        stamps.append(int(clock.to_utc(message)[0]))
+        said = (system_time(boot_ns, delay_ns=delay_ns),) if k >= learnt_at else ()
+        clock.update(Ticks.one((message, *said)))
+        stamps.append(int(to_utc(clock, message)[0]))
     known = stamps[learnt_at:]
     assert known == [UTC0 + (k + 1) * 100 * MS for k in range(learnt_at, len(delays_ns))][: len(known)]
 

@@ -156,7 +156,7 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
     """Whether a message of the followed system comes from the component that is listened to for it.
 
     The clock, the attitude, the position and the vehicle's health come from the autopilot, reports of cameras from all
-    of them (``service.zoom_sources`` chooses); anything else from whoever sent it first, and of several gimbals or
+    of them (``service.zoom`` chooses); anything else from whoever sent it first, and of several gimbals or
     sensors that one component speaks for from the first.
     """
     if message_id in OF_AUTOPILOT:

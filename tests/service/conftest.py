@@ -5,15 +5,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import pytest
-from aerodft.model.estimate import CalibrationEstimate
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.codec.estimate import encode_estimate
 from aerodft.adapters.codec.events import encode_observation
 from aerodft.adapters.codec.height import encode_height_switch
 from aerodft.adapters.codec.measurement import encode_measurements
-from aerodft.adapters.codec.pose import encode_pose
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.camera import Camera
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image, StampClock
@@ -26,6 +25,7 @@ from aerodft.service.feed import MergedFeed, block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import HeightSettings, PipelineSettings, TelemetrySettings
 from tests.answers import ImageAnswer, ObservationAnswer, answers_of, measurements_of
+from tests.payloads import encode_pose
 
 MS = 1_000_000
 DOWN_60 = [math.cos(math.pi / 6), 0.0, -math.sin(math.pi / 6), 0.0]  # a gimbal pitch of -60 deg

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from aerodft.dft.answers import ImageAnswers
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
-from aerodft.model.batch import Batch
 from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.measurement import Measurement
@@ -17,6 +15,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseStd
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.telemetry import ReportFrame, WireProtocol
+from aerodft.service.batches import Batches
 from aerodft.service.feed import block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import (
@@ -32,6 +31,7 @@ from aerodft.sim.telemetry import Autopilot, Biases, datagrams
 from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
 from calibration.live import LiveCalibrator
+from tests.answers import ImageAnswer, ObservationAnswer, answers_of
 
 CAMERA = default_camera(1920, 1080)
 SIZE = np.array([CAMERA.width_px, CAMERA.height_px])
@@ -238,11 +238,12 @@ def flown(draw, truth, std, seen, errors, *, every_width=False):
             for probe in PROBES:
                 count = 2 if probe.kind is ProbeKind.DISTANCE else 1
                 observations.append(observation(probe.name, stamp, pixels[:count], seen.std_px))
-    batch = Batch(now_ns=truth.end_ns, raw=(raw,), observations=tuple(observations))
+    batches = Batches.of(np.array([truth.end_ns]), [raw, *observations])
     flight = Flight(truth, points)
-    for output in (*pipeline.step(batch), *pipeline.finish()):
-        if isinstance(output, ImageAnswers):
-            flight.measured.setdefault(output.stamp_ns, []).extend(output)
-        elif isinstance(output, CalibrationEstimate):
-            flight.estimates.append(output)
+    for answer in answers_of(pipeline, [batches]):
+        if isinstance(answer, ImageAnswer | ObservationAnswer):
+            for each in answer.measurements:
+                flight.measured.setdefault(each.stamp_ns, []).append(each)
+        elif isinstance(answer, CalibrationEstimate):
+            flight.estimates.append(answer)
     return flight

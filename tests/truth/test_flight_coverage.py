@@ -12,16 +12,15 @@ import pytest
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.answers import ImageAnswers
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
-from aerodft.model.batch import Batch
 from aerodft.model.measurement import Ellipse95, Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, Pose, PoseStd
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock, ReportFrame, WireProtocol
+from aerodft.service.batches import Batches
 from aerodft.service.feed import block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import AttitudeSettings, HeightSettings, PipelineSettings, TelemetrySettings
@@ -30,6 +29,7 @@ from aerodft.sim.scenario import EPOCH_NS, default_camera
 from aerodft.sim.telemetry import Autopilot, datagrams, drawn_biases
 from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
+from tests.answers import answers_of, measurements_of
 
 FLIGHTS = 750 if os.environ.get("AERODFT_FAULTS") == "full" else 250
 """At each tilt. All 1,000 tell a coverage to 0.7 % (one std; 1.5 % are allowed): 92 % is seen 96 times in 100, and 87 %
@@ -146,9 +146,8 @@ def _flight(
         for probe in PROBES
     )
     pipeline = Pipeline(_settings(std), CompositeDecoder())
-    outputs = (*pipeline.step(Batch(now_ns=truth.end_ns, raw=(raw,), observations=seen)), *pipeline.finish())
-    images = [output for output in outputs if isinstance(output, ImageAnswers)]
-    return pose, points, [measurement for image in images for measurement in image]
+    batches = Batches.of(np.array([truth.end_ns]), [raw, *seen])
+    return pose, points, measurements_of(answers_of(pipeline, [batches]))
 
 
 def _is_inside(measured: Measurement, pose: Pose, points: np.ndarray) -> bool:

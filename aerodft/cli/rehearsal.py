@@ -24,12 +24,15 @@ from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.telemetry import DEFAULT_RATES_HZ, Autopilot, datagrams
 
 _BEGIN_NS: Final = 1_600_000_000 * SECOND_NS
+_UTC_NS: Final = _BEGIN_NS + SECOND_NS // 2  # from then on it says what UTC is
+_END_NS: Final = _BEGIN_NS + 3 * SECOND_NS // 2
+_BOOTED_NS: Final = 10 * SECOND_NS  # before it begins
 _TICK_NS: Final = SECOND_NS // 20
 _RATES_HZ: Final = {**DEFAULT_RATES_HZ, "GPS_RAW_INT": 5.0, "DISTANCE_SENSOR": 5.0, "TERRAIN_REPORT": 5.0}
 
 
 def rehearse(station: StationConfig) -> None:
-    """Fly for a second, with an image on every tick; nothing of it is published or kept."""
+    """Fly for some seconds, with an image on every tick; nothing of it is published or kept."""
     telemetry = station.pipeline.telemetry
     if telemetry is None:
         return
@@ -45,10 +48,12 @@ def _flight() -> Iterator[Batches]:
     begin = Waypoint(
         time_s=0.0, east_m=0.0, north_m=0.0, height_m=30.0, heading_rad=0.0, gimbal_pitch_rad=math.radians(-70.0)
     )
-    end = replace(begin, time_s=1.0, north_m=10.0, gimbal_pitch_rad=math.radians(-50.0))
+    end = replace(begin, time_s=(_END_NS - _BEGIN_NS) / SECOND_NS, north_m=10.0, gimbal_pitch_rad=math.radians(-50.0))
     way = fly((begin, end), origin=GeoOrigin(lat_rad=0.8, lon_rad=0.1, alt_msl_m=0.0), start_ns=_BEGIN_NS)
-    sent = datagrams(way, Autopilot(rates_hz=_RATES_HZ))
-    for index, now_ns in enumerate(range(_BEGIN_NS, way.end_ns, _TICK_NS)):
+    silent = Autopilot(rates_hz={**_RATES_HZ, "SYSTEM_TIME": 0.0}, booted_ns=_BOOTED_NS)
+    telling = Autopilot(rates_hz=_RATES_HZ, booted_ns=_BOOTED_NS + _UTC_NS - _BEGIN_NS)
+    sent = datagrams(way.cut(_BEGIN_NS, _UTC_NS), silent) + datagrams(way.cut(_UTC_NS, _END_NS), telling)
+    for index, now_ns in enumerate(range(_BEGIN_NS, _END_NS, _TICK_NS)):
         came = [each for each in sent if now_ns - _TICK_NS < each.due_ns <= now_ns]
         block = block_of(WireProtocol.MAVLINK, "", [each.due_ns for each in came], [each.data for each in came])
         yield Batches.of(

@@ -36,7 +36,10 @@ class Intake:
             Of how many ticks, and by how much UTC that was made of this machine's stamps before has changed (ns).
         """
         if self._first == self._decoded.count:
-            self._decoded, self._first = self._decode(batches), 0
+            if len(batches.raw) > 1:  # senders whose frames take turns
+                return 1, self._take_senders(batches[:1])
+            tracks = tuple(track for block in batches.raw for track in self._decoder.decode(block))
+            self._decoded, self._first = Ticks.of(tracks, batches.now_ns), 0
         count = min(self._most, self._decoded.count - self._first)
         while True:
             shift_ns = self._poses.append(self._decoded.between(self._first, self._first + count))
@@ -46,10 +49,7 @@ class Intake:
                 return count, shift_ns
             count //= 2
 
-    def _decode(self, batches: Batches) -> Ticks:
-        """The tracks of all ticks; of the first alone where several senders speak, whose frames take turns."""
-        if len(batches.raw) <= 1:
-            tracks = tuple(track for block in batches.raw for track in self._decoder.decode(block))
-            return Ticks.of(tracks, batches.now_ns)
-        blocks = batches[:1].raw
-        return Ticks.one(tuple(track for block in blocks for track in self._decoder.decode(block)))
+    def _take_senders(self, batches: Batches) -> int:
+        """Take in a tick, sender by sender."""
+        senders = [self._decoder.decode(block) for block in batches.raw] or [()]
+        return sum(self._poses.append(Ticks.one(tracks)) or 0 for tracks in senders)

@@ -9,6 +9,7 @@ is used from the next stamp on: of what is done on one tick, in the order of the
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -31,7 +32,9 @@ from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, T
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.streams import LAST
-from aerodft.service.waiting import RecentImages, Task, WorkList, answer_in_order
+from aerodft.service.waiting import Occasions, RecentImages, Task, WorkList, answer_in_order
+
+_ANY_IMAGE: Final = np.iinfo(np.int64).min
 
 
 @dataclass(slots=True)
@@ -184,6 +187,7 @@ class Pipeline:
             tick=tick,
             image=numbers,
             observations=[None] * len(images),
+            samples=[None] * len(images),
         )
         return WorkList.joined([of_images, self._accept_observations(batches)])
 
@@ -208,6 +212,7 @@ class Pipeline:
             tick=tick,
             image=np.array([NO_IMAGE if seen.image is None else seen.image for seen in observations], dtype=np.int64),
             observations=[replace(seen, stamp_ns=own_ns, clock=StampClock.UTC) for seen, own_ns in pairs],
+            samples=[None] * len(observations),
         )
 
     def _stamps_of_observations(self, observations: list[Observation], tick: IntArray) -> IntArray:
@@ -226,17 +231,25 @@ class Pipeline:
         return -(-(arrival_ns + self._wait_ns) // tick_ns) * tick_ns
 
     def _answer_overdue(self, now_ns: int | None, tick: int) -> None:
-        """Answer what was due before a time, or all there is, as of the last tick; on the tick of that number."""
-        is_due = np.full(len(self._work), fill_value=True) if now_ns is None else self._work.deadline_ns < now_ns
-        rows = np.flatnonzero(is_due)
-        if not len(rows):
+        """Answer what was due before a time, or all there is, as of the last tick; on the tick of that number.
+
+        And what it held up.
+        """
+        work = self._work
+        due_ns = np.unique(work.deadline_ns if now_ns is None else work.deadline_ns[work.deadline_ns < now_ns])
+        if not len(due_ns):
             return
-        rows = rows[np.argsort(self._work.deadline_ns[rows], kind="stable")]
-        due = self._work.rows(rows)
-        self._work = self._work.rows(np.flatnonzero(~is_due))
-        last, final = np.full(len(due), -1), np.full(len(due), fill_value=True)
-        poses, _ = self._poses_at(due.stamp_ns, last, final=final, by_utc=due.by_utc)
-        self._add(due, poses, last, np.full(len(due), tick), due.deadline_ns)
+        occasions = Occasions(due_ns, np.zeros_like(due_ns), np.full(len(due_ns), fill_value=False))
+        last_image_ns = np.full(len(due_ns), self._images.last_ns()[-1])
+        made = np.array([sample is not None for sample in work.samples], dtype=np.bool_)
+        answer = self._in_order(work, np.where(made, 0, 1), occasions, last_image_ns)
+        parts = self._made(work)
+        final = np.flatnonzero((answer >= 0) & ~made)
+        if len(final):
+            last, known = np.full(len(final), -1), np.full(len(final), fill_value=True)
+            poses, _ = self._poses_at(work.stamp_ns[final], last, final=known, by_utc=work.by_utc[final])
+            parts.append((final, poses))
+        self._take_answers(work, parts, answer, occasions, tick)
 
     def _answer(self, now_ns: IntArray, first: int) -> None:
         """Answer what is ready in the ticks ``now_ns (n,)`` of the newest step, numbered from ``first``."""
@@ -247,67 +260,102 @@ class Pipeline:
         ready_tick, parts = self._ready(work, np.minimum(deadline_tick, count), count)
         is_final = (ready_tick >= deadline_tick) & (deadline_tick < count)
         final = np.flatnonzero(is_final)
-        is_on_tick = now_ns[np.minimum(deadline_tick, count - 1)] == work.deadline_ns
-        as_of = np.where(is_final, deadline_tick - ~is_on_tick, ready_tick)
         if len(final):
-            known = np.full(len(final), fill_value=True)
-            poses, _ = self._poses_at(work.stamp_ns[final], as_of[final], final=known, by_utc=work.by_utc[final])
+            is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
+            as_of, known = deadline_tick[final] - ~is_on_tick, np.full(len(final), fill_value=True)
+            poses, _ = self._poses_at(work.stamp_ns[final], as_of, final=known, by_utc=work.by_utc[final])
             parts.append((final, poses))
-        answer_tick = answer_in_order(work.stamp_ns, np.where(is_final, deadline_tick, ready_tick), deadline_tick)
-        is_answered = answer_tick < count
-        self._work = work.rows(np.flatnonzero(~is_answered)).at_first_tick()
-        if not parts:
+        occasions = Occasions.of(now_ns, work.deadline_ns)
+        last_image_ns = self._images.last_ns()[occasions.ticks - 1]
+        answer = self._in_order(work, ready_tick + 1, occasions, last_image_ns)
+        self._take_answers(work, parts, answer, occasions, first)
+
+    def _in_order(self, work: WorkList, ready: IntArray, occasions: Occasions, last_image_ns: IntArray) -> IntArray:
+        """As ``answer_in_order``, of work that is ready after some ticks ``(n,)``."""
+        columns = work.stamp_ns, work.tick + 1, ready, work.deadline_ns, self._near_ns(work)
+        return answer_in_order(columns, (occasions.time_ns, occasions.ticks), last_image_ns)
+
+    def _take_answers(
+        self,
+        work: WorkList,
+        parts: list[tuple[IntArray, PoseBatch]],
+        answer: IntArray,
+        occasions: Occasions,
+        first: int,
+    ) -> None:
+        """Have work answered on occasions ``(n,)``, of ticks that are numbered from ``first``; the rest waits on.
+
+        ``parts`` are all poses that are known, with the rows of the work that they are of.
+        """
+        place = np.full(len(work), -1)
+        if parts:
+            place[np.concatenate([rows for rows, _ in parts])] = np.arange(sum(len(rows) for rows, _ in parts))
+        poses = PoseBatch.joined([poses for _, poses in parts]) if parts else None
+        left = np.flatnonzero(answer < 0)
+        samples = [None if poses is None or k < 0 else poses[k] for k in place[left].tolist()]
+        self._work = work.rows(left).left(samples)
+        rows = np.flatnonzero(answer >= 0)
+        if poses is None or not len(rows):
             return
-        place = np.empty(len(work), dtype=np.int64)
-        place[np.concatenate([rows for rows, _ in parts])] = np.arange(sum(len(rows) for rows, _ in parts))
-        # What is due between two ticks comes before what is answered on the second of them.
-        is_before = is_final & ~is_on_tick & (answer_tick == deadline_tick)
-        due_ns = np.where(is_before, work.deadline_ns, np.iinfo(np.int64).max)
-        rows = np.flatnonzero(is_answered)
-        rows = rows[np.lexsort((due_ns[rows], answer_tick[rows]))]
-        poses = PoseBatch.joined([poses for _, poses in parts]).rows(place[rows])
-        self._add(work.rows(rows), poses, as_of[rows], first + answer_tick[rows], due_ns[rows])
+        rows = rows[np.argsort(answer[rows], kind="stable")]
+        on = answer[rows]
+        as_of = occasions.ticks[on] - 1
+        # What is due between two ticks comes out on the second of them, before what is answered there.
+        tick = first + as_of + ~occasions.is_tick[on]
+        self._add(ReadyWork(work.rows(rows), poses.rows(place[rows]), tick, on), as_of)
+
+    def _near_ns(self, work: WorkList) -> IntArray:
+        """Least stamps ``(n,)`` of the last image for work to be looked at: an observation may be faster than it."""
+        waits = (work.task != Task.IMAGE) & (work.image == NO_IMAGE)
+        return np.where(waits, work.stamp_ns - self._settings.match_tolerance_ns, _ANY_IMAGE)
+
+    @staticmethod
+    def _made(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
+        """The poses that are there already, with their rows."""
+        rows = [row for row, sample in enumerate(work.samples) if sample is not None]
+        samples = [sample for sample in work.samples if sample is not None]
+        return [(np.array(rows), PoseBatch.of(samples))] if rows else []
 
     def _ready(
         self, work: WorkList, until_tick: IntArray, count: int
     ) -> tuple[IntArray, list[tuple[IntArray, PoseBatch]]]:
         """Ticks ``(n,)`` as of which the telemetry of work is complete, before ``until_tick (n,)``; else ``count``.
 
-        And the poses as of these ticks, with the rows of the work that they are of.
+        And the poses as of these ticks, with the rows of the work that they are of; -1 for what was ready before.
         """
-        tick = work.tick.copy()
-        waits_for_image = np.flatnonzero((work.task != Task.IMAGE) & (work.image == NO_IMAGE))
-        if len(waits_for_image):
-            near_ns = work.stamp_ns[waits_for_image] - self._settings.match_tolerance_ns
-            tick[waits_for_image] = self._images.ticks_with(near_ns, tick[waits_for_image])
+        near_ns, tick = self._near_ns(work), np.maximum(work.tick, 0)
         if self._settings.fixed_pose is None:
             passed = np.searchsorted(np.maximum.accumulate(self._poses.watermark_ns(count)), work.stamp_ns)
             tick = np.maximum(tick, passed)
-        ready_tick, parts = np.full(len(work), count), list[tuple[IntArray, PoseBatch]]()
-        rows = np.flatnonzero(tick < until_tick)
+        ready_tick, parts = np.full(len(work), count), self._made(work)
+        for rows, _ in parts:
+            ready_tick[rows] = -1
+        rows = np.flatnonzero((tick < until_tick) & (ready_tick >= 0))
+        tick = tick[rows]
         while len(rows):
+            waits = np.flatnonzero(near_ns[rows] != _ANY_IMAGE)
+            tick[waits] = self._images.ticks_with(near_ns[rows[waits]], tick[waits])
+            is_early = tick < until_tick[rows]
+            rows, tick = rows[is_early], tick[is_early]
             no = np.full(len(rows), fill_value=False)
-            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick[rows], final=no, by_utc=work.by_utc[rows])
+            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick, final=no, by_utc=work.by_utc[rows])
             done = np.flatnonzero(~is_pending)
-            ready_tick[rows[done]] = tick[rows[done]]
+            ready_tick[rows[done]] = tick[done]
             parts.append((rows[done], poses.rows(done)))
-            rows = rows[is_pending]
-            tick[rows] += 1
-            rows = rows[tick[rows] < until_tick[rows]]
+            rows, tick = rows[is_pending], tick[is_pending] + 1
         return ready_tick, [part for part in parts if len(part[0])]
 
-    def _add(self, work: WorkList, poses: PoseBatch, as_of: IntArray, tick: IntArray, due_ns: IntArray) -> None:
-        """Have work answered on ticks ``(n,)``, in order, with poses as of ticks of the newest step."""
+    def _add(self, ready: ReadyWork, as_of: IntArray) -> None:
+        """Have work answered, each as of a tick ``(n,)`` of the newest step."""
+        work = ready.work
         for row in np.flatnonzero((work.task != Task.IMAGE) & (work.image == NO_IMAGE)).tolist():
             tolerance_ns = self._settings.match_tolerance_ns
             work.image[row] = self._images.nearest(int(work.stamp_ns[row]), tolerance_ns, int(as_of[row]))
-        occasion = np.stack([tick, due_ns])
-        group = np.cumsum(np.any(np.diff(occasion, axis=1, prepend=occasion[:, :1]) != 0, axis=0))
 
         def describe_switch(before: HeightSource, after: HeightSource, stamp_ns: int, row: int) -> HeightSwitch:
             return self._poses.height_switch(before, after, stamp_ns, int(as_of[row]))
 
-        self._answering.add(ReadyWork(work, poses, tick, group), describe_switch)
+        self._answering.add(ready, describe_switch)
 
     def _poses_at(
         self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray

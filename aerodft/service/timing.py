@@ -136,6 +136,8 @@ class ClockMap:
             return None
         self._state = state
         least_ns = JUMP_NS if was_known or not state.is_utc_known else 0
+        if ticks.count > 1:
+            return Heard(ticks=ticks)
         now_ns = _utc_minus_boot_ns(state), _host_to_utc(state, arrived_ns)
         shifts = [_change(then, now, least_ns) for then, now in zip(offsets_ns, now_ns, strict=True)]
         return Heard(ticks=ticks, restarted=restarted, shift_ns=shifts[0], host_shift_ns=shifts[1])

@@ -100,7 +100,7 @@ class ViewReports:
         after = np.minimum(before + 1, np.maximum(end - 1, 0))
         is_last = before + 1 >= end
         gap_ns = samples_ns[after] - samples_ns[before]
-        is_between = ~is_last & (gap_ns <= self.stream.max_gap_ns)
+        is_between = ~is_last & (before >= 0) & (gap_ns <= self.stream.max_gap_ns)
         weight = np.where(is_between, (stamps_ns - samples_ns[before]) / np.maximum(gap_ns, 1), 0.0)
         change = np.where(is_between, focal[after] - focal[before], 0.0)
         age_s = (stamps_ns - samples_ns[before]) / SECOND_NS

@@ -10,29 +10,9 @@ from aerodft.model.image import StampClock
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.service.pipeline import Pipeline
 
+from .learning import Counting
+
 PIXEL = ((900.0, 500.0),)
-
-
-class Counting:
-    """Learns nothing but how often it was asked; what it refines says so."""
-
-    def __init__(self):
-        self.asked = []
-
-    def refine(self, poses):
-        return poses.all_varied(lambda variant: replace(variant, calibration=str(len(self.asked))))
-
-    def observes(self, name):
-        return name.startswith("mark")
-
-    def fits(self, observation):
-        return len(observation.pixels) == 1
-
-    def observe(self, sample, observations):
-        assert sample.calibration is None
-        assert {each.stamp_ns for each in observations} == {sample.stamp_ns}
-        self.asked.append((sample.stamp_ns, tuple(each.name for each in observations)))
-        return CalibrationEstimate(stamp_ns=sample.stamp_ns, calibration=str(len(self.asked)))
 
 
 @pytest.fixture

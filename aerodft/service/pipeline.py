@@ -262,7 +262,9 @@ class Pipeline:
         final = np.flatnonzero(is_final)
         if len(final):
             is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
-            as_of, known = deadline_tick[final] - ~is_on_tick, np.full(len(final), fill_value=True)
+            # What came after its deadline, in one long tick, is answered on that tick.
+            as_of = np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final])
+            known = np.full(len(final), fill_value=True)
             poses, _ = self._poses_at(work.stamp_ns[final], as_of, final=known, by_utc=work.by_utc[final])
             parts.append((final, poses))
         occasions = Occasions.of(now_ns, work.deadline_ns)

@@ -238,9 +238,14 @@ def flown(draw, truth, std, seen, errors, *, every_width=False):
             for probe in PROBES:
                 count = 2 if probe.kind is ProbeKind.DISTANCE else 1
                 observations.append(observation(probe.name, stamp, pixels[:count], seen.std_px))
-    batches = Batches.of(np.array([truth.end_ns]), [raw, *observations])
-    flight = Flight(truth, points)
-    for answer in answers_of(pipeline, [batches]):
+    end_ns = max(truth.end_ns, *(each.due_ns for each in sent))
+    batches = Batches.of(np.array([end_ns]), [raw, *observations])
+    return _seen(Flight(truth, points), answers_of(pipeline, [batches]))
+
+
+def _seen(flight, answers):
+    """The flight with what came out of it."""
+    for answer in answers:
         if isinstance(answer, ImageAnswer | ObservationAnswer):
             for each in answer.measurements:
                 flight.measured.setdefault(each.stamp_ns, []).append(each)

@@ -14,6 +14,7 @@ from aerodft.service.feed import block_of
 from aerodft.service.settings import OBJECTS, HeightSettings, ZoomSettings
 
 MS = 1_000_000
+AUTOPILOT, CAMERA, RIVAL = (1, 1), (1, 100), (2, 1)  # system and component
 SECONDS = 40
 MARK = Probe(name="mark-p", kind=ProbeKind.POSITION, source=PixelSource.OBSERVED)
 
@@ -25,14 +26,14 @@ class Happenings:
     Attributes:
         jump_s: By how much the vehicle's UTC jumps 12 s into the flight; 0 for not at all.
         reboots: Whether the vehicle reboots after 24 s, and is silent for 2 s then.
-        senders: How many addresses the vehicle's messages come from.
+        has_companion: Whether the camera, and a rival, speak from another address than the autopilot.
         is_utc_late: Whether the vehicle says UTC after 3 s only.
         seed: Of the link's delays, of what is lost, and of when what is seen comes.
     """
 
     jump_s: float = 0.0
     reboots: bool = False
-    senders: int = 1
+    has_companion: bool = False
     is_utc_late: bool = False
     seed: int = 1
 
@@ -56,21 +57,21 @@ def events_of(bench, happenings):
 
 def _blocks(bench, happenings, rng):
     """One block for every frame; frames of a tenth of a second share their way, and some are lost."""
-    mavs = {own: dialect.MAVLink(None, srcSystem=own, srcComponent=1) for own in (1, 2)}
+    mavs = {own: dialect.MAVLink(None, *own) for own in (AUTOPILOT, CAMERA, RIVAL)}
     arrived_ms, blocks, sequence = 0.0, [], 0
     for k in range(SECONDS * 10):
         if happenings.reboots and 240 <= k < 260:
             continue
         held_ms = 1100.0 if k == 350 else 0.0
         arrived_ms = max(arrived_ms, 100 * k + 20 + held_ms + rng.exponential(15))
-        for j, (system, message) in enumerate(_messages(bench, happenings, k)):
+        for j, (speaker, message) in enumerate(_messages(bench, happenings, k)):
             sequence += 1
-            mavs[system].seq = sequence % 256
+            mavs[speaker].seq = sequence % 256
             if rng.random() < 0.02 and k > 5:
                 continue
             at_ns = bench.host0_ns + round(arrived_ms * MS) + j * 10_000
-            sender = f"udp-{j % happenings.senders}"
-            frame = bytes(message.pack(mavs[system]))
+            sender = "companion" if happenings.has_companion and speaker != AUTOPILOT else "udp"
+            frame = bytes(message.pack(mavs[speaker]))
             blocks.append(block_of(WireProtocol.MAVLINK, sender, [at_ns], [frame]))
     return blocks
 
@@ -93,7 +94,7 @@ def _messages(bench, happenings, k):
         said.append(
             dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, boot_ms, 44, down, nan, nan, nan, flags)
         )
-    if not 80 <= k < 160:
+    if not 80 <= k < 160 and k < 360:
         said.append(dialect.MAVLink_distance_sensor_message(boot_ms, 20, 10_000, 5_000 + k, 0, 0, 25, 0))
     if k % 10 == 0:
         said.append(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))
@@ -102,14 +103,15 @@ def _messages(bench, happenings, k):
         said.append(
             dialect.MAVLink_gps_raw_int_message(1000 * boot_ms, fix, lat, lon, 0, 80, 120, 0, 0, 14, 0, accuracy, 1200)
         )
-        compass = 1.3 if 280 <= k < 290 else 0.1
+        compass = 1.3 if 280 <= k < 310 else 0.1
         said.append(dialect.MAVLink_ekf_status_report_message(831, 0.1, 0.1, 0.1, compass, 0.1))
     if k % 5 == 2 and k < 200:
         said.append(dialect.MAVLink_terrain_report_message(lat, lon, 100, 584.0, 50.4 + 0.01 * k, 0, 500))
+    others = [(RIVAL, dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))] if 320 <= k < 340 else []
     if k % 2 == 0 and 30 <= k < 300:
-        said.append(dialect.MAVLink_camera_settings_message(boot_ms, 0, zoomLevel=max(0.0, min(k / 5 - 12, 60.0))))
-    rival = [(2, dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))] if 320 <= k < 340 else []
-    return [*((1, message) for message in said), *rival]
+        zoom = dialect.MAVLink_camera_settings_message(boot_ms, 0, zoomLevel=max(0.0, min(k / 5 - 12, 60.0)))
+        others.append((CAMERA, zoom))
+    return [*((AUTOPILOT, message) for message in said), *others]
 
 
 def _images(bench, rng):

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from aerodft.model.estimate import CalibrationEstimate
+from aerodft.model.calibration import CalibrationEstimate
 
 
 class Counting:

@@ -2,7 +2,6 @@
 
 import struct
 from dataclasses import dataclass, replace
-from itertools import cycle
 from unittest.mock import patch
 
 import numpy as np
@@ -10,10 +9,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from aerodft.model.image import StampClock
+from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.model.status import Status
+from aerodft.service import feed
+from aerodft.service.batches import Batches
 from aerodft.service.feed import MergedFeed
+from aerodft.service.pipeline import Pipeline
 from aerodft.service.poses import PoseSource
+from tests.answers import cut_at, one_by_one, timed
+
+from .eventful import Happenings, events_of, settings_of
+from .learning import Counting, Following
 
 MS, SECOND = 1_000_000, 1_000_000_000
 FRAMES = 131
@@ -63,13 +69,10 @@ def test_it_does_not_matter_how_frames_are_cut_into_blocks(bench, reference, cut
 def test_it_does_not_matter_which_empty_ticks_come(bench, reference, linger_ns, share):
     """A live run has every empty tick, a recording has some: the ones within ``linger_ns`` of an event, or fewer."""
     rng = np.random.default_rng(7)
-    feed = MergedFeed(
-        [bench.source(*bench.blocks(reference.frames), *reference.images, *reference.seen)],
-        bench.tick_ns,
-        linger_ns=linger_ns,
-    )
-    batches = [b for b in feed.batches() if b.raw or b.images or b.observations or rng.random() < share]
-    assert bench.encoded(bench.run(batches)) == reference.answers
+    events = (*bench.blocks(reference.frames), *reference.images, *reference.seen)
+    batches = bench.batches(*events, linger_ns=linger_ns)
+    ticks = [tick for each in batches for tick in one_by_one(each) if tick.event_count or rng.random() < share]
+    assert bench.encoded(bench.run(ticks)) == reference.answers
 
 
 @settings(max_examples=10, deadline=None)
@@ -86,69 +89,85 @@ def test_sparse_input_does_not_depend_on_empty_ticks_either(bench, silence_at, s
     assert bench.encoded(every) == bench.encoded(none)
 
 
-@pytest.fixture(scope="module")
-def long_flight(bench):
-    """Half a minute: batches of all kinds of telemetry with a silence, images on two clocks, and observations."""
-    frames, images, seen = bench.events_of(30.0, gap_ms=(21_000, 22_700))
-    images = [
-        replace(image, clock=StampClock.HOST, stamp_ns=image.arrival_ns) if k % 3 else image
-        for k, image in enumerate(images)
-    ]
-    images = [image for image in images if not 20_500 <= (image.arrival_ns - bench.host0_ns) / MS < 23_500]
-    events = (*bench.blocks(frames), *images, *seen)
-    batches = list(MergedFeed([bench.source(*events)], bench.tick_ns, linger_ns=0).batches())
-    return batches, bench.encoded(bench.run(batches))
+FLIGHTS = {
+    "nothing but gaps": Happenings(),
+    "UTC jumps ahead": Happenings(jump_s=3.0, seed=2),
+    "UTC jumps back": Happenings(jump_s=-3.0, seed=3),
+    "a reboot": Happenings(reboots=True, seed=4),
+    "UTC comes late, jumps, and a reboot": Happenings(is_utc_late=True, jump_s=3.0, reboots=True, seed=5),
+    "several senders": Happenings(has_companion=True, jump_s=3.0, seed=6),
+}
 
 
-@settings(max_examples=10, deadline=None)
-@given(st.lists(st.integers(1, 60), min_size=1, max_size=20))
-def test_it_does_not_matter_which_ticks_are_taken_together(bench, long_flight, sizes):
-    batches, answers = long_flight
-    groups, first = [], 0
-    for size in cycle(sizes):
-        groups.append(batches[first : first + size])
-        first += size
-        if first >= len(batches):
-            break
-    taken = []
-    with patch.object(PoseSource, "append_ticks", noting(PoseSource.append_ticks, taken)):
-        assert bench.encoded(bench.run_groups(groups)) == answers
-    assert max(sizes) == 1 or any(taken)
+@dataclass(frozen=True, repr=False)
+class Eventful:
+    """A flight in which something happens all the time, by ticks; and when it is answered how, tick by tick."""
+
+    batches: Batches
+    answers: list
 
 
-def test_a_tick_that_cannot_be_taken_with_others_costs_only_those_next_to_it(bench, long_flight):
-    batches, answers = long_flight
-    odd_ns = batches[len(batches) // 3].now_ns
-    append_ticks, sizes, alone = PoseSource.append_ticks, [], []
-
-    def refusing(poses, tracks, ticks_ns):
-        if ticks_ns[0] <= odd_ns <= ticks_ns[-1]:
-            return False
-        sizes.append(len(ticks_ns))
-        return append_ticks(poses, tracks, ticks_ns)
-
-    with (
-        patch.object(PoseSource, "append_ticks", refusing),
-        patch.object(PoseSource, "append", noting(PoseSource.append, alone)),
-    ):
-        assert bench.encoded(bench.run_groups([batches])) == answers
-    assert max(sizes) > len(batches) / 2  # all that came later, at once
-    assert len(alone) < 50  # until clocks were known, and around the odd one
+def answered(bench, steps):
+    """Times of the answers, and these as bytes."""
+    counting = Counting()
+    made = Pipeline(settings_of(bench), MavlinkDecoder(), counting, counting, Following())
+    times, answers = zip(*timed(made, steps), strict=True)
+    return list(zip(times, bench.encoded(answers), strict=True))
 
 
-def noting(function, results):
-    def noted(*arguments):
-        results.append(function(*arguments))
-        return results[-1]
+@pytest.fixture(scope="module", params=list(FLIGHTS))
+def eventful(bench, request):
+    source = bench.source(*events_of(bench, FLIGHTS[request.param]))
+    with patch.object(feed, "_MOST_FRAMES", 10**9):
+        whole, _ = MergedFeed([source], bench.tick_ns, longest_ns=100 * SECOND).batches()
+    return Eventful(whole, answered(bench, one_by_one(whole)))
 
-    return noted
+
+def test_the_eventful_flights_have_everything_in_them(eventful):
+    said = b"".join(encoded for _, encoded in eventful.answers)
+    for word in (b"CAMERA_SETTINGS", b"rangefinder", b"terrain", b"home", b"UNHEALTHY", b"objects", b"mark-p"):
+        assert word in said, word
+    assert len(eventful.answers) > 450
+    assert len({now_ns for now_ns, _ in eventful.answers}) > 200
+
+
+def test_all_ticks_may_be_taken_at_once(bench, eventful):
+    assert answered(bench, [eventful.batches]) == eventful.answers
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.data())
+def test_it_does_not_matter_which_ticks_are_taken_together(bench, eventful, data):
+    cuts = data.draw(st.sets(st.integers(1, len(eventful.batches) - 1), max_size=60))
+    assert answered(bench, cut_at(eventful.batches, cuts)) == eventful.answers
+
+
+def test_a_tick_that_cannot_be_taken_with_others_costs_only_those_next_to_it(bench):
+    frames, images, seen = bench.events_of(30.0)
+    batches, _ = bench.batches(*bench.blocks(frames), *images, *seen, linger_ns=SECOND)
+    append, odd_ns, sizes = PoseSource.append, int(batches.now_ns[len(batches) // 3]), []
+
+    def refusing(poses, ticks):
+        arrivals_ns = np.concatenate([[0], *(track.arrival_ns for track in ticks.tracks)])
+        is_odd = np.any((arrivals_ns > odd_ns - bench.tick_ns) & (arrivals_ns <= odd_ns))
+        shift_ns = None if ticks.count > 1 and is_odd else append(poses, ticks)
+        if shift_ns is not None:
+            sizes.append(ticks.count)
+        return shift_ns
+
+    wanted = bench.encoded(bench.run(one_by_one(batches)))
+    with patch.object(PoseSource, "append", refusing):
+        assert bench.encoded(bench.run([batches])) == wanted
+    assert sum(sizes) == len(batches)
+    assert max(sizes) > len(batches) / 4
+    assert sizes.count(1) < 30  # until clocks were known, and around the odd one
 
 
 def test_sources_can_be_read_twice(bench, reference):
     source = bench.source(*bench.blocks(reference.frames), *reference.images, *reference.seen)
-    feed = MergedFeed([source], bench.tick_ns)
-    assert bench.encoded(bench.run(feed.batches())) == reference.answers
-    assert bench.encoded(bench.run(feed.batches())) == reference.answers
+    merged = MergedFeed([source], bench.tick_ns)
+    assert bench.encoded(bench.run(merged.batches())) == reference.answers
+    assert bench.encoded(bench.run(merged.batches())) == reference.answers
 
 
 @settings(max_examples=15, deadline=None)

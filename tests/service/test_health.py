@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.codec.pose import encode_pose
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.health import EstimatorTrack, GpsTrack
 from aerodft.model.pose import PoseSample
@@ -15,6 +14,7 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.health import HealthSources
 from aerodft.service.settings import HealthSettings
+from tests.payloads import encode_pose
 
 MS = 1_000_000
 SECONDS = 14.0

@@ -16,10 +16,12 @@ from aerodft.model.image import Image, StampClock
 from aerodft.model.pose import HeightSource, PoseSample
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.arrivals import first_arrival_ns
+from aerodft.service.clock_ticks import Ticks
 from aerodft.service.feed import MergedFeed, block_of
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import HeightSettings, PipelineSettings, TelemetrySettings
 from aerodft.service.timing import ClockMap
+from tests.answers import ImageAnswer, answers_of, one_by_one
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND
@@ -96,12 +98,9 @@ def flown(clocks, seconds, *, by=StampClock.UTC, rate_hz=10.0, image_hz=4.0, res
     events = [*_frames(clocks, seconds, rate_hz), *_images(clocks, seconds, by, image_hz, rest)]
     telemetry = replace(SETTINGS.telemetry, wait_ns=round(wait_s * SECOND))
     pipeline = Pipeline(replace(SETTINGS, telemetry=telemetry), MavlinkDecoder())
-    outputs, blocks = [], []
-    for batch in MergedFeed([_List(events)], 50 * MS).batches():
-        outputs += pipeline.step(batch)
-        blocks += batch.raw
-    outputs += pipeline.finish()
-    samples = [item for item in outputs if isinstance(item, PoseSample)]
+    steps = list(MergedFeed([_List(events)], 50 * MS).batches())
+    samples = [answer.sample for answer in answers_of(pipeline, steps) if isinstance(answer, ImageAnswer)]
+    blocks = [block for step in steps for tick in one_by_one(step) for block in tick.raw]
     times_s = [(k + rest) / image_hz for k in range(len(samples))]
     return [_taken(sample, true_s) for sample, true_s in zip(samples, times_s, strict=True)], partial(_health, blocks)
 
@@ -109,7 +108,7 @@ def flown(clocks, seconds, *, by=StampClock.UTC, rate_hz=10.0, image_hz=4.0, res
 def _health(blocks):
     decoder, clock = MavlinkDecoder(), ClockMap()
     for block in blocks:
-        clock.update(decoder.decode(block))
+        clock.update(Ticks.one(decoder.decode(block)))
     return clock.health
 
 

@@ -11,6 +11,7 @@ from aerodft.geometry.rotation import camera_from_gimbal
 from aerodft.model.pose import HeightSource, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.telemetry import ReportFrame
+from aerodft.service.clock_ticks import Ticks
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 
@@ -27,8 +28,8 @@ def run(flight, every_s=1.0, parts_s=0.5, **attitude):
     source = PoseSource(TelemetrySettings(height=height, attitude=settings), origin=None, time_std_s=0.0)
     samples, next_ns = [], UTC0_NS + round(every_s * 1e9)
     for tracks in flight.parts(seconds=parts_s):
-        source.append(tracks)
-        while (sample := source.at(next_ns, final=False)) is not None:
+        source.append(Ticks.one(tracks))
+        while (sample := source.sample_at(next_ns, final=False)) is not None:
             samples.append(sample)
             next_ns += round(every_s * 1e9)
     (evidence,) = source.gimbal_frames().values()
@@ -117,6 +118,6 @@ def test_the_answer_does_not_depend_on_how_the_reports_are_cut(frame):
         settings = TelemetrySettings(height=HeightSettings(order=(HeightSource.HOME,)))
         source = PoseSource(settings, origin=None, time_std_s=0.0)
         for tracks in flight.parts(seconds=seconds):
-            source.append(tracks)
+            source.append(Ticks.one(tracks))
         answers.append(source.gimbal_frames())
     assert answers[0] == answers[1] == answers[2]

@@ -17,6 +17,7 @@ from aerodft.geometry.terrain import ElevationGrid, Terrain
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock, ReportFrame
+from aerodft.service.clock_ticks import Ticks
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 
@@ -45,17 +46,18 @@ def flown(name, boots_ms=None, settings=SETTINGS, source=None):
     next_ns = None
     for block in (event for event in open_log(DATA / name).events() if isinstance(event, RawBlock)):
         for start in range(0, len(block.offset), BLOCK):
-            source.append(decoder.decode(block.rows(start, min(start + BLOCK, len(block.offset)))))
+            tracks = decoder.decode(block.rows(start, min(start + BLOCK, len(block.offset))))
+            source.append(Ticks.one(tracks))
             offset = source.clock.utc_minus_boot_ns
             if offset is None:
                 continue
             if boots_ms is None:
-                arrived_ns = source.clock.host_to_utc(int(block.arrival_ns[start]))
+                arrived_ns = int(source.clock.host_to_utc(block.arrival_ns[start : start + 1])[0])
                 next_ns = next_ns or arrived_ns
                 if arrived_ns > next_ns + 3 * 10**9:
-                    samples.append(source.at(next_ns, final=True))
+                    samples.append(source.sample_at(next_ns, final=True))
                     next_ns = arrived_ns
-            while wanted_ns and (sample := source.at(wanted_ns[0] + offset, final=False)) is not None:
+            while wanted_ns and (sample := source.sample_at(wanted_ns[0] + offset, final=False)) is not None:
                 samples.append(sample)
                 wanted_ns.pop(0)
     return samples, source

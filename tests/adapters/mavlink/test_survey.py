@@ -18,7 +18,9 @@ from aerodft.adapters.mavlink.signing import sign
 from aerodft.adapters.mavlink.survey import Survey
 from aerodft.adapters.mavlink.survey_report import SurveyReport
 from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of
@@ -306,9 +308,17 @@ class _Silent:
         self.clock = ClockMap()
         self.asked = 0
 
-    def at(self, stamp_ns: int, *, final: bool) -> PoseSample:  # noqa: ARG002 - as the real one
-        self.asked += 1
-        return PoseSample(stamp_ns=stamp_ns, status=Status.NO_TELEMETRY)
+    def at(
+        self,
+        stamps_ns: IntArray,
+        ticks: IntArray,  # noqa: ARG002 - as the real one
+        *,
+        final: BoolArray,  # noqa: ARG002
+        by_utc: BoolArray,
+    ) -> tuple[PoseBatch, BoolArray]:
+        self.asked += len(stamps_ns)
+        unknown = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY)
+        return PoseBatch.repeated(unknown, stamps_ns), np.zeros_like(by_utc)
 
 
 def test_a_clock_that_jumps_again_and_again_is_asked_about_seldom() -> None:

@@ -94,6 +94,8 @@ def _messages(bench, happenings, k):
         said.append(
             dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, boot_ms, 44, down, nan, nan, nan, flags)
         )
+    if 180 <= k < 260:
+        said.append(dialect.MAVLink_mount_status_message(0, 0, -6000 - k, 0, 0))  # without a time of its own
     if not 80 <= k < 160 and k < 360:
         said.append(dialect.MAVLink_distance_sensor_message(boot_ms, 20, 10_000, 5_000 + k, 0, 0, 25, 0))
     if k % 10 == 0:

@@ -125,7 +125,16 @@ def eventful(bench, request):
 
 def test_the_eventful_flights_have_everything_in_them(eventful):
     said = b"".join(encoded for _, encoded in eventful.answers)
-    for word in (b"CAMERA_SETTINGS", b"rangefinder", b"terrain", b"home", b"UNHEALTHY", b"objects", b"mark-p"):
+    for word in (
+        b"CAMERA_SETTINGS",
+        b"MOUNT_STATUS",
+        b"rangefinder",
+        b"terrain",
+        b"home",
+        b"UNHEALTHY",
+        b"objects",
+        b"mark-p",
+    ):
         assert word in said, word
     assert len(eventful.answers) > 450
     assert len({now_ns for now_ns, _ in eventful.answers}) > 200

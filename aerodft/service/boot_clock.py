@@ -121,12 +121,17 @@ class BootClock:
         passed_ns = self._other.arrival_ns - self._followed.arrival_ns
         return self._other.boot_ns - self._followed.boot_ns - passed_ns
 
-    def follow(self, tracks: tuple[Track, ...]) -> tuple[tuple[Track, ...], bool]:
-        """Take in one tick's tracks.
+    def follow(self, tracks: tuple[Track, ...], *, near_ns: int = STEP_NS) -> tuple[tuple[Track, ...], bool]:
+        """Take in the tracks of one tick, or of several calm ones.
+
+        Args:
+            tracks: The tracks.
+            near_ns: How far the clock may be from where the last rows see it in rows that synchronise clocks: these
+                come from others, which say the followed clock's time or another's.
 
         Returns:
-            Their rows of the followed clock, wraps undone, unstamped rows with the time of the stamped one before them;
-            and whether that is a new clock.
+            Their rows of the followed clock, wraps undone, unstamped rows with the time of the stamped one before them,
+            those that synchronise clocks last; and whether that is a new clock.
         """
         spoken = [track for track in tracks if not isinstance(track, SyncTrack)]
         arrivals = np.concatenate([_NOTHING, *(track.arrival_ns for track in spoken)])
@@ -140,7 +145,9 @@ class BootClock:
         parts = zip(spoken, pairwise(edges), strict=True)
         kept = [track.rows(mine[start:stop], boot_ns=known[start:stop]) for track, (start, stop) in parts]
         kept += [
-            track.rows(self._near(track), boot_ns=track.boot_ns) for track in tracks if isinstance(track, SyncTrack)
+            track.rows(self._near(track, near_ns), boot_ns=track.boot_ns)
+            for track in tracks
+            if isinstance(track, SyncTrack)
         ]
         return tuple(track for track in kept if len(track.arrival_ns)), self.restarts > restarts
 
@@ -164,13 +171,13 @@ class BootClock:
         mine = np.where(near, told_by[at], nobody) == _FOLLOWED
         return np.where(near, told_boot[at], NO_BOOT_TIME), mine
 
-    def _near(self, track: Track) -> BoolArray:
+    def _near(self, track: Track, near_ns: int) -> BoolArray:
         """Rows whose sender means the followed clock's time since boot."""
         run = self._followed
         if run is None:
             return np.zeros(len(track.boot_ns), dtype=np.bool_)
         expected = run.boot_ns + track.arrival_ns - run.arrival_ns
-        return np.asarray(np.abs(track.boot_ns - expected) <= STEP_NS)
+        return np.asarray(np.abs(track.boot_ns - expected) <= near_ns)
 
     def _unwrapped(self, boots: IntArray, arrivals: IntArray) -> IntArray:
         """The same with whole wraps added, by what the followed clock must have come to."""

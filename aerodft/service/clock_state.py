@@ -6,7 +6,7 @@ from operator import itemgetter
 import numpy as np
 
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
-from aerodft.service.boot_clock import BootClock
+from aerodft.service.boot_clock import STEP_NS, BootClock
 from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
 from aerodft.service.clock_ticks import KnownRows, LineTable, Ticks
 from aerodft.service.delayed_line import DelayedLine
@@ -47,9 +47,10 @@ class ClockState:
         other.jumps_ns = self.jumps_ns
         return other
 
-    def follow(self, tracks: tuple[Track, ...]) -> tuple[tuple[Track, ...], bool]:
+    def follow(self, ticks: Ticks) -> tuple[tuple[Track, ...], bool]:
         """The rows of the followed boot, and whether that is a new one: then the old one's lines are forgotten."""
-        followed, restarted = self.boot.follow(tracks)
+        # Of several ticks the last rows are not those of each one's end: so there is less room.
+        followed, restarted = self.boot.follow(ticks.tracks, near_ns=STEP_NS if ticks.count == 1 else STEP_NS // 2)
         if restarted:
             self.jumps_ns += tuple(self.stated.jumps_ns)
             self.stated, self.host_minus_boot = StatedLine(), DelayedLine()

@@ -44,7 +44,10 @@ class Ticks:
 
     def where(self, wanted: Sequence[bool]) -> "Ticks":
         """The ticks with some of the tracks."""
-        kept = [k for k, is_wanted in enumerate(wanted) if is_wanted]
+        return self.picked([k for k, is_wanted in enumerate(wanted) if is_wanted])
+
+    def picked(self, kept: Sequence[int]) -> "Ticks":
+        """The ticks with tracks by indices."""
         return Ticks(tuple(self.tracks[k] for k in kept), tuple(self.row_ends[k] for k in kept), self.count)
 
     def tick_of(self, row_end_by_tick: IntArray) -> IntArray:

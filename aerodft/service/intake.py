@@ -40,7 +40,7 @@ class Intake:
                 return 1, self._take_senders(batches[:1])
             tracks = tuple(track for block in batches.raw for track in self._decoder.decode(block))
             self._decoded, self._first = Ticks.of(tracks, batches.now_ns), 0
-        count = min(self._most, self._decoded.count - self._first)
+        count = min(self._most, self._decoded.count - self._first) if self._poses.clock.is_settled else 1
         while True:
             shift_ns = self._poses.append(self._decoded.between(self._first, self._first + count))
             if shift_ns is not None:

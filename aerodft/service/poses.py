@@ -110,6 +110,8 @@ class PoseSource:
         is_pending = ~final & (jumped | (by_utc & (not self.clock.is_utc_known)))
         refused = np.flatnonzero(jumped & final)
         asked = np.flatnonzero(~jumped & ~is_pending)
+        if not len(asked) and not len(refused):
+            return PoseBatch.of(_nowhere(stamps_ns)), is_pending
         watermark_ns = np.where(final, END_OF_TIME, self._newest_ns(ticks))
         inputs = self._inputs(stamps_ns[asked], ticks[asked], watermark_ns[asked], by_utc[asked])
         is_pending[asked] = inputs.is_pending

@@ -120,10 +120,12 @@ class ClockMap:
         if not ticks.tracks:
             before.keep(ticks.count)
             return Heard(ticks=ticks)
-        if ticks.count > 1 and (not self.is_settled or any(isinstance(track, SyncTrack) for track in ticks.tracks)):
+        if ticks.count > 1 and not self.is_settled:
             return None
         state = before.copy()
-        followed, restarted = state.follow(ticks.tracks)
+        is_sync = [isinstance(track, SyncTrack) for track in ticks.tracks]
+        ticks = ticks.picked(sorted(range(len(is_sync)), key=is_sync.__getitem__))  # as they are followed
+        followed, restarted = state.follow(ticks)
         if ticks.count > 1:
             is_whole = [len(track.boot_ns) for track in followed] == [len(track.boot_ns) for track in ticks.tracks]
             if not is_whole or not state.boot.is_as_calm_as(before.boot):

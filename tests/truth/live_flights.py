@@ -221,6 +221,14 @@ def flown(draw, truth, std, seen, errors, *, every_width=False):
     stamps = range(truth.start_ns + step_ns + SAMPLED_NS, truth.end_ns - step_ns, step_ns)
     last = truth.pose(stamps[-1])
     points = on_ground(last, RIVER * SIZE if every_width else draw.uniform(MARGIN_PX, SIZE - MARGIN_PX, (2, 2)))
+    observations = _observations(draw, truth, seen, stamps, places, points, every_width=every_width)
+    end_ns = max(truth.end_ns, *(each.due_ns for each in sent))
+    batches = Batches.of(np.array([end_ns]), [raw, *observations])
+    return _seen(Flight(truth, points), answers_of(pipeline, [batches]))
+
+
+def _observations(draw, truth, seen, stamps, places, points, *, every_width):
+    """What is seen at some stamps: the markers, and in the last image (or in every one) the points to measure."""
     observations = []
     for stamp in stamps:
         pose = truth.pose(stamp)
@@ -238,9 +246,7 @@ def flown(draw, truth, std, seen, errors, *, every_width=False):
             for probe in PROBES:
                 count = 2 if probe.kind is ProbeKind.DISTANCE else 1
                 observations.append(observation(probe.name, stamp, pixels[:count], seen.std_px))
-    end_ns = max(truth.end_ns, *(each.due_ns for each in sent))
-    batches = Batches.of(np.array([end_ns]), [raw, *observations])
-    return _seen(Flight(truth, points), answers_of(pipeline, [batches]))
+    return observations
 
 
 def _seen(flight, answers):

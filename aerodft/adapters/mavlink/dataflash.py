@@ -11,8 +11,16 @@ from aerodft.adapters.filetype import looks_like
 from aerodft.adapters.mavlink.dataflash_decoding import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE, DataflashDecoder
 from aerodft.adapters.mavlink.files import LogFile, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
-from aerodft.adapters.mavlink.kernels import settle_all
-from aerodft.adapters.mavlink.layout import AT_SYNC, MAX_STAMP_US, N_OK, N_SKIPPED, N_TRUNCATED, STATE_SIZE, Bytes
+from aerodft.adapters.mavlink.kernels import (
+    AT_SYNC,
+    MAX_STAMP_US,
+    N_OK,
+    N_SKIPPED,
+    N_TRUNCATED,
+    STATE_SIZE,
+    Bytes,
+    settle_all,
+)
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event

@@ -10,9 +10,9 @@ import numpy as np
 
 from aerodft.adapters.mavlink import rows as to
 from aerodft.adapters.mavlink import selection as pick
-from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
+from aerodft.adapters.mavlink.dialect import TABLE_IDS, message_name, payload_dtype
 from aerodft.adapters.mavlink.framing import headers, payload_rows
-from aerodft.adapters.mavlink.layout import TABLE_IDS, V2_HEAD, Bytes
+from aerodft.adapters.mavlink.kernels import V2_HEAD, Bytes
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import BoolArray, IntArray

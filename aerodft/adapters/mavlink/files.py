@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.mavlink.layout import AT_QUIET, AT_SYNC, Bytes
+from aerodft.adapters.mavlink.kernels import AT_QUIET, AT_SYNC, Bytes
 from aerodft.errors import InputError
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import RawBlock, WireProtocol

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.kernels import gather, read_headers, scan_stream
-from aerodft.adapters.mavlink.layout import (
+from aerodft.adapters.mavlink.kernels import (
     AT_SYNC,
     MIN_FRAME,
     N_BAD_CRC,
@@ -21,6 +20,9 @@ from aerodft.adapters.mavlink.layout import (
     N_TRUNCATED,
     N_UNKNOWN,
     STATE_SIZE,
+    gather,
+    read_headers,
+    scan_stream,
 )
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import RawBlock

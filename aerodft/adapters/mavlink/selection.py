@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.adapters.mavlink.dialect import payload_dtype
-from aerodft.adapters.mavlink.layout import TABLE_IDS, Bytes
+from aerodft.adapters.mavlink.dialect import TABLE_IDS, payload_dtype
+from aerodft.adapters.mavlink.kernels import Bytes
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import IntArray
 

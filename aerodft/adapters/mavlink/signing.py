@@ -23,8 +23,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.kernels import checksum
-from aerodft.adapters.mavlink.layout import SIGNATURE, SIGNED, V2
+from aerodft.adapters.mavlink.kernels import SIGNATURE, SIGNED, V2, checksum
 from aerodft.errors import InputError
 
 _LOG: Final = logging.getLogger(__name__)

@@ -13,8 +13,7 @@ from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.dialect import frame_table
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
-from aerodft.adapters.mavlink.kernels import measure
-from aerodft.adapters.mavlink.layout import SIGNED, STAMP_SIZE, UNKNOWN, V1, V2
+from aerodft.adapters.mavlink.kernels import SIGNED, STAMP_SIZE, UNKNOWN, V1, V2, measure
 from aerodft.adapters.mavlink.pose_survey import PoseSurvey
 from aerodft.adapters.mavlink.requests import wanted, wanted_of_cameras
 from aerodft.adapters.mavlink.selection import Followed

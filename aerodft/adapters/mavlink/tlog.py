@@ -11,8 +11,7 @@ from aerodft.adapters.filetype import content_looks_like
 from aerodft.adapters.mavlink.dialect import frame_table
 from aerodft.adapters.mavlink.files import LogFile, Scan, wrong_type
 from aerodft.adapters.mavlink.framing import FrameCounts, counts_of
-from aerodft.adapters.mavlink.kernels import probe, scan_tlog
-from aerodft.adapters.mavlink.layout import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE, Bytes
+from aerodft.adapters.mavlink.kernels import BACKWARDS, FRAME, MIN_FRAME, TLOG_STATE, Bytes, probe, scan_tlog
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import WireProtocol

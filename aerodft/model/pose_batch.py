@@ -174,7 +174,7 @@ class PoseBatch(Sequence[PoseSample]):
         return replace(
             variant,
             stamp_ns=int(self.stamp_ns[row]),
-            pose=None if np.isnan(self.pose.wxyz[row, 0]) else self.pose.row(row),
+            pose=None if np.isnan(self.pose.wxyz[row, 0]) else self.pose.rows(row),
             std=PoseStd(**dict(zip(_STDS, self.std[row].tolist(), strict=True))),
             lat_rad=lat,
             lon_rad=lon,
@@ -234,7 +234,7 @@ _NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan
 
 
 def _stacked(poses: Sequence[Pose | None]) -> Pose:
-    return Pose.stacked([_NO_POSE if pose is None else pose for pose in poses])
+    return Pose.joined([_NO_POSE if pose is None else pose for pose in poses])
 
 
 def _numbers(values: Sequence[object]) -> FloatArray:

@@ -319,7 +319,7 @@ class MavlinkDecoder:
         boot_ns = np.where(component == self._state[pick.COMPONENT], to.boot_ns_of(payload), NO_BOOT_TIME)
         if message_id in pick.OF_CAMERAS:
             to.number_cameras(payload, component)
-        rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns)
+        rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns, {})
         yield _MAKERS[message_id](rows, self.rejected)
         if message_id == pick.GIMBAL_DEVICE_ATTITUDE_STATUS:
             yield from to.gimbal_failure_tracks(rows)

@@ -13,7 +13,7 @@ from aerodft.adapters.mavlink.requests import OFF
 from aerodft.adapters.mavlink.selection import is_peripheral
 from aerodft.adapters.mavlink.signing import signing_document, signing_sentences, unchecked
 from aerodft.adapters.mavlink.streams import Stream
-from aerodft.adapters.mavlink.survey_report import USED, ClockSummary, Gap, SurveyReport, ValueSource
+from aerodft.adapters.mavlink.survey import USED, ClockSummary, Gap, SurveyReport, ValueSource
 from aerodft.conventions import SECOND_NS
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import ReportFrame

@@ -115,7 +115,7 @@ def test_the_id_follows_what_numbers_depend_on_and_nothing_else() -> None:
         record=replace(station.record, folder=Path("/elsewhere")),
         images=replace(station.images, source=Rate(rate_hz=3)),
         link=None,
-        calibration=load_calibration(CONFIGS / "sites" / "river-calibration.toml"),
+        calibration=load_calibration(CONFIGS / "sites" / "river-calibration.toml").biases,
         pipeline=replace(station.pipeline, station="other"),
     )
     assert refreshed(elsewhere).pipeline.config_id == own

@@ -6,11 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from aerodft.adapters.config.bias_tables import biases_from
-from aerodft.adapters.config.calibration import (
-    load_calibrated_lens,
-    load_calibrated_pose,
-    load_calibration,
-)
+from aerodft.adapters.config.calibration import load_calibration
 from aerodft.adapters.config.camera import CameraTable, camera_from, load_camera
 from aerodft.adapters.config.fixed_pose import FixedPose, placed
 from aerodft.adapters.config.ground import GroundShape, TerrainGround, ground_from, needs_place
@@ -184,20 +180,20 @@ def _fixed_pose(table: PoseTable, where: str, folder: Path) -> FixedPose:
 
 def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
     """The calibration's camera where it has one, else the station's."""
-    found, own_model = load_calibrated_lens(path)
-    if own_model is not model:
-        hint = f'set camera.model = "{own_model}", or calibrate with --model {model}'
-        raise ConfigError("a calibration of another model", where=path, got=own_model, expected=model, hint=hint)
-    return found or camera
+    found = load_calibration(path)
+    if found.model is not model:
+        hint = f'set camera.model = "{found.model}", or calibrate with --model {model}'
+        raise ConfigError("a calibration of another model", where=path, got=found.model, expected=model, hint=hint)
+    return found.camera or camera
 
 
 def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
     """The same for biases, which hold in both models where the lens was not found with them."""
-    return camera if load_calibrated_lens(path)[0] is None else _calibrated_camera(path, camera, model)
+    return camera if load_calibration(path).camera is None else _calibrated_camera(path, camera, model)
 
 
 def _calibrated_pose(path: Path) -> FixedPose:
-    pose = load_calibrated_pose(path)
+    pose = load_calibration(path).pose
     if pose is None:
         raise ConfigError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
     return pose
@@ -213,14 +209,15 @@ def _telemetry_calibration(table: TelemetryTable, where: str, folder: Path) -> C
 
 
 def _biases(path: Path) -> Calibration:
-    if load_calibrated_pose(path) is not None:
+    found = load_calibration(path)
+    if found.pose is not None:
         raise ConfigError(
             "a fixed camera's calibration",
             where=path,
             got="[pose]",
             expected="[bias] alone for a station with telemetry",
         )
-    return load_calibration(path)
+    return found.biases
 
 
 def _link(table: TelemetryTable | None, folder: Path) -> Link | None:

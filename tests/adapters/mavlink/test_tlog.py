@@ -9,9 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink import files
 from aerodft.adapters.mavlink.composite import open_log
-from aerodft.adapters.mavlink.dataflash import DataflashSource
-from aerodft.adapters.mavlink.files import PIECE_BYTES
-from aerodft.adapters.mavlink.tlog import BLOCK_FRAMES, TlogSource
+from aerodft.adapters.mavlink.logs import BLOCK_FRAMES, PIECE_BYTES, DataflashSource, TlogSource
 from aerodft.errors import InputError
 from aerodft.model.telemetry import RawBlock
 

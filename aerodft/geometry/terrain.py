@@ -1,4 +1,10 @@
-"""Ground given by an elevation model, and the first point of it that each ray meets."""
+"""Ground given by an elevation model, and the first point of it that each ray meets.
+
+In the hot loops positions are in cells: the node of row ``j`` and column ``i`` lies at (i, j), and cell (i, j) has it
+as its south-west corner. Heights and ranges are in metres. The ground of a cell is the bilinear patch through its four
+nodes. Along a ray that is a parabola, and so is the earth's curvature, so that the meeting is one quadratic equation,
+solved exactly. Blocks of cells that lie wholly below the ray are stepped over.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -7,8 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry import marching
 from aerodft.geometry.ground import GroundHits, finite
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.status import CODE_OF, Status
 
@@ -19,16 +25,29 @@ STANDARD_REFRACTION: Final = 0.13
 """Gauss's coefficient for daylight: sight lines bend with 0.13 of the earth's curvature."""
 
 _SMALLEST = 2  # nodes on a grid's side
-_STATUS_OF = {
-    marching.HIT: Status.OK,
-    marching.NEVER: Status.ABOVE_HORIZON,
-    marching.OUTSIDE: Status.BEYOND_TERRAIN,
-    marching.HOLE: Status.NO_ELEVATION,
-    marching.TOO_FAR: Status.BEYOND_RANGE,
-    marching.BURIED: Status.BELOW_SURFACE,
-    marching.NO_RAY: Status.BEYOND_LENS_MODEL,
-}
-_CODES = np.array([CODE_OF[_STATUS_OF[end]] for end in range(len(_STATUS_OF))], dtype=np.uint8)
+_HIT, _NEVER, _OUTSIDE, _HOLE, _TOO_FAR, _BURIED, _NO_RAY, _ONWARD = range(8)  # how a ray ends
+_ENDS = (
+    Status.OK,
+    Status.ABOVE_HORIZON,
+    Status.BEYOND_TERRAIN,
+    Status.NO_ELEVATION,
+    Status.BEYOND_RANGE,
+    Status.BELOW_SURFACE,
+    Status.BEYOND_LENS_MODEL,
+)
+# Not the codes themselves in compiled code, which is kept on disk until its own file changes.
+_CODES = np.array([CODE_OF[end] for end in _ENDS], dtype=np.uint8)
+_SHIFT = 4
+_BLOCK = 1 << _SHIFT  # cells on a block's side
+_RANGE, _HEIGHT, _SLOPE_X, _SLOPE_Y, _OUT = 0, 1, 2, 3, 4  # columns of what ``_march`` writes; slopes in m per cell
+
+_FAR = 1e12  # nothing is farther (conventions.LARGEST)
+
+Ray = tuple[float, float, float, float, float, float, float]
+"""Column, row and height of the camera; what they change by per metre of range; and the bend, in m per m^2 of range.
+
+A ray bends upward in the axes of a flattened earth.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +118,7 @@ def _peaks(heights_m: FloatArray) -> FloatArray:
     highest = np.maximum(heights_m[:-1], heights_m[1:])
     highest = np.maximum(highest[:, :-1], highest[:, 1:])
     for axis in (0, 1):
-        highest = np.maximum.reduceat(highest, np.arange(0, highest.shape[axis], marching.BLOCK), axis=axis)
+        highest = np.maximum.reduceat(highest, np.arange(0, highest.shape[axis], _BLOCK), axis=axis)
     return np.where(np.isnan(highest), np.inf, highest)
 
 
@@ -108,7 +127,7 @@ def elevation_at(grid: ElevationGrid, east_north_m: npt.ArrayLike) -> FloatArray
     east_north = np.asarray(east_north_m, dtype=np.float64)
     places = (east_north - [grid.east_m, grid.north_m]) / grid.cell_m
     out = np.empty(places.shape[:-1])
-    marching.sample_all(grid.heights_m, np.ascontiguousarray(places.reshape(-1, 2)), out.reshape(-1))
+    sample_all(grid.heights_m, np.ascontiguousarray(places.reshape(-1, 2)), out.reshape(-1))
     return out
 
 
@@ -162,15 +181,15 @@ def meet_terrain(
     with np.errstate(invalid="ignore", divide="ignore"):
         rays[..., 3:6] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
     rays[..., 6] = curvature_per_m * (rays[..., 3] ** 2 + rays[..., 4] ** 2)
-    met = np.full((*shape, marching.OUT), np.nan)
+    met = np.full((*shape, _OUT), np.nan)
     ends = np.empty(shape, dtype=np.uint8)
-    marching.march(
+    _march(
         _in_cells(rays.reshape(-1, 7), grid),
         grid.heights_m,
         grid.peaks_m,
         grid.summit_m,
         max_range_m,
-        met.reshape(-1, marching.OUT),
+        met.reshape(-1, _OUT),
         ends.reshape(-1),
     )
     return _hits(rays, met, ends, elevation, grid.cell_m, curvature_per_m)
@@ -192,10 +211,205 @@ def _hits(
     cell_m: float,
     curvature_per_m: float,
 ) -> GroundHits:
-    range_m = met[..., marching.RANGE]
+    range_m = met[..., _RANGE]
     points = rays[..., :3] + range_m[..., None] * rays[..., 3:6]
-    points[..., 2] = met[..., marching.HEIGHT] + elevation
+    points[..., 2] = met[..., _HEIGHT] + elevation
     normal = np.ones_like(points)
-    normal[..., :2] = -met[..., marching.SLOPE_X : marching.SLOPE_Y + 1] / cell_m
+    normal[..., :2] = -met[..., _SLOPE_X : _SLOPE_Y + 1] / cell_m
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     return GroundHits(points, range_m, normal, _CODES[ends], curvature_per_m)
+
+
+@njit
+def sample(heights_m: FloatArray, x: float, y: float) -> float:
+    """Height at column ``x`` and row ``y``; NaN outside, and where one of the nodes that count has none."""
+    rows, columns = heights_m.shape
+    if not (0.0 <= x <= columns - 1 and 0.0 <= y <= rows - 1):
+        return math.nan
+    i, j = min(int(x), columns - 2), min(int(y), rows - 2)
+    u, v = x - i, y - j
+    height = 0.0
+    for down, weight_y in ((0, 1.0 - v), (1, v)):
+        for right, weight_x in ((0, 1.0 - u), (1, u)):
+            weight = weight_x * weight_y
+            if weight > 0.0:  # else a node without a height would spoil those beside it
+                height += weight * heights_m[j + down, i + right]
+    return height
+
+
+@njit
+def sample_all(heights_m: FloatArray, places: FloatArray, out_m: FloatArray) -> None:
+    """``sample`` at ``places (n, 2)`` of column and row, into ``out_m (n,)``."""
+    for k in range(len(places)):
+        out_m[k] = sample(heights_m, places[k, 0], places[k, 1])
+
+
+@njit
+def _march(
+    rays: FloatArray,
+    heights_m: FloatArray,
+    peaks_m: FloatArray,
+    summit_m: float,
+    limit_m: float,
+    out: FloatArray,
+    ends: npt.NDArray[np.uint8],
+) -> None:
+    """Follow ``rays (n, 7)`` (see ``Ray``) to the ground.
+
+    Args:
+        rays: NaN where there is none.
+        heights_m: ``(rows, columns)`` at the nodes, NaN where unknown.
+        peaks_m: The highest node of each block, infinite where one is unknown.
+        summit_m: The highest node of all.
+        limit_m: Rays end here.
+        out: ``(n, 4)``, written where a ray hits.
+        ends: ``(n,)`` of ``_HIT`` and the others.
+    """
+    limit = min(limit_m, _FAR)
+    for k in range(len(rays)):
+        ray = (rays[k, 0], rays[k, 1], rays[k, 2], rays[k, 3], rays[k, 4], rays[k, 5], rays[k, 6])
+        ends[k] = _follow(ray, heights_m, peaks_m, summit_m, limit, out[k])
+
+
+@njit
+def _follow(
+    ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, limit: float, out: FloatArray
+) -> int:
+    x, y, up, dx, dy, rise, bend = ray
+    if math.isnan(rise):
+        return _NO_RAY
+    rows, columns = heights_m.shape
+    if not (0.0 <= x <= columns - 1 and 0.0 <= y <= rows - 1):
+        return _OUTSIDE
+    at = 0.0
+    if up > summit_m:
+        at = _first_root(bend, rise, up - summit_m, _FAR)  # nothing to meet, and no hole that matters, before
+        if at < 0.0:
+            return _NEVER
+    elif up <= sample(heights_m, x, y):
+        return _BURIED
+    edge = min(_border(x, dx, 0, columns - 1), _border(y, dy, 0, rows - 1))
+    if at > min(edge, limit):
+        return _TOO_FAR if limit < edge else _OUTSIDE
+    return _cross_blocks(ray, heights_m, peaks_m, summit_m, at, limit, out)
+
+
+@njit
+def _cross_blocks(
+    ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, at: float, limit: float, out: FloatArray
+) -> int:
+    x, y, up, dx, dy, rise, bend = ray
+    last_i, last_j = heights_m.shape[1] - 2, heights_m.shape[0] - 2
+    i, j = _within(x + at * dx, 0, last_i), _within(y + at * dy, 0, last_j)
+    while True:
+        left, low = (i >> _SHIFT) << _SHIFT, (j >> _SHIFT) << _SHIFT
+        right, high = min(left + _BLOCK, last_i + 1), min(low + _BLOCK, last_j + 1)
+        at_x, at_y = _border(x, dx, left, right), _border(y, dy, low, high)
+        leave = max(at, min(at_x, at_y, limit))
+        if _lowest(ray, at, leave) <= peaks_m[j >> _SHIFT, i >> _SHIFT]:
+            end = _cross_cells(ray, heights_m, (left, right, low, high), (i, j), at, leave, out)
+            if end != _ONWARD:
+                return end
+        at = leave
+        if at >= limit:
+            return _TOO_FAR
+        if rise + 2.0 * bend * at >= 0.0 and up + at * (rise + at * bend) > summit_m:
+            return _NEVER
+        if at_x <= at_y:
+            i, j = (right if dx > 0.0 else left - 1), _within(y + at * dy, low, high - 1)
+        else:
+            i, j = _within(x + at * dx, left, right - 1), (high if dy > 0.0 else low - 1)
+        if not (0 <= i <= last_i and 0 <= j <= last_j):
+            return _OUTSIDE
+
+
+@njit
+def _cross_cells(
+    ray: Ray,
+    heights_m: FloatArray,
+    block: tuple[int, int, int, int],
+    cell: tuple[int, int],
+    at: float,
+    leave: float,
+    out: FloatArray,
+) -> int:
+    x, y, _, dx, dy, _, _ = ray
+    left, right, low, high = block
+    i, j = cell
+    while True:
+        at_x, at_y = _border(x, dx, i, i + 1), _border(y, dy, j, j + 1)
+        stop = max(at, min(at_x, at_y, leave))
+        end = _meet_patch(ray, heights_m, i, j, at, stop, out)
+        if end != _ONWARD or stop >= leave:
+            return end
+        at = stop
+        if at_x <= at_y:
+            i += 1 if dx > 0.0 else -1
+        else:
+            j += 1 if dy > 0.0 else -1
+        if not (left <= i < right and low <= j < high):
+            return _ONWARD
+
+
+@njit
+def _meet_patch(ray: Ray, heights_m: FloatArray, i: int, j: int, at: float, stop: float, out: FloatArray) -> int:
+    x, y, up, dx, dy, rise, bend = ray
+    corner, east = heights_m[j, i], heights_m[j, i + 1] - heights_m[j, i]
+    north, twist = heights_m[j + 1, i] - corner, heights_m[j + 1, i + 1] - heights_m[j + 1, i] - east
+    u, v = x + at * dx - i, y + at * dy - j
+    above = up + at * (rise + at * bend) - (corner + u * east + v * (north + u * twist))
+    if math.isnan(above):
+        return _HOLE
+    step = 0.0  # the ground has no gaps: below it at a border is on it, within rounding
+    if above > 0.0:
+        falling = rise + 2.0 * bend * at - (dx * (east + v * twist) + dy * (north + u * twist))
+        step = _first_root(bend - dx * dy * twist, falling, above, stop - at)
+        if step < 0.0:
+            return _ONWARD
+    u, v = u + step * dx, v + step * dy
+    out[_RANGE] = at + step
+    out[_HEIGHT] = corner + u * east + v * (north + u * twist)
+    out[_SLOPE_X], out[_SLOPE_Y] = east + v * twist, north + u * twist
+    return _HIT
+
+
+@njit
+def _first_root(a: float, b: float, c: float, end: float) -> float:
+    """First zero of ``a t^2 + b t + c`` in (0, end], for ``c > 0``; -1 where there is none.
+
+    ``c / m`` and ``m / a`` are its zeros without the cancellation of the common formula.
+    """
+    if b >= 0.0 and a >= 0.0:
+        return -1.0
+    inside = b * b - 4.0 * a * c
+    if inside < 0.0:
+        return -1.0
+    m = -0.5 * (b + math.copysign(math.sqrt(inside), b))
+    root = c / m if b < 0.0 else m / a
+    return root if root <= end else -1.0
+
+
+@njit
+def _border(start: float, rate: float, low: int, high: int) -> float:
+    """Range at which a coordinate leaves [low, high]."""
+    if rate > 0.0:
+        return (high - start) / rate
+    if rate < 0.0:
+        return (low - start) / rate
+    return _FAR
+
+
+@njit
+def _lowest(ray: Ray, start: float, stop: float) -> float:
+    """The ray's smallest height between two ranges."""
+    _, _, up, _, _, rise, bend = ray
+    lowest = min(up + start * (rise + start * bend), up + stop * (rise + stop * bend))
+    if bend > 0.0 and start < -0.5 * rise / bend < stop:
+        lowest = up - 0.25 * rise * rise / bend
+    return lowest
+
+
+@njit
+def _within(place: float, low: int, high: int) -> int:
+    """The cell of a coordinate, at least ``low`` and at most ``high``."""
+    return min(max(int(place), low), high)

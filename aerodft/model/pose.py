@@ -59,14 +59,13 @@ class Pose:
         """
         columns = max((pose.lens_cov.shape[-1] for pose in poses), default=0)
         shapes = {**_TRAILING, "lens_cov": (6, columns), "time_std_s": ()}
-        parts = {name: [np.empty((0, *shape))] for name, shape in shapes.items()}
-        for pose in poses:
-            stated = {name: getattr(pose, name) for name in shapes}
-            if not pose.lens_cov.size:
-                stated["lens_cov"] = np.zeros((6, columns))
-            for name, each in stated.items():
-                parts[name].append(np.broadcast_to(each, (pose.wxyz.size // 4, *shapes[name])))
-        return Pose(**{name: np.concatenate(each) for name, each in parts.items()})
+        ends = np.cumsum([0, *(pose.wxyz.size // 4 for pose in poses)]).tolist()
+        together = {name: np.zeros((ends[-1], *shape)) for name, shape in shapes.items()}
+        for pose, start, stop in zip(poses, ends, ends[1:], strict=False):
+            for name, values in together.items():
+                if name != "lens_cov" or pose.lens_cov.size:
+                    values[start:stop] = getattr(pose, name)
+        return Pose(**together)
 
 
 class HeightSource(StrEnum):
@@ -103,7 +102,7 @@ class PoseStd:
     time_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GeoOrigin:
     """The station's fixed ENU origin: a point of the measured plane (WGS84)."""
 

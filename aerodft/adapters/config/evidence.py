@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from aerodft.adapters.config.crs import GEO, LOCAL
 from aerodft.adapters.config.evidence_checks import (
     Stated,
     check_datums,
@@ -41,7 +40,7 @@ from aerodft.adapters.config.evidence_tables import (
     priors_from,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.tables import value_of
+from aerodft.adapters.config.tables import GEO, LOCAL, value_of
 from aerodft.adapters.filetype import content_looks_like
 from aerodft.errors import ConfigError
 from aerodft.model.camera import Camera

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
-from aerodft.adapters.config.crs import GEO, LOCAL
+from aerodft.adapters.config.tables import GEO, LOCAL
 from aerodft.errors import ConfigError
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.live_tables import needed_origin
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station import MarkerSettings
-from aerodft.adapters.config.tables import Duration, Table, Text
+from aerodft.adapters.config.tables import LOCAL, Duration, Table, Text
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
 from aerodft.model.arrays import FloatArray

@@ -11,10 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.mavlink.decoding import WANTED, MavlinkDecoder
 from aerodft.adapters.mavlink.framing import StreamFramer
 from aerodft.adapters.mavlink.logs import DataflashSource
-from aerodft.adapters.mavlink.selection import WANTED
 from aerodft.errors import InputError
 from aerodft.model.camera import ZoomSource
 from aerodft.model.health import GpsTrack

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink import rows as to
+from aerodft.adapters.mavlink.decoding import ORIENTATION_DOWN
 from aerodft.adapters.mavlink.framing import payload_rows
 from aerodft.adapters.mavlink.kernels import MAX_STAMP_US
-from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GimbalSource, HeightSource

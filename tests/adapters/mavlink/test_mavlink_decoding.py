@@ -7,8 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.selection import Followed
+from aerodft.adapters.mavlink.decoding import Followed, MavlinkDecoder
 from aerodft.model.health import HeartbeatTrack, LinkTrack, RivalTrack
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (

@@ -16,8 +16,6 @@ from aerodft.model.camera import Camera, LensModel
 PINHOLE_PARAMETERS: Final = 4
 """fx, fy, cx, cy: all that is uncertain where distortion is taken as exact."""
 
-_FEW = 512  # coordinates of an image's fixed probes, at most
-
 
 @lru_cache(maxsize=16)
 def intrinsics_covariance(camera: Camera) -> FloatArray:
@@ -41,22 +39,11 @@ def rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
     """Derivative ``(..., 3, m)`` of the rays (``lens.Rays.rays_cam``) of pixels ``(..., 2)`` by the intrinsics.
 
     A parameter that would move a ray's pixel by so much moves the pixel's ray as a pixel that is off by the opposite
-    does. Not to be written to: the same few pixels are asked for again.
+    does.
     """
     pixels = np.asarray(pixels_px, dtype=np.float64)
-    if pixels.size > _FEW:
-        return _rays_by_intrinsics(camera, pixels)
-    return _remembered(camera, pixels.shape, pixels.tobytes())
-
-
-@lru_cache(maxsize=64)
-def _remembered(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> FloatArray:
-    return read_only(_rays_by_intrinsics(camera, np.frombuffer(pixels).reshape(shape)))
-
-
-def _rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
-    rays = rays_with_jacobian(camera, pixels_px)
-    distorted = (pixels_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
+    rays = rays_with_jacobian(camera, pixels)
+    distorted = (pixels - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
     return np.asarray(-rays.jac_px @ pixels_by_intrinsics(camera, rays.rays_cam, distorted))
 
 

@@ -274,13 +274,11 @@ class DataflashDecoder:
 
     Attributes:
         rejected: Rows left out, by ``MESSAGE: reason``.
-        damaged: Messages that are not whole.
         formats: What the log has declared so far, by type number.
     """
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
-        self.damaged = 0
         self.formats: dict[int, MessageFormat] = {}
         sensors = Rangefinders()
         self._makers: dict[str, tuple[tuple[str, ...], _Maker]] = {
@@ -299,7 +297,6 @@ class DataflashDecoder:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.DATAFLASH}")
         data = np.frombuffer(block.data, dtype=np.uint8)
         whole = (block.offset >= 0) & (block.length >= HEAD_SIZE) & (block.offset + block.length <= len(data))
-        self.damaged += int(np.count_nonzero(~whole))
         kinds = np.full(len(whole), -1, dtype=np.int16)
         kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
         self._learn(block, np.flatnonzero(kinds == FMT_TYPE))

@@ -45,8 +45,8 @@ OF_AUTOPILOT: Final = (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, *_
 OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS)
 WANTED: Final = (HEARTBEAT, *OF_POSES, *_OF_HEALTH, *OF_CAMERAS, TIMESYNC)
 # The selection's state: what was decided so far, then each wanted message's component.
-SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, DAMAGED, OTHER_GIMBALS = 0, 1, 2, 3, 4, 5
-ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 6, 7, 8, 9, 10
+SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, OTHER_GIMBALS = 0, 1, 2, 3, 4
+ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 5, 6, 7, 8, 9
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
@@ -235,8 +235,6 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
     for k in range(heads.shape[1]):
         rows[k] = -1
         message_id, system, component, payload_at, length = heads[:, k]
-        if message_id < 0:
-            state[DAMAGED] += 1
         slot = slots[message_id] if 0 <= message_id < TABLE_IDS else -1
         if slot < 0:
             continue
@@ -469,11 +467,6 @@ class MavlinkDecoder:
         """The autopilot's component that is followed; None until one was heard."""
         component = int(self._state[COMPONENT])
         return None if component < 0 else component
-
-    @property
-    def damaged(self) -> int:
-        """Frames that failed the framer's check."""
-        return int(self._state[DAMAGED])
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
         """The tracks of this block's frames, at most one a message, one a rival or failure, one of the link.

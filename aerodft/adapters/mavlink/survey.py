@@ -10,13 +10,12 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
-from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.decoding import OF_POSES, Followed
 from aerodft.adapters.mavlink.dialect import frame_table, message_name
+from aerodft.adapters.mavlink.flight_survey import HeightPairs, Poses, PoseSurvey
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.health_survey import HealthSurvey
 from aerodft.adapters.mavlink.kernels import SIGNED, STAMP_SIZE, UNKNOWN, V1, V2, measure
-from aerodft.adapters.mavlink.pose_survey import Poses, PoseSurvey
 from aerodft.adapters.mavlink.requests import MessageRequest, wanted, wanted_of_cameras
 from aerodft.adapters.mavlink.signing import SigningCounts
 from aerodft.adapters.mavlink.streams import Parameters, ParameterTable, Stream, StreamTable, rangefinder_readings_m

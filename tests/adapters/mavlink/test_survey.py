@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.decoding import Followed
 from aerodft.adapters.mavlink.findings import document, notes, problems
+from aerodft.adapters.mavlink.flight_survey import PoseSurvey
 from aerodft.adapters.mavlink.framing import FrameCounts
-from aerodft.adapters.mavlink.pose_survey import PoseSurvey
 from aerodft.adapters.mavlink.signing import sign
 from aerodft.adapters.mavlink.survey import Survey, SurveyReport
 from aerodft.conventions import SECOND_NS

@@ -91,13 +91,26 @@ class ElevationGrid:
 class Terrain:
     """The ground of an elevation model, on the curved earth, as ``ground.Ground``.
 
+    The camera's heights and the grid's count along the vertical from the same curved level surface, and its directions
+    are against its own horizontal. Seen from there the ground at the distance ``d`` lies lower by
+    ``(1 - refraction) d^2 / (2 earth_radius_m)``: 8 cm at 1 km.
+
     Attributes:
         grid: Its heights.
         refraction: Refraction coefficient.
+        earth_radius_m: ``math.inf`` for a flat earth.
     """
 
     grid: ElevationGrid
     refraction: float = STANDARD_REFRACTION
+    earth_radius_m: float = EARTH_RADIUS_M
+
+    def __post_init__(self) -> None:
+        if not (self.earth_radius_m > 0.0 and 0.0 <= self.refraction < 1.0):
+            raise ValueError(
+                f"got an earth of {self.earth_radius_m} m, a refraction of {self.refraction}, "
+                "expected a positive radius, and a refraction from 0 to below 1"
+            )
 
     @property
     def has_edges(self) -> bool:
@@ -105,9 +118,31 @@ class Terrain:
         return True
 
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
-        """As ``meet_terrain``."""
-        grid, refraction = self.grid, self.refraction
-        return meet_terrain(camera_enu_m, directions_enu, grid, elevation_m=elevation_m, refraction=refraction)
+        """The first point of the ground that each ray meets: what lies behind a ridge is hidden; as ``Ground.meet``.
+
+        Returns:
+            The points, on the grid's surface. Misses: ``ABOVE_HORIZON`` where the ray stays above all that the grid
+            has, ``BEYOND_TERRAIN`` where it leaves the grid before (or starts outside), ``NO_ELEVATION`` where it comes
+            over a hole no higher than the highest node (something in the hole could stand in its way),
+            ``BELOW_SURFACE`` for a camera on or in the ground, and ``BEYOND_LENS_MODEL`` without a ray.
+
+        Raises:
+            ValueError: A position or elevation is not finite.
+        """
+        curvature_per_m = (1.0 - self.refraction) / (2.0 * self.earth_radius_m)
+        camera, elevation = finite(camera_enu_m, "camera position"), finite(elevation_m, "elevation")
+        directions = np.asarray(directions_enu, dtype=np.float64)
+        shape = np.broadcast_shapes(camera.shape[:-1], directions.shape[:-1], elevation.shape)
+        rays = np.empty((*shape, 7))
+        rays[..., :3] = camera
+        rays[..., 2] -= elevation
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rays[..., 3:6] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        rays[..., 6] = curvature_per_m * (rays[..., 3] ** 2 + rays[..., 4] ** 2)
+        met, ends = np.full((*shape, _OUT), np.nan), np.empty(shape, dtype=np.uint8)
+        grid, in_cells = self.grid, _in_cells(rays.reshape(-1, 7), self.grid)
+        _march(in_cells, grid.heights_m, grid.peaks_m, grid.summit_m, met.reshape(-1, _OUT), ends.reshape(-1))
+        return _hits(rays, met, ends, elevation, grid.cell_m, curvature_per_m)
 
     def height_at(self, east_north_m: FloatArray) -> FloatArray:
         """As ``elevation_at``."""
@@ -129,70 +164,6 @@ def elevation_at(grid: ElevationGrid, east_north_m: npt.ArrayLike) -> FloatArray
     out = np.empty(places.shape[:-1])
     sample_all(grid.heights_m, np.ascontiguousarray(places.reshape(-1, 2)), out.reshape(-1))
     return out
-
-
-def meet_terrain(
-    camera_enu_m: FloatArray,
-    directions_enu: FloatArray,
-    grid: ElevationGrid,
-    *,
-    elevation_m: npt.ArrayLike = 0.0,
-    max_range_m: float = math.inf,
-    earth_radius_m: float = EARTH_RADIUS_M,
-    refraction: float = 0.0,
-) -> GroundHits:
-    """The first point of the ground that each ray meets: what lies behind a ridge is hidden.
-
-    The camera's heights and the grid's count along the vertical from the same curved level surface, and its directions
-    are against its own horizontal. Seen from there the ground at the distance ``d`` lies lower by
-    ``(1 - refraction) d^2 / (2 earth_radius_m)``: 8 cm at 1 km.
-
-    Args:
-        camera_enu_m: Where the rays start, ``(..., 3)``, in the grid's axes.
-        directions_enu: Where they go, ``(..., 3)``, of any length; NaN where there is no ray.
-        grid: The ground.
-        elevation_m: Height of the measured surface above the ground, ``(...)``. The three arrays broadcast.
-        max_range_m: Limit of the slant range.
-        earth_radius_m: ``math.inf`` for a flat earth.
-        refraction: Refraction coefficient, see ``STANDARD_REFRACTION``.
-
-    Returns:
-        The points, on the grid's surface. Misses: ``ABOVE_HORIZON`` where the ray stays above all that the grid has,
-        ``BEYOND_TERRAIN`` where it leaves the grid before (or starts outside), ``NO_ELEVATION`` where it comes over a
-        hole no higher than the highest node (something in the hole could stand in its way), ``BEYOND_RANGE``,
-        ``BELOW_SURFACE`` for a camera on or in the ground, and ``BEYOND_LENS_MODEL`` without a ray.
-
-    Raises:
-        ValueError: A position or elevation is not finite; the range, the radius or the refraction makes no sense.
-    """
-    if not (max_range_m > 0.0 and earth_radius_m > 0.0 and 0.0 <= refraction < 1.0):
-        raise ValueError(
-            f"got a limit of {max_range_m} m, an earth of {earth_radius_m} m, a refraction of {refraction}, "
-            "expected positive lengths, and a refraction from 0 to below 1"
-        )
-    curvature_per_m = (1.0 - refraction) / (2.0 * earth_radius_m)
-    camera = finite(camera_enu_m, "camera position")
-    elevation = finite(elevation_m, "elevation")
-    directions = np.asarray(directions_enu, dtype=np.float64)
-    shape = np.broadcast_shapes(camera.shape[:-1], directions.shape[:-1], elevation.shape)
-    rays = np.empty((*shape, 7))
-    rays[..., :3] = camera
-    rays[..., 2] -= elevation
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rays[..., 3:6] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-    rays[..., 6] = curvature_per_m * (rays[..., 3] ** 2 + rays[..., 4] ** 2)
-    met = np.full((*shape, _OUT), np.nan)
-    ends = np.empty(shape, dtype=np.uint8)
-    _march(
-        _in_cells(rays.reshape(-1, 7), grid),
-        grid.heights_m,
-        grid.peaks_m,
-        grid.summit_m,
-        max_range_m,
-        met.reshape(-1, _OUT),
-        ends.reshape(-1),
-    )
-    return _hits(rays, met, ends, elevation, grid.cell_m, curvature_per_m)
 
 
 def _in_cells(rays: FloatArray, grid: ElevationGrid) -> FloatArray:
@@ -250,7 +221,6 @@ def _march(
     heights_m: FloatArray,
     peaks_m: FloatArray,
     summit_m: float,
-    limit_m: float,
     out: FloatArray,
     ends: npt.NDArray[np.uint8],
 ) -> None:
@@ -261,20 +231,16 @@ def _march(
         heights_m: ``(rows, columns)`` at the nodes, NaN where unknown.
         peaks_m: The highest node of each block, infinite where one is unknown.
         summit_m: The highest node of all.
-        limit_m: Rays end here.
         out: ``(n, 4)``, written where a ray hits.
         ends: ``(n,)`` of ``_HIT`` and the others.
     """
-    limit = min(limit_m, _FAR)
     for k in range(len(rays)):
         ray = (rays[k, 0], rays[k, 1], rays[k, 2], rays[k, 3], rays[k, 4], rays[k, 5], rays[k, 6])
-        ends[k] = _follow(ray, heights_m, peaks_m, summit_m, limit, out[k])
+        ends[k] = _follow(ray, heights_m, peaks_m, summit_m, out[k])
 
 
 @njit
-def _follow(
-    ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, limit: float, out: FloatArray
-) -> int:
+def _follow(ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, out: FloatArray) -> int:
     x, y, up, dx, dy, rise, bend = ray
     if math.isnan(rise):
         return _NO_RAY
@@ -289,14 +255,14 @@ def _follow(
     elif up <= sample(heights_m, x, y):
         return _BURIED
     edge = min(_border(x, dx, 0, columns - 1), _border(y, dy, 0, rows - 1))
-    if at > min(edge, limit):
-        return _TOO_FAR if limit < edge else _OUTSIDE
-    return _cross_blocks(ray, heights_m, peaks_m, summit_m, at, limit, out)
+    if at > edge:
+        return _OUTSIDE
+    return _cross_blocks(ray, heights_m, peaks_m, summit_m, at, out)
 
 
 @njit
 def _cross_blocks(
-    ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, at: float, limit: float, out: FloatArray
+    ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, at: float, out: FloatArray
 ) -> int:
     x, y, up, dx, dy, rise, bend = ray
     last_i, last_j = heights_m.shape[1] - 2, heights_m.shape[0] - 2
@@ -305,13 +271,13 @@ def _cross_blocks(
         left, low = (i >> _SHIFT) << _SHIFT, (j >> _SHIFT) << _SHIFT
         right, high = min(left + _BLOCK, last_i + 1), min(low + _BLOCK, last_j + 1)
         at_x, at_y = _border(x, dx, left, right), _border(y, dy, low, high)
-        leave = max(at, min(at_x, at_y, limit))
+        leave = max(at, min(at_x, at_y, _FAR))
         if _lowest(ray, at, leave) <= peaks_m[j >> _SHIFT, i >> _SHIFT]:
             end = _cross_cells(ray, heights_m, (left, right, low, high), (i, j), at, leave, out)
             if end != _ONWARD:
                 return end
         at = leave
-        if at >= limit:
+        if at >= _FAR:
             return _TOO_FAR
         if rise + 2.0 * bend * at >= 0.0 and up + at * (rise + at * bend) > summit_m:
             return _NEVER

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.intrinsics import intrinsics_covariance
-from aerodft.geometry.reprojection import reproject
+from aerodft.geometry.intrinsics import intrinsics_covariance, reproject
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.geometry.geodesy import lat_lon
-from aerodft.geometry.poses import pose_covariances
+from aerodft.geometry.poses import pose_covariance
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, turned
 from aerodft.model.arrays import FloatArray, FloatLike, IntArray
 from aerodft.model.calibration import BIASES, Calibration
@@ -139,7 +139,7 @@ class BiasedPoses:
 
     def row(self, row: int) -> "BiasedPoses":
         """One of ``(n,)`` poses."""
-        return BiasedPoses(self.pose.row(row), self.height_column[row], self.slope[row])
+        return BiasedPoses(self.pose.rows(row), self.height_column[row], self.slope[row])
 
     def of_heights(self, values: FloatArray) -> FloatArray:
         """``(..., 8)`` from ``values (..., k)``, one a bias: that of each pose's own height, then the seven others."""
@@ -187,7 +187,7 @@ class BiasedPoses:
         """
         follows = np.broadcast_to(np.eye(6), (*wxyz.shape[:-1], 6, 6)).copy()
         follows[..., 2, :2] = self.slope
-        return propagated(follows, pose_covariances(wxyz, std))
+        return propagated(follows, pose_covariance(wxyz, std))
 
     def _in_camera(self, biases: FloatArray) -> FloatArray:
         return biases[..., TURNS] + biases[..., [TIME_OFFSET]] * self.pose.rate_cam_radps

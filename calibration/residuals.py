@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.dft.projection import INTRINSICS, POSITION, ROTATION
-from aerodft.geometry.reprojection import reproject
+from aerodft.geometry.intrinsics import reproject
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import EvidenceSet, KnownLength, Landmark, SlantRange
 from aerodft.model.measurement import ProjectionModel

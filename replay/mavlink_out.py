@@ -1,7 +1,7 @@
 """Recorded MAVLink on a link again, for a ground station: the frames as they were, not one byte changed."""
 
 from aerodft.adapters.foreign.frames import FrameReader
-from aerodft.adapters.mavlink.layout import V1, V2
+from aerodft.adapters.mavlink.kernels import V1, V2
 from aerodft.adapters.mavlink.transport import Transport
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.errors import NoAnswerError

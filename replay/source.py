@@ -16,8 +16,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
 from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Arrival, Event
-from aerodft.model.image import Image
-from aerodft.model.image_rows import ImageRows
+from aerodft.model.image import Image, ImageRows
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import first_arrival_ns

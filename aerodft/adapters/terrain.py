@@ -17,8 +17,7 @@ from pyproj import CRS, Transformer
 from aerodft.adapters.filetype import looks_like
 from aerodft.errors import InputError
 from aerodft.geometry.geodesy import east_north, lat_lon
-from aerodft.geometry.marching import sample_all
-from aerodft.geometry.terrain import ElevationGrid
+from aerodft.geometry.terrain import ElevationGrid, sample_all
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.adapters.config.tables import LOCAL
 from aerodft.cli.calibrate_groups import group_error, unseen_error
 from aerodft.cli.calibrate_readings import Points, Reading, columns_swapped, readings
 from aerodft.errors import AerodftError, InputError, NoAnswerError

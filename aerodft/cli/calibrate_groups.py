@@ -12,8 +12,8 @@ from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_checks import Stated
 from aerodft.dft.projection import project
 from aerodft.errors import InputError
+from aerodft.geometry.intrinsics import reproject
 from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.reprojection import reproject
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Evidence, GroundPoint, Landmark, SlantRange
 from aerodft.model.pose import Pose

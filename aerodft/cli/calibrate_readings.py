@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.crs import GEO, LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import LocalFrame, takes_degrees
+from aerodft.adapters.config.tables import GEO, LOCAL
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Evidence, EvidenceSet, Landmark

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import LocalFrame, takes_degrees
+from aerodft.adapters.config.tables import LOCAL
 from aerodft.cli.calibrate_report_marks import from_foot, pixels_of
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft.projection import project

@@ -17,7 +17,7 @@ from aerodft.adapters.mavlink.address import is_link, parse_address
 from aerodft.adapters.mavlink.composite import followed_by
 from aerodft.adapters.mavlink.findings import document, notes, problems
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.adapters.mavlink.survey_report import SurveyReport, ValueSource
+from aerodft.adapters.mavlink.survey import SurveyReport, ValueSource
 from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
 from aerodft.cli.option_values import MOST_SECONDS, TopicOption, parse_topics
 from aerodft.cli.output import tables

@@ -7,12 +7,11 @@ from typing import Any, Final
 
 from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.mavlink.address import parse_address
+from aerodft.adapters.mavlink.decoding import Followed
 from aerodft.adapters.mavlink.link import MavlinkLink
 from aerodft.adapters.mavlink.requests import Outcome, ask
-from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.adapters.mavlink.survey import Survey
-from aerodft.adapters.mavlink.survey_report import SurveyReport
+from aerodft.adapters.mavlink.survey import Survey, SurveyReport
 from aerodft.cli.logs import open_telemetry_log
 from aerodft.cli.output import say
 from aerodft.cli.signed import opened_signing

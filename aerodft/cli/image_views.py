@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.evidence_images import Flight, GivenImage, StatedPose
 from aerodft.adapters.config.inputs import Device, Stills, Stream, VideoFile
+from aerodft.adapters.config.tables import LOCAL
 from aerodft.adapters.mavlink.composite import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS

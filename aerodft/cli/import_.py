@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from aerodft.adapters.config.inputs import ImageInput, Rate, Stills, VideoFile, stated_start_ns
-from aerodft.adapters.config.loading import load_station, with_calibration
-from aerodft.adapters.config.resolved import refreshed
+from aerodft.adapters.config.loading import load_station, refreshed, with_calibration
 from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.flight import measure_flight
 from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aerodft.adapters.config.calibration import load_calibrated_lens, load_calibrated_pose, load_calibration
+from aerodft.adapters.config.calibration import CalibrationFile, load_calibration
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.covariance import load_covariance
 from aerodft.adapters.config.fixed_pose import FixedPose, pose_sample
@@ -389,9 +389,10 @@ def given_scene(
         UsageError: There is no camera, or options do not go together.
         InputError: Something is impossible.
     """
-    if calibration is not None and (fixed := load_calibrated_pose(calibration)) is not None:
+    known = None if calibration is None else load_calibration(calibration)
+    if calibration is not None and known is not None and known.pose is not None:
         pose.refuse_all("--calibration")
-        return _calibrated(calibration, fixed, camera, model, std, ground)
+        return _calibrated(calibration, known, known.pose, camera, model, std, ground)
     stds = pose.stds(std)
     if says_exact and std is not None and pose.covariance is None:
         stds = replace(stds, assumptions=tuple(_taken_as_exact(stds.pose)))
@@ -401,7 +402,7 @@ def given_scene(
     lens = stds.on_camera(load_camera(camera))
     setup = Setup(camera=lens, model=model or ProjectionModel.PINHOLE, ground=surface)
     sample = pose.sample(stds, origin)
-    return (*(_corrected(setup, sample, calibration) if calibration else (setup, sample)), stds)
+    return (*((setup, sample) if known is None else _corrected(setup, sample, known)), stds)
 
 
 def _taken_as_exact(std: PoseStd) -> Iterator[str]:
@@ -414,6 +415,7 @@ def _taken_as_exact(std: PoseStd) -> Iterator[str]:
 
 def _calibrated(
     path: Path,
+    known: CalibrationFile,
     fixed: FixedPose,
     camera: Path | None,
     model: ProjectionModel | None,
@@ -424,9 +426,9 @@ def _calibrated(
     stds = parse_stds(std) if std else Stds()
     if stds.pose != PoseStd():
         raise UsageError("--std of the pose beside --calibration", expected="px, elevation: the pose's are in the file")
-    lens, own_model = load_calibrated_lens(path)
-    if model not in (None, own_model):
-        raise UsageError(f"--model {model} beside --calibration", expected=f"{own_model}, which it was made with")
+    lens = known.camera
+    if model not in (None, known.model):
+        raise UsageError(f"--model {model} beside --calibration", expected=f"{known.model}, which it was made with")
     if lens is None and camera is None:
         raise UsageError("--calibration without --camera", expected="both: the calibration took the lens as it was")
     lens = stds.on_camera(load_camera(camera)) if lens is None and camera is not None else lens
@@ -434,14 +436,13 @@ def _calibrated(
     surface, origin = ground.ground(flat.origin)
     sample = flat if surface is None else pose_sample(fixed, origin, surface, str(path))
     assert lens is not None  # noqa: S101 - one of the two was there, for the type checker
-    return Setup(camera=lens, model=own_model, ground=surface), sample, stds
+    return Setup(camera=lens, model=known.model, ground=surface), sample, stds
 
 
-def _corrected(setup: Setup, sample: PoseSample, path: Path) -> tuple[Setup, PoseSample]:
+def _corrected(setup: Setup, sample: PoseSample, known: CalibrationFile) -> tuple[Setup, PoseSample]:
     """Camera and pose by telemetry, without what a calibration says that telemetry is off by."""
-    lens, own_model = load_calibrated_lens(path)
-    if lens is not None and setup.model is not own_model:
-        raise UsageError(f"--model {setup.model} beside --calibration", expected=f"{own_model}, which it was made with")
-    return replace(setup, camera=lens or setup.camera), BiasCalibrator(load_calibration(path)).refine(
-        PoseBatch.of([sample])
-    )[0]
+    if known.camera is not None and setup.model is not known.model:
+        expected = f"{known.model}, which it was made with"
+        raise UsageError(f"--model {setup.model} beside --calibration", expected=expected)
+    corrected = BiasCalibrator(known.biases).refine(PoseBatch.of([sample]))[0]
+    return replace(setup, camera=known.camera or setup.camera), corrected

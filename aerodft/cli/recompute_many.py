@@ -12,7 +12,7 @@ from pathlib import Path
 import typer
 
 from aerodft.adapters.codec.measurement import encode_measurement
-from aerodft.adapters.config.resolved import resolved_toml
+from aerodft.adapters.config.loading import resolved_toml
 from aerodft.cli.output import LOSS, gaps, print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.run_statistics import RunStatistics

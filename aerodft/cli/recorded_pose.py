@@ -6,8 +6,7 @@ from pathlib import Path
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.inputs import Topics
-from aerodft.adapters.config.loading import load_station, with_calibration
-from aerodft.adapters.config.resolved import refreshed
+from aerodft.adapters.config.loading import load_station, refreshed, with_calibration
 from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.option_values import parse_instant
 from aerodft.cli.recorded import recorded_station

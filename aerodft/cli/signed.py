@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from aerodft.adapters.mavlink.signing import SignatureCheck
-from aerodft.adapters.mavlink.signing_keys import open_signing
+from aerodft.adapters.mavlink.signing import SignatureCheck, open_signing
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.service.clock import WallClock
 

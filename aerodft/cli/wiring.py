@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.config.ground import COPY_NAME, TerrainGround, copy_terrain, travels
-from aerodft.adapters.config.resolved import resolved_toml
+from aerodft.adapters.config.loading import resolved_toml
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import decoder_of
 from aerodft.adapters.mcap.recorder import McapRecorder

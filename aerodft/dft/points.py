@@ -57,13 +57,12 @@ def places(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, Flo
 
 def _geo(poses: PoseBatch, origins: Sequence[GeoOrigin | None], enu_m: FloatArray) -> FloatArray:
     """``(n, k, 3)``; NaN where the origin of an image's ENU is not known."""
-    alike: dict[tuple[float, float, float | None], list[int]] = {}
+    alike: dict[GeoOrigin, list[int]] = {}
     for index, origin in enumerate(origins):
         if origin is not None:
-            alike.setdefault((origin.lat_rad, origin.lon_rad, origin.alt_msl_m), []).append(index)
+            alike.setdefault(origin, []).append(index)
     found = np.full(enu_m.shape, np.nan)
-    for (lat_rad, lon_rad, alt_msl_m), variants in alike.items():
-        origin = GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=alt_msl_m)
+    for origin, variants in alike.items():
         rows = np.isin(poses.variant_index, variants)
         found[rows] = lat_lon_alt(origin, enu_m[rows])
     return found

@@ -15,18 +15,14 @@ if TYPE_CHECKING:
 
 
 @lru_cache(maxsize=32)
-def _topocentric(lat_rad: float, lon_rad: float, height_m: float) -> "Transformer":
+def _frame(origin: GeoOrigin) -> "Transformer":
     from pyproj import Transformer  # noqa: PLC0415 - 12 MB, and what has no place on earth does without
 
-    lat_deg, lon_deg = math.degrees(lat_rad), math.degrees(lon_rad)
+    lat_deg, lon_deg, height_m = math.degrees(origin.lat_rad), math.degrees(origin.lon_rad), origin.alt_msl_m or 0.0
     return Transformer.from_pipeline(
         "+proj=pipeline +step +proj=cart +ellps=WGS84 "
-        f"+step +proj=topocentric +ellps=WGS84 +lat_0={lat_deg!r} +lon_0={lon_deg!r} +h_0={height_m!r}"
+        f"+step +proj=topocentric +ellps=WGS84 +lat_0={lat_deg!r} +lon_0={lon_deg!r} +h_0={float(height_m)!r}"
     )
-
-
-def _frame(origin: GeoOrigin) -> "Transformer":
-    return _topocentric(float(origin.lat_rad), float(origin.lon_rad), float(origin.alt_msl_m or 0.0))
 
 
 def east_north(origin: GeoOrigin, lat_rad: npt.ArrayLike, lon_rad: npt.ArrayLike) -> FloatArray:

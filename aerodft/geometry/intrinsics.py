@@ -1,21 +1,20 @@
-"""How pixels depend on the intrinsics, and how well these are known.
+"""How pixels depend on the intrinsics, on the pose and on the points seen; and how well intrinsics are known.
 
 Parameters are ordered as OpenCV's calibrations have them: fx, fy, cx, cy, then the distortion coefficients.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.lens import padded, rays_with_jacobian
+from aerodft.geometry.lens import distorted_with_jacobian, padded, rays_with_jacobian
 from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.camera import Camera, LensModel
 
 PINHOLE_PARAMETERS: Final = 4
 """fx, fy, cx, cy: all that is uncertain where distortion is taken as exact."""
-
-_FEW = 512  # coordinates of an image's fixed probes, at most
 
 
 @lru_cache(maxsize=16)
@@ -40,22 +39,11 @@ def rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
     """Derivative ``(..., 3, m)`` of the rays (``lens.Rays.rays_cam``) of pixels ``(..., 2)`` by the intrinsics.
 
     A parameter that would move a ray's pixel by so much moves the pixel's ray as a pixel that is off by the opposite
-    does. Not to be written to: the same few pixels are asked for again.
+    does.
     """
     pixels = np.asarray(pixels_px, dtype=np.float64)
-    if pixels.size > _FEW:
-        return _rays_by_intrinsics(camera, pixels)
-    return _remembered(camera, pixels.shape, pixels.tobytes())
-
-
-@lru_cache(maxsize=64)
-def _remembered(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> FloatArray:
-    return read_only(_rays_by_intrinsics(camera, np.frombuffer(pixels).reshape(shape)))
-
-
-def _rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
-    rays = rays_with_jacobian(camera, pixels_px)
-    distorted = (pixels_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
+    rays = rays_with_jacobian(camera, pixels)
+    distorted = (pixels - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
     return np.asarray(-rays.jac_px @ pixels_by_intrinsics(camera, rays.rays_cam, distorted))
 
 
@@ -101,3 +89,59 @@ def _fisheye_bend(_: Camera, rays_cam: FloatArray) -> FloatArray:
     angle = np.arctan2(sideways, rays_cam[..., 2])
     outward = rays_cam[..., :2] / np.where(sideways > 0, sideways, 1.0)[..., None]
     return np.asarray(outward[..., None] * angle[..., None, None] ** np.array([3, 5, 7, 9]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reprojection:
+    """Pixels of points, with their derivatives; NaN behind the camera and beyond the valid part of the lens.
+
+    Attributes:
+        camera: What sees them.
+        rays_cam: ``(..., 3)`` to the points, in camera axes.
+        distorted: ``(..., 2)``: their pixels, from the principal point, in focal lengths.
+        by_point: ``(..., 2, 3)`` pixels by the point (ENU); by the camera's position it is the opposite.
+        by_rotation: ``(..., 2, 3)`` pixels by a small rotation of the camera, in its axes.
+    """
+
+    camera: Camera
+    rays_cam: FloatArray
+    distorted: FloatArray
+    by_point: FloatArray
+    by_rotation: FloatArray
+
+    @property
+    def pixels_px(self) -> FloatArray:
+        """``(..., 2)``."""
+        lens = self.camera
+        return np.asarray(self.distorted * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px])
+
+    @property
+    def by_intrinsics(self) -> FloatArray:
+        """``(..., 2, m)`` pixels by the intrinsics, see ``intrinsics_covariance``."""
+        return pixels_by_intrinsics(self.camera, self.rays_cam, self.distorted)
+
+
+def reproject(
+    camera: Camera, position_enu_m: FloatArray, rotation: FloatArray, points_enu_m: FloatArray
+) -> Reprojection:
+    """Project points ``(..., 3)`` into a camera.
+
+    Args:
+        camera: The camera.
+        position_enu_m: ``(3,)``.
+        rotation: ``(3, 3)``: from camera axes to ENU.
+        points_enu_m: ``(..., 3)``.
+    """
+    rays = (points_enu_m - position_enu_m) @ rotation
+    distorted, by_ray = distorted_with_jacobian(camera, rays)
+    by_ray = np.array([[camera.fx_px], [camera.fy_px]]) * by_ray
+    by_point = (by_ray.reshape(-1, 3) @ rotation.T).reshape(by_ray.shape)
+    return Reprojection(camera, rays, distorted, by_point, _cross(by_ray, rays[..., None, :]))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """``a x b``: a camera that turns by w sees a ray r turn by -w x r, of which a derivative takes ``(a x r) . w``."""
+    out = np.empty(a.shape)
+    for one, two, three in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., one] = a[..., two] * b[..., three] - a[..., three] * b[..., two]
+    return out

@@ -9,20 +9,16 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import Pose, PoseStd
 
 
-def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd) -> FloatArray:
+def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> FloatArray:
     """6 x 6 covariance (ENU position, small rotation in camera axes) of independent stds, ``(..., 6, 6)``.
 
     Tilt, pan and roll are rotations about the camera's x, y and z; the heading's is about the vertical.
 
     Args:
         enu_wxyz_cam: ``(..., 4)``.
-        std: One for all of them.
+        std: One for all of them, or ``(..., 7)`` in the order of the fields of ``PoseStd``; broadcast.
     """
-    return pose_covariances(enu_wxyz_cam, np.array(astuple(std)))
-
-
-def pose_covariances(enu_wxyz_cam: FloatArray, std: FloatArray) -> FloatArray:
-    """The same of attitudes ``(..., 4)`` with standard deviations ``(..., 7)``, as in ``PoseStd``, broadcast."""
+    std = np.array(astuple(std)) if isinstance(std, PoseStd) else std
     # As Python squares: numpy does otherwise in the last bit of one in a thousand, and recordings must come out alike.
     variances = np.array([each**2 for each in std.ravel().tolist()]).reshape(std.shape)
     height, horizontal, tilt, pan, roll, heading, _ = np.moveaxis(variances, -1, 0)

@@ -1,4 +1,10 @@
-"""Ground given by an elevation model, and the first point of it that each ray meets."""
+"""Ground given by an elevation model, and the first point of it that each ray meets.
+
+In the hot loops positions are in cells: the node of row ``j`` and column ``i`` lies at (i, j), and cell (i, j) has it
+as its south-west corner. Heights and ranges are in metres. The ground of a cell is the bilinear patch through its four
+nodes. Along a ray that is a parabola, and so is the earth's curvature, so that the meeting is one quadratic equation,
+solved exactly. Blocks of cells that lie wholly below the ray are stepped over.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -7,8 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry import marching
 from aerodft.geometry.ground import GroundHits, finite
+from aerodft.geometry.jit import njit
 from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.status import CODE_OF, Status
 
@@ -19,16 +25,29 @@ STANDARD_REFRACTION: Final = 0.13
 """Gauss's coefficient for daylight: sight lines bend with 0.13 of the earth's curvature."""
 
 _SMALLEST = 2  # nodes on a grid's side
-_STATUS_OF = {
-    marching.HIT: Status.OK,
-    marching.NEVER: Status.ABOVE_HORIZON,
-    marching.OUTSIDE: Status.BEYOND_TERRAIN,
-    marching.HOLE: Status.NO_ELEVATION,
-    marching.TOO_FAR: Status.BEYOND_RANGE,
-    marching.BURIED: Status.BELOW_SURFACE,
-    marching.NO_RAY: Status.BEYOND_LENS_MODEL,
-}
-_CODES = np.array([CODE_OF[_STATUS_OF[end]] for end in range(len(_STATUS_OF))], dtype=np.uint8)
+_HIT, _NEVER, _OUTSIDE, _HOLE, _TOO_FAR, _BURIED, _NO_RAY, _ONWARD = range(8)  # how a ray ends
+_ENDS = (
+    Status.OK,
+    Status.ABOVE_HORIZON,
+    Status.BEYOND_TERRAIN,
+    Status.NO_ELEVATION,
+    Status.BEYOND_RANGE,
+    Status.BELOW_SURFACE,
+    Status.BEYOND_LENS_MODEL,
+)
+# Not the codes themselves in compiled code, which is kept on disk until its own file changes.
+_CODES = np.array([CODE_OF[end] for end in _ENDS], dtype=np.uint8)
+_SHIFT = 4
+_BLOCK = 1 << _SHIFT  # cells on a block's side
+_RANGE, _HEIGHT, _SLOPE_X, _SLOPE_Y, _OUT = 0, 1, 2, 3, 4  # columns of what ``_march`` writes; slopes in m per cell
+
+_FAR = 1e12  # nothing is farther (conventions.LARGEST)
+
+Ray = tuple[float, float, float, float, float, float, float]
+"""Column, row and height of the camera; what they change by per metre of range; and the bend, in m per m^2 of range.
+
+A ray bends upward in the axes of a flattened earth.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,13 +91,26 @@ class ElevationGrid:
 class Terrain:
     """The ground of an elevation model, on the curved earth, as ``ground.Ground``.
 
+    The camera's heights and the grid's count along the vertical from the same curved level surface, and its directions
+    are against its own horizontal. Seen from there the ground at the distance ``d`` lies lower by
+    ``(1 - refraction) d^2 / (2 earth_radius_m)``: 8 cm at 1 km.
+
     Attributes:
         grid: Its heights.
         refraction: Refraction coefficient.
+        earth_radius_m: ``math.inf`` for a flat earth.
     """
 
     grid: ElevationGrid
     refraction: float = STANDARD_REFRACTION
+    earth_radius_m: float = EARTH_RADIUS_M
+
+    def __post_init__(self) -> None:
+        if not (self.earth_radius_m > 0.0 and 0.0 <= self.refraction < 1.0):
+            raise ValueError(
+                f"got an earth of {self.earth_radius_m} m, a refraction of {self.refraction}, "
+                "expected a positive radius, and a refraction from 0 to below 1"
+            )
 
     @property
     def has_edges(self) -> bool:
@@ -86,9 +118,31 @@ class Terrain:
         return True
 
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
-        """As ``meet_terrain``."""
-        grid, refraction = self.grid, self.refraction
-        return meet_terrain(camera_enu_m, directions_enu, grid, elevation_m=elevation_m, refraction=refraction)
+        """The first point of the ground that each ray meets: what lies behind a ridge is hidden; as ``Ground.meet``.
+
+        Returns:
+            The points, on the grid's surface. Misses: ``ABOVE_HORIZON`` where the ray stays above all that the grid
+            has, ``BEYOND_TERRAIN`` where it leaves the grid before (or starts outside), ``NO_ELEVATION`` where it comes
+            over a hole no higher than the highest node (something in the hole could stand in its way),
+            ``BELOW_SURFACE`` for a camera on or in the ground, and ``BEYOND_LENS_MODEL`` without a ray.
+
+        Raises:
+            ValueError: A position or elevation is not finite.
+        """
+        curvature_per_m = (1.0 - self.refraction) / (2.0 * self.earth_radius_m)
+        camera, elevation = finite(camera_enu_m, "camera position"), finite(elevation_m, "elevation")
+        directions = np.asarray(directions_enu, dtype=np.float64)
+        shape = np.broadcast_shapes(camera.shape[:-1], directions.shape[:-1], elevation.shape)
+        rays = np.empty((*shape, 7))
+        rays[..., :3] = camera
+        rays[..., 2] -= elevation
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rays[..., 3:6] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        rays[..., 6] = curvature_per_m * (rays[..., 3] ** 2 + rays[..., 4] ** 2)
+        met, ends = np.full((*shape, _OUT), np.nan), np.empty(shape, dtype=np.uint8)
+        grid, in_cells = self.grid, _in_cells(rays.reshape(-1, 7), self.grid)
+        _march(in_cells, grid.heights_m, grid.peaks_m, grid.summit_m, met.reshape(-1, _OUT), ends.reshape(-1))
+        return _hits(rays, met, ends, elevation, grid.cell_m, curvature_per_m)
 
     def height_at(self, east_north_m: FloatArray) -> FloatArray:
         """As ``elevation_at``."""
@@ -99,7 +153,7 @@ def _peaks(heights_m: FloatArray) -> FloatArray:
     highest = np.maximum(heights_m[:-1], heights_m[1:])
     highest = np.maximum(highest[:, :-1], highest[:, 1:])
     for axis in (0, 1):
-        highest = np.maximum.reduceat(highest, np.arange(0, highest.shape[axis], marching.BLOCK), axis=axis)
+        highest = np.maximum.reduceat(highest, np.arange(0, highest.shape[axis], _BLOCK), axis=axis)
     return np.where(np.isnan(highest), np.inf, highest)
 
 
@@ -108,72 +162,8 @@ def elevation_at(grid: ElevationGrid, east_north_m: npt.ArrayLike) -> FloatArray
     east_north = np.asarray(east_north_m, dtype=np.float64)
     places = (east_north - [grid.east_m, grid.north_m]) / grid.cell_m
     out = np.empty(places.shape[:-1])
-    marching.sample_all(grid.heights_m, np.ascontiguousarray(places.reshape(-1, 2)), out.reshape(-1))
+    sample_all(grid.heights_m, np.ascontiguousarray(places.reshape(-1, 2)), out.reshape(-1))
     return out
-
-
-def meet_terrain(
-    camera_enu_m: FloatArray,
-    directions_enu: FloatArray,
-    grid: ElevationGrid,
-    *,
-    elevation_m: npt.ArrayLike = 0.0,
-    max_range_m: float = math.inf,
-    earth_radius_m: float = EARTH_RADIUS_M,
-    refraction: float = 0.0,
-) -> GroundHits:
-    """The first point of the ground that each ray meets: what lies behind a ridge is hidden.
-
-    The camera's heights and the grid's count along the vertical from the same curved level surface, and its directions
-    are against its own horizontal. Seen from there the ground at the distance ``d`` lies lower by
-    ``(1 - refraction) d^2 / (2 earth_radius_m)``: 8 cm at 1 km.
-
-    Args:
-        camera_enu_m: Where the rays start, ``(..., 3)``, in the grid's axes.
-        directions_enu: Where they go, ``(..., 3)``, of any length; NaN where there is no ray.
-        grid: The ground.
-        elevation_m: Height of the measured surface above the ground, ``(...)``. The three arrays broadcast.
-        max_range_m: Limit of the slant range.
-        earth_radius_m: ``math.inf`` for a flat earth.
-        refraction: Refraction coefficient, see ``STANDARD_REFRACTION``.
-
-    Returns:
-        The points, on the grid's surface. Misses: ``ABOVE_HORIZON`` where the ray stays above all that the grid has,
-        ``BEYOND_TERRAIN`` where it leaves the grid before (or starts outside), ``NO_ELEVATION`` where it comes over a
-        hole no higher than the highest node (something in the hole could stand in its way), ``BEYOND_RANGE``,
-        ``BELOW_SURFACE`` for a camera on or in the ground, and ``BEYOND_LENS_MODEL`` without a ray.
-
-    Raises:
-        ValueError: A position or elevation is not finite; the range, the radius or the refraction makes no sense.
-    """
-    if not (max_range_m > 0.0 and earth_radius_m > 0.0 and 0.0 <= refraction < 1.0):
-        raise ValueError(
-            f"got a limit of {max_range_m} m, an earth of {earth_radius_m} m, a refraction of {refraction}, "
-            "expected positive lengths, and a refraction from 0 to below 1"
-        )
-    curvature_per_m = (1.0 - refraction) / (2.0 * earth_radius_m)
-    camera = finite(camera_enu_m, "camera position")
-    elevation = finite(elevation_m, "elevation")
-    directions = np.asarray(directions_enu, dtype=np.float64)
-    shape = np.broadcast_shapes(camera.shape[:-1], directions.shape[:-1], elevation.shape)
-    rays = np.empty((*shape, 7))
-    rays[..., :3] = camera
-    rays[..., 2] -= elevation
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rays[..., 3:6] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-    rays[..., 6] = curvature_per_m * (rays[..., 3] ** 2 + rays[..., 4] ** 2)
-    met = np.full((*shape, marching.OUT), np.nan)
-    ends = np.empty(shape, dtype=np.uint8)
-    marching.march(
-        _in_cells(rays.reshape(-1, 7), grid),
-        grid.heights_m,
-        grid.peaks_m,
-        grid.summit_m,
-        max_range_m,
-        met.reshape(-1, marching.OUT),
-        ends.reshape(-1),
-    )
-    return _hits(rays, met, ends, elevation, grid.cell_m, curvature_per_m)
 
 
 def _in_cells(rays: FloatArray, grid: ElevationGrid) -> FloatArray:
@@ -192,10 +182,200 @@ def _hits(
     cell_m: float,
     curvature_per_m: float,
 ) -> GroundHits:
-    range_m = met[..., marching.RANGE]
+    range_m = met[..., _RANGE]
     points = rays[..., :3] + range_m[..., None] * rays[..., 3:6]
-    points[..., 2] = met[..., marching.HEIGHT] + elevation
+    points[..., 2] = met[..., _HEIGHT] + elevation
     normal = np.ones_like(points)
-    normal[..., :2] = -met[..., marching.SLOPE_X : marching.SLOPE_Y + 1] / cell_m
+    normal[..., :2] = -met[..., _SLOPE_X : _SLOPE_Y + 1] / cell_m
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     return GroundHits(points, range_m, normal, _CODES[ends], curvature_per_m)
+
+
+@njit
+def sample(heights_m: FloatArray, x: float, y: float) -> float:
+    """Height at column ``x`` and row ``y``; NaN outside, and where one of the nodes that count has none."""
+    rows, columns = heights_m.shape
+    if not (0.0 <= x <= columns - 1 and 0.0 <= y <= rows - 1):
+        return math.nan
+    i, j = min(int(x), columns - 2), min(int(y), rows - 2)
+    u, v = x - i, y - j
+    height = 0.0
+    for down, weight_y in ((0, 1.0 - v), (1, v)):
+        for right, weight_x in ((0, 1.0 - u), (1, u)):
+            weight = weight_x * weight_y
+            if weight > 0.0:  # else a node without a height would spoil those beside it
+                height += weight * heights_m[j + down, i + right]
+    return height
+
+
+@njit
+def sample_all(heights_m: FloatArray, places: FloatArray, out_m: FloatArray) -> None:
+    """``sample`` at ``places (n, 2)`` of column and row, into ``out_m (n,)``."""
+    for k in range(len(places)):
+        out_m[k] = sample(heights_m, places[k, 0], places[k, 1])
+
+
+@njit
+def _march(
+    rays: FloatArray,
+    heights_m: FloatArray,
+    peaks_m: FloatArray,
+    summit_m: float,
+    out: FloatArray,
+    ends: npt.NDArray[np.uint8],
+) -> None:
+    """Follow ``rays (n, 7)`` (see ``Ray``) to the ground.
+
+    Args:
+        rays: NaN where there is none.
+        heights_m: ``(rows, columns)`` at the nodes, NaN where unknown.
+        peaks_m: The highest node of each block, infinite where one is unknown.
+        summit_m: The highest node of all.
+        out: ``(n, 4)``, written where a ray hits.
+        ends: ``(n,)`` of ``_HIT`` and the others.
+    """
+    for k in range(len(rays)):
+        ray = (rays[k, 0], rays[k, 1], rays[k, 2], rays[k, 3], rays[k, 4], rays[k, 5], rays[k, 6])
+        ends[k] = _follow(ray, heights_m, peaks_m, summit_m, out[k])
+
+
+@njit
+def _follow(ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, out: FloatArray) -> int:
+    x, y, up, dx, dy, rise, bend = ray
+    if math.isnan(rise):
+        return _NO_RAY
+    rows, columns = heights_m.shape
+    if not (0.0 <= x <= columns - 1 and 0.0 <= y <= rows - 1):
+        return _OUTSIDE
+    at = 0.0
+    if up > summit_m:
+        at = _first_root(bend, rise, up - summit_m, _FAR)  # nothing to meet, and no hole that matters, before
+        if at < 0.0:
+            return _NEVER
+    elif up <= sample(heights_m, x, y):
+        return _BURIED
+    edge = min(_border(x, dx, 0, columns - 1), _border(y, dy, 0, rows - 1))
+    if at > edge:
+        return _OUTSIDE
+    return _cross_blocks(ray, heights_m, peaks_m, summit_m, at, out)
+
+
+@njit
+def _cross_blocks(
+    ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, at: float, out: FloatArray
+) -> int:
+    x, y, up, dx, dy, rise, bend = ray
+    last_i, last_j = heights_m.shape[1] - 2, heights_m.shape[0] - 2
+    i, j = _within(x + at * dx, 0, last_i), _within(y + at * dy, 0, last_j)
+    while True:
+        left, low = (i >> _SHIFT) << _SHIFT, (j >> _SHIFT) << _SHIFT
+        right, high = min(left + _BLOCK, last_i + 1), min(low + _BLOCK, last_j + 1)
+        at_x, at_y = _border(x, dx, left, right), _border(y, dy, low, high)
+        leave = max(at, min(at_x, at_y, _FAR))
+        if _lowest(ray, at, leave) <= peaks_m[j >> _SHIFT, i >> _SHIFT]:
+            end = _cross_cells(ray, heights_m, (left, right, low, high), (i, j), at, leave, out)
+            if end != _ONWARD:
+                return end
+        at = leave
+        if at >= _FAR:
+            return _TOO_FAR
+        if rise + 2.0 * bend * at >= 0.0 and up + at * (rise + at * bend) > summit_m:
+            return _NEVER
+        if at_x <= at_y:
+            i, j = (right if dx > 0.0 else left - 1), _within(y + at * dy, low, high - 1)
+        else:
+            i, j = _within(x + at * dx, left, right - 1), (high if dy > 0.0 else low - 1)
+        if not (0 <= i <= last_i and 0 <= j <= last_j):
+            return _OUTSIDE
+
+
+@njit
+def _cross_cells(
+    ray: Ray,
+    heights_m: FloatArray,
+    block: tuple[int, int, int, int],
+    cell: tuple[int, int],
+    at: float,
+    leave: float,
+    out: FloatArray,
+) -> int:
+    x, y, _, dx, dy, _, _ = ray
+    left, right, low, high = block
+    i, j = cell
+    while True:
+        at_x, at_y = _border(x, dx, i, i + 1), _border(y, dy, j, j + 1)
+        stop = max(at, min(at_x, at_y, leave))
+        end = _meet_patch(ray, heights_m, i, j, at, stop, out)
+        if end != _ONWARD or stop >= leave:
+            return end
+        at = stop
+        if at_x <= at_y:
+            i += 1 if dx > 0.0 else -1
+        else:
+            j += 1 if dy > 0.0 else -1
+        if not (left <= i < right and low <= j < high):
+            return _ONWARD
+
+
+@njit
+def _meet_patch(ray: Ray, heights_m: FloatArray, i: int, j: int, at: float, stop: float, out: FloatArray) -> int:
+    x, y, up, dx, dy, rise, bend = ray
+    corner, east = heights_m[j, i], heights_m[j, i + 1] - heights_m[j, i]
+    north, twist = heights_m[j + 1, i] - corner, heights_m[j + 1, i + 1] - heights_m[j + 1, i] - east
+    u, v = x + at * dx - i, y + at * dy - j
+    above = up + at * (rise + at * bend) - (corner + u * east + v * (north + u * twist))
+    if math.isnan(above):
+        return _HOLE
+    step = 0.0  # the ground has no gaps: below it at a border is on it, within rounding
+    if above > 0.0:
+        falling = rise + 2.0 * bend * at - (dx * (east + v * twist) + dy * (north + u * twist))
+        step = _first_root(bend - dx * dy * twist, falling, above, stop - at)
+        if step < 0.0:
+            return _ONWARD
+    u, v = u + step * dx, v + step * dy
+    out[_RANGE] = at + step
+    out[_HEIGHT] = corner + u * east + v * (north + u * twist)
+    out[_SLOPE_X], out[_SLOPE_Y] = east + v * twist, north + u * twist
+    return _HIT
+
+
+@njit
+def _first_root(a: float, b: float, c: float, end: float) -> float:
+    """First zero of ``a t^2 + b t + c`` in (0, end], for ``c > 0``; -1 where there is none.
+
+    ``c / m`` and ``m / a`` are its zeros without the cancellation of the common formula.
+    """
+    if b >= 0.0 and a >= 0.0:
+        return -1.0
+    inside = b * b - 4.0 * a * c
+    if inside < 0.0:
+        return -1.0
+    m = -0.5 * (b + math.copysign(math.sqrt(inside), b))
+    root = c / m if b < 0.0 else m / a
+    return root if root <= end else -1.0
+
+
+@njit
+def _border(start: float, rate: float, low: int, high: int) -> float:
+    """Range at which a coordinate leaves [low, high]."""
+    if rate > 0.0:
+        return (high - start) / rate
+    if rate < 0.0:
+        return (low - start) / rate
+    return _FAR
+
+
+@njit
+def _lowest(ray: Ray, start: float, stop: float) -> float:
+    """The ray's smallest height between two ranges."""
+    _, _, up, _, _, rise, bend = ray
+    lowest = min(up + start * (rise + start * bend), up + stop * (rise + stop * bend))
+    if bend > 0.0 and start < -0.5 * rise / bend < stop:
+        lowest = up - 0.25 * rise * rise / bend
+    return lowest
+
+
+@njit
+def _within(place: float, low: int, high: int) -> int:
+    """The cell of a coordinate, at least ``low`` and at most ``high``."""
+    return min(max(int(place), low), high)

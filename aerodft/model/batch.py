@@ -2,8 +2,7 @@
 
 from typing import TypeAlias
 
-from aerodft.model.image import Image
-from aerodft.model.image_rows import ImageRows
+from aerodft.model.image import Image, ImageRows
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock
 

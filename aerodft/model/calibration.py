@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Final
 
 from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import HeightSource, Pose, PoseStd
+from aerodft.model.pose import HeightSource, PoseStd
 
 BIASES: Final = ("height", "tilt", "roll", "heading", "pan", "east", "north", "time")
 """What telemetry may be off by, in the order of covariances: metres, radians, and seconds for the last."""
@@ -23,7 +23,6 @@ class Calibration:
 
     Attributes:
         id: ``sha256:...`` of the file it came from.
-        pose: A fixed camera's pose; None where only biases are given.
         height_bias_m: Added to the telemetry's height.
         tilt_bias_rad: Rotation about the camera's x axis, applied to the telemetry's attitude; raises the tilt.
         roll_bias_rad: Rotation about the camera's z axis.
@@ -40,7 +39,6 @@ class Calibration:
     """
 
     id: str
-    pose: Pose | None = None
     height_bias_m: float = 0.0
     tilt_bias_rad: float = 0.0
     roll_bias_rad: float = 0.0

@@ -10,105 +10,98 @@ Px = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Landmark:
-    """A pixel and its place in the world.
+class _Observed:
+    """One observation.
 
     Attributes:
         name: For messages.
-        pixel: ``(u, v)``.
-        position_m: East, north, up; None for a component that is not known (one at most).
-        std_px: Of each pixel coordinate.
-        std_m: Of each component.
+        std_px: Of each pixel coordinate; of a horizon's pixels across it.
     """
 
     name: str
+    std_px: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Landmark(_Observed):
+    """A pixel and its place in the world.
+
+    Attributes:
+        pixel: ``(u, v)``.
+        position_m: East, north, up; None for a component that is not known (one at most).
+        std_m: Of each component.
+    """
+
     pixel: Px
     position_m: tuple[float | None, float | None, float | None]
-    std_px: float = 1.0
     std_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SlantRange:
+class SlantRange(_Observed):
     """A pixel on the ground and its distance from the camera, as from a laser rangefinder."""
 
-    name: str
     pixel: Px
     range_m: float
-    std_px: float = 1.0
     std_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GroundPoint:
+class GroundPoint(_Observed):
     """A pixel on the ground and its place to the right and ahead of the camera's foot."""
 
-    name: str
     pixel: Px
     xy_m: tuple[float, float]
-    std_px: float = 1.0
     std_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class KnownLength:
+class KnownLength(_Observed):
     """Two pixels and their distance on the map, ``elevation_m`` above the ground."""
 
-    name: str
     pixels: tuple[Px, Px]
     length_m: float
     elevation_m: float = 0.0
-    std_px: float = 1.0
     std_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class KnownHeight:
+class KnownHeight(_Observed):
     """Base and top of an upright object on the ground, and its height."""
 
-    name: str
     base: Px
     top: Px
     height_m: float
-    std_px: float = 1.0
     std_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Vertical:
+class Vertical(_Observed):
     """Two pixels of one vertical line."""
 
-    name: str
     pixels: tuple[Px, Px]
-    std_px: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GroundLines:
+class GroundLines(_Observed):
     """Two level lines, two pixels each, that are parallel, or at a right angle to each other."""
 
-    name: str
     first: tuple[Px, Px]
     second: tuple[Px, Px]
     at_right_angle: bool
-    std_px: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Horizon:
+class Horizon(_Observed):
     """Pixels on the horizon: where level ground would end infinitely far away, or on the sea's.
 
     Attributes:
-        name: For messages.
         pixels: Two or more.
         is_sea: The horizon is the sea's, which the earth's curvature lowers as the camera rises.
-        std_px: Of each pixel across the horizon.
     """
 
-    name: str
     pixels: tuple[Px, ...]
     is_sea: bool = False
-    std_px: float = 1.0
 
 
 Evidence: TypeAlias = Landmark | SlantRange | GroundPoint | KnownLength | KnownHeight | Vertical | GroundLines | Horizon

@@ -10,6 +10,8 @@ from aerodft.model.arrays import FloatArray, FloatLike, IntArray, read_only
 from aerodft.model.camera import Zoom
 from aerodft.model.status import Status
 
+_TRAILING = {"position_enu_m": (3,), "wxyz": (4,), "cov": (6, 6), "velocity_enu_mps": (3,), "rate_cam_radps": (3,)}
+
 
 def _zeros(*shape: int) -> FloatArray:
     return read_only(np.zeros(shape))
@@ -39,66 +41,31 @@ class Pose:
     time_std_s: FloatLike = 0.0
 
     def __post_init__(self) -> None:
-        for name, trailing in (
-            ("position_enu_m", (3,)),
-            ("wxyz", (4,)),
-            ("cov", (6, 6)),
-            ("velocity_enu_mps", (3,)),
-            ("rate_cam_radps", (3,)),
-        ):
+        for name, trailing in _TRAILING.items():
             object.__setattr__(self, name, read_only(getattr(self, name), trailing=trailing))
 
-    def row(self, row: int) -> "Pose":
-        """One of ``(n,)`` poses."""
-        alone = {"position_enu_m": 1, "wxyz": 1, "cov": 2, "lens_cov": 2, "velocity_enu_mps": 1, "rate_cam_radps": 1}
-        columns = {name: getattr(self, name) for name in alone}
-        rows = {name: each[row] if each.ndim > alone[name] else each for name, each in columns.items()}
-        return Pose(**rows, time_std_s=float(np.broadcast_to(self.time_std_s, len(self.wxyz))[row]))
-
-    def rows(self, rows: IntArray) -> "Pose":
-        """Poses by their indices ``(m,)`` among ``(n,)`` poses with a covariance each."""
-        return Pose(
-            position_enu_m=self.position_enu_m[rows],
-            wxyz=self.wxyz[rows],
-            cov=self.cov[rows],
-            lens_cov=self.lens_cov if self.lens_cov.ndim == 2 else self.lens_cov[rows],  # noqa: PLR2004 - one for all
-            velocity_enu_mps=self.velocity_enu_mps[rows],
-            rate_cam_radps=self.rate_cam_radps[rows],
-            time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows],
-        )
+    def rows(self, rows: IntArray | int) -> "Pose":
+        """Some of ``(n,)`` poses by their indices ``(m,)``, or a single one; what is one for all of them stays so."""
+        axes = {"lens_cov": 2, **{name: len(trailing) for name, trailing in _TRAILING.items()}}
+        columns = {name: getattr(self, name) for name in axes}
+        taken = {name: each[rows] if each.ndim > axes[name] else each for name, each in columns.items()}
+        return Pose(**taken, time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows])
 
     @staticmethod
     def joined(poses: Sequence["Pose"]) -> "Pose":
-        """Poses ``(n,)``, ``(m,)``, ... with a covariance each as one ``(n + m + ...,)``.
+        """Single poses, or ``(n,)``, ``(m,)``, ..., as one ``(n + m + ...,)``.
 
         Where only some were found together with a lens, the others' covariances with it are 0.
         """
-        columns = max(pose.lens_cov.shape[-1] for pose in poses)
-        lens = [
-            np.broadcast_to(
-                pose.lens_cov if pose.lens_cov.size else np.zeros((6, columns)), (len(pose.wxyz), 6, columns)
-            )
-            for pose in poses
-        ]
-        names = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
-        arrays = {name: np.concatenate([getattr(pose, name) for pose in poses]) for name in names}
-        times = [np.broadcast_to(pose.time_std_s, len(pose.wxyz)) for pose in poses]
-        return Pose(**arrays, lens_cov=np.concatenate(lens), time_std_s=np.concatenate(times))
-
-    @staticmethod
-    def stacked(poses: Sequence["Pose"]) -> "Pose":
-        """Single poses as one ``(n,)``; as ``joined`` where only some were found together with a lens."""
         columns = max((pose.lens_cov.shape[-1] for pose in poses), default=0)
-        lens = [pose.lens_cov if pose.lens_cov.size else np.zeros((6, columns)) for pose in poses]
-        return Pose(
-            position_enu_m=np.array([pose.position_enu_m for pose in poses]).reshape(-1, 3),
-            wxyz=np.array([pose.wxyz for pose in poses]).reshape(-1, 4),
-            cov=np.array([pose.cov for pose in poses]).reshape(-1, 6, 6),
-            lens_cov=np.array(lens).reshape(len(poses), 6, columns),
-            velocity_enu_mps=np.array([pose.velocity_enu_mps for pose in poses]).reshape(-1, 3),
-            rate_cam_radps=np.array([pose.rate_cam_radps for pose in poses]).reshape(-1, 3),
-            time_std_s=np.array([pose.time_std_s for pose in poses], dtype=np.float64),
-        )
+        shapes = {**_TRAILING, "lens_cov": (6, columns), "time_std_s": ()}
+        ends = np.cumsum([0, *(pose.wxyz.size // 4 for pose in poses)]).tolist()
+        together = {name: np.zeros((ends[-1], *shape)) for name, shape in shapes.items()}
+        for pose, start, stop in zip(poses, ends, ends[1:], strict=False):
+            for name, values in together.items():
+                if name != "lens_cov" or pose.lens_cov.size:
+                    values[start:stop] = getattr(pose, name)
+        return Pose(**together)
 
 
 class HeightSource(StrEnum):
@@ -135,7 +102,7 @@ class PoseStd:
     time_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GeoOrigin:
     """The station's fixed ENU origin: a point of the measured plane (WGS84)."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.camera import Zoom
-from aerodft.model.pose import GeoOrigin, Pose, PoseSample, PoseStd
+from aerodft.model.pose import Pose, PoseSample, PoseStd
 from aerodft.model.status import CODE_OF, Status
 
 _Key = TypeVar("_Key", bound=Hashable)
@@ -174,7 +174,7 @@ class PoseBatch(Sequence[PoseSample]):
         return replace(
             variant,
             stamp_ns=int(self.stamp_ns[row]),
-            pose=None if np.isnan(self.pose.wxyz[row, 0]) else self.pose.row(row),
+            pose=None if np.isnan(self.pose.wxyz[row, 0]) else self.pose.rows(row),
             std=PoseStd(**dict(zip(_STDS, self.std[row].tolist(), strict=True))),
             lat_rad=lat,
             lon_rad=lon,
@@ -187,22 +187,13 @@ class PoseBatch(Sequence[PoseSample]):
 
 
 _COLUMNS: Final = ("stamp_ns", "std", "lat_lon_alt", "height_age_s", "telemetry_age_s", "datum_enu_m", "zoom")
+_TOLD: Final = ("status", "reasons", "origin", "height_source", "height_datum", "attitude_source", "calibration")
 
 
 def _variant(sample: PoseSample) -> PoseSample:
     """A sample without its numbers."""
     zoom = None if sample.zoom is None else Zoom(magnification=np.nan, std=np.nan, source=sample.zoom.source)
-    return PoseSample(
-        stamp_ns=0,
-        status=sample.status,
-        reasons=sample.reasons,
-        origin=sample.origin,
-        height_source=sample.height_source,
-        height_datum=sample.height_datum,
-        attitude_source=sample.attitude_source,
-        calibration=sample.calibration,
-        zoom=zoom,
-    )
+    return PoseSample(stamp_ns=0, **{name: getattr(sample, name) for name in _TOLD}, zoom=zoom)
 
 
 def _distinct(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], IntArray]:
@@ -214,27 +205,15 @@ def _distinct(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], I
 
 
 def _key(variant: PoseSample) -> Hashable:
-    return (
-        variant.status,
-        variant.reasons,
-        _place(variant.origin),
-        variant.height_source,
-        variant.height_datum,
-        variant.attitude_source,
-        variant.calibration,
-        None if variant.zoom is None else variant.zoom.source,
-    )
-
-
-def _place(origin: GeoOrigin | None) -> Hashable:
-    return None if origin is None else (origin.lat_rad, origin.lon_rad, origin.alt_msl_m)
+    told = (getattr(variant, name) for name in _TOLD)
+    return (*told, None if variant.zoom is None else variant.zoom.source)
 
 
 _NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan), cov=np.full((6, 6), np.nan))
 
 
 def _stacked(poses: Sequence[Pose | None]) -> Pose:
-    return Pose.stacked([_NO_POSE if pose is None else pose for pose in poses])
+    return Pose.joined([_NO_POSE if pose is None else pose for pose in poses])
 
 
 def _numbers(values: Sequence[object]) -> FloatArray:

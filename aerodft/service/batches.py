@@ -10,8 +10,7 @@ import numpy as np
 from aerodft.dft.measurement_batch import NO_IMAGE
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.batch import Arrival
-from aerodft.model.image import Image, StampClock
-from aerodft.model.image_rows import ImageRows, joined_images
+from aerodft.model.image import Image, ImageRows, StampClock, joined_images
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 

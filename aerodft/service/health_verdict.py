@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.poses import pose_covariances
+from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import FIX_3D
 from aerodft.model.pose import GimbalSource, PoseSample
@@ -197,5 +197,5 @@ def _with_horizontal_std(poses: PoseBatch, rows: BoolArray, least_m: FloatArray)
     before, std = poses.std[at], poses.std.copy()
     std[at, HORIZONTAL] = least_m[at]
     wxyz, cov = poses.pose.wxyz[at], poses.pose.cov.copy()
-    cov[at] += pose_covariances(wxyz, std[at]) - pose_covariances(wxyz, before)
+    cov[at] += pose_covariance(wxyz, std[at]) - pose_covariance(wxyz, before)
     return replace(poses, std=std, pose=replace(poses.pose, cov=cov))

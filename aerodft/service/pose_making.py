@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground, Plane
-from aerodft.geometry.poses import pose_covariances
+from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
 from aerodft.model.pose_batch import TIME, PoseBatch
@@ -127,7 +127,7 @@ class PoseMaker:
         pose = Pose(
             position_enu_m=np.column_stack([east_north_m, heights.height_agl_m]),
             wxyz=attitudes.wxyz,
-            cov=pose_covariances(attitudes.wxyz, std),
+            cov=pose_covariance(attitudes.wxyz, std),
             velocity_enu_mps=places.velocity_enu_mps,
             rate_cam_radps=attitudes.rate_cam_radps,
             time_std_s=np.full(len(std), self._time_std_s),

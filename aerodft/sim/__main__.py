@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.mavlink.signing_keys import load_key
+from aerodft.adapters.mavlink.signing import load_key
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, UsageError
 from aerodft.service.clock import WallClock

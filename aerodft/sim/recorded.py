@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.tlog import TlogSource
+from aerodft.adapters.mavlink.logs import TlogSource
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.geometry.geodesy import east_north

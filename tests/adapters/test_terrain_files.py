@@ -13,7 +13,7 @@ from aerodft.adapters import terrain
 from aerodft.adapters.terrain import load_elevation
 from aerodft.errors import InputError
 from aerodft.geometry.ground import Plane
-from aerodft.geometry.terrain import elevation_at, meet_terrain
+from aerodft.geometry.terrain import Terrain, elevation_at
 from aerodft.model.pose import GeoOrigin
 from aerodft.model.status import CODES, Status
 
@@ -134,7 +134,7 @@ def test_a_ray_meets_the_slope_of_a_file(tmp_path):
     down = math.radians(10.0)
     camera, ray = np.array([0.0, 0.0, 0.0]), np.array([math.cos(down), 0.0, -math.sin(down)])
     slope = Plane.sloping([0.0, 0.0, -100.0], math.atan(0.2), math.pi / 2)
-    hits = meet_terrain(camera, ray, grid)
+    hits = Terrain(grid, 0.0).meet(camera, ray, 0.0)
     assert_allclose(hits.points_enu_m, slope.meet(camera, ray, 0.0).points_enu_m, atol=0.03)
     assert_allclose([hits.points_enu_m[0], hits.range_m], [265.7, 269.8], atol=0.1)
 
@@ -142,9 +142,8 @@ def test_a_ray_meets_the_slope_of_a_file(tmp_path):
 def test_a_ray_does_not_see_through_the_ridge_of_a_file(tmp_path):
     path = _write(tmp_path / "ridge.tif", "EPSG:32632", lambda _, n: ALT_M + 80.0 * ((n > 150) & (n < 260)), pixel=2.0)
     down = math.radians(10.0)
-    hits = meet_terrain(
-        np.array([0.0, 0.0, 100.0]), np.array([0.0, math.cos(down), -math.sin(down)]), load_elevation(path, ORIGIN)
-    )
+    ray = np.array([0.0, math.cos(down), -math.sin(down)])
+    hits = Terrain(load_elevation(path, ORIGIN), 0.0).meet(np.array([0.0, 0.0, 100.0]), ray, 0.0)
     assert abs(hits.points_enu_m[1] - 150.0) <= 2.0
 
 
@@ -156,8 +155,8 @@ def test_holes_stay_holes_and_may_be_filled_with_water(tmp_path):
     down = np.array([0.0, 0.0, -1.0])
     above = np.array([100.0, 0.0, 200.0])
     holes, filled = load_elevation(path, ORIGIN), load_elevation(path, ORIGIN, fill_msl_m=425.0)
-    assert CODES[int(meet_terrain(above, down, holes).status)] is Status.NO_ELEVATION
-    assert_allclose(meet_terrain(above, down, filled).points_enu_m, [100.0, 0.0, 25.0], atol=1e-9)
+    assert CODES[int(Terrain(holes, 0.0).meet(above, down, 0.0).status)] is Status.NO_ELEVATION
+    assert_allclose(Terrain(filled, 0.0).meet(above, down, 0.0).points_enu_m, [100.0, 0.0, 25.0], atol=1e-9)
     assert_allclose(elevation_at(filled, np.array([0.0, 0.0])), 30.0, atol=1e-5)
 
 

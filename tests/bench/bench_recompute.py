@@ -27,7 +27,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.config.loading import load_station
 from aerodft.adapters.images.rate import RateSource
-from aerodft.adapters.mavlink.tlog import TlogSource
+from aerodft.adapters.mavlink.logs import TlogSource
 from aerodft.cli.recompute import recompute
 from aerodft.cli.wiring import Late, build_recorder
 from aerodft.model.camera import Camera

@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.geometry.ground import jacobians, meet_level
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import camera_attitude, matrix
-from aerodft.geometry.terrain import ElevationGrid, meet_terrain
+from aerodft.geometry.terrain import ElevationGrid, Terrain
 from aerodft.model.camera import Camera
 from aerodft.model.status import CODE_OF, Status
 
@@ -43,12 +43,12 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     hfov_rad, vfov_rad = math.radians(70.0), math.radians(43.0)
     camera = Camera.from_fov(name="bench", width_px=1920, height_px=1080, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
-    grid = _rough(args.cells, 2.0)
+    ground = Terrain(_rough(args.cells, 2.0), 0.0)
     for tilt_deg in (0.0, 45.0, 70.0, 85.0):
         rays = _rays(camera, tilt_deg, args.step)
-        meet_terrain(CAMERA_ENU_M, rays[:1], grid)
+        ground.meet(CAMERA_ENU_M, rays[:1], 0.0)
         start_s = time.perf_counter()
-        hits = meet_terrain(CAMERA_ENU_M, rays, grid)
+        hits = ground.meet(CAMERA_ENU_M, rays, 0.0)
         took_s = time.perf_counter() - start_s
         share, count = np.mean(hits.status == CODE_OF[Status.OK]), hits.status.size
         flat_s = time.perf_counter()
@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> None:
     ray = rays[-1, 0]
     start_s = time.perf_counter()
     for _ in range(SINGLES):
-        jacobians(CAMERA_ENU_M, ray, meet_terrain(CAMERA_ENU_M, ray, grid))
+        jacobians(CAMERA_ENU_M, ray, ground.meet(CAMERA_ENU_M, ray, 0.0))
     print(f"one ray with its derivatives: {(time.perf_counter() - start_s) / SINGLES * 1e6:.0f} us")
 
 

@@ -12,10 +12,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.intrinsics import intrinsics_covariance
+from aerodft.geometry.intrinsics import intrinsics_covariance, reproject
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.reprojection import reproject
 from aerodft.geometry.rotation import matrix
 from aerodft.model.calibration import Calibration
 from aerodft.model.camera import CameraStd

@@ -8,9 +8,9 @@ from pymavlink.generator.mavcrc import x25crc
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.adapters.mavlink.framing import StreamFramer
-from aerodft.adapters.mavlink.layout import SIGNATURE, V1, V2
+from aerodft.adapters.mavlink.kernels import SIGNATURE, V1, V2
+from aerodft.adapters.mavlink.logs import TlogSource
 from aerodft.adapters.mavlink.signing import sign
-from aerodft.adapters.mavlink.tlog import TlogSource
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.feed import block_of
 

@@ -10,8 +10,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.adapters.mavlink.signing import signing_time
-from aerodft.adapters.mavlink.signing_keys import open_signing
+from aerodft.adapters.mavlink.signing import open_signing, signing_time
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.service.clock import WallClock
 from aerodft.service.feed import Inbox

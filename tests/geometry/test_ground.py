@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodft.geometry.ground import GroundHits, Plane, jacobians, meet_level
-from aerodft.geometry.terrain import ElevationGrid, meet_terrain
+from aerodft.geometry.terrain import ElevationGrid, Terrain
 from aerodft.model.status import CODE_OF, CODES, Status
 
 OK = CODE_OF[Status.OK]
@@ -144,7 +144,7 @@ def _sloping(camera, direction, by_m):
 
 
 def _terrain(camera, direction, by_m):
-    return meet_terrain(camera, direction, GRID, elevation_m=by_m, earth_radius_m=SMALL_EARTH_M)
+    return Terrain(GRID, 0.0, SMALL_EARTH_M).meet(camera, direction, by_m)
 
 
 @pytest.mark.parametrize("meet", [_level, _sloping, _terrain])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.reprojection import reproject
+from aerodft.geometry.intrinsics import reproject
 from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model.camera import Camera, CameraStd, LensModel
 

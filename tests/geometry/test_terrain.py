@@ -10,12 +10,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import RegularGridInterpolator
 
 from aerodft.geometry.ground import Plane
-from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION, ElevationGrid, elevation_at, meet_terrain
+from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION, ElevationGrid, Terrain, elevation_at
 from aerodft.model.status import CODES, Status
 
 FLAT_EARTH_M = math.inf
 CENTIMETRE = 0.01
 MILLIMETRE = 0.001
+
+
+def meet_terrain(camera, directions, grid, *, elevation_m=0.0, refraction=0.0, earth_radius_m=EARTH_RADIUS_M):
+    """Rays on a grid's ground, without refraction unless it is stated."""
+    return Terrain(grid, refraction, earth_radius_m).meet(camera, directions, elevation_m)
 
 
 def _grid(height_of, *, half_m=400.0, cell_m=1.0, centre=(0.0, 0.0)):
@@ -198,12 +203,11 @@ def test_each_miss_says_why():
         Status.OK: (camera, _ray(30.0, 90.0)),
         Status.ABOVE_HORIZON: (camera, _ray(-45.0, 0.0)),
         Status.NO_ELEVATION: (camera, _ray(20.0, 90.0)),
-        Status.BEYOND_RANGE: (camera, _ray(8.0, 180.0)),
         Status.BELOW_SURFACE: (np.array([0.0, 0.0, -1.0]), _ray(10.0)),
         Status.BEYOND_LENS_MODEL: (camera, np.full(3, np.nan)),
     }
     for status, (position, ray) in scenes.items():
-        hits = meet_terrain(position, ray, grid, max_range_m=330.0)
+        hits = meet_terrain(position, ray, grid)
         assert _status(hits) == [status], status
         for values in (hits.points_enu_m, hits.range_m, hits.normal_enu):
             assert_array_equal(np.isfinite(values), status is Status.OK)
@@ -212,7 +216,6 @@ def test_each_miss_says_why():
     assert _status(meet_terrain(np.array([0.0, 320.0, 50.0]), _ray(90.0), grid)) == [Status.BELOW_SURFACE]
     assert _status(meet_terrain(np.array([105.0, 0.0, 50.0]), _ray(-1.0), grid)) == [Status.NO_ELEVATION]
     assert _status(meet_terrain(np.array([0.0, 0.0, 999.0]), _ray(1.0, 180.0), grid)) == [Status.BEYOND_TERRAIN]
-    assert _status(meet_terrain(np.array([0.0, 0.0, 999.0]), _ray(1.0), grid, max_range_m=9.0)) == [Status.BEYOND_RANGE]
     assert _status(meet_terrain(np.array([0.0, 0.0, 999.0]), _ray(-1.0), grid)) == [Status.ABOVE_HORIZON]
 
 
@@ -293,9 +296,9 @@ def test_what_is_no_grid_is_refused(wrong):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"max_range_m": 0.0}, {"earth_radius_m": -1.0}, {"refraction": 1.0}, {"refraction": math.nan}],
+    [{"earth_radius_m": -1.0}, {"refraction": 1.0}, {"refraction": math.nan}],
 )
 def test_impossible_earths_are_refused(wrong):
     grid = _grid(lambda e, _: 0 * e, half_m=10.0)
-    with pytest.raises(ValueError, match="expected positive lengths"):
+    with pytest.raises(ValueError, match="expected a positive radius"):
         meet_terrain(np.array([0.0, 0.0, 10.0]), _ray(45.0), grid, **wrong)

@@ -7,8 +7,7 @@ from aerodft.adapters.mcap.recorder import McapRecorder
 from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.model.batch import Arrival
 from aerodft.model.camera import Camera
-from aerodft.model.image import Image, StampClock
-from aerodft.model.image_rows import ImageRows
+from aerodft.model.image import Image, ImageRows, StampClock
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import first_arrival_ns

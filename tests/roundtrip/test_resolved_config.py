@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from aerodft.adapters.config.calibration import load_calibration
 from aerodft.adapters.config.fixed_pose import FixedPose
 from aerodft.adapters.config.inputs import ObservationSettings, Rate, Stills, VideoFile
-from aerodft.adapters.config.loading import load_station, parse_station, with_calibration
-from aerodft.adapters.config.resolved import refreshed, resolved_toml
+from aerodft.adapters.config.loading import load_station, parse_station, refreshed, resolved_toml, with_calibration
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.config.units import to_deg, to_ns, to_s
 from aerodft.adapters.timestamps import iso_to_unix_ns, unix_ns_to_iso
@@ -115,7 +114,7 @@ def test_the_id_follows_what_numbers_depend_on_and_nothing_else() -> None:
         record=replace(station.record, folder=Path("/elsewhere")),
         images=replace(station.images, source=Rate(rate_hz=3)),
         link=None,
-        calibration=load_calibration(CONFIGS / "sites" / "river-calibration.toml"),
+        calibration=load_calibration(CONFIGS / "sites" / "river-calibration.toml").biases,
         pipeline=replace(station.pipeline, station="other"),
     )
     assert refreshed(elsewhere).pipeline.config_id == own

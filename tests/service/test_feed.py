@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.model.batch import Arrival, Event
-from aerodft.model.image import Image, StampClock
-from aerodft.model.image_rows import ImageRows, joined_images
+from aerodft.model.image import Image, ImageRows, StampClock, joined_images
 from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service import feed

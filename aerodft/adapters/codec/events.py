@@ -9,8 +9,7 @@ from aerodft.adapters.codec import wire
 from aerodft.adapters.codec.template import encode_payloads
 from aerodft.adapters.texts import Texts
 from aerodft.conventions import LARGEST
-from aerodft.model.image import Image, StampClock
-from aerodft.model.image_rows import ImageRows
+from aerodft.model.image import Image, ImageRows, StampClock
 from aerodft.model.observation import Box, Observation
 
 IMAGE_SCHEMA = "aerodft.image/1"

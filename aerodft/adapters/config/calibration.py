@@ -1,7 +1,7 @@
 """Calibration files, read and written: biases of the telemetry, or a fixed camera's pose, and the lens."""
 
 import hashlib
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -41,7 +41,24 @@ class CalibrationTable(Table):
         return self
 
 
-def load_calibration(path: Path) -> Calibration:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationFile:
+    """What a calibration file says.
+
+    Attributes:
+        biases: Of the telemetry, all of them 0 without ``[bias]``; their id is the hash of the file's bytes.
+        pose: A fixed camera's, with its latitude and longitude; None without ``[pose]``.
+        camera: With the lens that was found too; None where the lens was taken as it is.
+        model: The projection model that all this is of.
+    """
+
+    biases: Calibration
+    pose: FixedPose | None
+    camera: Camera | None
+    model: ProjectionModel
+
+
+def load_calibration(path: Path) -> CalibrationFile:
     """Read a calibration file.
 
     Args:
@@ -49,43 +66,19 @@ def load_calibration(path: Path) -> Calibration:
             ``roll_deg``, ``heading_deg``, ``lat_deg``, ``lon_deg``, ``alt_msl_m``); biases and angles are numbers
             (taken as exact) or ``{value, std}``.
 
-    Returns:
-        The calibration; its id is the hash of the file's bytes, its pose stands above the ENU origin.
-
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
     """
-    return _read(path)[0]
-
-
-def load_calibrated_pose(path: Path) -> FixedPose | None:
-    """A calibration file's pose with its latitude and longitude; None where it has no ``[pose]``.
-
-    Raises:
-        ConfigError: As :func:`load_calibration`.
-    """
-    return _read(path)[1]
-
-
-def load_calibrated_lens(path: Path) -> tuple[Camera | None, ProjectionModel]:
-    """The camera of a calibration that found the lens too, None where it did not; and the model that it is of.
-
-    Raises:
-        ConfigError: As :func:`load_calibration`.
-    """
-    table = validated(CalibrationTable, parse_toml(read_bytes(path), str(path)), str(path))
-    if table.camera is None:
-        return None, table.model
-    return camera_from(validated(CameraTable, table.camera, str(path), "camera."), str(path), "camera."), table.model
-
-
-def _read(path: Path) -> tuple[Calibration, FixedPose | None]:
-    data = read_bytes(path)
-    table = validated(CalibrationTable, parse_toml(data, str(path)), str(path))
+    where, data = str(path), read_bytes(path)
+    table = validated(CalibrationTable, parse_toml(data, where), where)
     identity = f"sha256:{hashlib.sha256(data).hexdigest()}"
-    pose = calibrated_pose_from(table.pose, identity, str(path)) if table.pose else None
-    biases = biases_from(table.bias or BiasTable(), identity, str(path))
-    return replace(biases, pose=None if pose is None else pose.standing()), pose
+    lens = None if table.camera is None else validated(CameraTable, table.camera, where, "camera.")
+    return CalibrationFile(
+        biases=biases_from(table.bias or BiasTable(), identity, where),
+        pose=calibrated_pose_from(table.pose, identity, where) if table.pose else None,
+        camera=None if lens is None else camera_from(lens, where, "camera."),
+        model=table.model,
+    )
 
 
 def write_calibration(
@@ -95,7 +88,7 @@ def write_calibration(
     model: ProjectionModel,
     provenance: dict[str, Any],
 ) -> None:
-    """Write a calibration, as ``load_calibration`` and the others read it.
+    """Write a calibration, as ``load_calibration`` reads it.
 
     Args:
         path: The TOML file; one that is there is replaced.

@@ -88,15 +88,8 @@ def _entry(cov: FloatArray, bad: np.ndarray, *, mirrored: bool = False) -> str:
     return f"{place} = {float(cov[row, column])!r}"
 
 
-def load_covariance(path: Path, size: int = 6) -> FloatArray:
-    """Read a covariance from a JSON file: a list of rows.
-
-    Args:
-        path: The file.
-        size: How many rows of how many numbers it must have; 6 for a pose.
-
-    Returns:
-        ``(size, size)``.
+def load_covariance(path: Path) -> FloatArray:
+    """Read a pose's covariance ``(6, 6)`` from a JSON file: a list of rows.
 
     Raises:
         InputError: Missing, unreadable, or none; see ``checked_covariance``.
@@ -115,4 +108,4 @@ def load_covariance(path: Path, size: int = 6) -> FloatArray:
         for j, value in enumerate(row):
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise InputError(f"[{i}][{j}]", where=path, got=orjson.dumps(value).decode(), expected="a number")
-    return checked_covariance(rows, size, where=path)
+    return checked_covariance(rows, 6, where=path)

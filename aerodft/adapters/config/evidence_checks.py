@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence_frame import LocalFrame, check_on_map, takes_degrees
 from aerodft.adapters.config.evidence_tables import SPACE, CameraPriorTable, EvidenceTable
+from aerodft.adapters.config.tables import LOCAL
 from aerodft.errors import ConfigError
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.model.arrays import BoolArray

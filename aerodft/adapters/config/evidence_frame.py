@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
-from aerodft.adapters.config.crs import GEO, LOCAL
+from aerodft.adapters.config.tables import GEO, LOCAL
 from aerodft.errors import ConfigError
 from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import GeoOrigin
@@ -64,7 +64,7 @@ class LocalFrame:
         if self.crs == LOCAL:
             return None
         found = self.file_coordinates(points_m)
-        if _is_geographic(self.crs):
+        if takes_degrees(self.crs):
             lon, lat = found[..., 1], found[..., 0]
         else:
             lon, lat = found[..., 0], found[..., 1]
@@ -164,7 +164,8 @@ def _to_wgs84(crs: str) -> Transformer:
     return Transformer.from_crs(_horizontal(crs), _WGS84, always_xy=True)
 
 
-def _is_geographic(crs: str) -> bool:
+def takes_degrees(crs: str) -> bool:
+    """Whether places are latitudes and longitudes in a coordinate reference system that is sound."""
     return crs == GEO or (crs != LOCAL and bool(_horizontal(crs).is_geographic))
 
 
@@ -208,11 +209,6 @@ def _check_metric(horizontal: CRS, given: str, where: str) -> None:
         raise ConfigError("crs", where=where, got=got, expected=expected, hint="use another projection")
 
 
-def takes_degrees(crs: str) -> bool:
-    """Whether places are latitudes and longitudes in a coordinate reference system that is sound."""
-    return _is_geographic(crs)
-
-
 def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: str) -> None:
     """Refuse projected coordinates that are far from where their projection is used.
 
@@ -225,7 +221,7 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
     Raises:
         ConfigError: They are elsewhere on the earth, or nowhere.
     """
-    if crs == LOCAL or _is_geographic(crs) or _is_used_at(crs, coordinates, 0.0):
+    if crs == LOCAL or takes_degrees(crs) or _is_used_at(crs, coordinates, 0.0):
         return
     x, y = coordinates
     is_swapped = _is_used_at(crs, (y, x), 0.0)

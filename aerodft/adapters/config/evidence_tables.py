@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from aerodft.adapters.config.crs import LOCAL
 from aerodft.adapters.config.evidence_frame import LocalFrame
 from aerodft.adapters.config.tables import (
+    LOCAL,
     Count,
     Focal,
     HeadingDeg,

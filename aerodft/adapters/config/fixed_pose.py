@@ -122,7 +122,7 @@ def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
     if below.status[0] != CODE_OF[Status.OK]:
         hint = "check the position, or set fill_msl_m or radius_m in [ground]"
         raise ConfigError("below the pose", where=where, got=below.what(below.status[0]), expected="ground", hint=hint)
-    return raised(Pose.stacked([pose]), below.height_m, below.slope).row(0)
+    return raised(Pose.joined([pose]), below.height_m, below.slope).rows(0)
 
 
 def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:

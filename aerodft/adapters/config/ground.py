@@ -197,7 +197,7 @@ def made_ground(shape: GroundShape | None, origin: GeoOrigin | None, foot_m: tup
     if origin is None and needs_place(shape):
         raise ValueError("got ground on the map and no origin, expected one")
     if isinstance(shape, TerrainGround) and origin is not None:
-        return _terrain(shape, origin.lat_rad, origin.lon_rad, origin.alt_msl_m)
+        return _terrain(shape, origin)
     assert isinstance(shape, SlopedGround)  # noqa: S101 - for the type checker
     east, north = foot_m
     if shape.point_rad is not None and origin is not None:
@@ -206,13 +206,13 @@ def made_ground(shape: GroundShape | None, origin: GeoOrigin | None, foot_m: tup
 
 
 @lru_cache(maxsize=2)  # a station is made anew whenever the command line changes something of it
-def _terrain(shape: TerrainGround, lat_rad: float, lon_rad: float, alt_msl_m: float | None) -> Ground:
+def _terrain(shape: TerrainGround, origin: GeoOrigin) -> Ground:
     from aerodft.adapters.terrain import load_elevation  # noqa: PLC0415 - as in _terrain_from
     from aerodft.geometry.terrain import Terrain  # noqa: PLC0415 - as in _terrain_from
 
     grid = load_elevation(
         shape.path,
-        GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=alt_msl_m),
+        origin,
         radius_m=shape.radius_m,
         cell_m=shape.cell_m,
         band=shape.band,

@@ -79,9 +79,7 @@ class PoseTable(Table):
                 raise impossible(missing[0], got="nothing", expected="height_agl_m and tilt_deg, or calibration")
         if self.covariance is not None and "std" in self.model_fields_set:
             raise impossible("covariance", got="it beside std", expected="one of the two")
-        _check_position(self.lat_deg, self.lon_deg)
-        _check_local(self.lat_deg, self.east_m, self.north_m)
-        check_lens_covariance(self.covariance, self.lens_covariance)
+        _check_place(self)
         return self
 
 
@@ -102,23 +100,18 @@ class CalibratedPoseTable(Table):
 
     @model_validator(mode="after")
     def _position_is_whole(self) -> Self:
-        _check_position(self.lat_deg, self.lon_deg)
-        _check_local(self.lat_deg, self.east_m, self.north_m)
-        check_lens_covariance(self.covariance, self.lens_covariance)
+        _check_place(self)
         return self
 
 
-def _check_position(lat_deg: float | None, lon_deg: float | None) -> None:
-    """Refuse half of a position (for validators)."""
-    if (lat_deg is None) != (lon_deg is None):
-        missing = "lat_deg" if lat_deg is None else "lon_deg"
+def _check_place(table: PoseTable | CalibratedPoseTable) -> None:
+    """Refuse half of a position, a local place beside one, and covariances that do not fit (for validators)."""
+    if (table.lat_deg is None) != (table.lon_deg is None):
+        missing = "lat_deg" if table.lat_deg is None else "lon_deg"
         raise impossible(missing, got="nothing", expected="both lat_deg and lon_deg, or none of them")
-
-
-def _check_local(lat_deg: float | None, east_m: float, north_m: float) -> None:
-    """Refuse a local place beside a geographic one (for validators)."""
-    if lat_deg is not None and (east_m or north_m):
-        raise impossible("east_m" if east_m else "north_m", got="it beside lat_deg", expected="one of the two")
+    if table.lat_deg is not None and (table.east_m or table.north_m):
+        raise impossible("east_m" if table.east_m else "north_m", got="it beside lat_deg", expected="one of the two")
+    check_lens_covariance(table.covariance, table.lens_covariance)
 
 
 def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:

@@ -13,13 +13,19 @@ from dataclasses import dataclass, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Final, Generic, TypeVar, get_args, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from aerodft.adapters.config.units import to_deg, to_ns, to_percent, to_s
 from aerodft.conventions import LARGEST
+
+LOCAL: Final = "local"
+"""What a file may call its coordinates, beside the codes of maps: metres east, north and up of somewhere."""
+
+GEO: Final = "geo"
+"""What a file may call its coordinates: WGS84 degrees."""
 
 _LARGEST_STD = LARGEST / 1000  # it is squared on the way to the resolved configuration, and must come back
 _LONGEST_S = 1e6

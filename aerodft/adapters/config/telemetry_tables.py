@@ -87,12 +87,10 @@ class FixedMountTable(Table):
     roll_deg: RollDeg = 0.0
 
 
-class CameraOnGimbalTable(Table):
+class CameraOnGimbalTable(FixedMountTable):
     """How the camera sits on its gimbal: yaw, pitch (negative: it looks lower than the gimbal says), roll."""
 
-    yaw_deg: HeadingDeg = 0.0
     pitch_deg: PitchDeg = 0.0
-    roll_deg: RollDeg = 0.0
 
 
 class AttitudeTable(Table):

@@ -13,7 +13,7 @@ from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import JSON, ROS1, type_of
 from aerodft.adapters.foreign.mavlink_json import JsonPacker
 from aerodft.adapters.mavlink.framing import Cut, FrameCounts, StreamFramer
-from aerodft.adapters.mavlink.layout import SIGNATURE, SIGNED, V1, V2
+from aerodft.adapters.mavlink.kernels import SIGNATURE, SIGNED, V1, V2
 from aerodft.adapters.mcap.places import ReadChannel
 from aerodft.model.arrays import IntArray
 

@@ -3,12 +3,9 @@
 from collections import Counter
 from pathlib import Path
 
-from aerodft.adapters.mavlink.dataflash import DataflashSource
 from aerodft.adapters.mavlink.dataflash_decoding import HEAD, DataflashDecoder
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.files import LogFile
-from aerodft.adapters.mavlink.selection import Followed
-from aerodft.adapters.mavlink.tlog import TlogSource
+from aerodft.adapters.mavlink.decoding import Followed, MavlinkDecoder
+from aerodft.adapters.mavlink.logs import DataflashSource, LogFile, TlogSource
 from aerodft.model.telemetry import RawBlock, Track, WireProtocol
 from aerodft.service.settings import TelemetrySettings
 

@@ -13,16 +13,14 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink import rows as to
+from aerodft.adapters.mavlink.decoding import ORIENTATION_DOWN
 from aerodft.adapters.mavlink.framing import payload_rows
-from aerodft.adapters.mavlink.layout import MAX_STAMP_US
-from aerodft.adapters.mavlink.selection import ORIENTATION_DOWN
+from aerodft.adapters.mavlink.kernels import MAX_STAMP_US
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (
     ClockTrack,
-    GimbalTrack,
-    HeightTrack,
     PositionTrack,
     RawBlock,
     Track,
@@ -73,7 +71,7 @@ _RANGEFINDER_GOOD: Final = 4
 _TERRAIN_OK: Final = 2
 _NUMBERS: Final = ("i", "u", "f")
 _MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
-_FULL_TURN_DEG: Final = math.degrees(to.MAX_ANGLE_RAD)
+_DEG: Final = math.radians(1)
 
 
 class MessageFormat:
@@ -168,134 +166,98 @@ def _kind(dtype: np.dtype[np.void], column: str) -> str | None:
     return dtype[column].kind if column in (dtype.names or ()) else None
 
 
-class _Messages:
-    """Rows of one message, with the field scales of its format."""
-
-    def __init__(self, layout: MessageFormat, rows: to.Rows) -> None:
-        self.scale = layout.scale
-        self.rows = rows
-
-    def has(self, *columns: str) -> bool:
-        """Whether the log's version of the message has these fields, as numbers."""
-        return all(_kind(self.rows.payload.dtype, column) in _NUMBERS for column in columns)
-
-    def values(self, column: str) -> FloatArray:
-        """A field as float64, scaled."""
-        raw = self.rows.column(column)
-        return raw if self.scale[column] == 1 else raw * self.scale[column]
-
-    def text(self, column: str) -> list[str] | None:
-        """A field as text; None where the log's version has no such."""
-        if _kind(self.rows.payload.dtype, column) != "S":
-            return None
-        return [value.decode("ascii", "replace") for value in self.rows.payload[column].tolist()]
-
-    def keep(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> None:
-        """Leave faulty rows out."""
-        self.rows = self.rows.kept(rejected, faults)
-
-    def no_height(self, *columns: str) -> dict[str, BoolArray]:
-        return {f"{column} is no height": to.beyond(self.values(column), to.MAX_HEIGHT_M) for column in columns}
-
-    def no_angle(self, *columns: str) -> dict[str, BoolArray]:
-        return {f"{column} is no angle": to.beyond(self.values(column), _FULL_TURN_DEG) for column in columns}
-
-    def another_instance(self) -> dict[str, BoolArray]:
-        """Rows of a second receiver or mount."""
-        return {"another instance": self.rows.payload["I"] != 0} if self.has("I") else {}
+def _has(rows: to.Rows, *columns: str) -> bool:
+    """Whether the log's version of the message has these fields, as numbers."""
+    return all(_kind(rows.payload.dtype, column) in _NUMBERS for column in columns)
 
 
-def _gps(m: _Messages, rejected: Counter[str]) -> Track:
-    no_fix = m.rows.payload["Status"] < _GPS_FIX_3D
+def _another_instance(rows: to.Rows) -> dict[str, BoolArray]:
+    """Rows of a second receiver or mount."""
+    return {"another instance": rows.payload["I"] != 0} if _has(rows, "I") else {}
+
+
+def _gps(rows: to.Rows, rejected: Counter[str]) -> Track:
+    no_fix = rows.payload["Status"] < _GPS_FIX_3D
     faults = {
-        **m.another_instance(),
-        "no UTC yet": no_fix | (m.rows.payload["GWk"] == 0),
-        "GMS is no time of a week": m.rows.payload["GMS"] >= _WEEK_MS,
-        "impossible year": m.rows.payload["GWk"] >= _MAX_WEEK,
+        **_another_instance(rows),
+        "no UTC yet": no_fix | (rows.payload["GWk"] == 0),
+        "GMS is no time of a week": rows.payload["GMS"] >= _WEEK_MS,
+        "impossible year": rows.payload["GWk"] >= _MAX_WEEK,
     }
-    m.keep(rejected, faults)
-    unix_ns = gps_to_unix_ns(m.rows.payload["GWk"], m.rows.payload["GMS"])
-    return ClockTrack(unix_ns=unix_ns, **m.rows.stamps())
+    good = rows.kept(rejected, faults)
+    return ClockTrack(unix_ns=gps_to_unix_ns(good.payload["GWk"], good.payload["GMS"]), **good.stamps())
 
 
-def _wxyz(m: _Messages, yaw: str) -> FloatArray:
-    angles_rad = (np.radians(m.values(column)) for column in (yaw, "Pitch", "Roll"))
+def _wxyz(rows: to.Rows, yaw: str) -> FloatArray:
+    angles_rad = (np.radians(rows.column(column)) for column in (yaw, "Pitch", "Roll"))
     return from_yaw_pitch_roll(*angles_rad)
 
 
-def _att(m: _Messages, rejected: Counter[str]) -> Track:
-    m.keep(rejected, m.no_angle("Roll", "Pitch", "Yaw"))
-    return VehicleTrack(wxyz=_wxyz(m, "Yaw"), **m.rows.stamps())
+def _att(rows: to.Rows, rejected: Counter[str]) -> Track:
+    good = rows.kept(rejected, to.no_angle(rows, "Roll", "Pitch", "Yaw", unit_rad=_DEG))
+    return VehicleTrack(wxyz=_wxyz(good, "Yaw"), **good.stamps())
 
 
-def _mnt(m: _Messages, rejected: Counter[str]) -> Track:
-    m.keep(rejected, {**m.another_instance(), **m.no_angle("Roll", "Pitch", "YawB")})
-    wxyz = _wxyz(m, "YawB")
-    earth = np.zeros(len(wxyz), dtype=np.bool_)
-    return GimbalTrack(source=GimbalSource.DATAFLASH_MNT, wxyz=wxyz, yaw_in_earth=earth, **m.rows.stamps())
+def _mnt(rows: to.Rows, rejected: Counter[str]) -> Track:
+    no_angle = to.no_angle(rows, "Roll", "Pitch", "YawB", unit_rad=_DEG)
+    good = rows.kept(rejected, {**_another_instance(rows), **no_angle})
+    return to.vehicle_yaw_track(GimbalSource.DATAFLASH_MNT, good, _wxyz(good, "YawB"))
 
 
-def _pos(m: _Messages, rejected: Counter[str]) -> Track:
-    nowhere = (m.rows.payload["Lat"] == 0) & (m.rows.payload["Lng"] == 0)
+def _pos(rows: to.Rows, rejected: Counter[str]) -> Track:
+    nowhere = (rows.payload["Lat"] == 0) & (rows.payload["Lng"] == 0)
     faults = {
         "no position yet": nowhere,
-        "Lat is no latitude": to.beyond(m.values("Lat"), _MAX_LAT_DEG),
-        "Lng is no longitude": to.beyond(m.values("Lng"), _MAX_LON_DEG),
-        **m.no_height("Alt", "RelHomeAlt"),
+        "Lat is no latitude": to.beyond(rows.column("Lat"), _MAX_LAT_DEG),
+        "Lng is no longitude": to.beyond(rows.column("Lng"), _MAX_LON_DEG),
+        **to.no_height(rows, "Alt", "RelHomeAlt"),
     }
-    m.keep(rejected, faults)
+    good = rows.kept(rejected, faults)
     return PositionTrack(
-        lat_rad=np.radians(m.values("Lat")),
-        lon_rad=np.radians(m.values("Lng")),
-        alt_msl_m=m.values("Alt"),
-        height_home_m=m.values("RelHomeAlt"),
-        **m.rows.stamps(),
+        lat_rad=np.radians(good.column("Lat")),
+        lon_rad=np.radians(good.column("Lng")),
+        alt_msl_m=good.column("Alt"),
+        height_home_m=good.column("RelHomeAlt"),
+        **good.stamps(),
     )
 
 
-def _height(m: _Messages, source: HeightSource, column: str, *, slant: bool) -> Track:
-    value_m = m.values(column)
-    return HeightTrack(
-        source=source, value_m=value_m, slant=slant, std_m=np.full(len(value_m), np.nan), **m.rows.stamps()
-    )
-
-
-def _rfnd(sensors: Rangefinders, m: _Messages, rejected: Counter[str]) -> Track:
-    payload = m.rows.payload
-    sensor = m.values("Instance") if m.has("Instance") else np.zeros(len(payload))
+def _rfnd(sensors: Rangefinders, rows: to.Rows, rejected: Counter[str]) -> Track:
+    payload = rows.payload
+    sensor = rows.column("Instance") if _has(rows, "Instance") else np.zeros(len(payload))
     looks_away, is_bad = payload["Orient"] != ORIENTATION_DOWN, payload["Stat"] != _RANGEFINDER_GOOD
-    distance_m = m.values("Dist")
-    least_m, most_m = (sensors.limit_m(bound, sensor, m.rows.boot_ns) for bound in ("MIN", "MAX"))
+    distance_m = rows.column("Dist")
+    least_m, most_m = (sensors.limit_m(bound, sensor, rows.boot_ns) for bound in ("MIN", "MAX"))
     faults = {
         "does not look down": looks_away,
         "status is not good": is_bad,
         **sensors.others(sensor, ~looks_away & ~is_bad),
-        **m.no_height("Dist"),
+        **to.no_height(rows, "Dist"),
         "below the sensor's minimum": distance_m < least_m,
         "at the sensor's maximum or above": (most_m > 0) & (distance_m >= most_m),
     }
-    m.keep(rejected, faults)
-    return _height(m, HeightSource.RANGEFINDER, "Dist", slant=True)
+    good = rows.kept(rejected, faults)
+    return to.height_track(HeightSource.RANGEFINDER, good, good.column("Dist"), slant=True)
 
 
-def _parm(sensors: Rangefinders, m: _Messages, _rejected: Counter[str]) -> Track | None:
-    names = m.text("Name")
-    if names is not None:
-        sensors.learn(names, m.values("Value").tolist(), m.rows.boot_ns.tolist())
+def _parm(sensors: Rangefinders, rows: to.Rows, _rejected: Counter[str]) -> Track | None:
+    if _kind(rows.payload.dtype, "Name") == "S":
+        names = (value.decode("ascii", "replace") for value in rows.payload["Name"].tolist())
+        sensors.learn(names, rows.column("Value").tolist(), rows.boot_ns.tolist())
     return None
 
 
-def _terr(m: _Messages, rejected: Counter[str]) -> Track:
+def _terr(rows: to.Rows, rejected: Counter[str]) -> Track:
     faults = {
-        "spacing is 0": m.rows.payload["Spacing"] == 0,
-        "status is not good": m.rows.payload["Status"] != _TERRAIN_OK,
-        **m.no_height("CHeight"),
+        "spacing is 0": rows.payload["Spacing"] == 0,
+        "status is not good": rows.payload["Status"] != _TERRAIN_OK,
+        **to.no_height(rows, "CHeight"),
     }
-    m.keep(rejected, faults)
-    return _height(m, HeightSource.TERRAIN, "CHeight", slant=False)
+    good = rows.kept(rejected, faults)
+    return to.height_track(HeightSource.TERRAIN, good, good.column("CHeight"), slant=False)
 
 
-_Maker = Callable[[_Messages, Counter[str]], Track | None]
+_Maker = Callable[[to.Rows, Counter[str]], Track | None]
 _PARAMETER: Final = "PARM"
 # By message the fields that it must have, and what makes a track of them.
 _MAKERS: Final[dict[str, tuple[tuple[str, ...], _Maker]]] = {
@@ -312,13 +274,11 @@ class DataflashDecoder:
 
     Attributes:
         rejected: Rows left out, by ``MESSAGE: reason``.
-        damaged: Messages that are not whole.
         formats: What the log has declared so far, by type number.
     """
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
-        self.damaged = 0
         self.formats: dict[int, MessageFormat] = {}
         sensors = Rangefinders()
         self._makers: dict[str, tuple[tuple[str, ...], _Maker]] = {
@@ -337,7 +297,6 @@ class DataflashDecoder:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.DATAFLASH}")
         data = np.frombuffer(block.data, dtype=np.uint8)
         whole = (block.offset >= 0) & (block.length >= HEAD_SIZE) & (block.offset + block.length <= len(data))
-        self.damaged += int(np.count_nonzero(~whole))
         kinds = np.full(len(whole), -1, dtype=np.int16)
         kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
         self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
@@ -361,10 +320,10 @@ class DataflashDecoder:
         payload = payload_rows(block, places, layout.dtype)
         late = payload["TimeUS"] >= MAX_STAMP_US
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
-        rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns)
-        messages = _Messages(layout, rows.kept(self.rejected, {"impossible time": late}))
+        rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale)
+        rows = rows.kept(self.rejected, {"impossible time": late})
         columns, make = self._makers[layout.name]
-        if not len(messages.rows.payload) or not messages.has(*columns):
+        if not len(rows.payload) or not _has(rows, *columns):
             return None
-        track = make(messages, self.rejected)
+        track = make(rows, self.rejected)
         return track if track is not None and len(track.arrival_ns) else None

@@ -8,7 +8,8 @@ import numpy.typing as npt
 from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.mavlink.layout import TABLE_IDS
+TABLE_IDS: Final = 1 << 16
+"""Message ids that tables have a row for."""
 
 MESSAGES: Final[dict[int, Any]] = ardupilotmega.mavlink_map
 _NUMPY_TYPES: Final = {

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from aerodft.adapters.mavlink.address import is_link
-from aerodft.adapters.mavlink.decoding import OF_ANOTHER_ADDRESS
+from aerodft.adapters.mavlink.decoding import OF_ANOTHER_ADDRESS, is_peripheral
 from aerodft.adapters.mavlink.dialect import message_name
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.adapters.mavlink.requests import OFF
-from aerodft.adapters.mavlink.selection import is_peripheral
 from aerodft.adapters.mavlink.signing import signing_document, signing_sentences, unchecked
 from aerodft.adapters.mavlink.streams import Stream
-from aerodft.adapters.mavlink.survey_report import USED, ClockSummary, Gap, SurveyReport, ValueSource
+from aerodft.adapters.mavlink.survey import USED, ClockSummary, Gap, SurveyReport, ValueSource
 from aerodft.conventions import SECOND_NS
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import ReportFrame

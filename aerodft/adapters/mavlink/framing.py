@@ -5,14 +5,13 @@ byte by byte and never skips a claimed length, so an intact frame is never lost 
 streams go through the same check (``kernels.probe``).
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.kernels import gather, read_headers, scan_stream
-from aerodft.adapters.mavlink.layout import (
+from aerodft.adapters.mavlink.kernels import (
     AT_SYNC,
     MIN_FRAME,
     N_BAD_CRC,
@@ -21,12 +20,15 @@ from aerodft.adapters.mavlink.layout import (
     N_TRUNCATED,
     N_UNKNOWN,
     STATE_SIZE,
+    gather,
+    read_headers,
+    scan_stream,
 )
 from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import RawBlock
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FrameCounts:
     """What a framer has seen.
 
@@ -46,24 +48,12 @@ class FrameCounts:
 
     def __add__(self, other: "FrameCounts") -> "FrameCounts":
         """What two framers have seen together."""
-        return FrameCounts(
-            frames=self.frames + other.frames,
-            bad_crc=self.bad_crc + other.bad_crc,
-            unknown=self.unknown + other.unknown,
-            skipped_bytes=self.skipped_bytes + other.skipped_bytes,
-            truncated=self.truncated + other.truncated,
-        )
+        return FrameCounts(*(own + more for own, more in zip(astuple(self), astuple(other), strict=True)))
 
 
 def counts_of(state: IntArray) -> FrameCounts:
     """A scanner's counters."""
-    return FrameCounts(
-        frames=int(state[N_OK]),
-        bad_crc=int(state[N_BAD_CRC]),
-        unknown=int(state[N_UNKNOWN]),
-        skipped_bytes=int(state[N_SKIPPED]),
-        truncated=int(state[N_TRUNCATED]),
-    )
+    return FrameCounts(*state[[N_OK, N_BAD_CRC, N_UNKNOWN, N_SKIPPED, N_TRUNCATED]].tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink import selection as pick
+from aerodft.adapters.mavlink import decoding as pick
 from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
 from aerodft.adapters.mavlink.framing import headers, payload_rows
 from aerodft.adapters.mavlink.link import OWN_COMPONENT, OWN_SYSTEM, MavlinkLink

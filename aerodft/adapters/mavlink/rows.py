@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -69,17 +69,23 @@ _MOST_RATIO: Final = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Rows of one message: ``(n,)`` structured payload, arrival and time since boot (ns)."""
+    """Rows of one message: ``(n,)`` structured payload, arrival and time since boot (ns).
+
+    ``scale`` is what a field's numbers are multiplied by, where that is not 1.
+    """
 
     name: str
     payload: npt.NDArray[np.void]
     arrival_ns: IntArray
     boot_ns: IntArray
+    scale: Mapping[str, float]
 
     def column(self, field: str) -> FloatArray:
-        """A field as float64."""
+        """A field as float64, scaled."""
         with np.errstate(invalid="ignore"):  # damaged senders write signalling NaN too
-            return self.payload[field].astype(np.float64)
+            raw = self.payload[field].astype(np.float64)
+        scale = self.scale.get(field, 1.0)
+        return raw if scale == 1 else raw * scale
 
     def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows":
         """The rows without a fault; a faulty row counts once, under its first fault."""
@@ -92,7 +98,7 @@ class Rows:
         if not bad.any():
             return self
         good = ~bad
-        return Rows(self.name, self.payload[good], self.arrival_ns[good], self.boot_ns[good])
+        return Rows(self.name, self.payload[good], self.arrival_ns[good], self.boot_ns[good], self.scale)
 
     def stamps(self) -> dict[str, Any]:
         """The stamps as a track's arguments."""
@@ -127,8 +133,7 @@ def sync_track(rows: Rows, rejected: Counter[str]) -> Track:
     asked, answered = rows.payload["ts1"], rows.payload["tc1"]
     own_ns = np.where(answered == 0, asked, answered)
     impossible = (own_ns < 0) | (own_ns >= _MAX_BOOT_US * 1000)
-    timed = Rows(rows.name, rows.payload, rows.arrival_ns, own_ns.astype(np.int64))
-    good = timed.kept(rejected, {"no time since boot": impossible})
+    good = replace(rows, boot_ns=own_ns.astype(np.int64)).kept(rejected, {"no time since boot": impossible})
     return SyncTrack(**good.stamps())
 
 
@@ -186,7 +191,7 @@ def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track:
     """MOUNT_ORIENTATION, degrees; yaw against the vehicle."""
     good = rows.kept(rejected, no_angle(rows, "roll", "pitch", "yaw", unit_rad=math.radians(1)))
     angles_rad = (np.radians(good.column(field)) for field in ("yaw", "pitch", "roll"))
-    return _vehicle_yaw_track(GimbalSource.MOUNT_ORIENTATION, good, from_yaw_pitch_roll(*angles_rad))
+    return vehicle_yaw_track(GimbalSource.MOUNT_ORIENTATION, good, from_yaw_pitch_roll(*angles_rad))
 
 
 def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track:
@@ -196,10 +201,11 @@ def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track:
     faults = {"all angles zero": zero, **no_angle(rows, *fields, unit_rad=math.radians(0.01))}
     good = rows.kept(rejected, faults)
     angles_rad = (np.radians(good.column(field) / 100) for field in fields)
-    return _vehicle_yaw_track(GimbalSource.MOUNT_STATUS, good, from_yaw_pitch_roll(*angles_rad))
+    return vehicle_yaw_track(GimbalSource.MOUNT_STATUS, good, from_yaw_pitch_roll(*angles_rad))
 
 
-def _vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Track:
+def vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Track:
+    """Attitudes ``(n, 4)`` of a gimbal whose yaw is against the vehicle."""
     return GimbalTrack(source=source, wxyz=wxyz, yaw_in_earth=np.zeros(len(wxyz), dtype=np.bool_), **rows.stamps())
 
 
@@ -231,7 +237,7 @@ def rangefinder_track(rows: Rows, rejected: Counter[str]) -> Track:
     distance_m = rows.column("distance")
     faults = {**no_height(rows, "distance"), "distance is zero": distance_m == 0, "distance < 0": distance_m < 0}
     good = rows.kept(rejected, faults)
-    return _height_track(HeightSource.RANGEFINDER, good, good.column("distance"), slant=True)
+    return height_track(HeightSource.RANGEFINDER, good, good.column("distance"), slant=True)
 
 
 def terrain_track(rows: Rows, rejected: Counter[str]) -> Track:
@@ -244,7 +250,7 @@ def terrain_track(rows: Rows, rejected: Counter[str]) -> Track:
     }
     good = rows.kept(rejected, faults)
     lat_lon_rad = np.radians(1e-7 * np.stack([good.column("lat"), good.column("lon")], axis=-1))
-    track = _height_track(HeightSource.TERRAIN, good, good.column("current_height"), slant=False)
+    track = height_track(HeightSource.TERRAIN, good, good.column("current_height"), slant=False)
     return replace(track, lat_lon_rad=lat_lon_rad)
 
 
@@ -267,10 +273,11 @@ def altitude_track(rows: Rows, rejected: Counter[str]) -> Track:
     clearance_m, terrain_m = good.column("bottom_clearance"), good.column("altitude_terrain")
     use_clearance = np.isfinite(clearance_m) & (clearance_m >= 0)
     value_m = np.where(use_clearance, clearance_m, terrain_m)
-    return _height_track(HeightSource.TERRAIN, good, value_m, slant=False)
+    return height_track(HeightSource.TERRAIN, good, value_m, slant=False)
 
 
-def _height_track(source: HeightSource, rows: Rows, value_m: FloatArray, *, slant: bool) -> HeightTrack:
+def height_track(source: HeightSource, rows: Rows, value_m: FloatArray, *, slant: bool) -> HeightTrack:
+    """Heights ``(n,)`` of which no message says how well they are known."""
     return HeightTrack(
         source=source, value_m=value_m, slant=slant, std_m=np.full(len(value_m), np.nan), **rows.stamps()
     )

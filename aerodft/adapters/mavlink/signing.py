@@ -12,6 +12,8 @@ import hashlib
 import hmac
 import logging
 import os
+import re
+import stat
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -22,10 +24,10 @@ from typing import Any, Final, Self
 import numpy as np
 import orjson
 
-from aerodft.adapters.mavlink.dialect import frame_table
-from aerodft.adapters.mavlink.kernels import checksum
-from aerodft.adapters.mavlink.layout import SIGNATURE, SIGNED, V2
-from aerodft.errors import InputError
+from aerodft.adapters.mavlink.dialect import MESSAGES, frame_table
+from aerodft.adapters.mavlink.kernels import SIGNATURE, SIGNED, V2, checksum
+from aerodft.adapters.mavlink.signing_settings import RADIO_STATUS, SigningSettings
+from aerodft.errors import ConfigError, InputError
 
 _LOG: Final = logging.getLogger(__name__)
 _SCHEMA: Final = "aerodft.signing/1"
@@ -34,6 +36,10 @@ _BYTE: Final = 0xFF
 _STREAM_PARTS: Final = 3
 _SETTLE_S: Final = 0.05
 _OURS: Final = 0o600
+_MOST_BYTES: Final = 4096
+_OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
+_SHORT: Final = 12  # characters: one hash a try, ten thousand million of them a second
+_EXPECTED: Final = "64 hexadecimal digits, or a passphrase"
 
 StreamKey = tuple[int, int, int]
 """System, component, link id."""
@@ -318,6 +324,68 @@ class SignatureCheck:
     def close(self) -> None:
         """Keep what is known for the next time."""
         self._state.close()
+
+
+def load_key(path: Path) -> bytes:
+    """The 32 bytes of a key file; a passphrase is hashed as the ground stations do (SHA-256 of its UTF-8 text).
+
+    Raises:
+        ConfigError: It is missing, unreadable, empty or no text.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        if path.stat().st_mode & _OTHERS:
+            _LOG.warning("%s: others than its owner may read or write this key; chmod 600 it", path)
+    except OSError as error:
+        got = error.strerror or str(error)
+        raise ConfigError("cannot read the signing key", where=path, got=got, expected=_EXPECTED) from error
+    try:
+        text = data.decode().strip("\r\n")
+    except UnicodeDecodeError:
+        raise ConfigError("no signing key", where=path, got="binary data", expected=_EXPECTED) from None
+    if not text.strip() or len(data) > _MOST_BYTES:
+        got = "nothing" if not text.strip() else f"more than {_MOST_BYTES} bytes"
+        raise ConfigError("no signing key", where=path, got=got, expected=_EXPECTED)
+    return _key_of(text, path)
+
+
+def _key_of(text: str, path: Path) -> bytes:
+    """The key that a text stands for; one that is almost 64 hexadecimal digits is a mistake, no passphrase."""
+    digits = text.strip()
+    if re.fullmatch(rf"[0-9a-fA-F]{{{KEY_SIZE},}}", digits) is None:
+        if len(text) < _SHORT:
+            _LOG.warning("%s: a passphrase of %d characters is soon guessed; take %d or more", path, len(text), _SHORT)
+        return hashlib.sha256(text.encode()).digest()
+    if len(digits) != 2 * KEY_SIZE:
+        raise ConfigError("no signing key", where=path, got=f"{len(digits)} hexadecimal digits", expected=_EXPECTED)
+    return bytes.fromhex(digits)
+
+
+def open_signing(settings: SigningSettings, now_ns: Callable[[], int]) -> SignatureCheck:
+    """The check of a link that is about to be opened.
+
+    Args:
+        settings: What is configured.
+        now_ns: Host UTC, as good as it is known at the moment.
+
+    Raises:
+        ConfigError: The key cannot be read, or there is no such message.
+        InputError: The state is damaged, cannot be written, or another process holds it.
+    """
+    ids = {str(message.msgname): message_id for message_id, message in MESSAGES.items()}
+    for name in settings.accept_unsigned:
+        if name not in ids:
+            raise ConfigError("accept_unsigned", got=f'"{name}"', expected=f'a message like "{RADIO_STATUS}"')
+    key = load_key(settings.key_file)
+    beside = settings.key_file.with_name(f"{settings.key_file.name}.state")
+    return SignatureCheck(
+        key,
+        SigningState.open(settings.state_file or beside, key),
+        now_ns,
+        link_id=settings.link_id,
+        unsigned_ids=frozenset(ids[name] for name in settings.accept_unsigned),
+    )
 
 
 def signing_sentences(counts: SigningCounts) -> list[str]:

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.mavlink.dataflash_decoding import FMT_TYPE, HEAD_SIZE, MessageFormat
+from aerodft.adapters.mavlink.decoding import RANGEFINDER
 from aerodft.adapters.mavlink.dialect import message_name, payload_dtype
 from aerodft.adapters.mavlink.framing import headers, payload_rows
-from aerodft.adapters.mavlink.selection import RANGEFINDER
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.telemetry import RawBlock, WireProtocol

@@ -17,7 +17,7 @@ import struct
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Final, Protocol
+from typing import Final, TypeAlias
 
 import numpy as np
 import serial
@@ -432,27 +432,13 @@ class SerialTransport:
             self._port = None
 
 
-class Transport(Protocol):
-    """One open link."""
+Transport: TypeAlias = UdpTransport | TcpListener | TcpClient | SerialTransport
+"""One open link.
 
-    def read(self, timeout_s: float) -> Reads:
-        """What has arrived, each with its sender; empty after ``timeout_s`` without any.
-
-        An empty ``bytes`` says that this sender has gone.
-        """
-        ...
-
-    def write(self, data: bytes) -> None:
-        """Send to whoever is at the other end, if anybody is."""
-        ...
-
-    def write_to(self, sender: str, data: bytes) -> None:
-        """Send to one of those that ``read`` named, if it is still there."""
-        ...
-
-    def close(self) -> None:
-        """Give the port back."""
-        ...
+``read`` gives what has arrived, each with its sender, empty after ``timeout_s`` without any; empty bytes say that their
+sender has gone. ``write`` sends to whoever is at the other end, if anybody is; ``write_to`` to one of those that
+``read`` named, if it is still there.
+"""
 
 
 def open_transport(address: LinkAddress) -> Transport:

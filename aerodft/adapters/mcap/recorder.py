@@ -30,8 +30,7 @@ from aerodft.adapters.mcap.settings import RecorderSettings, SeriesSettings
 from aerodft.adapters.mcap.totals import RecordingTotals
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.errors import InputError
-from aerodft.model.image import Image, VideoPacket
-from aerodft.model.image_rows import ImageRows
+from aerodft.model.image import Image, ImageRows, VideoPacket
 from aerodft.model.observation import Observation
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs

@@ -15,7 +15,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
 from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.height import HeightSwitch
-from aerodft.model.image_rows import image_indices
+from aerodft.model.image import image_indices
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs

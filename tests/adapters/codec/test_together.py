@@ -18,8 +18,7 @@ from aerodft.dft.request import linked
 from aerodft.errors import InputError
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, Zoom, ZoomSource
-from aerodft.model.image import Image, StampClock
-from aerodft.model.image_rows import ImageRows
+from aerodft.model.image import Image, ImageRows, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch

@@ -55,7 +55,7 @@ def test_a_configuration_names_its_calibration() -> None:
     station = parsed(FLIGHT + 'calibration = "river-calibration.toml"\n', CONFIGS / "sites")
     assert station.link is None
     assert station.calibration is not None
-    assert station.calibration.id == load_calibration(CONFIGS / "sites" / "river-calibration.toml").id
+    assert station.calibration.id == load_calibration(CONFIGS / "sites" / "river-calibration.toml").biases.id
     assert station.calibration.height_bias_m == -0.42
     assert station.calibration.tilt_bias_rad == math.radians(0.6)
     assert station.calibration.bias_cov is not None
@@ -84,7 +84,7 @@ def test_a_fixed_camera_takes_its_pose_from_a_calibration() -> None:
     assert sample.pose is not None
     assert sample.pose.position_enu_m[2] == 7.91
     assert sample.std.height_agl_m == 0.012
-    assert sample.calibration == load_calibration(path).id
+    assert sample.calibration == load_calibration(path).biases.id
     assert sample.height_source is HeightSource.CALIBRATION
     text = STATION + f'[pose]\ncalibration = "{path}"\n'
     other = parsed(text).pipeline.fixed_pose
@@ -287,12 +287,13 @@ def test_a_wrong_calibration_file_is_refused(tmp_path: Path, text: str, sentence
 def test_a_calibration_may_hold_plain_numbers(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
     path.write_text("[bias]\nheight_m = -1\n[pose]\nheight_agl_m = 5\ntilt_deg = 0\n")
-    calibration = load_calibration(path)
+    found = load_calibration(path)
+    calibration = found.biases
     assert calibration.height_bias_m == -1.0
     assert calibration.bias_cov is not None
     assert not calibration.bias_cov.any()
-    assert calibration.pose is not None
-    np.testing.assert_array_equal(calibration.pose.position_enu_m, [0, 0, 5])
+    assert found.pose is not None
+    np.testing.assert_array_equal(found.pose.standing().position_enu_m, [0, 0, 5])
     assert calibration.id.startswith("sha256:")
     assert len(calibration.id) == 71
 

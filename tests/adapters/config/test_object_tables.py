@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.config.loading import parse_station
-from aerodft.adapters.config.resolved import resolved_toml
+from aerodft.adapters.config.loading import parse_station, resolved_toml
 from aerodft.adapters.config.station import StationConfig
 from aerodft.errors import ConfigError
 from aerodft.model.probe import PixelSource

@@ -4,8 +4,7 @@ import tomllib
 
 import pytest
 
-from aerodft.adapters.config.loading import load_station, parse_station
-from aerodft.adapters.config.resolved import resolved_toml
+from aerodft.adapters.config.loading import load_station, parse_station, resolved_toml
 from aerodft.errors import ConfigError
 
 STATION = """

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.mavlink.contradictions import HeightPairs
 from aerodft.adapters.mavlink.findings import clock_document, clock_sentences
-from aerodft.adapters.mavlink.survey_report import ClockSummary
+from aerodft.adapters.mavlink.flight_survey import HeightPairs
+from aerodft.adapters.mavlink.survey import ClockSummary
 from aerodft.model.height import HeightDifference
 from aerodft.model.pose import HeightSource
 from aerodft.service.timing import ClockHealth

@@ -10,8 +10,8 @@ from pymavlink import DFReader
 from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
-from aerodft.adapters.mavlink.dataflash import DataflashSource
 from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder, gps_to_unix_ns
+from aerodft.adapters.mavlink.logs import DataflashSource
 from aerodft.model.telemetry import (
     ClockTrack,
     GimbalTrack,

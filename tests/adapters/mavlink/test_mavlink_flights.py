@@ -12,7 +12,7 @@ from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.tlog import TlogSource
+from aerodft.adapters.mavlink.logs import TlogSource
 from aerodft.model.telemetry import (
     NO_BOOT_TIME,
     ClockTrack,

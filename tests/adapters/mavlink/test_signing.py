@@ -19,10 +19,11 @@ from aerodft.adapters.mavlink.signing import (
     WRONG,
     SignatureCheck,
     SigningState,
+    load_key,
+    open_signing,
     sign,
     signing_time,
 )
-from aerodft.adapters.mavlink.signing_keys import load_key, open_signing
 from aerodft.adapters.mavlink.signing_settings import SigningSettings
 from aerodft.errors import ConfigError, InputError
 

@@ -10,13 +10,12 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink.composite import open_log
+from aerodft.adapters.mavlink.decoding import Followed
 from aerodft.adapters.mavlink.findings import document, notes, problems
+from aerodft.adapters.mavlink.flight_survey import PoseSurvey
 from aerodft.adapters.mavlink.framing import FrameCounts
-from aerodft.adapters.mavlink.pose_survey import PoseSurvey
-from aerodft.adapters.mavlink.selection import Followed
 from aerodft.adapters.mavlink.signing import sign
-from aerodft.adapters.mavlink.survey import Survey
-from aerodft.adapters.mavlink.survey_report import SurveyReport
+from aerodft.adapters.mavlink.survey import Survey, SurveyReport
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.pose import PoseSample

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink import files
+from aerodft.adapters.mavlink import logs
 from aerodft.adapters.mavlink.composite import open_log
-from aerodft.adapters.mavlink.dataflash import DataflashSource
-from aerodft.adapters.mavlink.files import PIECE_BYTES
-from aerodft.adapters.mavlink.tlog import BLOCK_FRAMES, TlogSource
+from aerodft.adapters.mavlink.logs import BLOCK_FRAMES, PIECE_BYTES, DataflashSource, TlogSource
 from aerodft.errors import InputError
 from aerodft.model.telemetry import RawBlock
 
@@ -184,7 +182,7 @@ def test_what_is_read_does_not_depend_on_the_pieces(long_log: Path, monkeypatch:
     long_log.write_bytes(content)
     read = []
     for piece_bytes in (PIECE_BYTES, 10_007, 300):
-        monkeypatch.setattr(files, "PIECE_BYTES", piece_bytes)
+        monkeypatch.setattr(logs, "PIECE_BYTES", piece_bytes)
         source = open_log(long_log)
         blocks = [event for event in source.events() if isinstance(event, RawBlock)]
         frames = b"".join(

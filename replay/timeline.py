@@ -48,7 +48,7 @@ def is_image_mark(recording: AnyRecording, channel: ReadChannel) -> bool:
     """Whether a channel has a recording's images, or their stamps."""
     if isinstance(recording, Recording):
         return channel.schema == events.IMAGE_SCHEMA
-    return channel.topic == recording.roles.images
+    return channel.topic == recording.images
 
 
 def timeline(
@@ -69,7 +69,7 @@ def timeline(
 
 
 def _items(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[Item]:
-    has_images = isinstance(recording, Recording) or recording.roles.images is not None
+    has_images = isinstance(recording, Recording) or recording.images is not None
     for message in _messages(recording, from_ns, to_ns, wanted):
         is_mark = not has_images or is_image_mark(recording, message.channel)
         yield Item(message.log_ns, recording, message, is_mark)

@@ -14,8 +14,7 @@ from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import AerodftError
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock
-from replay.foreign import ForeignRecording, open_recording
-from replay.foreign_sources import ForeignImages, ForeignTelemetry
+from replay.foreign import ForeignImages, ForeignRecording, ForeignTelemetry, open_recording
 from replay.timeline import AnyRecording, timeline
 from tests.peak import CAN_MEASURE, taken_by
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign

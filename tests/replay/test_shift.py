@@ -10,7 +10,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from aerodft.adapters.codec.schemas import schema_text
 from aerodft.adapters.mcap.places import ReadChannel
-from replay.shift import shift_of, shifted
+from replay.publish import shift_of, shifted
 
 STAMP_NS, HOUR_NS = 1_795_221_278_868_833_001, 3_600_000_000_000
 

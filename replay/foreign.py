@@ -22,10 +22,10 @@ from aerodft.adapters.config.inputs import Topics
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import JSON, Kind, kind_of
 from aerodft.adapters.foreign.pictures import Picture, read_camera, read_picture
-from aerodft.adapters.images.packets import PacketDecoder
-from aerodft.adapters.images.pixels import FramePixels, StillPixels
+from aerodft.adapters.images.pixels import FramePixels, PacketDecoder, StillPixels
 from aerodft.adapters.mavlink.framing import FrameCounts, StreamFramer
-from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
+from aerodft.adapters.mcap.channels import Channel
+from aerodft.adapters.mcap.places import SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError, NoAnswerError
@@ -53,7 +53,7 @@ _OWN_SCHEMAS: Final = "aerodft."
 
 
 def _topics_of_pictures(
-    where: object, channels: Mapping[str, ReadChannel], stated: Topics
+    where: object, channels: Mapping[str, Channel], stated: Topics
 ) -> tuple[str | None, str | None]:
     """The topics of the images and of their camera, each None where there is none.
 
@@ -84,7 +84,7 @@ def _topics_of_pictures(
     return one("images", stated.images or images), one("camera", camera)
 
 
-def _described(channels: Mapping[str, ReadChannel]) -> str:
+def _described(channels: Mapping[str, Channel]) -> str:
     """The channels for a sentence: topic, schema and encoding of each."""
     shown = [
         f"{topic} ({', '.join(part for part in (channel.schema, channel.encoding) if part) or 'no schema'})"
@@ -94,7 +94,7 @@ def _described(channels: Mapping[str, ReadChannel]) -> str:
     return f"{', '.join(shown[:_SHOWN])}{more}" if shown else "no channel"
 
 
-def _framed(where: object, segments: Sequence[SegmentScan], channels: Mapping[str, ReadChannel]) -> tuple[str, ...]:
+def _framed(where: object, segments: Sequence[SegmentScan], channels: Mapping[str, Channel]) -> tuple[str, ...]:
     """The topics that hold MAVLink: by what they are called, else by what their messages hold."""
     kinds = {topic: kind_of(channel) for topic, channel in channels.items()}
     found = [topic for topic, kind in kinds.items() if kind is Kind.MAVLINK]
@@ -107,7 +107,7 @@ def _framed(where: object, segments: Sequence[SegmentScan], channels: Mapping[st
     return tuple(_with_frames(segments, unknown[:_MOST_LOOKED_THROUGH]))
 
 
-def _telemetry(where: object, channels: Mapping[str, ReadChannel], framed: Sequence[str]) -> tuple[str, ...]:
+def _telemetry(where: object, channels: Mapping[str, Channel], framed: Sequence[str]) -> tuple[str, ...]:
     """Which of the topics with MAVLink has the vehicle's telemetry.
 
     Raises:
@@ -207,7 +207,7 @@ class ForeignRecording:
     ) -> Iterator[ReadMessage]:
         """Messages as they were written, log times in ``[from_ns, to_ns)``; None for all topics."""
 
-        def wanted(channel: ReadChannel) -> bool:
+        def wanted(channel: Channel) -> bool:
             return topic is None or channel.topic == topic
 
         messages = messages_of(self.segments, from_ns=from_ns, to_ns=to_ns, wanted=wanted)

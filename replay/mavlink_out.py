@@ -3,7 +3,7 @@
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.mavlink.layout import V1, V2
 from aerodft.adapters.mavlink.transport import Transport
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.errors import NoAnswerError
 from aerodft.model.telemetry import WireProtocol
 from replay.recording import Recording
@@ -11,7 +11,7 @@ from replay.segments import channels_of
 from replay.timeline import AnyRecording, Item, name_of
 
 
-def holds_mavlink(recording: AnyRecording, channel: ReadChannel) -> bool:
+def holds_mavlink(recording: AnyRecording, channel: Channel) -> bool:
     """Whether a channel of a recording has MAVLink frames."""
     if isinstance(recording, Recording):
         return channel.encoding == WireProtocol.MAVLINK

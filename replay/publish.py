@@ -23,10 +23,9 @@ from aerodft.adapters.codec import estimate, events, height, measurement, pose, 
 from aerodft.adapters.codec.keys import Keys, key_part
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of
 from aerodft.adapters.foreign.pictures import NANOSECONDS, SECONDS, read_picture
-from aerodft.adapters.images.packets import PacketDecoder
-from aerodft.adapters.images.pixels import FramePixels
+from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
 from aerodft.adapters.jpeg import encode_jpeg
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
@@ -65,7 +64,7 @@ def _instant(whole: bytes, fraction: bytes, shift_ns: int) -> bytes:
     return moment.isoformat(timespec="seconds").encode() + digits[: len(fraction)] + b"Z"
 
 
-def shift_of(channel: ReadChannel) -> Shift | None:
+def shift_of(channel: Channel) -> Shift | None:
     """How the stamps of another tool's messages are moved; None where nobody knows where they are."""
     if channel.encoding == PROTOBUF:
         return _protobuf_shift(channel)
@@ -76,7 +75,7 @@ def shift_of(channel: ReadChannel) -> Shift | None:
     return None
 
 
-def _protobuf_shift(channel: ReadChannel) -> Shift | None:
+def _protobuf_shift(channel: Channel) -> Shift | None:
     pool = descriptor_pool.DescriptorPool()
     try:
         for file in descriptor_pb2.FileDescriptorSet.FromString(channel.schema_data).file:
@@ -127,7 +126,7 @@ def _moved(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON hol
     return item | {whole: seconds, rest: rest_ns}
 
 
-def _ros_shift(channel: ReadChannel) -> Shift | None:
+def _ros_shift(channel: Channel) -> Shift | None:
     """The stamp of a ROS message that begins with a header or a time; None of others."""
     found = _FIRST_FIELD.search(_COMMENT.sub(b"", channel.schema_data))
     is_header = found is not None and found[1] in _HEADERS
@@ -187,7 +186,7 @@ class Published:
         return self.measurements + self.others + self.images
 
 
-def is_published(recording: AnyRecording, channel: ReadChannel) -> bool:
+def is_published(recording: AnyRecording, channel: Channel) -> bool:
     """Whether a channel is published: of aerodft's own what was made of the input, and of the input the images.
 
     A station that is live would take other inputs for its own.
@@ -307,7 +306,7 @@ class Republisher:
         if picture.data.startswith(b"\xff\xd8"):
             self._put_jpeg(keys_of(item.recording).image, picture.data, events.encode_image(image))
 
-    def _shift(self, channel: ReadChannel) -> Shift | None:
+    def _shift(self, channel: Channel) -> Shift | None:
         if channel.topic not in self._shifts:
             found = self._shifts[channel.topic] = shift_of(channel)
             unknown = sum(shift is None for shift in self._shifts.values())

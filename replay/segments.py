@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.layout import MAGIC
-from aerodft.adapters.mcap.places import ChunkPlace, ReadChannel, SegmentScan
+from aerodft.adapters.mcap.places import ChunkPlace, SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ChunkTable, ReadMessage, Wanted
 
 
@@ -96,7 +97,7 @@ def _places(
             yield place
 
 
-def channels_of(segment: SegmentScan) -> dict[int, ReadChannel]:
+def channels_of(segment: SegmentScan) -> dict[int, Channel]:
     """All channels of a file: by its index, else read from the chunks that define them.
 
     Raises:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import AerodftError
 from aerodft.model.image import Image
@@ -23,7 +23,7 @@ MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
 SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
 
 
-def everything(recording: AnyRecording, channel: ReadChannel) -> bool:  # noqa: ARG001 - of any recording
+def everything(recording: AnyRecording, channel: Channel) -> bool:  # noqa: ARG001 - of any recording
     return True
 
 

@@ -15,8 +15,7 @@ from mcap.writer import Writer
 
 from aerodft.adapters.codec.measurement import SCHEMA, encode_measurement
 from aerodft.adapters.codec.schemas import schema_text
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.cli.main import main
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera

@@ -16,7 +16,6 @@ from aerodft.model.pose import Pose
 from aerodft.sim.river import River
 from aerodft.sim.shading import Rays, RiverFrame, Texels, shade
 from aerodft.sim.sprites import draw, sprites
-from aerodft.sim.waterside import Waterside, shade_waterside
 from aerodft.sim.world import World
 
 _SIZE = 1024  # texels of a tile's side
@@ -50,16 +49,12 @@ class Renderer:
         camera: The camera, lens distortion included.
         world: The world.
         imaging: Noise.
-        waterside: What rivers look like in earnest; None for plain water between plain banks.
     """
 
-    def __init__(
-        self, camera: Camera, world: World, imaging: Imaging | None = None, waterside: Waterside | None = None
-    ) -> None:
+    def __init__(self, camera: Camera, world: World, imaging: Imaging | None = None) -> None:
         self.camera = camera
         self.world = world
         self._imaging = imaging or Imaging()
-        self._waterside = waterside
         self._rays = _ray_table(camera)
         self._place: tuple[float, ...] = ()
         self._still: ImageArray | None = None
@@ -95,23 +90,17 @@ class Renderer:
         return self._noisy(np.rint(total / len(poses)).astype(np.uint8), times_s[0])
 
     def _clean(self, pose: Pose, time_s: float) -> ImageArray:
-        camera, look = self.camera, self.world.look
+        camera = self.camera
         image = np.empty((camera.height_px, camera.width_px, 3), dtype=np.uint8)
         east, north, up = pose.position_enu_m
         height = max(up, _LOWEST_M)
         turn = matrix(pose.wxyz).ravel()
         state = (east, north, height, *turn, 1 / camera.fx_px, 1 / camera.fy_px, time_s, 1 / height)
-        camera_state = tuple(map(float, state))
-        if self._waterside is None:
-            self._plain(camera_state, image)
-        else:
-            looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
-            sides = self._waterside.numbers(look.sun_azimuth_rad, look.sun_elevation_rad)
-            shade_waterside(self._rays, camera_state, (self._river, self._banks), looks, sides, self._tiles, image)
+        self._background(tuple(map(float, state)), image)
         draw(image, self._rays, camera, pose, sprites(self.world, pose.position_enu_m, time_s))
         return image
 
-    def _plain(self, state: tuple[float, ...], image: ImageArray) -> None:
+    def _background(self, state: tuple[float, ...], image: ImageArray) -> None:
         """Sky, land and water, into an image; of a camera that stands still only where there is water."""
         look = self.world.look
         looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)

@@ -97,7 +97,7 @@ def _decoded(path: Path) -> dict[type, list[Track]]:
     return tracks
 
 
-def thin_log(source: Path, target: Path, *, keep_every: int, offset: int = 0) -> None:
+def thin_log(source: Path, target: Path, *, keep_every: int) -> None:
     """Copy a telemetry log with only every ``keep_every``-th frame of each message; clock and heartbeats are all kept.
 
     Raises:
@@ -115,7 +115,7 @@ def thin_log(source: Path, target: Path, *, keep_every: int, offset: int = 0) ->
                 at = _HEADER[frame[0]] - size
                 message = int.from_bytes(frame[at : at + size], "little")
                 seen[message] += 1
-                if message in whole or (seen[message] - 1) % keep_every == offset:
+                if message in whole or (seen[message] - 1) % keep_every == 0:
                     file.write((int(arrival) // 1000).to_bytes(8, "big") + frame)
 
 
@@ -407,17 +407,19 @@ def _world_document(world: World) -> dict[str, Any]:
     """A FeatureCollection; its member ``origin`` is the ENU origin."""
     along = np.arange(-_ATLAS_REACH_M, _ATLAS_REACH_M + _ATLAS_STEP_M, _ATLAS_STEP_M)
     features = [
-        _line(world, name, world.river.enu(along, across))
+        _feature(world, name, "LineString", world.river.enu(along, across))
         for name, across in zip(("bank-left", "bank-right"), world.river.banks_m(along), strict=True)
     ]
     for index, island in enumerate(world.river.islands):
         stations = island.station_m + island.length_m * np.linspace(-0.499, 0.499, 41)
         left, right = (world.river.enu(stations, across) for across in world.river.shores_m(stations))
-        features.append(_line(world, f"island-{index}", np.concatenate([left, right[::-1], left[:1]])))
+        features.append(_feature(world, f"island-{index}", "LineString", np.concatenate([left, right[::-1], left[:1]])))
     for marker in world.markers:
-        properties = {"side_m": marker.side_m, "corners_enu_m": marker.corners_enu_m().tolist()}
-        features.append(_point(world, f"marker-{marker.id}", marker.centre_enu_m, properties))
-    features += [_point(world, post.name, post.ends_enu_m()[0], {"height_m": post.height_m}) for post in world.posts]
+        own = {"side_m": marker.side_m, "corners_enu_m": marker.corners_enu_m().tolist()}
+        features.append(_feature(world, f"marker-{marker.id}", "Point", marker.centre_enu_m, own))
+    features += [
+        _feature(world, post.name, "Point", post.ends_enu_m()[0], {"height_m": post.height_m}) for post in world.posts
+    ]
     origin = world.origin
     return {
         "type": "FeatureCollection",
@@ -430,25 +432,13 @@ def _world_document(world: World) -> dict[str, Any]:
     }
 
 
-def _coordinates(world: World, points_enu_m: FloatArray) -> list[list[float]]:
-    """Longitude and latitude (deg) of ``(n, 3)``."""
-    found: list[list[float]] = np.degrees(lat_lon(world.origin, points_enu_m[:, :2]))[:, ::-1].tolist()
-    return found
-
-
-def _line(world: World, name: str, points_enu_m: FloatArray) -> dict[str, Any]:
-    geometry = {"type": "LineString", "coordinates": _coordinates(world, points_enu_m)}
+def _feature(
+    world: World, name: str, kind: str, points_enu_m: FloatArray, properties: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """A line of points ``(n, 3)``, or a point ``(3,)``, at longitude and latitude (deg)."""
+    coordinates = np.degrees(lat_lon(world.origin, points_enu_m[..., :2]))[..., ::-1].tolist()
     return {
         "type": "Feature",
-        "geometry": geometry,
-        "properties": {"name": name, "enu_m": points_enu_m.tolist()},
-    }
-
-
-def _point(world: World, name: str, point_enu_m: FloatArray, properties: dict[str, Any]) -> dict[str, Any]:
-    geometry = {"type": "Point", "coordinates": _coordinates(world, point_enu_m[None])[0]}
-    return {
-        "type": "Feature",
-        "geometry": geometry,
-        "properties": {"name": name, "enu_m": point_enu_m.tolist(), **properties},
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": {"name": name, "enu_m": points_enu_m.tolist(), **(properties or {})},
     }

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from aerodft.dft.answers import ImageAnswers
 
 from aerodft.adapters.mavlink.composite import CompositeDecoder
 from aerodft.conventions import SECOND_NS

@@ -129,6 +129,8 @@ def _with_frames(segments: Sequence[SegmentScan], topics: Sequence[str]) -> list
     unwrapped: dict[str, bytes] = defaultdict(bytes)
     for message in messages_of(segments, wanted=lambda channel: channel.topic in open_topics):
         topic = message.channel.topic
+        if topic not in open_topics:  # of the chunk in which it was closed
+            continue
         if topic not in readers:
             readers[topic] = FrameReader(message.channel)
         unwrapped[topic] += readers[topic].unwrapped(message.data)[:_MOST_BYTES]

@@ -27,8 +27,8 @@ from aerodft.adapters.mcap.places import SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.adapters.mcap.segment import PROFILE, Summary
 from aerodft.errors import InputError
-from replay.nearly_sorted import nearly_sorted
 from replay.recording import Recording
+from replay.segments import nearly_sorted
 
 _MOST_METADATA_BYTES: Final = 4 << 20
 _HEAD: Final = struct.Struct("<BQ")

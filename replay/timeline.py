@@ -13,9 +13,8 @@ from aerodft.adapters.mcap.reading import ReadMessage, content_bytes
 from aerodft.adapters.mcap.reading import Wanted as ChannelWanted
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
-from replay.nearly_sorted import nearly_sorted
 from replay.recording import Recording
-from replay.segments import channels_of, in_time, messages_of
+from replay.segments import channels_of, in_time, messages_of, nearly_sorted
 
 _APART_NS: Final = SECOND_NS  # what recorders put off writing
 _MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them

@@ -24,8 +24,8 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from replay.compare import Comparing, Comparison, Tolerance, parse_tolerance
-from replay.export import ExportFormat, export_text
 from replay.recording import Recording
+from replay.table import ExportFormat, export_text
 from tests.batches import one_tick, take
 
 START_NS = 1_795_221_278_000_000_000

@@ -1,6 +1,7 @@
 """Recordings on the bus again: original payloads on original keys; stamps as they were, or all moved alike.
 
-Where stamps are moved by one amount, everything else in a payload stays as it was, byte by byte.
+Where stamps are moved by one amount, everything else in a payload stays as it was, byte by byte. MAVLink may go out on
+a link again too, for a ground station: the frames as they were, not one byte changed.
 """
 
 import logging
@@ -21,18 +22,23 @@ from google.protobuf.message import DecodeError, Message
 from aerodft.adapters import bounded_json
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness, wire
 from aerodft.adapters.codec.keys import Keys, key_part
+from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of
 from aerodft.adapters.foreign.pictures import NANOSECONDS, SECONDS, read_picture
 from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
 from aerodft.adapters.jpeg import encode_jpeg
+from aerodft.adapters.mavlink.layout import V1, V2
+from aerodft.adapters.mavlink.transport import Transport
 from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError
+from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.image import Image, StampClock
+from aerodft.model.telemetry import WireProtocol
 from replay.foreign import ForeignRecording
 from replay.pixels import jpeg_of
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.segments import channels_of
 from replay.timeline import AnyRecording, Item, name_of
 
 Shift = Callable[[bytes, int], bytes]
@@ -440,3 +446,59 @@ class VideoStills:
         self._next_ns = message.log_ns + _PERIOD_NS
         at_ns = message.log_ns
         return encode_jpeg(Image(index=0, stamp_ns=at_ns, arrival_ns=at_ns, pixels=FramePixels(frame)), _QUALITY)
+
+
+def holds_mavlink(recording: AnyRecording, channel: Channel) -> bool:
+    """Whether a channel of a recording has MAVLink frames."""
+    if isinstance(recording, Recording):
+        return channel.encoding == WireProtocol.MAVLINK
+    return channel.topic in recording.mavlink
+
+
+def check_mavlink(recordings: tuple[AnyRecording, ...]) -> None:
+    """Refuse recordings of which none has MAVLink.
+
+    Raises:
+        NoAnswerError: None has.
+    """
+    for each in recordings:
+        segments = each.data if isinstance(each, Recording) else each.segments
+        if any(holds_mavlink(each, channel) for one in segments for channel in channels_of(one).values()):
+            return
+    raise NoAnswerError(
+        "no MAVLink to send", where=name_of(recordings[0]), expected="a recording with raw MAVLink frames"
+    )
+
+
+class MavlinkOut:
+    """Sends frames; an outlet of the player.
+
+    Attributes:
+        frames: Sent so far.
+
+    Args:
+        transport: Where to.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._readers: dict[tuple[int, str], FrameReader] = {}
+        self.frames = 0
+
+    def send(self, item: Item, shift_ns: int) -> None:  # noqa: ARG002 - frames are never changed
+        """Send the frames of a message, where it has any."""
+        if not holds_mavlink(item.recording, item.message.channel):
+            return
+        for frame in self._frames(item):
+            self._transport.write(frame)
+            self.frames += 1
+
+    def _frames(self, item: Item) -> list[bytes]:
+        data, channel = item.message.data, item.message.channel
+        if isinstance(item.recording, Recording) or data[:1] in {bytes([V1]), bytes([V2])}:
+            return [data]
+        key = (id(item.recording), channel.topic)
+        reader = self._readers.get(key)
+        if reader is None:
+            reader = self._readers[key] = FrameReader(channel)
+        return reader.frames(data)

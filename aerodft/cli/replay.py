@@ -20,9 +20,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clock import WallClock
 from replay.foreign import open_recording
-from replay.mavlink_out import MavlinkOut, check_mavlink, holds_mavlink
 from replay.player import Controls, Outlet, Player
-from replay.publish import Republisher, is_published
+from replay.publish import MavlinkOut, Republisher, check_mavlink, holds_mavlink, is_published
 from replay.timeline import AnyRecording, name_of, timeline
 
 _NOWHERE = "none"

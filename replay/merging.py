@@ -20,16 +20,15 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
 from aerodft.adapters.codec.wire import SOFTWARE
-from aerodft.adapters.mcap.attachments import HEAD_BYTES, MOST_ATTACHMENTS, attachment_head
 from aerodft.adapters.mcap.channels import Channel
-from aerodft.adapters.mcap.ending import Summary
+from aerodft.adapters.mcap.chunks import ATTACHMENT_HEAD_BYTES, MOST_ATTACHMENTS, attachment_head
 from aerodft.adapters.mcap.layout import MAGIC, RECORD_HEAD, ChunkBuffer, Registry, encoded
-from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
+from aerodft.adapters.mcap.places import SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage
-from aerodft.adapters.mcap.segment import PROFILE
+from aerodft.adapters.mcap.segment import PROFILE, Summary
 from aerodft.errors import InputError
-from replay.nearly_sorted import nearly_sorted
 from replay.recording import Recording
+from replay.segments import nearly_sorted
 
 _MOST_METADATA_BYTES: Final = 4 << 20
 _HEAD: Final = struct.Struct("<BQ")
@@ -161,7 +160,7 @@ def _attached(path: Path, offset: int, length: int) -> Attached:
     Raises:
         ValueError: It is damaged; others as the library has them.
     """
-    head = attachment_head(_begun(path, offset, min(length, HEAD_BYTES)), length)
+    head = attachment_head(_begun(path, offset, min(length, ATTACHMENT_HEAD_BYTES)), length)
     return Attached(head.about, path, offset + head.data_at, head.data_bytes)
 
 
@@ -227,7 +226,7 @@ class MergedFile:
         self._compressor = zstandard.ZstdCompressor()  # nobody waits for it: a sixth smaller than what is recorded live
         self._buffer = ChunkBuffer()
         self._ids: dict[int, int] = {}
-        self._kept: list[ReadChannel] = []  # an id stays one object's as long as the object is kept
+        self._kept: list[Channel] = []  # an id stays one object's as long as the object is kept
         file.write(self._summary.beginning)
 
     def attach(self, found: "Attached") -> None:
@@ -272,18 +271,10 @@ class MergedFile:
                 self._close_chunk()
             self._file.write(self._summary.ending(self._file.tell()))
 
-    def _registered(self, found: ReadChannel) -> int:
-        channel = Channel(
-            topic=found.topic,
-            encoding=found.encoding,
-            schema_name=found.schema,
-            schema_encoding=found.schema_encoding,
-            schema=found.schema_data,
-            metadata=tuple(sorted(found.metadata.items())),
-        )
-        identity = self._registry.find(channel)
+    def _registered(self, found: Channel) -> int:
+        identity = self._registry.find(found)
         if identity is None:
-            self._buffer.define(self._registry.register(channel))
+            self._buffer.define(self._registry.register(found))
             identity = len(self._registry.channels)
         return identity
 

@@ -8,8 +8,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.images.packets import PacketDecoder
-from aerodft.adapters.images.pixels import FramePixels
+from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
 from aerodft.adapters.jpeg import decode_jpeg
 from aerodft.adapters.mcap.places import ChunkPlace, SegmentScan
 from aerodft.adapters.mcap.reading import ChunkReader, ReadMessage

@@ -1,32 +1,158 @@
-"""Recordings on the bus again: original payloads on original keys; stamps as they were, or all moved alike."""
+"""Recordings on the bus again: original payloads on original keys; stamps as they were, or all moved alike.
+
+Where stamps are moved by one amount, everything else in a payload stays as it was, byte by byte. MAVLink may go out on
+a link again too, for a ground station: the frames as they were, not one byte changed.
+"""
 
 import logging
+import re
+import struct
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final, cast
+from datetime import datetime, timedelta
+from typing import Any, Final, cast
 
+import orjson
 import zenoh
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
-from google.protobuf.message import DecodeError
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.message import DecodeError, Message
 
+from aerodft.adapters import bounded_json
 from aerodft.adapters.codec import estimate, events, height, measurement, pose, status, steadiness, wire
 from aerodft.adapters.codec.keys import Keys, key_part
-from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, Kind, kind_of
-from aerodft.adapters.foreign.pictures import read_picture
-from aerodft.adapters.images.packets import PacketDecoder
-from aerodft.adapters.images.pixels import FramePixels
+from aerodft.adapters.foreign.frames import FrameReader
+from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of
+from aerodft.adapters.foreign.pictures import NANOSECONDS, SECONDS, read_picture
+from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
 from aerodft.adapters.jpeg import encode_jpeg
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mavlink.kernels import V1, V2
+from aerodft.adapters.mavlink.transport import Transport
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.reading import ReadMessage
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError
+from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.image import Image, StampClock
+from aerodft.model.telemetry import WireProtocol
 from replay.foreign import ForeignRecording
 from replay.pixels import jpeg_of
 from replay.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
-from replay.shift import Shift, shift_of, shifted
+from replay.segments import channels_of
 from replay.timeline import AnyRecording, Item, name_of
+
+Shift = Callable[[bytes, int], bytes]
+_STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d{1,20})(")')
+_INSTANT: Final = re.compile(rb"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(\.\d{1,9})?Z")
+_TIMESTAMP: Final = "google.protobuf.Timestamp"
+_FIRST_FIELD: Final = re.compile(rb"^\s*([A-Za-z_/0-9]+)\s+\w+", re.MULTILINE)
+_COMMENT: Final = re.compile(rb"#.*$", re.MULTILINE)
+_HEADERS: Final = (b"Header", b"std_msgs/Header", b"std_msgs/msg/Header")
+_TIMES: Final = (b"time", b"builtin_interfaces/Time", b"builtin_interfaces/msg/Time")
+_STAMP_BYTES: Final = 8
+
+
+def shifted(payload: bytes, shift_ns: int) -> bytes:
+    """One of aerodft's own JSON payloads, with every stamp, also those in sentences, ``shift_ns`` later."""
+    if not shift_ns:
+        return payload
+    moved = _STAMP.sub(lambda found: b"%s%d%s" % (found[1], int(found[2]) + shift_ns, found[3]), payload)
+    return _INSTANT.sub(lambda found: _instant(found[1], found[2] or b"", shift_ns), moved)
+
+
+def _instant(whole: bytes, fraction: bytes, shift_ns: int) -> bytes:
+    rest_ns = int(fraction[1:].ljust(9, b"0") or 0) + shift_ns
+    try:
+        moment = datetime.fromisoformat(whole.decode()) + timedelta(seconds=rest_ns // SECOND_NS)
+    except (ValueError, OverflowError):
+        return whole + fraction + b"Z"
+    digits = b".%09d" % (rest_ns % SECOND_NS)
+    return moment.isoformat(timespec="seconds").encode() + digits[: len(fraction)] + b"Z"
+
+
+def shift_of(channel: Channel) -> Shift | None:
+    """How the stamps of another tool's messages are moved; None where nobody knows where they are."""
+    if channel.encoding == PROTOBUF:
+        return _protobuf_shift(channel)
+    if channel.encoding == JSON:
+        return _shift_json
+    if channel.encoding in {CDR, ROS1}:
+        return _ros_shift(channel)
+    return None
+
+
+def _protobuf_shift(channel: Channel) -> Shift | None:
+    pool = descriptor_pool.DescriptorPool()
+    try:
+        for file in descriptor_pb2.FileDescriptorSet.FromString(channel.schema_data).file:
+            pool.Add(file)
+        kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(channel.schema))
+    except (DecodeError, KeyError, TypeError, ValueError):
+        return None
+
+    def shift(data: bytes, shift_ns: int) -> bytes:
+        try:
+            message = kind.FromString(data)
+            _shift_message(message, shift_ns)
+        except (DecodeError, ValueError):  # the latter: a stamp that cannot be moved so far
+            return data
+        return bytes(message.SerializeToString())
+
+    return shift
+
+
+def _shift_message(message: Message, shift_ns: int) -> None:
+    for descriptor, value in message.ListFields():
+        if descriptor.message_type is None or descriptor.message_type.GetOptions().map_entry:
+            continue
+        for each in value if hasattr(value, "add") else [value]:
+            if each.DESCRIPTOR.full_name == _TIMESTAMP:
+                each.seconds, each.nanos = divmod(each.seconds * SECOND_NS + each.nanos + shift_ns, SECOND_NS)
+            else:
+                _shift_message(each, shift_ns)
+
+
+def _shift_json(data: bytes, shift_ns: int) -> bytes:
+    try:
+        return shifted(orjson.dumps(_moved(bounded_json.loads(data), shift_ns)), shift_ns)
+    except (ValueError, TypeError, RecursionError):  # no JSON, or values beyond what it can hold once they are moved
+        return data
+
+
+def _moved(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON holds
+    if isinstance(item, list):
+        return [_moved(each, shift_ns) for each in item]
+    if not isinstance(item, dict):
+        return item
+    whole = next((key for key in SECONDS if isinstance(item.get(key), int)), None)
+    rest = next((key for key in NANOSECONDS if isinstance(item.get(key), int)), None)
+    if whole is None or rest is None:
+        return {key: _moved(each, shift_ns) for key, each in item.items()}
+    seconds, rest_ns = divmod(item[whole] * SECOND_NS + item[rest] + shift_ns, SECOND_NS)
+    return item | {whole: seconds, rest: rest_ns}
+
+
+def _ros_shift(channel: Channel) -> Shift | None:
+    """The stamp of a ROS message that begins with a header or a time; None of others."""
+    found = _FIRST_FIELD.search(_COMMENT.sub(b"", channel.schema_data))
+    is_header = found is not None and found[1] in _HEADERS
+    if found is None or not (is_header or found[1] in _TIMES):
+        return None
+    start = (4 if is_header else 0) if channel.encoding == ROS1 else 4
+
+    def shift(data: bytes, shift_ns: int) -> bytes:
+        order = ">" if channel.encoding == CDR and len(data) > 1 and data[1] % 2 == 0 else "<"
+        stamp = struct.Struct(f"{order}II")
+        if len(data) < start + _STAMP_BYTES:
+            return data
+        whole, rest = stamp.unpack_from(data, start)
+        moved = divmod(whole * SECOND_NS + rest + shift_ns, SECOND_NS)
+        if not 0 <= moved[0] < 1 << 32:
+            return data
+        return data[:start] + stamp.pack(*moved) + data[start + _STAMP_BYTES :]
+
+    return shift
+
 
 _PUBLISHED: Final = frozenset(
     {
@@ -66,7 +192,7 @@ class Published:
         return self.measurements + self.others + self.images
 
 
-def is_published(recording: AnyRecording, channel: ReadChannel) -> bool:
+def is_published(recording: AnyRecording, channel: Channel) -> bool:
     """Whether a channel is published: of aerodft's own what was made of the input, and of the input the images.
 
     A station that is live would take other inputs for its own.
@@ -186,7 +312,7 @@ class Republisher:
         if picture.data.startswith(b"\xff\xd8"):
             self._put_jpeg(keys_of(item.recording).image, picture.data, events.encode_image(image))
 
-    def _shift(self, channel: ReadChannel) -> Shift | None:
+    def _shift(self, channel: Channel) -> Shift | None:
         if channel.topic not in self._shifts:
             found = self._shifts[channel.topic] = shift_of(channel)
             unknown = sum(shift is None for shift in self._shifts.values())
@@ -320,3 +446,59 @@ class VideoStills:
         self._next_ns = message.log_ns + _PERIOD_NS
         at_ns = message.log_ns
         return encode_jpeg(Image(index=0, stamp_ns=at_ns, arrival_ns=at_ns, pixels=FramePixels(frame)), _QUALITY)
+
+
+def holds_mavlink(recording: AnyRecording, channel: Channel) -> bool:
+    """Whether a channel of a recording has MAVLink frames."""
+    if isinstance(recording, Recording):
+        return channel.encoding == WireProtocol.MAVLINK
+    return channel.topic in recording.mavlink
+
+
+def check_mavlink(recordings: tuple[AnyRecording, ...]) -> None:
+    """Refuse recordings of which none has MAVLink.
+
+    Raises:
+        NoAnswerError: None has.
+    """
+    for each in recordings:
+        segments = each.data if isinstance(each, Recording) else each.segments
+        if any(holds_mavlink(each, channel) for one in segments for channel in channels_of(one).values()):
+            return
+    raise NoAnswerError(
+        "no MAVLink to send", where=name_of(recordings[0]), expected="a recording with raw MAVLink frames"
+    )
+
+
+class MavlinkOut:
+    """Sends frames; an outlet of the player.
+
+    Attributes:
+        frames: Sent so far.
+
+    Args:
+        transport: Where to.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._readers: dict[tuple[int, str], FrameReader] = {}
+        self.frames = 0
+
+    def send(self, item: Item, shift_ns: int) -> None:  # noqa: ARG002 - frames are never changed
+        """Send the frames of a message, where it has any."""
+        if not holds_mavlink(item.recording, item.message.channel):
+            return
+        for frame in self._frames(item):
+            self._transport.write(frame)
+            self.frames += 1
+
+    def _frames(self, item: Item) -> list[bytes]:
+        data, channel = item.message.data, item.message.channel
+        if isinstance(item.recording, Recording) or data[:1] in {bytes([V1]), bytes([V2])}:
+            return [data]
+        key = (id(item.recording), channel.topic)
+        reader = self._readers.get(key)
+        if reader is None:
+            reader = self._readers[key] = FrameReader(channel)
+        return reader.frames(data)

@@ -11,7 +11,8 @@ from aerodft.adapters.codec import measurement
 from aerodft.adapters.codec.schemas import SCHEMAS
 from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.filetype import looks_like
-from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
+from aerodft.adapters.mcap.channels import Channel
+from aerodft.adapters.mcap.places import SegmentScan
 from aerodft.adapters.mcap.reading import ChunkTable, ReadMessage, Wanted
 from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import InputError, NoAnswerError, located
@@ -116,7 +117,7 @@ class Recording:
             wanted: Whose messages; None for everybody's.
         """
 
-        def is_data(channel: ReadChannel) -> bool:
+        def is_data(channel: Channel) -> bool:
             if channel.schema not in self._met:  # a file without an index tells its channels as it is read
                 self._meet(channel.schema)
             return channel.schema not in PICTURE_SCHEMAS and (wanted is None or wanted(channel))
@@ -147,7 +148,7 @@ class Recording:
                 yield from (payload for _, payload in payloads)
 
 
-def _is_picture(channel: ReadChannel) -> bool:
+def _is_picture(channel: Channel) -> bool:
     return channel.schema in PICTURE_SCHEMAS
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from aerodft.adapters.codec import events
 from aerodft.adapters.codec.wire import LATEST_NS
-from aerodft.adapters.mcap.channels import SENDER_KEY
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import SENDER_KEY, Channel
 from aerodft.adapters.mcap.reading import ChunkTable, is_one_of
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
@@ -148,7 +147,7 @@ def _together(events: Sequence[_Subject]) -> Sequence[Arrival]:
     return events
 
 
-def _is_input(channel: ReadChannel) -> bool:
+def _is_input(channel: Channel) -> bool:
     return channel.encoding in _PROTOCOLS or channel.schema in _INPUTS
 
 
@@ -158,7 +157,7 @@ def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
     for number in np.unique(table.channel).tolist():
         channel = table.channels[number]
         if channel.encoding in _PROTOCOLS:
-            senders.setdefault((channel.encoding, channel.metadata.get(SENDER_KEY, "")), []).append(number)
+            senders.setdefault((channel.encoding, dict(channel.metadata).get(SENDER_KEY, "")), []).append(number)
     for (protocol, sender), numbers in senders.items():
         own = table.rows(is_one_of(table.channel, numbers))
         length, offset, data = own.stop - own.start, own.start, table.content

@@ -1,9 +1,14 @@
-"""Measurements as rows of a table: the columns of CSV, Parquet and of a GeoJSON feature's properties, in order."""
+"""Measurements as rows of a table; and as CSV for spreadsheets, GeoJSON (RFC 7946) for maps, JSON lines for programs.
 
+The columns are those of CSV, of Parquet and of a GeoJSON feature's properties, in order.
+"""
+
+import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from enum import Enum, auto
+from enum import Enum, StrEnum, auto
+from io import StringIO
 from typing import Any, Final
 
 import orjson
@@ -18,6 +23,9 @@ LARGEST_NUMBER: Final = 1e100
 _COUNTS: Final = {"pixels_px": 2, "enu_m": 3}  # of a vector
 _MOST_DEG: Final = {"lat_deg": 90, "lon_deg": 360, "lat_2_deg": 90, "lon_2_deg": 360}
 _NEEDED: Final = ("name", "kind", "status", "unit")
+_AS_ON_THE_WIRE: Final = (
+    *_NEEDED, "value", "std", "image", "std_px", "enu_m", "camera", "model", "calibration", "config", "software",
+)  # fmt: skip
 
 
 class Kind(Enum):
@@ -94,9 +102,8 @@ def check_row(row: dict[str, object]) -> None:
         TypeError, ValueError: It is no number, text or list, as ``COLUMNS`` has it; or one that cannot be.
     """
     for name, kind in COLUMNS.items():
-        value = row[name]
-        if value is not None:
-            _CHECKS[kind](value, _COUNTS.get(name))
+        if row[name] is not None and not _is_held(row[name], kind, _COUNTS.get(name)):
+            raise TypeError(f"{name} is none")
     if any(row[name] is None for name in _NEEDED):
         raise ValueError("without a name, kind, status or unit")
     check_on_earth(row)
@@ -114,44 +121,18 @@ def check_on_earth(row: Mapping[str, object]) -> None:
             raise ValueError("no place on Earth")
 
 
-def _text(value: Any, _: int | None) -> None:  # noqa: ANN401 - what JSON holds
-    if not isinstance(value, str):
-        raise TypeError("no text")
-
-
-def _integer(value: Any, _: int | None) -> None:  # noqa: ANN401 - what JSON holds
-    if type(value) is not int or abs(value) > LATEST_NS:
-        raise TypeError("no integer")
-
-
-def _number(value: Any, _: int | None) -> None:  # noqa: ANN401 - what JSON holds
-    if type(value) not in {float, int} or not abs(value) <= LARGEST_NUMBER:
-        raise TypeError("no number")
-
-
-def _numbers(value: Any, count: int | None) -> None:  # noqa: ANN401 - what JSON holds
-    if not isinstance(value, list) or len(value) != (count or len(value)):
-        raise TypeError("no list of so many")
-    for each in value:
-        if each is not None:
-            _number(each, None)
-
-
-def _vectors(value: Any, count: int | None) -> None:  # noqa: ANN401 - what JSON holds
-    if not isinstance(value, list):
-        raise TypeError("no list")
-    for each in value:
-        _numbers(each, count)
-
-
-_CHECKS: Final = {
-    Kind.TEXT: _text,
-    Kind.TIME: _text,
-    Kind.INTEGER: _integer,
-    Kind.NUMBER: _number,
-    Kind.NUMBERS: _numbers,
-    Kind.VECTORS: _vectors,
-}
+def _is_held(value: Any, kind: Kind, count: int | None) -> bool:  # noqa: ANN401 - what JSON holds
+    """Whether a column of this kind can hold a value; a list of ``count``, or where that is None of any length."""
+    if kind is Kind.VECTORS:
+        return isinstance(value, list) and all(_is_held(each, Kind.NUMBERS, count) for each in value)
+    if kind is Kind.NUMBERS:
+        is_long = isinstance(value, list) and len(value) == (count or len(value))
+        return is_long and all(each is None or _is_held(each, Kind.NUMBER, None) for each in value)
+    if kind is Kind.NUMBER:
+        return type(value) in {float, int} and abs(value) <= LARGEST_NUMBER
+    if kind is Kind.INTEGER:
+        return type(value) is int and abs(value) <= LATEST_NS
+    return isinstance(value, str)
 
 
 Item = Mapping[str, Any]
@@ -197,24 +178,17 @@ def _row(item: Item) -> dict[str, object]:
     first, second = _at(geo, 0, _NO_POINT), _at(geo, 1, _NO_POINT)
     low, high = item["ci95"] or (None, None)
     ellipse, cov = item["ellipse95"] or _NO_ELLIPSE, item["cov_enu_m2"] or ((None, None), (None, None))
-    return {
+    row = {
+        **{name: item[name] for name in _AS_ON_THE_WIRE},
         "time_utc": time_utc(stamp_ns),
         "stamp_ns": stamp_ns,
-        "name": item["name"],
-        "kind": item["kind"],
-        "status": item["status"],
-        "value": item["value"],
-        "unit": item["unit"],
-        "std": item["std"],
         "ci95_low": low,
         "ci95_high": high,
         "ellipse95_major_m": ellipse["semi_major_m"],
         "ellipse95_minor_m": ellipse["semi_minor_m"],
         "ellipse95_azimuth_deg": ellipse["azimuth_deg"],
         "reasons": "; ".join(item["reasons"]),
-        "image": item["image"],
         "pixels_px": item["pixels"],
-        "std_px": item["std_px"],
         "lat_deg": first["lat"],
         "lon_deg": first["lon"],
         "alt_msl_m": first["alt_msl_m"],
@@ -224,18 +198,13 @@ def _row(item: Item) -> dict[str, object]:
         "alt_2_msl_m": second["alt_msl_m"],
         "range_2_m": _at(ranges, 1, None),
         "geo_wkt": _wkt(geo, item["kind"]),
-        "enu_m": item["enu_m"],
         "ranges_m": item["range_m"],
         "cov_east_m2": cov[0][0],
         "cov_east_north_m2": cov[0][1],
         "cov_north_m2": cov[1][1],
         **_pose_columns(item["pose"]),
-        "camera": item["camera"],
-        "model": item["model"],
-        "calibration": item["calibration"],
-        "config": item["config"],
-        "software": item["software"],
     }
+    return {name: row[name] for name in COLUMNS}
 
 
 def _pose_columns(pose: Item) -> dict[str, object]:
@@ -315,3 +284,87 @@ def _at(values: Sequence[Any], index: int, otherwise: object) -> Any:  # noqa: A
 
 def _not_a_measurement(payload: bytes) -> InputError:
     return InputError("a recorded measurement is none", got=repr(payload[:60]))
+
+
+_LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {Kind.NUMBERS, Kind.VECTORS})
+_IN_GEOMETRY: Final = frozenset({"lat_deg", "lon_deg", "alt_msl_m", "lat_2_deg", "lon_2_deg", "alt_2_msl_m", "geo_wkt"})
+
+
+class ExportFormat(StrEnum):
+    """What text a recording's measurements can be written as."""
+
+    CSV = "csv"
+    GEOJSON = "geojson"
+    JSONL = "jsonl"
+
+
+def export_text(payloads: Iterable[bytes], form: ExportFormat) -> Iterator[str]:
+    """Measurements in an exchange format, piece by piece.
+
+    Args:
+        payloads: ``aerodft.measurement/1`` payloads.
+        form: The format.
+
+    Raises:
+        InputError: A payload is no measurement.
+    """
+    if form is ExportFormat.JSONL:
+        return _lines(payloads)
+    return _csv(payloads) if form is ExportFormat.CSV else _geojson(payloads)
+
+
+def _lines(payloads: Iterable[bytes]) -> Iterator[str]:
+    for payload in payloads:
+        item = parsed(payload)
+        row_of(item)  # what is no measurement is refused in every format
+        yield f"{orjson.dumps(item).decode()}\n"
+
+
+def _csv(payloads: Iterable[bytes]) -> Iterator[str]:
+    buffer = StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for payload in payloads:
+        yield _taken(buffer)
+        row = row_of(parsed(payload))
+        for name in _LISTS:
+            value = row[name]
+            row[name] = None if value is None else orjson.dumps(value).decode()
+        writer.writerow(row.values())
+    yield _taken(buffer)
+
+
+def _geojson(payloads: Iterable[bytes]) -> Iterator[str]:
+    before = '{"type": "FeatureCollection", "features": ['
+    for payload in payloads:
+        item = parsed(payload)
+        row = row_of(item)
+        feature = {
+            "type": "Feature",
+            "geometry": _geometry(item["geo"], item["kind"]),
+            "properties": {name: value for name, value in row.items() if name not in _IN_GEOMETRY},
+        }
+        yield f"{before}\n{orjson.dumps(feature).decode()}"
+        before = ","
+    yield "\n]}\n" if before == "," else f"{before}]}}\n"
+
+
+def _geometry(geo: Sequence[Item] | None, kind: str) -> dict[str, object] | None:
+    """All points: one as a point, an area as a polygon, others as a line; None where a point has no position."""
+    places = positions(geo, kind)
+    if places is None:
+        return None
+    if len(places) == 1:
+        return {"type": "Point", "coordinates": places[0]}
+    if kind == ProbeKind.AREA:
+        return {"type": "Polygon", "coordinates": [places]}
+    if kind == ProbeKind.RIVER:
+        return {"type": "MultiLineString", "coordinates": in_pairs(places)}
+    return {"type": "LineString", "coordinates": places}
+
+
+def _taken(buffer: StringIO) -> str:
+    text = buffer.getvalue()
+    buffer.seek(0)
+    buffer.truncate()
+    return text

@@ -7,20 +7,20 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from aerodft.adapters.codec import events
-from aerodft.adapters.mcap.places import ReadChannel, SegmentScan
+from aerodft.adapters.mcap.channels import Channel
+from aerodft.adapters.mcap.places import SegmentScan
 from aerodft.adapters.mcap.reading import ReadMessage, content_bytes
 from aerodft.adapters.mcap.reading import Wanted as ChannelWanted
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
-from replay.nearly_sorted import nearly_sorted
 from replay.recording import Recording
-from replay.segments import channels_of, in_time, messages_of
+from replay.segments import channels_of, in_time, messages_of, nearly_sorted
 
 _APART_NS: Final = SECOND_NS  # what recorders put off writing
 _MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them
 _log = logging.getLogger(__name__)
 AnyRecording = Recording | ForeignRecording
-Wanted = Callable[[AnyRecording, ReadChannel], bool]
+Wanted = Callable[[AnyRecording, Channel], bool]
 
 
 class Item(NamedTuple):
@@ -44,11 +44,11 @@ def name_of(recording: AnyRecording) -> str:
     return str(recording.folder if isinstance(recording, Recording) else recording.path)
 
 
-def is_image_mark(recording: AnyRecording, channel: ReadChannel) -> bool:
+def is_image_mark(recording: AnyRecording, channel: Channel) -> bool:
     """Whether a channel has a recording's images, or their stamps."""
     if isinstance(recording, Recording):
         return channel.schema == events.IMAGE_SCHEMA
-    return channel.topic == recording.roles.images
+    return channel.topic == recording.images
 
 
 def timeline(
@@ -69,14 +69,14 @@ def timeline(
 
 
 def _items(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[Item]:
-    has_images = isinstance(recording, Recording) or recording.roles.images is not None
+    has_images = isinstance(recording, Recording) or recording.images is not None
     for message in _messages(recording, from_ns, to_ns, wanted):
         is_mark = not has_images or is_image_mark(recording, message.channel)
         yield Item(message.log_ns, recording, message, is_mark)
 
 
 def _messages(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[ReadMessage]:
-    def is_wanted(channel: ReadChannel) -> bool:
+    def is_wanted(channel: Channel) -> bool:
         return is_image_mark(recording, channel) or wanted(recording, channel)
 
     if isinstance(recording, ForeignRecording):

@@ -8,7 +8,7 @@ from typing import Final
 
 from PIL import Image as PillowImage
 
-from aerodft.adapters.images.still_data import still_mode
+from aerodft.adapters.images.stills import still_mode
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera, CameraMode
 

@@ -16,10 +16,8 @@ from aerodft.cli.output import check_output, print_json, say, tables
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.arrays import FloatArray, IntArray
-from replay.compare import WITHIN_S, Comparing, Comparison
-from replay.differences import Difference, Pairs
+from replay.compare import WITHIN_S, Comparing, Comparison, Difference, Pairs, parse_tolerance
 from replay.pairing import PairBy
-from replay.tolerance import parse_tolerance
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -85,10 +83,20 @@ def compare(
 
 
 def _document(first: Path, second: Path, comparison: Comparison) -> dict[str, object]:
-    document = asdict(comparison)
-    document["identical"] = document.pop("is_identical")
-    document["same_input"] = document.pop("is_same_input")
-    return {"first": str(first), "second": str(second), "differs": comparison.differs, **document}
+    total = asdict(comparison.total)
+    return {
+        "first": str(first),
+        "second": str(second),
+        "differs": comparison.differs,
+        "paired_by": comparison.paired_by,
+        "shift_s": comparison.shift_s,
+        "common": total["paired"],
+        **{name: total[name] for name in ("only_first", "only_second", "status_changes", "beyond")},
+        "total": total,
+        "probes": {name: asdict(each) for name, each in comparison.probes.items()},
+        "identical": comparison.is_identical,
+        "same_input": comparison.is_same_input,
+    }
 
 
 def _show(comparison: Comparison) -> None:
@@ -128,11 +136,11 @@ def _sentences(comparison: Comparison) -> list[str]:
             "both are of the same pixels and telemetry: with shared errors the differences are"
             f" {total.median_shared_sigmas:.3g} stds in the median, {total.p95_shared_sigmas:.3g} at 95 %"
         )
-    if not comparison.common:
+    if not total.paired:
         sentences.append("nothing is paired: --pair image takes the same index, --within more time between stamps")
     sentences.append(
-        f"{comparison.common} in both, {comparison.only_first} in the first alone,"
-        f" {comparison.only_second} in the second alone: {_verdict(comparison)}"
+        f"{total.paired} in both, {total.only_first} in the first alone,"
+        f" {total.only_second} in the second alone: {_verdict(comparison)}"
     )
     return sentences
 
@@ -193,7 +201,7 @@ def plot_differences(pairs: Mapping[str, Pairs], comparison: Comparison, path: P
     panels[-1, 0].set_xlabel("time since the first measurement (s)")
     panels[-1, 1].set_xlabel("combined stds")
     more = "" if len(shown) == len(pairs) else f" (the {len(shown)} of {len(pairs)} probes farthest apart)"
-    figure.suptitle(f"Second minus first, {comparison.common} pairs by {comparison.paired_by}{more}")
+    figure.suptitle(f"Second minus first, {comparison.total.paired} pairs by {comparison.paired_by}{more}")
     figure.savefig(path, format=form, dpi=110, metadata={"Date": None} if form == "svg" else None)
     plt.close(figure)
 

@@ -20,7 +20,7 @@ from aerodft.cli.demo_report import report_demo
 from aerodft.cli.output import print_json, say
 from aerodft.errors import AerodftError, InputError
 from aerodft.sim.scenario import default_camera
-from replay.compare import compare_recordings
+from replay.compare import Comparing, Tolerance
 from replay.recording import Recording
 
 _MARK = ".aerodft-demo"
@@ -63,14 +63,14 @@ def demo(
     say("replaying the recording on the bus, and recomputing it from its raw input ...")
     replayed = _replay(output, live)
     _command("recompute", live, "-o", output / "recomputed")
-    comparison = compare_recordings(Recording(live), Recording(output / "recomputed"))
+    comparison = Comparing(live, output / "recomputed").comparison(Tolerance())
     table = report_demo(output / "flight", Recording(live), output)
     received = _lines(output / "received.jsonl")
-    say(f"a subscriber in another process received {len(received)} of {comparison.common} measurements live,")
+    say(f"a subscriber in another process received {len(received)} of {comparison.total.paired} measurements live,")
     same = "the same bytes" if replayed == received else "other bytes"
     say(f"{len(replayed)} when the recording was replayed: {same}.")
     verdict = "identical to the byte" if comparison.is_identical else "DIFFERENT"
-    say(f"{comparison.common} measurements recomputed from the raw recording: {verdict}.")
+    say(f"{comparison.total.paired} measurements recomputed from the raw recording: {verdict}.")
     spread = ", ".join(f"{name} {value:g}" for name, value in _STDS.items())
     say(f"one flight has one bias, drawn from these stds: {spread}; its intervals hold the truth or miss it together.")
     say(f"look at {output}/annotated.png and widths.png; measurements.csv and .geojson open anywhere,")

@@ -13,9 +13,9 @@ import typer
 from aerodft.adapters.whole_file import whole_file
 from aerodft.cli.output import end_with_gaps, print_json, say
 from aerodft.errors import NoAnswerError, UsageError, located
-from replay.export import ExportFormat, export_text
 from replay.merging import merge_segments
 from replay.recording import Recording
+from replay.table import ExportFormat, export_text
 
 
 class Format(StrEnum):

@@ -39,8 +39,7 @@ from aerodft.service.looking import LookedAt, Lookout
 from aerodft.service.ports import Source
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
-from replay.foreign import ForeignRecording
-from replay.foreign_sources import ForeignImages
+from replay.foreign import ForeignImages, ForeignRecording
 from replay.segments import is_mcap
 
 DEFAULT_RATE_HZ = 5.0
@@ -122,7 +121,7 @@ def open_flight(
 def _has_own_images(station: StationConfig, recording: ForeignRecording | None) -> bool:
     """Whether another tool's recording gives the images too: unless others, or a rate, were asked for."""
     asked = isinstance(station.images.source, VideoFile | Stills | Rate)
-    return recording is not None and recording.roles.images is not None and not asked
+    return recording is not None and recording.images is not None and not asked
 
 
 def _images(

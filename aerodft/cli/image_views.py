@@ -228,8 +228,7 @@ def open_telemetry(
     if not is_mcap(path) and not path.is_dir():
         return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
     from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - as above
-    from replay.foreign import open_recording  # noqa: PLC0415 - as above
-    from replay.foreign_sources import ForeignTelemetry  # noqa: PLC0415 - as above
+    from replay.foreign import ForeignTelemetry, open_recording  # noqa: PLC0415 - as above
     from replay.recording import Recording  # noqa: PLC0415 - as above
     from replay.source import RecordingSource  # noqa: PLC0415 - as above
 

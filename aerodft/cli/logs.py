@@ -10,8 +10,7 @@ from aerodft.adapters.mavlink.composite import open_log
 from aerodft.adapters.mavlink.framing import FrameCounts
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock
-from replay.foreign import ForeignRecording, open_recording
-from replay.foreign_sources import ForeignTelemetry
+from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
 from replay.segments import is_mcap
 from replay.source import RecordingSource
 

@@ -23,8 +23,7 @@ from aerodft.model.telemetry import RawBlock
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
-from replay.foreign import ForeignRecording, open_recording
-from replay.foreign_sources import ForeignTelemetry
+from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
 from replay.recording import Recording
 from replay.source import RecordingSource
 

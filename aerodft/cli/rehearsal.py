@@ -20,8 +20,8 @@ from aerodft.model.pose import GeoOrigin
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.batches import Batches
 from aerodft.service.feed import block_of
-from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.telemetry import DEFAULT_RATES_HZ, Autopilot, datagrams
+from aerodft.sim.trajectory import Waypoint, fly
 
 _BEGIN_NS: Final = 1_600_000_000 * SECOND_NS
 _UTC_NS: Final = _BEGIN_NS + SECOND_NS // 2  # from then on it says what UTC is

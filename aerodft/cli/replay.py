@@ -10,7 +10,7 @@ import typer
 
 from aerodft.adapters.mavlink.address import LinkKind, parse_address
 from aerodft.adapters.mavlink.transport import open_transport
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.zenoh.session import DEFAULT_LISTEN, session_on
 from aerodft.cli.keys import has_keys, pressed
@@ -20,9 +20,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clock import WallClock
 from replay.foreign import open_recording
-from replay.mavlink_out import MavlinkOut, check_mavlink, holds_mavlink
 from replay.player import Controls, Outlet, Player
-from replay.publish import Republisher, is_published
+from replay.publish import MavlinkOut, Republisher, check_mavlink, holds_mavlink, is_published
 from replay.timeline import AnyRecording, name_of, timeline
 
 _NOWHERE = "none"
@@ -147,7 +146,7 @@ def _play(player: Player, recordings: Sequence[AnyRecording], window: tuple[int 
     from_ns, to_ns = window
     with_mavlink = any(isinstance(outlet, MavlinkOut) for outlet in player.outlets)
 
-    def wanted(recording: AnyRecording, channel: ReadChannel) -> bool:
+    def wanted(recording: AnyRecording, channel: Channel) -> bool:
         return is_published(recording, channel) or (with_mavlink and holds_mavlink(recording, channel))
 
     first_ns = max(from_ns or 0, min(each.start_ns for each in recordings))

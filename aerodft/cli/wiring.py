@@ -11,8 +11,7 @@ from aerodft.adapters.config.ground import COPY_NAME, TerrainGround, copy_terrai
 from aerodft.adapters.config.loading import resolved_toml
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.mavlink.composite import decoder_of
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.cli.output import say
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.batch import Event

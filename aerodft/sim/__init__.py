@@ -1,1 +1,1 @@
-"""TODO."""
+"""Simulated flights with known truth: what a camera would see, and what an autopilot would say."""

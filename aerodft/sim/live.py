@@ -4,6 +4,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from urllib.parse import urlsplit
 
 import zenoh
@@ -66,25 +67,18 @@ def _acts(scenario: Scenario, video: list[list[bytes]], outlets: Outlets) -> Ite
     stamps: list[int] = scenario.image_stamps_ns.tolist()
     if outlets.telemetry is not None:
         for each in received(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio):
-            yield each.due_ns, _call(outlets.telemetry, [each.data])
+            yield each.due_ns, partial(outlets.telemetry, each.data)
     if outlets.video is not None:
         for stamp, packets in zip(stamps, video, strict=True):
-            yield stamp, _call(outlets.video, packets)
+            yield stamp, partial(_send_all, outlets.video, packets)
     if outlets.observe is not None:
         for seen in sightings(scenario.world, scenario.camera, scenario.trajectory, stamps, scenario.observing):
-            yield seen.stamp_ns + outlets.observe_delay_ns, _observed(outlets.observe, seen)
+            yield seen.stamp_ns + outlets.observe_delay_ns, partial(outlets.observe, seen)
 
 
-def _call(send: Send, packets: list[bytes]) -> Callable[[], None]:
-    def act() -> None:
-        for packet in packets:
-            send(packet)
-
-    return act
-
-
-def _observed(observe: Observe, seen: Sighting) -> Callable[[], None]:
-    return lambda: observe(seen)
+def _send_all(send: Send, packets: list[bytes]) -> None:
+    for packet in packets:
+        send(packet)
 
 
 def parse_udp(text: str) -> tuple[str, int]:

@@ -19,6 +19,7 @@ from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import World
 
 MARGIN_PX = 4.0
+"""Points closer to the image's border are not observed."""
 MAX_RANGE_M = 120.0
 _LOWEST_M = 1.0
 _STATION_STEP_M = 1.0
@@ -32,14 +33,12 @@ class Observing:
 
     Attributes:
         std_px: Noise of every coordinate.
-        margin_px: Points closer to the image's border are not observed.
-        max_range_m: Nor are points farther away: nobody can point at them to ``std_px``.
+        max_range_m: Points farther away are not observed: nobody can point at them to ``std_px``.
         stations_m: River stations of the probes ``width-a``, ``width-b``, ...; see :func:`busiest_stations`.
         seed: Of the noise.
     """
 
     std_px: float = 0.5
-    margin_px: float = MARGIN_PX
     max_range_m: float = MAX_RANGE_M
     stations_m: tuple[float, ...] = ()
     seed: int = 1
@@ -177,14 +176,10 @@ def sightings(
             )
 
 
-def write_lines(path: Path, lines: Iterable[bytes]) -> int:
-    """Write JSON lines; returns how many."""
-    count = 0
+def write_lines(path: Path, lines: Iterable[bytes]) -> None:
+    """Write JSON lines."""
     with path.open("wb") as file:
-        for line in lines:
-            file.write(line + b"\n")
-            count += 1
-    return count
+        file.writelines(line + b"\n" for line in lines)
 
 
 def _fixed_targets(world: World, observing: Observing) -> dict[str, FloatArray]:
@@ -197,8 +192,8 @@ def _fixed_targets(world: World, observing: Observing) -> dict[str, FloatArray]:
 
 def _observable(camera: Camera, pose: Pose, points_enu_m: FloatArray, observing: Observing) -> BoolArray:
     """Whether points ``(..., 3)`` are in the image, off its border, and near enough, ``(...)``."""
-    pixels, margin_px = pixels_of(camera, pose, points_enu_m), observing.margin_px
-    low, high = margin_px - 0.5, np.array([camera.width_px, camera.height_px]) - 0.5 - margin_px
+    pixels = pixels_of(camera, pose, points_enu_m)
+    low, high = MARGIN_PX - 0.5, np.array([camera.width_px, camera.height_px]) - 0.5 - MARGIN_PX
     near = np.linalg.norm(points_enu_m - pose.position_enu_m, axis=-1) <= observing.max_range_m
     return np.asarray(near & np.all((pixels >= low) & (pixels <= high), axis=-1))
 

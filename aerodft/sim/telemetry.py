@@ -33,6 +33,7 @@ DEFAULT_RATES_HZ = {
     "GIMBAL_DEVICE_ATTITUDE_STATUS": 20.0,
 }
 _MILLISECOND_NS = 1_000_000
+_HOLD_NS = 30 * _MILLISECOND_NS  # that a datagram is held back
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +99,6 @@ class Radio:
         drop: Share that is lost.
         duplicate: Share that arrives twice.
         reorder: Share that is held back behind later ones.
-        hold_ns: For how long.
         outages_ns: Intervals ``(start, end)`` since the flight's start, in which nothing is sent.
         seed: Of all chances.
     """
@@ -108,7 +108,6 @@ class Radio:
     drop: float = 0.0
     duplicate: float = 0.0
     reorder: float = 0.0
-    hold_ns: int = 30 * _MILLISECOND_NS
     outages_ns: tuple[tuple[int, int], ...] = ()
     seed: int = 1
 
@@ -239,7 +238,7 @@ def received(sent: list[Datagram], radio: Radio) -> list[Datagram]:
         elapsed = datagram.due_ns - start_ns
         if lost or any(start <= elapsed < end for start, end in radio.outages_ns):
             continue
-        due_ns = datagram.due_ns + radio.latency_ns + (radio.hold_ns if held else 0)
+        due_ns = datagram.due_ns + radio.latency_ns + (_HOLD_NS if held else 0)
         copies = delays if twice else delays[:1]
         arrived += [Datagram(due_ns=due_ns + delay, data=datagram.data) for delay in copies]
     return sorted(arrived, key=lambda datagram: datagram.due_ns)
@@ -358,12 +357,11 @@ class Packer:
     Args:
         mavlink1: Whether frames are MAVLink 1.
         system: System id.
-        component: Component id.
     """
 
-    def __init__(self, *, mavlink1: bool = False, system: int = 1, component: int = 1) -> None:
+    def __init__(self, *, mavlink1: bool = False, system: int = 1) -> None:
         self._mavlink1 = mavlink1
-        self._link = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._link = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
 
     def pack(self, name: str, state: State) -> bytes:
         """One whole frame.

@@ -1,13 +1,20 @@
-"""The true flight: where the vehicle was and where its camera looked, at every instant."""
+"""The true flight: where the vehicle was and where its camera looked, at every instant.
 
+A plan is waypoints to a smooth motion, of which the vehicle's attitude is the consequence.
+"""
+
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
 
 from aerodft.geometry.rotation import (
     camera_from_gimbal,
     from_rotation_vector,
+    from_yaw_pitch_roll,
     inverse,
     multiply,
     slerp,
@@ -16,6 +23,7 @@ from aerodft.geometry.rotation import (
 )
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GeoOrigin, Pose
+from aerodft.sim.river import River
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,3 +116,121 @@ def heading_wxyz(ned_wxyz_body: FloatArray) -> FloatArray:
 def camera_of(ned_wxyz_body: FloatArray, level_wxyz_gimbal: FloatArray) -> FloatArray:
     """``enu_SO3_cam`` of a gimbal whose yaw counts from the vehicle's heading, ``(..., 4)``."""
     return camera_from_gimbal(multiply(heading_wxyz(ned_wxyz_body), level_wxyz_gimbal))
+
+
+GRAVITY_MPS2 = 9.80665
+SAMPLE_S = 0.01
+ROUNDING_S = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Waypoint:
+    """Where the vehicle is at ``time_s``, and where it and its gimbal point.
+
+    ``gimbal_pitch_rad`` is against the horizon (negative downwards), ``gimbal_yaw_rad`` against the vehicle's heading;
+    headings may run past a full turn, they are interpolated as they are written.
+    """
+
+    time_s: float
+    east_m: float
+    north_m: float
+    height_m: float
+    heading_rad: float
+    gimbal_pitch_rad: float
+    gimbal_yaw_rad: float = 0.0
+    gimbal_roll_rad: float = 0.0
+
+
+def fly(waypoints: tuple[Waypoint, ...], *, origin: GeoOrigin, start_ns: int = 0) -> Trajectory:
+    """Fly through ``waypoints``, rounding every corner of the motion off over ``ROUNDING_S``.
+
+    Horizontally the path is a spline, all else goes without overshoot; equal waypoints at the start are a wait. The
+    vehicle leans into its acceleration, as a multicopter must; the gimbal keeps its angles against the horizon.
+
+    Raises:
+        ValueError: Fewer than two waypoints, or times that do not increase.
+    """
+    knots = np.array([w.time_s for w in waypoints])
+    if len(waypoints) < 2 or np.any(np.diff(knots) <= 0):  # noqa: PLR2004 (a path has two ends)
+        raise ValueError("a plan needs two or more waypoints with increasing times")
+    times = knots[0] + SAMPLE_S * np.arange(round((knots[-1] - knots[0]) / SAMPLE_S) + 1)
+    path = np.array([(w.east_m, w.north_m) for w in waypoints])
+    wait = int(np.argmax(np.any(path[1:] != path[:-1], axis=1)))
+    spline = CubicSpline(knots[wait:], path[wait:], bc_type="clamped")
+    rest = PchipInterpolator(
+        knots,
+        [(w.height_m, w.heading_rad, w.gimbal_pitch_rad, w.gimbal_yaw_rad, w.gimbal_roll_rad) for w in waypoints],
+    )(times)
+    horizontal = _rounded(spline(np.maximum(times, knots[wait])))
+    height, heading, pitch, yaw, roll = _rounded(rest).T
+    body = _leaning(np.gradient(np.gradient(horizontal, SAMPLE_S, axis=0), SAMPLE_S, axis=0), heading)
+    gimbal = from_yaw_pitch_roll(yaw, pitch, roll)
+    return Trajectory(
+        origin=origin,
+        stamp_ns=start_ns + np.round((times - knots[0]) * 1e9).astype(np.int64),
+        position_enu_m=np.column_stack([horizontal, height]),
+        ned_wxyz_body=body,
+        level_wxyz_gimbal=gimbal,
+        enu_wxyz_cam=camera_of(body, gimbal),
+    )
+
+
+def _rounded(values: FloatArray) -> FloatArray:
+    """``values (n, k)`` smoothed along time."""
+    return np.asarray(gaussian_filter1d(values, ROUNDING_S / SAMPLE_S, axis=0, mode="nearest"))
+
+
+def _leaning(acceleration_en_mps2: FloatArray, heading_rad: FloatArray) -> FloatArray:
+    """``ned_SO3_body`` of a multicopter with this horizontal acceleration ``(n, 2)`` and heading ``(n,)``."""
+    east, north = acceleration_en_mps2.T
+    forward = north * np.cos(heading_rad) + east * np.sin(heading_rad)
+    right = east * np.cos(heading_rad) - north * np.sin(heading_rad)
+    pitch = -np.arctan2(forward, GRAVITY_MPS2)
+    roll = np.arctan2(right * np.cos(pitch), GRAVITY_MPS2)
+    return from_yaw_pitch_roll(heading_rad, pitch, roll)
+
+
+# time (fraction), metres along and across the river from home to the centreline, height, heading against the
+# river's direction, gimbal pitch, yaw and roll (deg)
+_SURVEY = (
+    (0.00, 0.0, 0.00, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.10, 0.0, 0.00, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.20, 0.0, 0.20, 0.6, 0.0, -60.0, 0.0, 0.0),
+    (0.30, 1.0, 0.75, 1.0, 0.0, -60.0, 0.0, 0.0),
+    (0.40, 8.0, 1.00, 1.0, 0.0, -60.0, 0.0, 0.0),
+    (0.50, 18.0, 1.00, 1.0, 0.0, -60.0, 8.0, 0.0),
+    (0.60, 28.0, 0.95, 0.95, 25.0, -45.0, -10.0, 2.0),
+    (0.70, 34.0, 0.80, 0.9, 100.0, -75.0, 0.0, 0.0),
+    (0.80, 30.0, 0.85, 0.9, 165.0, -90.0, 0.0, 0.0),
+    (0.90, 21.0, 0.95, 0.9, 180.0, -90.0, 0.0, 0.0),
+    (1.00, 16.0, 1.00, 0.9, 180.0, -50.0, 0.0, 0.0),
+)
+
+
+def survey(
+    river: River, *, origin: GeoOrigin, duration_s: float = 20.0, height_m: float = 40.0, start_ns: int = 0
+) -> Trajectory:
+    """Take off beside the river, climb, fly down it at gimbal pitch -60, bank into a turn, come back over it at -90.
+
+    On the way the gimbal pans and rolls a little. All of it is stretched to ``duration_s``, whose first tenth is spent
+    on the ground; in less than 15 s it flies harder than a real vehicle could.
+    """
+    home_along, home_across = river.along_across(np.zeros(2))
+    axis = river.azimuth_rad
+    waypoints = []
+    for fraction, along, across, height, heading, pitch, yaw, roll in _SURVEY:
+        target = float(river.centre_m(home_along + along))
+        east, north, _ = river.enu(home_along + along, home_across + across * (target - home_across))
+        waypoints.append(
+            Waypoint(
+                time_s=fraction * duration_s,
+                east_m=float(east),
+                north_m=float(north),
+                height_m=height * height_m,
+                heading_rad=axis + math.radians(heading),
+                gimbal_pitch_rad=math.radians(pitch),
+                gimbal_yaw_rad=math.radians(yaw),
+                gimbal_roll_rad=math.radians(roll),
+            )
+        )
+    return fly(tuple(waypoints), origin=origin, start_ns=start_ns)

@@ -20,48 +20,39 @@ STREAM_TIME_BASE = Fraction(1, 90_000)
 DATAGRAM_BYTES = 1316
 """Seven MPEG-TS packets, as every sender cuts them."""
 
+_CRF = "18"  # x264's quality of a file
 _LOW_DELAY = {"preset": "ultrafast", "tune": "zerolatency"}
 # A PES packet with a length, which is what lets a receiver decode an image before the next one comes, holds 65 kB at
 # most: the rate buffer keeps every image, key images too, below that.
 _MAX_IMAGE_KBIT = 400
 
 
-def write_video(path: Path, images: Iterable[tuple[int, ImageArray]], *, fps: float, crf: int = 18) -> int:
+def write_video(path: Path, images: Iterable[tuple[int, ImageArray]], *, fps: float) -> None:
     """Write a video file (H.264 in MP4) whose presentation stamps are the images' to the microsecond.
 
     Args:
         path: The file.
         images: ``(stamp_ns, (h, w, 3) uint8 BGR)`` ascending; sizes even.
         fps: Nominal rate.
-        crf: Quality of x264; 0 is lossless.
-
-    Returns:
-        Number of images.
 
     Raises:
         InputError: The file cannot be written.
     """
-    try:
-        return _write(path, images, fps, crf)
-    except av.FFmpegError as error:
-        raise InputError("cannot be written", where=path, got=error.strerror, hint="choose another folder") from None
-
-
-def _write(path: Path, images: Iterable[tuple[int, ImageArray]], fps: float, crf: int) -> int:
     # Microseconds as they are; without custom tags MP4 keeps its start to the second only.
     options = {"video_track_timescale": str(FILE_TIME_BASE.denominator), "movflags": "use_metadata_tags"}
-    count, start_ns, stream = 0, 0, None
-    with av.open(str(path), "w", format="mp4", options=options) as container:
-        for stamp_ns, image in images:
-            if stream is None:
-                start_ns = stamp_ns
-                _note_start(container, start_ns)
-                stream = _add_stream(container, image, fps, FILE_TIME_BASE, {**_LOW_DELAY, "crf": str(crf)})
-            _encode(container, stream, image, (stamp_ns - start_ns) // 1000, FILE_TIME_BASE)
-            count += 1
-        if stream is not None:
-            container.mux(stream.encode(None))
-    return count
+    start_ns, stream = 0, None
+    try:
+        with av.open(str(path), "w", format="mp4", options=options) as container:
+            for stamp_ns, image in images:
+                if stream is None:
+                    start_ns = stamp_ns
+                    _note_start(container, start_ns)
+                    stream = _add_stream(container, image, fps, FILE_TIME_BASE, {**_LOW_DELAY, "crf": _CRF})
+                _encode(container, stream, image, (stamp_ns - start_ns) // 1000, FILE_TIME_BASE)
+            if stream is not None:
+                container.mux(stream.encode(None))
+    except av.FFmpegError as error:
+        raise InputError("cannot be written", where=path, got=error.strerror, hint="choose another folder") from None
 
 
 def _note_start(container: OutputContainer, start_ns: int) -> None:

@@ -24,11 +24,10 @@ from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.service.clock import WallClock
 from aerodft.sim.live import Outlets, encoded, perform, udp_sender
-from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS, Scenario, default_camera, write_files
-from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.trajectory import Trajectory, Waypoint, fly
 from aerodft.sim.video import TransportStream, write_video
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
 

@@ -19,10 +19,10 @@ from aerodft.cli.recompute import recompute
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.wiring import build_pipeline, run
 from aerodft.service.feed import MergedFeed
-from aerodft.sim.plan import survey
 from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS
 from aerodft.sim.telemetry import Autopilot, datagrams, write_tlog
+from aerodft.sim.trajectory import survey
 from aerodft.sim.world import DEFAULT_ORIGIN
 
 RATES_HZ = {

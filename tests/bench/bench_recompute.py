@@ -35,10 +35,9 @@ from aerodft.model.observation import Observation
 from aerodft.service.feed import MergedFeed
 from aerodft.service.outputs import StepOutputs
 from aerodft.sim.observations import pixels_of
-from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.scenario import EPOCH_NS
 from aerodft.sim.telemetry import Autopilot, Datagram, datagrams, write_tlog
-from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.trajectory import Trajectory, Waypoint, fly
 from aerodft.sim.world import DEFAULT_ORIGIN
 
 BENCH_IMPORT = runpy.run_path(str(Path(__file__).with_name("bench_import.py")))

@@ -12,12 +12,11 @@ import cv2
 from aerodft.dft.request import Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.pose import PoseStd
-from aerodft.sim.render import Renderer
 from aerodft.sim.river import River as SimulatedRiver
 from aerodft.sim.scenario import default_camera
-from aerodft.sim.waterside import Waterside
 from aerodft.sim.world import furnished
 from aerodft.vision.river import River, RiverQuestion, find_river
+from tests.waterside import Waterside, WatersideRenderer
 
 PARTS = {
     "small copy": ("water_features.py", "water_features"),
@@ -43,7 +42,7 @@ def main(arguments: list[str] | None = None) -> None:
     std = PoseStd(height_agl_m=0.4, tilt_rad=5e-3, pan_rad=5e-3, roll_rad=5e-3)
     pose = camera_pose(height_agl_m=40.0, tilt_rad=math.radians(45.0), north_m=-30.0, std=std)
     look = Waterside(waves=0.15, mirror=0.05, foam=0.03, shade_m=2.0, growth=1.6)
-    image = Renderer(camera, world, waterside=look).render(pose, 1.0)
+    image = WatersideRenderer(camera, world, waterside=look).render(pose, 1.0)
     setup, question = Setup(camera=camera), RiverQuestion()
     found = find_river(image, setup, pose, question)
     if not isinstance(found, River):

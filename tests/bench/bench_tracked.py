@@ -20,10 +20,10 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import ObjectSettings
-from aerodft.sim.plan import survey
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
+from aerodft.sim.trajectory import survey
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import (

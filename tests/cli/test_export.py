@@ -9,9 +9,8 @@ import orjson
 import pyarrow.parquet as pq
 import pytest
 
-from replay.export import ExportFormat, export_text
 from replay.recording import Recording
-from replay.table import COLUMNS, Kind, positions
+from replay.table import COLUMNS, ExportFormat, Kind, export_text, positions
 
 
 def rows_of_csv(text):

@@ -9,9 +9,9 @@ import pytest
 from mcap.reader import make_reader
 
 from aerodft.model.image import Image
-from replay.overlay import Overlay, label_of
 from replay.recording import Recording
 from replay.source import RecordingSource
+from replay.video import Overlay, label_of
 
 
 def messages(path):

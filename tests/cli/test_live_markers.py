@@ -17,7 +17,7 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.model.image import StampClock
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Biases
-from replay.compare import compare_recordings
+from replay.compare import Comparing, Tolerance
 from replay.recording import Recording
 from tests.payloads import decode_observation
 from tests.ports import free_endpoint, free_udp_port
@@ -166,9 +166,9 @@ def test_what_was_seen_belongs_to_its_images_and_lies_where_the_truth_is(flight,
 def test_recomputed_it_is_the_same_to_the_byte_without_an_image(refined, tmp_path):
     run = run_aerodft("recompute", refined[0], "-o", tmp_path / "again")
     assert run.code == 0, run.err
-    comparison = compare_recordings(Recording(refined[0]), Recording(tmp_path / "again"))
+    comparison = Comparing(refined[0], tmp_path / "again").comparison(Tolerance())
     assert comparison.is_identical
-    assert comparison.common > 20
+    assert comparison.total.paired > 20
     assert seen_in(tmp_path / "again") == seen_in(refined[0])
 
 
@@ -186,7 +186,7 @@ def test_looking_again_gives_the_same_bytes(flight, scenario, refined):
         flight, scenario.world, "twice", "--observations", flight / "observations.jsonl",
         markers=markers_of(scenario.world),
     )  # fmt: skip
-    assert compare_recordings(Recording(refined[0]), Recording(flight / "twice")).is_identical
+    assert Comparing(refined[0], flight / "twice").comparison(Tolerance()).is_identical
     assert seen_in(flight / "twice") == seen_in(refined[0])
 
 
@@ -261,9 +261,9 @@ def test_live_what_is_seen_is_recorded_with_its_image_and_refines(served):
 def test_live_recomputed_is_the_same_to_the_byte(served):
     run = run_aerodft("recompute", served / "recording", "-o", served / "again")
     assert run.code == 0, run.err
-    comparison = compare_recordings(Recording(served / "recording"), Recording(served / "again"))
+    comparison = Comparing(served / "recording", served / "again").comparison(Tolerance())
     assert comparison.is_identical
-    assert comparison.common > 5
+    assert comparison.total.paired > 5
     assert decoded(served / "again", ESTIMATE) == decoded(served / "recording", ESTIMATE)
 
 

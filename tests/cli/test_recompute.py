@@ -6,8 +6,7 @@ import shutil
 import orjson
 import pytest
 
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from replay.recording import Recording

@@ -18,7 +18,7 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.zenoh.session import session_on
 from aerodft.model.image import Image
 from aerodft.sim.scenario import default_camera
-from replay.compare import compare_recordings
+from replay.compare import Comparing, Tolerance
 from replay.recording import Recording
 from replay.source import RecordingSource
 from tests.ports import free_endpoint, free_udp_port
@@ -134,9 +134,9 @@ def test_live_recomputed_is_the_same_to_the_byte(flown, tmp_path):
     folder, *_ = flown
     command = [sys.executable, "-m", "aerodft", "recompute", folder / "recording", "-o", tmp_path / "again"]
     subprocess.run(list(map(str, command)), check=True, capture_output=True, timeout=PATIENCE_S)
-    comparison = compare_recordings(Recording(folder / "recording"), Recording(tmp_path / "again"))
+    comparison = Comparing(folder / "recording", tmp_path / "again").comparison(Tolerance())
     assert comparison.is_identical
-    assert comparison.common > 20
+    assert comparison.total.paired > 20
 
 
 def test_recorded_images_have_pixels(flown):

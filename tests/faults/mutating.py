@@ -14,9 +14,8 @@ import zstandard
 from mcap.reader import make_reader
 
 from aerodft.adapters.mcap import series
-from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.adapters.mcap.recovery import recover_folder
-from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.errors import AerodftError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image

@@ -10,9 +10,8 @@ import zstandard
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.adapters.mcap.scanning import scan_segment
-from aerodft.adapters.mcap.settings import RecorderSettings
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.camera import Camera
 from aerodft.model.telemetry import WireProtocol

@@ -13,12 +13,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from aerodft.adapters.mcap import file as disk
-from aerodft.adapters.mcap import recorder, series
-from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.mcap import recorder, segment, series
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings, RecordingTotals
 from aerodft.adapters.mcap.recovery import recover_folder
-from aerodft.adapters.mcap.settings import RecorderSettings
-from aerodft.adapters.mcap.totals import RecordingTotals
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
@@ -133,7 +130,7 @@ def test_a_call_that_fails_once_costs_nothing(
     monkeypatch.setattr(series, "FLUSH_S", 0.0)
     monkeypatch.setattr(series, "SYNC_S", 0.0)
     monkeypatch.setattr(series, "RETRY_S", 0.0)
-    allocate = disk.allocate
+    allocate = segment.allocate
     failed: dict[str, int] = {}
     refused = lost = 0
     names = [*CALLS, "fallocate"]
@@ -145,15 +142,15 @@ def test_a_call_that_fails_once_costs_nothing(
             faults.check("fallocate")
             allocate(*arguments)
 
-        monkeypatch.setattr(disk, "os", faults)
-        monkeypatch.setattr(disk, "allocate", faulty_allocate)
+        monkeypatch.setattr(segment, "os", faults)
+        monkeypatch.setattr(segment, "allocate", faulty_allocate)
         try:
             totals = record(folder / f"{name}_{which}")
         except InputError:
             refused += 1
         else:
-            monkeypatch.setattr(disk, "os", os)
-            monkeypatch.setattr(disk, "allocate", allocate)
+            monkeypatch.setattr(segment, "os", os)
+            monkeypatch.setattr(segment, "allocate", allocate)
             check_files(folder / f"{name}_{which}", totals)
             lost += totals.lost
         if faults.failed:

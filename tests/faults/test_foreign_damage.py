@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.scanning import scan_segment
 from aerodft.errors import AerodftError
 from aerodft.model.image import Image
 from aerodft.model.telemetry import RawBlock
-from replay.foreign import ForeignRecording, open_recording
-from replay.foreign_sources import ForeignImages, ForeignTelemetry
+from replay.foreign import ForeignImages, ForeignRecording, ForeignTelemetry, open_recording
 from replay.timeline import AnyRecording, timeline
 from tests.peak import CAN_MEASURE, taken_by
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign
@@ -24,7 +23,7 @@ MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
 SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
 
 
-def everything(recording: AnyRecording, channel: ReadChannel) -> bool:  # noqa: ARG001 - of any recording
+def everything(recording: AnyRecording, channel: Channel) -> bool:  # noqa: ARG001 - of any recording
     return True
 
 

@@ -7,10 +7,9 @@ import pytest
 
 from aerodft.errors import UsageError
 from aerodft.model.status import CODE_OF, Status
-from replay.differences import apart_of_places, apart_of_values, paired, summarise
+from replay.compare import Tolerance, apart_of_places, apart_of_values, paired, parse_tolerance, summarise
 from replay.pairing import PairBy, Pairing, pairing
 from replay.series import NO_IMAGE, ProbeKey, Series, Side
-from replay.tolerance import Tolerance, parse_tolerance
 
 KEY = ProbeKey("w", "distance", "m")
 BY_STAMP = Pairing(by=PairBy.STAMP, is_same_input=False, within_ns=10)

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from aerodft.adapters.mcap.layout import encoded
 from aerodft.adapters.mcap.recovery import recover_folder
 from aerodft.errors import InputError
-from replay import nearly_sorted
+from replay import segments
 from replay.merging import Attached, MergedFile, merge_segments
 from replay.recording import Recording
 
@@ -48,8 +48,8 @@ def test_of_what_is_too_much_to_be_held_all_is_there_and_the_earliest_goes_first
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     most = 20
-    monkeypatch.setattr(nearly_sorted, "_MESSAGE_BYTES", 0)
-    monkeypatch.setattr(nearly_sorted, "_MOST_HELD_BYTES", most * (len(PAYLOAD) + 4))
+    monkeypatch.setattr(segments, "_MESSAGE_BYTES", 0)
+    monkeypatch.setattr(segments, "_MOST_HELD_BYTES", most * (len(PAYLOAD) + 4))
     found = merged(backwards(tmp_path / "a.mcap"), tmp_path / "b.mcap")
     assert sorted(found) == list(range(1, COUNT + 1))
     assert found[:3] == [COUNT - most, COUNT - most - 1, COUNT - most - 2], "each is the earliest of those held"

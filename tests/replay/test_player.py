@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.mcap.reading import ReadMessage
 from replay.player import Controls, Player
 from replay.timeline import Item
 from tests.clock import VirtualClock
 
-CHANNEL = ReadChannel(topic="/t", encoding="json", schema="", metadata={})
+CHANNEL = Channel(topic="/t", encoding="json", schema="")
 START_NS, SECOND_NS = 1_795_221_278_000_000_000, 1_000_000_000
 
 

@@ -13,8 +13,7 @@ import pytest
 import zenoh
 
 from aerodft.adapters.codec.measurement import encode_measurement
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.adapters.zenoh.session import session_on
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera

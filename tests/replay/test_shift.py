@@ -9,8 +9,8 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from aerodft.adapters.codec.schemas import schema_text
-from aerodft.adapters.mcap.places import ReadChannel
-from replay.shift import shift_of, shifted
+from aerodft.adapters.mcap.channels import Channel
+from replay.publish import shift_of, shifted
 
 STAMP_NS, HOUR_NS = 1_795_221_278_868_833_001, 3_600_000_000_000
 
@@ -47,8 +47,8 @@ def test_no_schema_has_a_stamp_that_would_stay(schema: str) -> None:
         assert shifted(b'{"%s":"5"}' % name.encode(), 1) == b'{"%s":"6"}' % name.encode()
 
 
-def channel(encoding: str, schema: str = "", data: bytes = b"") -> ReadChannel:
-    return ReadChannel(topic="/t", encoding=encoding, schema=schema, metadata={}, schema_data=data)
+def channel(encoding: str, schema: str = "", data: bytes = b"") -> Channel:
+    return Channel(topic="/t", encoding=encoding, schema=schema, schema_data=data)
 
 
 def test_stamps_of_other_tools_are_moved_where_their_schema_says_they_are() -> None:
@@ -94,7 +94,7 @@ NESTED = b'{"a":' * 900 + b"1" + b"}" * 900
     ],
     ids=["nested", "list", "json", "ros2", "ros1", "protobuf"],
 )
-def test_what_cannot_be_moved_so_far_stays_as_it_was(made: ReadChannel, payload: bytes) -> None:
+def test_what_cannot_be_moved_so_far_stays_as_it_was(made: Channel, payload: bytes) -> None:
     move = shift_of(made)
     assert move is not None
     assert move(payload, HOUR_NS) == payload

@@ -15,8 +15,7 @@ from mcap.writer import Writer
 
 from aerodft.adapters.codec.measurement import SCHEMA, encode_measurement
 from aerodft.adapters.codec.schemas import schema_text
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.cli.main import main
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
@@ -24,10 +23,9 @@ from aerodft.model.measurement import GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from replay.compare import Comparison, compare_recordings
-from replay.export import ExportFormat, export_text
+from replay.compare import Comparing, Comparison, Tolerance, parse_tolerance
 from replay.recording import Recording
-from replay.tolerance import parse_tolerance
+from replay.table import ExportFormat, export_text
 from tests.batches import one_tick, take
 
 START_NS = 1_795_221_278_000_000_000
@@ -65,13 +63,13 @@ def compared(
 ) -> Comparison:
     folders = [tmp_path / f"{side}{len(list(tmp_path.iterdir()))}" for side in "ab"]
     one, other = (Recording(record(*each)) for each in zip(folders, (first, second), strict=True))
-    return compare_recordings(one, other, parse_tolerance(tolerance))
+    return Comparing(one.folder, other.folder).comparison(parse_tolerance(tolerance))
 
 
 def test_the_same_measurements_are_identical(tmp_path: Path) -> None:
     values = [a_measurement(index) for index in range(5)]
     got = compared(tmp_path, values, values)
-    assert (got.is_identical, got.common, got.differs) == (True, 5, False)
+    assert (got.is_identical, got.total.paired, got.differs) == (True, 5, False)
     assert got.total.max_abs == 0.0
 
 
@@ -96,8 +94,8 @@ def test_missing_ones_and_changed_statuses_are_counted(tmp_path: Path) -> None:
     second = [a_measurement(0), lost, a_measurement(2), a_measurement(2, 5.0), a_measurement(7, name="x")]
     second = [*second, a_measurement(0, image=None)]
     got = compared(tmp_path, first, second, "1e9")
-    assert (got.common, got.only_first, got.only_second) == (4, 0, 2)
-    assert got.status_changes == {"ok -> NO_HEIGHT": 1}
+    assert (got.total.paired, got.total.only_first, got.total.only_second) == (4, 0, 2)
+    assert got.total.status_changes == {"ok -> NO_HEIGHT": 1}
     assert got.total.count == 3
     assert got.differs
 
@@ -238,4 +236,4 @@ def test_recordings_of_before_with_a_record_for_each_measurement_are_read_as_eve
     payloads = list(map(encode_measurement, values))
     old, new = Recording(recorded_before(tmp_path / "old", payloads)), Recording(record(tmp_path / "new", values))
     assert list(old.measurements()) == list(new.measurements()) == payloads
-    assert compare_recordings(old, new).is_identical
+    assert Comparing(old.folder, new.folder).comparison(Tolerance()).is_identical

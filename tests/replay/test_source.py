@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from aerodft.adapters.codec.events import encode_image, encode_observation
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.model.batch import Arrival
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, ImageRows, StampClock

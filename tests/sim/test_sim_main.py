@@ -11,10 +11,8 @@ import pytest
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.errors import UsageError
-from aerodft.sim.__main__ import main
-from aerodft.sim.options import parse_biases, parse_numbers, parse_radio, parse_size, parse_stds
-from aerodft.sim.recorded import from_log
-from aerodft.sim.scenario import EPOCH_NS
+from aerodft.sim.__main__ import main, parse_biases, parse_numbers, parse_radio, parse_size, parse_stds
+from aerodft.sim.scenario import EPOCH_NS, from_log
 
 FILES = ("flight.tlog", "observations.jsonl", "truth.jsonl", "poses.jsonl", "camera.toml", "world.geojson")
 

@@ -8,7 +8,7 @@ import pytest
 
 from aerodft.geometry.rotation import inverse, matrix
 from aerodft.model.probe import ProbeKind
-from aerodft.sim.observations import Observing, Sighting, sightings, write_lines
+from aerodft.sim.observations import MARGIN_PX, Observing, Sighting, sightings, write_lines
 from aerodft.sim.scenario import Scenario, default_camera, generated
 
 
@@ -40,9 +40,9 @@ def test_true_pixels_are_opencvs(scenario: Scenario, seen: list[Sighting]) -> No
         np.testing.assert_allclose(each.pixels, pixels.reshape(-1, 2), atol=1e-6)
 
 
-def test_only_what_is_in_the_image_is_seen(scenario: Scenario, seen: list[Sighting]) -> None:
+def test_only_what_is_in_the_image_is_seen(seen: list[Sighting]) -> None:
     pixels = np.concatenate([each.pixels for each in seen])
-    margin = scenario.observing.margin_px - 0.5
+    margin = MARGIN_PX - 0.5
     assert np.all(pixels >= margin)
     assert np.all(pixels <= np.array([1279, 719]) - margin)
     assert all(each.pose.position_enu_m[2] > 1.0 for each in seen)
@@ -85,7 +85,7 @@ def test_the_noise_has_its_std(scenario: Scenario) -> None:
 
 def test_lines_hold_what_the_service_reads(tmp_path: Path, seen: list[Sighting]) -> None:
     path = tmp_path / "observations.jsonl"
-    assert write_lines(path, (each.observation_line() for each in seen)) == len(seen)
+    write_lines(path, (each.observation_line() for each in seen))
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     for line, each in zip(lines, seen, strict=True):
         assert line == {

@@ -6,12 +6,10 @@ from pymavlink import mavutil
 
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry.rotation import camera_angles
-from aerodft.sim.plan import survey
-from aerodft.sim.recorded import from_log, thin_log
 from aerodft.sim.river import River
-from aerodft.sim.scenario import EPOCH_NS, default_camera, recorded
+from aerodft.sim.scenario import EPOCH_NS, default_camera, from_log, recorded, thin_log
 from aerodft.sim.telemetry import Autopilot, datagrams, write_tlog
-from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.world import DEFAULT_ORIGIN
 
 SITL = Path(__file__).parents[2].parent / "shared" / "data" / "sitl"

@@ -29,12 +29,13 @@ def test_stamps_survive_to_the_microsecond(tmp_path: Path) -> None:
     gaps_us = np.random.default_rng(1).integers(20_000, 150_000, 24)
     stamps = [START_NS + int(us) * 1000 for us in np.cumsum(gaps_us)]
     path = tmp_path / "video.mp4"
-    assert write_video(path, zip(stamps, pictures(24), strict=True), fps=10.0) == 24
+    write_video(path, zip(stamps, pictures(24), strict=True), fps=10.0)
     with av.open(path) as container:
         base = container.streams.video[0].time_base
         assert base is not None
         frames = list(container.decode(video=0))
         created = container.metadata["creation_time"]
+    assert len(frames) == len(stamps)
     start = datetime.fromisoformat(created)
     start_us = int((start - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()) * 1_000_000 + start.microsecond
     assert [start_us + round(frame.pts * base * 1_000_000) for frame in frames] == [stamp // 1000 for stamp in stamps]

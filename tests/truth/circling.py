@@ -13,11 +13,10 @@ from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.camera import Camera, Zoom, ZoomSource
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.status import Status
-from aerodft.sim.plan import Waypoint, fly, survey
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
-from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.trajectory import Trajectory, Waypoint, fly, survey
 from aerodft.sim.world import DEFAULT_ORIGIN, World, furnished
 
 SECONDS = 60.0

@@ -13,9 +13,8 @@ from aerodft.dft.request import Setup
 from aerodft.geometry.poses import pose_covariance
 from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.model.pose import PoseStd
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.render import Imaging
 from aerodft.sim.scenario import default_camera
-from aerodft.sim.waterside import Waterside
 from aerodft.vision.river import (
     River,
     RiverQuestion,
@@ -28,6 +27,7 @@ from aerodft.vision.river import (
 from aerodft.vision.water_plane import WaterPlane
 from aerodft.vision.waterway import centreline
 from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing
+from tests.waterside import Waterside, WatersideRenderer
 
 LOOKS = {
     "plain": None,
@@ -83,7 +83,7 @@ def test_widths_and_their_intervals(shape, camera):
     for index, (tilt_deg, seed) in enumerate((a, b) for a in TILTS_DEG for b in SEEDS):
         scene = river_scene(shape, tilt_deg, seed)
         look = list(LOOKS)[(index + len(shape)) % len(LOOKS)]
-        image = Renderer(camera, scene.world, Imaging(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
+        image = WatersideRenderer(camera, scene.world, Imaging(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
         where = f"{look} {shape} {tilt_deg} deg, seed {seed}"
         found = find_river(image, Setup(camera=camera), scene.pose, RiverQuestion(spacing_m=2.0))
         assert isinstance(found, River), f"{where}: {found}"
@@ -117,7 +117,7 @@ def test_widths_and_their_intervals(shape, camera):
 def test_foam_along_a_bank_is_no_bank(shape, tilt_deg, seed, look, camera):
     """Spots of foam are rough where water is smooth; it was taken off as bare ground, 13 % of the width."""
     scene = river_scene(shape, tilt_deg, seed)
-    image = Renderer(camera, scene.world, Imaging(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
+    image = WatersideRenderer(camera, scene.world, Imaging(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
     found = find_river(image, Setup(camera=camera), scene.pose, RiverQuestion(spacing_m=2.0))
     assert isinstance(found, River), found
     width, std, true, _ = crossed(camera, scene, found)

@@ -12,11 +12,10 @@ from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.pose import Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
-from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
-from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.trajectory import Trajectory, Waypoint, fly
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Post, Walker, Wall, World
 
 FPS = 10

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
-from aerodft.sim.plan import Waypoint, fly
 from aerodft.sim.render import Renderer
 from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
+from aerodft.sim.trajectory import Waypoint, fly
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.vision.plane_tracker import ImagePair, PlaneTracker
 from aerodft.vision.rotation import PlaneMotion, layered_motion, plane_motion, turns_over_plane

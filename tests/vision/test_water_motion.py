@@ -11,11 +11,11 @@ from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.scenario import default_camera
-from aerodft.sim.waterside import Waterside
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
 from aerodft.vision.water_motion import LaterLook, motion_copy
 from aerodft.vision.water_plane import WaterPlane
 from tests.vision.river_scenes import river_scene, true_crossing
+from tests.waterside import Waterside, WatersideRenderer
 
 CAMERA = default_camera(1920, 1080)
 SETUP = Setup(camera=CAMERA)
@@ -33,7 +33,7 @@ def looks(look, shape="straight", tilt_deg=0, after_s=1.0):
     there = replace(scene.pose, position_enu_m=scene.pose.position_enu_m + [1.2, 0.8, 0.1])
     there = turned(there, 0.01, 0.008, -0.006)
     image, later = (
-        Renderer(CAMERA, scene.world, Imaging(seed=seed), look).render(pose, 3.0 + after)
+        WatersideRenderer(CAMERA, scene.world, Imaging(seed=seed), look).render(pose, 3.0 + after)
         for seed, pose, after in ((1, scene.pose, 0.0), (2, there, after_s))
     )
     told = turned(there, 0.004, -0.004, 0.005)

@@ -4,7 +4,7 @@ import re
 from enum import StrEnum
 from typing import Final
 
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 
 JSON, PROTOBUF, CDR, ROS1 = "json", "protobuf", "cdr", "ros1"
 _READABLE: Final = frozenset({JSON, PROTOBUF, CDR, ROS1})
@@ -43,7 +43,7 @@ def type_of(schema: str) -> tuple[str, str]:
     return ("foxglove" if package in _FOXGLOVE else package), name
 
 
-def kind_of(channel: ReadChannel) -> Kind | None:
+def kind_of(channel: Channel) -> Kind | None:
     """What a channel holds; None where nothing says so, or in an encoding that is not read."""
     if _MAVLINK_ENCODINGS.fullmatch(channel.encoding) or _MAVLINK_ENCODINGS.fullmatch(channel.schema):
         return Kind.MAVLINK

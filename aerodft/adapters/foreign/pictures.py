@@ -15,7 +15,7 @@ from aerodft.adapters import bounded_json
 from aerodft.adapters.codec.wire import LATEST_NS
 from aerodft.adapters.foreign.fields import Fields
 from aerodft.adapters.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.model.camera import Camera, LensModel
@@ -43,7 +43,7 @@ class Picture(NamedTuple):
     format: str
 
 
-def read_picture(channel: ReadChannel, data: bytes) -> Picture:
+def read_picture(channel: Channel, data: bytes) -> Picture:
     """One message's picture.
 
     Raises:
@@ -72,7 +72,7 @@ def _bare(data: bytes) -> Picture:
     return _picture(None, data, "jpeg" if data.startswith(_STILL_MAGICS[0]) else "png")
 
 
-def _of_protobuf(channel: ReadChannel, data: bytes) -> Picture:
+def _of_protobuf(channel: Channel, data: bytes) -> Picture:
     parser = CompressedVideo if kind_of(channel) is Kind.VIDEO else CompressedImage
     try:
         message = parser.FromString(data)
@@ -125,7 +125,7 @@ _MOST = 100  # numbers that are looked at: megabytes of them are four times as m
 _FISHEYE = {"fisheye_opencv", "kannala_brandt", "equidistant", "fisheye"}
 
 
-def read_camera(channel: ReadChannel, data: bytes) -> Camera:
+def read_camera(channel: Channel, data: bytes) -> Camera:
     """The camera of one message; what it does not say (how well all this is known) is 0.
 
     Raises:
@@ -139,7 +139,7 @@ def read_camera(channel: ReadChannel, data: bytes) -> Camera:
         raise ValueError(f"{type(error).__name__}: {error}") from error
 
 
-def _values(channel: ReadChannel, data: bytes) -> tuple[Any, ...]:
+def _values(channel: Channel, data: bytes) -> tuple[Any, ...]:
     """Width, height, model, distortion, matrix."""
     if channel.encoding == PROTOBUF:
         message = CameraCalibration.FromString(data)

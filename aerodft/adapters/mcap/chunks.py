@@ -1,12 +1,15 @@
-"""One chunk record, checked to the last byte before any of it is believed."""
+"""Chunk records, checked to the last byte before any of one is believed; and what attachments say of themselves."""
 
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import NamedTuple
+from io import BytesIO
+from typing import Final, NamedTuple
 
 import lz4.frame
 import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.records import Attachment
 
 from aerodft.adapters.mcap.layout import CHUNK_HEAD, NO_OPCODE, RECORD_HEAD
 
@@ -122,3 +125,44 @@ def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
             raise ValueError("ends within a record")
         yield opcode, position, position + length
         position += length
+
+
+ATTACHMENT_HEAD_BYTES: Final = 1 << 16
+"""All but an attachment's data, which may be of any size, is shorter."""
+CRC_BYTES: Final = 4
+MOST_ATTACHMENTS: Final = 10_000
+"""Of a file: they are held by what they say of themselves."""
+
+
+class AttachmentHead(NamedTuple):
+    """What a record says.
+
+    Attributes:
+        about: Name and times, without the data.
+        data_at: Where the data begins in the record's content.
+        data_bytes: Of it.
+    """
+
+    about: Attachment
+    data_at: int
+    data_bytes: int
+
+
+def attachment_head(data: bytes, length: int) -> AttachmentHead:
+    """The head of an attachment record.
+
+    Args:
+        data: The content's beginning, ``ATTACHMENT_HEAD_BYTES`` of it where it has so many.
+        length: Of the whole content.
+
+    Raises:
+        ValueError: It is damaged; others as the library has them.
+    """
+    stream = ReadDataStream(BytesIO(data))
+    log_ns, create_ns = stream.read8(), stream.read8()
+    name, kind = stream.read_prefixed_string(), stream.read_prefixed_string()
+    data_bytes = stream.read8()
+    if stream.count + data_bytes + CRC_BYTES != length:
+        raise ValueError("claims another size than it has")
+    about = Attachment(create_time=create_ns, log_time=log_ns, name=name, media_type=kind, data=b"")
+    return AttachmentHead(about, stream.count, data_bytes)

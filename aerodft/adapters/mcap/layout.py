@@ -216,13 +216,13 @@ class Registry:
     def register(self, channel: Channel) -> bytes:
         """Give a new channel its id; returns what defines it."""
         schema_id, definition = 0, b""
-        if channel.schema_name:
-            key = (channel.schema_name, channel.schema)
+        if channel.schema:
+            key = (channel.schema, channel.schema_data)
             schema_id = self._schema_ids.get(key, 0)
             if not schema_id:
                 schema_id = self._schema_ids[key] = len(self.schemas) + 1
                 schema = Schema(
-                    id=schema_id, name=channel.schema_name, encoding=channel.schema_encoding, data=channel.schema
+                    id=schema_id, name=channel.schema, encoding=channel.schema_encoding, data=channel.schema_data
                 )
                 self.schemas[schema_id] = schema
                 definition = encoded(schema)

@@ -5,77 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from mcap.records import Channel, Schema
-
-from aerodft.adapters.mcap.definitions import Ledger
+from aerodft.adapters.mcap.channels import Channels
 
 _MOST_IDS: Final = 500_000  # of channels, in the sets that chunks have: these are megabytes in a claimed index
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadChannel:
-    """A channel as it was found.
-
-    Attributes:
-        topic: Its name.
-        encoding: Of its messages: ``json``, ``protobuf``, ``cdr``, ``ros1``, ``mavlink``, ...
-        schema: The schema's name; empty where there is none.
-        metadata: Key and value pairs.
-        schema_encoding: ``jsonschema``, ``protobuf``, ``ros2msg``, ...
-        schema_data: The schema itself.
-    """
-
-    topic: str
-    encoding: str
-    schema: str
-    metadata: dict[str, str]
-    schema_encoding: str = ""
-    schema_data: bytes = b""
-
-
-@dataclass(slots=True)
-class Channels:
-    """The channels of one file, as its schema and channel records make them known.
-
-    Attributes:
-        by_id: So far.
-        ledger: Of what they take.
-    """
-
-    by_id: dict[int, ReadChannel] = field(default_factory=dict)
-    ledger: Ledger = field(default_factory=Ledger)
-    _schemas: dict[int, Schema] = field(default_factory=dict)
-
-    def add_schema(self, schema: Schema) -> None:
-        """Take a schema record.
-
-        Raises:
-            TooMuchDefinedError: It is one too many.
-        """
-        if schema != self._schemas.get(schema.id):
-            self.ledger.put(self._schemas, schema, schema)
-
-    def add(self, channel: Channel) -> None:
-        """Take a channel record; its schema came before it.
-
-        Raises:
-            TooMuchDefinedError: It is one too many.
-        """
-        schema = self._schemas.get(channel.schema_id)
-        found = ReadChannel(
-            topic=channel.topic,
-            encoding=channel.message_encoding,
-            schema="" if schema is None else schema.name,
-            metadata=channel.metadata,
-            schema_encoding="" if schema is None else schema.encoding,
-            schema_data=b"" if schema is None else schema.data,
-        )
-        if found != self.by_id.get(channel.id):
-            self.ledger.put(self.by_id, found, channel)
-
-    def copy(self) -> "Channels":
-        """The same, to be added to."""
-        return Channels(dict(self.by_id), self.ledger.copy(), dict(self._schemas))
 
 
 @dataclass(slots=True)

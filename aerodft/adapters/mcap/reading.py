@@ -4,27 +4,24 @@ import logging
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from io import BytesIO
 from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
 
+from aerodft.adapters.mcap.channels import DEFINITIONS, Channel, Channels, TooMuchDefinedError, definition
 from aerodft.adapters.mcap.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
-from aerodft.adapters.mcap.definitions import TooMuchDefinedError
 from aerodft.adapters.mcap.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
-from aerodft.adapters.mcap.places import Channels, ChunkPlace, ReadChannel
+from aerodft.adapters.mcap.places import ChunkPlace
 from aerodft.errors import InputError
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
-Wanted = Callable[[ReadChannel], bool]
+Wanted = Callable[[Channel], bool]
 
 _COLUMNS: Final = ("channel", "sequence", "log_ns", "start", "stop")
 _HEAD: Final = RECORD_HEAD.size
@@ -36,7 +33,6 @@ _USUAL_BYTES: Final = 64  # of a record, at least; of shorter ones there are sev
 _LEAST, _MOST = 8, 1 << 16  # records of a table: some kilobytes of zeros unpack to millions of empty ones
 _MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
 _LEAST_KEPT: Final = 0.5  # of a larger one
-_DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 _MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
 _MOST_LEFT_OUT: Final = 100_000
 _DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
@@ -48,7 +44,7 @@ class ReadMessage(NamedTuple):
     """One message; ``log_ns`` is an input's arrival, or the tick that made an output."""
 
     log_ns: int
-    channel: ReadChannel
+    channel: Channel
     data: bytes
     sequence: int
 
@@ -68,7 +64,7 @@ class ChunkTable:
     """
 
     content: bytes
-    channels: dict[int, ReadChannel]
+    channels: dict[int, Channel]
     channel: IntArray
     sequence: IntArray
     log_ns: Times
@@ -155,8 +151,9 @@ class ChunkReader:
         """Those of one chunk; its content goes with the generator, before the next chunk is unpacked."""
         content = _content(place)
         for records in record_tables(content):
-            for row in np.flatnonzero(np.isin(records.opcode, _DEFINITIONS)).tolist():
-                self._define(int(records.opcode[row]), content[records.start[row] : records.stop[row]])
+            for row in np.flatnonzero(np.isin(records.opcode, DEFINITIONS)).tolist():
+                data = content[records.start[row] : records.stop[row]]
+                self.channels.add(definition(int(records.opcode[row]), data))
             yield message_table(content, self.channels.by_id, records, wanted)
             if records.is_damaged:
                 raise ValueError("ends within a record, or in none")
@@ -172,14 +169,6 @@ class ChunkReader:
             return
         more = "; further ones are left out and not named" if len(self.left_out) == _MOST_NAMED else ""
         _log.warning("%s: damaged chunk at byte %d left out: %s%s", place.path, place.offset, why, more)
-
-    def _define(self, opcode: int, data: bytes) -> None:
-        """Take a schema or channel record."""
-        stream = ReadDataStream(BytesIO(data))
-        if opcode == Opcode.SCHEMA:
-            self.channels.add_schema(Schema.read(stream))
-        else:
-            self.channels.add(Channel.read(stream))
 
 
 def content_bytes(place: ChunkPlace) -> int:
@@ -242,7 +231,7 @@ def _record_table(content: bytes, position: int) -> RecordTable:
 
 
 def message_table(
-    content: bytes, channels: dict[int, ReadChannel], records: RecordTable, wanted: Wanted | None = None
+    content: bytes, channels: dict[int, Channel], records: RecordTable, wanted: Wanted | None = None
 ) -> ChunkTable:
     """The messages among records, of channels that are known and, where somebody says so, wanted."""
     rows = np.flatnonzero(records.opcode == _MESSAGE)

@@ -18,11 +18,8 @@ from mcap.opcode import Opcode
 
 from aerodft.adapters.codec.wire import SOFTWARE
 from aerodft.adapters.filetype import check_is_no_pipe
-from aerodft.adapters.mcap.attachments import CRC_BYTES
-from aerodft.adapters.mcap.chunks import records_in
-from aerodft.adapters.mcap.definitions import Definitions
-from aerodft.adapters.mcap.ending import Summary
-from aerodft.adapters.mcap.file import SegmentFile, pieces, sync_folder
+from aerodft.adapters.mcap.channels import Definitions
+from aerodft.adapters.mcap.chunks import CRC_BYTES, records_in
 from aerodft.adapters.mcap.layout import (
     MAGIC,
     MESSAGE_HEAD,
@@ -35,7 +32,7 @@ from aerodft.adapters.mcap.layout import (
 from aerodft.adapters.mcap.reading import ChunkReader
 from aerodft.adapters.mcap.salvage import BadBytes, GoodChunk, Salvage
 from aerodft.adapters.mcap.scanning import scan_segment
-from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE
+from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
 from aerodft.errors import InputError
 
 SERIES = ("data", "images")
@@ -434,7 +431,7 @@ def _write_whole(descriptor: int, found: _Survey, path: Path) -> None:
     try:
         file.allow(os.fstat(descriptor).st_mode)
         _write(file, descriptor, found)
-        file.sync_all()
+        file.sync(size=True)
     except OSError:
         path.unlink(missing_ok=True)
         raise

@@ -15,14 +15,21 @@ from io import BytesIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Header, Metadata, Statistics
+from mcap.records import Footer, Header, Metadata, Statistics
 
-from aerodft.adapters.mcap.attachments import CRC_BYTES, MOST_ATTACHMENTS, AttachmentHead, attachment_head
-from aerodft.adapters.mcap.attachments import HEAD_BYTES as HEAD_OF_ATTACHMENT
-from aerodft.adapters.mcap.chunks import HEAD_BYTES, ChunkHead, chunk_content, chunk_head, records_in
-from aerodft.adapters.mcap.definitions import Definitions, definitions_in
-from aerodft.adapters.mcap.ending import MOST_INDEX_BYTES, index_bytes
-from aerodft.adapters.mcap.file import pieces
+from aerodft.adapters.mcap.channels import DEFINITIONS, Definitions, definition
+from aerodft.adapters.mcap.chunks import (
+    ATTACHMENT_HEAD_BYTES,
+    CRC_BYTES,
+    HEAD_BYTES,
+    MOST_ATTACHMENTS,
+    AttachmentHead,
+    ChunkHead,
+    attachment_head,
+    chunk_content,
+    chunk_head,
+    records_in,
+)
 from aerodft.adapters.mcap.layout import (
     CHUNK_HEAD,
     MAGIC,
@@ -32,6 +39,7 @@ from aerodft.adapters.mcap.layout import (
     built_chunk,
     index_entry,
 )
+from aerodft.adapters.mcap.segment import MOST_INDEX_BYTES, index_bytes, pieces
 
 _MAX_SMALL_BYTES, _MAX_SUMMARY_BYTES = 4 << 20, 16 << 20
 _WINDOW_BYTES = 1 << 20
@@ -163,7 +171,7 @@ class Salvage:
             return False
         at, end = start + RECORD_HEAD.size, start + RECORD_HEAD.size + length - CRC_BYTES
         try:
-            head = attachment_head(self._read(at, min(HEAD_OF_ATTACHMENT, length)), length)
+            head = attachment_head(self._read(at, min(ATTACHMENT_HEAD_BYTES, length)), length)
         except (*_UNREADABLE, ValueError):
             return False
         crc = 0
@@ -221,10 +229,12 @@ class Salvage:
         ids: set[int] = set()
         self.definitions.ledger.begin()
         try:
-            for record in definitions_in(content):
-                self.definitions.add(record)
-                if isinstance(record, Channel):
-                    ids.add(record.id)
+            for opcode, begin, end in records_in(content):
+                if opcode in DEFINITIONS:
+                    record = definition(opcode, content[begin:end])
+                    self.definitions.add(record)
+                    if opcode == Opcode.CHANNEL:
+                        ids.add(record.id)
         except _UNREADABLE as error:
             self.definitions.ledger.undo()
             raise ValueError("a damaged definition") from error

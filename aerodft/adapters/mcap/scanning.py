@@ -16,13 +16,13 @@ from typing import BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, MessageIndex, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import ChunkIndex, Footer, MessageIndex, Metadata, MetadataIndex, Statistics
 
 from aerodft.adapters.filetype import check_is_no_pipe
-from aerodft.adapters.mcap.channels import STATION_KEY
+from aerodft.adapters.mcap.channels import DEFINITIONS, STATION_KEY, Channels, definition
 from aerodft.adapters.mcap.layout import MAGIC
 from aerodft.adapters.mcap.layout import RECORD_HEAD as HEAD
-from aerodft.adapters.mcap.places import Channels, ChannelSets, ChunkPlace, SegmentScan
+from aerodft.adapters.mcap.places import ChannelSets, ChunkPlace, SegmentScan
 from aerodft.adapters.mcap.segment import CONFIG_NAME, METADATA_NAME
 from aerodft.errors import InputError
 
@@ -163,7 +163,7 @@ class _Scan:
             return self._take_index(length)
         if opcode == Opcode.METADATA and length > _MAX_SMALL_RECORD:
             return True  # nobody's configuration: what lies behind it is read
-        if opcode in {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA}:
+        if opcode in {*DEFINITIONS, Opcode.METADATA}:
             return length <= _MAX_SMALL_RECORD and self._take_small(opcode, self._file.read(length))
         return True
 
@@ -203,14 +203,11 @@ class _Scan:
         )
 
     def _take_small(self, opcode: int, data: bytes) -> bool:
-        content = ReadDataStream(BytesIO(data))
         try:
-            if opcode == Opcode.SCHEMA:
-                self._channels.add_schema(Schema.read(content))
-            elif opcode == Opcode.CHANNEL:
-                self._channels.add(Channel.read(content))
+            if opcode in DEFINITIONS:
+                self._channels.add(definition(opcode, data))
             else:
-                metadata = Metadata.read(content)
+                metadata = Metadata.read(ReadDataStream(BytesIO(data)))
                 if metadata.name == METADATA_NAME:
                     self._station = metadata.metadata.get(STATION_KEY)
                 elif metadata.name == CONFIG_NAME:
@@ -292,10 +289,8 @@ class _Summary:
 
     def _take(self, opcode: int, content: bytes) -> None:
         stream = ReadDataStream(BytesIO(content))
-        if opcode == Opcode.SCHEMA:
-            self._channels.add_schema(Schema.read(stream))
-        elif opcode == Opcode.CHANNEL:
-            self._channels.add(Channel.read(stream))
+        if opcode in DEFINITIONS:
+            self._channels.add(definition(opcode, content))
         elif opcode == Opcode.CHUNK_INDEX:
             self._places.append(self._place(ChunkIndex.read(stream)))  # smaller than the record
         elif opcode == Opcode.STATISTICS:

@@ -7,19 +7,18 @@ is room again, and that is counted.
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from aerodft.adapters.mcap.channels import Channel
-from aerodft.adapters.mcap.file import free_bytes, sync_folder
 from aerodft.adapters.mcap.layout import BuiltChunk, ChunkBuffer, Registry, compressor
-from aerodft.adapters.mcap.message_rows import MessageRows
-from aerodft.adapters.mcap.records import Record
-from aerodft.adapters.mcap.segment import Segment
-from aerodft.adapters.mcap.settings import SeriesSettings
+from aerodft.adapters.mcap.records import MessageRows, Record
+from aerodft.adapters.mcap.segment import Segment, free_bytes, sync_folder
 from aerodft.conventions import SECOND_NS
 
 FLUSH_S = 0.25  # chunks are closed at least every 0.5 s, also where whoever calls `tend` comes late
@@ -35,6 +34,31 @@ _RESUME_BYTES = 512 << 10  # less room is not worth a segment
 _MUCH_BYTES = 8 << 20  # chunks that the disk may not have are kept: of a flight computed again 30 MB a second
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeriesSettings:
+    """How a series is written.
+
+    Attributes:
+        folder: Where.
+        stem: First part of the file names.
+        metadata: Keys and values, by name, that every segment carries.
+        channels: Known from the start.
+        compress: Whether chunks are compressed.
+        segment_bytes: Size beyond which a new segment begins.
+        segment_s: Length of time, by log times, after which a new segment begins.
+        spare_bytes: Room that is allocated ahead.
+    """
+
+    folder: Path
+    stem: str
+    metadata: Mapping[str, dict[str, str]] = field(default_factory=dict)
+    channels: tuple[Channel, ...] = ()
+    compress: bool
+    segment_bytes: int
+    segment_s: float
+    spare_bytes: int
 
 
 class Series:

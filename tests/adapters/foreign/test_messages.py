@@ -15,7 +15,7 @@ from aerodft.adapters.foreign import frames
 from aerodft.adapters.foreign.frames import FrameReader
 from aerodft.adapters.foreign.kinds import Kind, kind_of
 from aerodft.adapters.foreign.pictures import read_camera, read_picture
-from aerodft.adapters.mcap.places import ReadChannel
+from aerodft.adapters.mcap.channels import Channel
 
 STAMP_NS = 1_795_221_278_868_833_001
 JPEG = bytes.fromhex("ffd8ff00")
@@ -34,8 +34,8 @@ ROS2_CAMERA = f"{ROS2_HEAD}68010000800200000a000000706c756d625f626f6200000005000
 ROS1_CAMERA = f"{ROS1_HEAD}680100008002000009000000706c756d625f626f6205000000{LENS}{MATRIX}{ONE}"
 
 
-def channel(encoding: str, schema: str = "", topic: str = "/t") -> ReadChannel:
-    return ReadChannel(topic=topic, encoding=encoding, schema=schema, metadata={})
+def channel(encoding: str, schema: str = "", topic: str = "/t") -> Channel:
+    return Channel(topic=topic, encoding=encoding, schema=schema)
 
 
 def protobuf() -> bytes:
@@ -172,7 +172,7 @@ def test_a_stamp_that_no_clock_says_is_none(stamp: dict[str, int]) -> None:
     assert read_picture(channel("json", "foxglove.CompressedImage"), data).stamp_ns is None
 
 
-def claiming(field: str) -> tuple[ReadChannel, bytes]:
+def claiming(field: str) -> tuple[Channel, bytes]:
     """A message of megabytes, little of which is an image or a camera."""
     header = b"\0\1\0\0" + bytes(8)
     match field:

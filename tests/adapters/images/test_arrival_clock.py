@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.images.arrival import ArrivalClock
+from aerodft.adapters.images.stream import ArrivalClock
 
 MS = 1_000_000
 ZERO_NS = 1_795_226_246_000_000_000  # host UTC at the stream's time 0

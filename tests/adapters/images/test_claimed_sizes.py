@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.packets import PacketDecoder
+from aerodft.adapters.images.pixels import PacketDecoder
 from aerodft.adapters.jpeg import decode_jpeg
 from aerodft.errors import InputError
 

@@ -11,8 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.stream import StreamReader
-from aerodft.adapters.images.udp import UdpFile
+from aerodft.adapters.images.stream import StreamReader, UdpFile
 from aerodft.errors import ConfigError, LinkError
 from aerodft.model.image import Image, StampClock
 from aerodft.service.clock import WallClock

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
-from aerodft.adapters.images.still_data import NamePattern
-from aerodft.adapters.images.stills import StillsFolderSource
+from aerodft.adapters.images.stills import NamePattern, StillsFolderSource
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.image import Image
 

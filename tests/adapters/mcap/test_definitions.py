@@ -6,14 +6,12 @@ import pytest
 from mcap.records import Channel, Schema
 
 from aerodft.adapters.mcap import salvage
-from aerodft.adapters.mcap.definitions import MOST_DEFINED_BYTES, Definitions, TooMuchDefinedError
-from aerodft.adapters.mcap.ending import Summary
+from aerodft.adapters.mcap.channels import MOST_DEFINED_BYTES, Channels, Definitions, TooMuchDefinedError
 from aerodft.adapters.mcap.layout import ChunkBuffer, encoded
-from aerodft.adapters.mcap.places import Channels
 from aerodft.adapters.mcap.reading import ChunkReader
 from aerodft.adapters.mcap.recovery import recover_folder
 from aerodft.adapters.mcap.scanning import scan_segment
-from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE
+from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE, Summary
 
 BIG = MOST_DEFINED_BYTES // 3
 
@@ -90,12 +88,12 @@ def test_recovery_leaves_chunks_beyond_what_an_index_holds_beside_the_segment(
 def test_what_is_defined_again_takes_nothing_and_what_is_replaced_is_not_given_back() -> None:
     channels, definitions = Channels(), Definitions()
     for _ in range(100):  # as the recorder repeats them
-        for taker in (channels.add_schema, definitions.add):
+        for taker in (channels.add, definitions.add):
             taker(schema(1, BIG))
         for taken in (channels.add, definitions.add):
             taken(channel(1, 1))
     assert channels.by_id[1].schema_data == bytes(BIG)
-    for taker in (channels.add_schema, definitions.add):
+    for taker in (channels.add, definitions.add):
         taker(Schema(id=1, name="another", encoding="x", data=bytes(BIG)))  # a channel may have kept the one before
         with pytest.raises(TooMuchDefinedError):
             taker(schema(1, BIG))

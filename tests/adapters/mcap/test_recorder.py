@@ -17,8 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from aerodft.adapters.codec.events import decode_image
 from aerodft.adapters.codec.measurement import split_measurements
 from aerodft.adapters.codec.schemas import SCHEMAS
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera, LensModel
@@ -208,7 +207,7 @@ def test_a_segment_ends_before_its_index_is_more_than_readers_believe(
     """A station may ask for one segment a day, of 350,000 chunks: without its index only the first are found."""
     monkeypatch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
     most = 250
-    monkeypatch.setattr("aerodft.adapters.mcap.ending.MOST_INDEX_BYTES", most)
+    monkeypatch.setattr("aerodft.adapters.mcap.segment.MOST_INDEX_BYTES", most)
     record(tmp_path / "r", segment_s=86_400.0)
     recording = Recording(tmp_path / "r")
     assert len(recording.data) > 1
@@ -377,7 +376,7 @@ WRITE_FOREVER = """
     from pathlib import Path
     import numpy as np
     from aerodft.adapters.mcap.recorder import McapRecorder
-    from aerodft.adapters.mcap.settings import RecorderSettings
+    from aerodft.adapters.mcap.recorder import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches
@@ -419,7 +418,7 @@ FULL_DISK = """
     import numpy as np
     import aerodft.adapters.mcap.series as series
     from aerodft.adapters.mcap.recorder import McapRecorder
-    from aerodft.adapters.mcap.settings import RecorderSettings
+    from aerodft.adapters.mcap.recorder import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.batch import Event
 from aerodft.model.calibration import CalibrationEstimate

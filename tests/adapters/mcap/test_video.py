@@ -13,8 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from aerodft.adapters.images.stream import PacketTap
 from aerodft.adapters.mcap import series
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.mcap.settings import RecorderSettings
+from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, VideoPacket
 from replay.recording import Recording

@@ -10,6 +10,7 @@ import numpy as np
 
 from aerodft.geometry.jit import njit, njit_inline
 from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.sim.render import Renderer
 from aerodft.sim.shading import (
     HAZE_PER_M2,
     SKY,
@@ -211,3 +212,20 @@ def shade_waterside(
                     colour += wet * (light * _water_colour(k, lights, sides) - colour)
                 colour = SKY[k] + clear * (colour - SKY[k])
                 image[v, u, k] = np.uint8(min(max(colour + 0.5, 0.0), 255.0))
+
+
+class WatersideRenderer(Renderer):
+    """A renderer of rivers as they look in earnest; without a waterside plain water between plain banks."""
+
+    def __init__(self, camera, world, imaging=None, waterside=None):
+        super().__init__(camera, world, imaging)
+        self._waterside = waterside
+
+    def _background(self, state, image):
+        if self._waterside is None:
+            super()._background(state, image)
+            return
+        look = self.world.look
+        looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
+        sides = self._waterside.numbers(look.sun_azimuth_rad, look.sun_elevation_rad)
+        shade_waterside(self._rays, state, (self._river, self._banks), looks, sides, self._tiles, image)

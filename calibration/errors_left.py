@@ -19,7 +19,7 @@ from aerodft.model.evidence import Evidence, GroundPoint, Landmark, SlantRange
 from aerodft.model.pose import Pose
 from calibration.descent import Rows, used_rows
 from calibration.residuals import Problem
-from calibration.solve import Solution, inverse
+from calibration.solve import Solution, covariance_of
 from calibration.state import State
 
 _NOTHING_LEFT: Final = 1e-9
@@ -37,7 +37,7 @@ def steps_without_each(solution: Solution) -> FloatArray:
     steps = np.where(kept[:, None], np.nan, np.zeros((len(kept), residuals.by_unknowns.shape[1])))
     used = used_rows(residuals.owner, kept)
     jac, values = residuals.by_unknowns[used], residuals.values[used]
-    cov = inverse(jac.T @ jac)
+    cov = covariance_of(jac.T @ jac)
     if not np.all(np.isfinite(cov)):
         return steps
     settled = -cov @ (jac.T @ values)

@@ -16,7 +16,7 @@ from calibration.images_problem import Arrow, ImagesProblem, ImagesResiduals, el
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
 from calibration.observability import LIMIT, Observability, combined, natural_size
 from calibration.result import Outcome, above_ground, each_possible, said, start_state
-from calibration.solve import ROBUST, Fit, goodness, inverse, without_outliers
+from calibration.solve import ROBUST, Fit, covariance_of, goodness, without_outliers
 from calibration.state import State, coefficient_names, expanded
 
 _WORTH: Final = 4.0
@@ -75,7 +75,7 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
         residuals=end.residuals,
         normal=normal,
         kept=kept,
-        covariance=inverse(normal.reduced()) * scaled**2,
+        covariance=covariance_of(normal.reduced()) * scaled**2,
         chi2=chi2,
         dof=dof,
         p_value=p_value,
@@ -108,7 +108,7 @@ def _without(
     before, _ = eliminated(block, slope, count)
     after, pulled = eliminated(less, pull, count)
     others = normal.slope[:count] - slope[0, :count]
-    inverted = inverse(reduced - before[0] + after[0])
+    inverted = covariance_of(reduced - before[0] + after[0])
     if not np.all(np.isfinite(inverted)):
         return None
     shared = -inverted @ (others + pulled[0])

@@ -19,9 +19,7 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import PipelineSettings, WatchSettings
-from calibration.steadiness import SteadyCalibrator
-from calibration.steady_pose import KnownTurn, turned_pose
-from calibration.steady_state import Look, SteadyState, Verdict
+from calibration.steadiness import KnownTurn, Look, SteadyCalibrator, SteadyState, Verdict, turned_pose
 from tests.one_image import measure
 
 CAMERA = Camera(

@@ -34,8 +34,7 @@ from aerodft.service.settings import (
 )
 from aerodft.sim.scenario import default_camera
 from calibration.biases import BiasCalibrator
-from calibration.live import LiveCalibrator
-from calibration.live_filter import BiasModel
+from calibration.live import BiasModel, LiveCalibrator
 
 DEG = math.pi / 180
 CAMERA = default_camera(1920, 1080)

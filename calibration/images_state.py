@@ -27,7 +27,7 @@ from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Evidence, Prior
 from aerodft.model.pose import PoseStd
 from aerodft.service.settings import ErrorStd
-from calibration.live_model import excess
+from calibration.biases import excess
 from calibration.state import State, Unknowns
 
 _APART_S = 0.02  # over twice this, motion is seen as even: about an interval between two attitudes

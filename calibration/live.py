@@ -26,7 +26,7 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
-from calibration.live_model import BiasedPoses, BiasModel, propagated, relocated, stds_of
+from calibration.biases import BiasedPoses, BiasModel, propagated, relocated, stds_of
 
 _ITERATIONS = 6
 _CURVED = 0.01

@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Landmark, Prior, SlantRange
 from aerodft.model.measurement import ProjectionModel
-from calibration.images_problem import Arrow, ImagesProblem
-from calibration.images_result import calibrate_images, solve_images
+from calibration.images_result import Arrow, ImagesProblem, calibrate_images, solve_images
 from calibration.images_state import OWN, ImagesState, SharedUnknowns
 from calibration.observability import LIMIT
 from calibration.result import start_state

@@ -22,9 +22,8 @@ from aerodft.cli.output import progress_bar, say, tables
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera, LensModel
 from calibration.lens.adjustment import View, intrinsics_of
-from calibration.lens.board import Board, draw_board
+from calibration.lens.board import Board, BoardFinder, draw_board, suggestion
 from calibration.lens.coverage import Choice, choose, missing
-from calibration.lens.detection import BoardFinder, suggestion
 from calibration.lens.solution import LensChoice, LensSolution, solve_lens
 
 _PROGRESS = 1000  # parts of the whole

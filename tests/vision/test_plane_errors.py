@@ -8,7 +8,7 @@ import pytest
 
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix
-from aerodft.vision.plane_land import Matched, groups_of
+from aerodft.vision.plane_lock import Matched, groups_of
 from aerodft.vision.standpoints import (
     FREE,
     Standpoint,

@@ -16,8 +16,7 @@ from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.service.attitude_history import AttitudeHistory
 from aerodft.service.settings import AttitudeSettings
-from aerodft.vision.plane_tracker import ImagePair
-from aerodft.vision.rotation import PlaneMotion, layered_motion, plane_motion
+from aerodft.vision.rotation import ImagePair, PlaneMotion, layered_motion, plane_motion
 from calibration.sync_fit import (
     FEWEST_REPORTS,
     LAG,

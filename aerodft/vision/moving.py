@@ -30,8 +30,8 @@ from aerodft.vision.blobs import (
 )
 from aerodft.vision.keyframes import PlaneImage
 from aerodft.vision.plane_lock import PlaneLock
-from aerodft.vision.reference import allowed_outside
 from aerodft.vision.standpoints import PoseOf, Standpoints
+from aerodft.vision.steady import allowed_outside
 from aerodft.vision.straight import NODE_PX, OUTSIDE_PX, StraightView, carried, nodes_px
 
 _MARGIN: Final = 0.3  # of the image's size, to each side

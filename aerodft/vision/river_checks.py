@@ -15,7 +15,7 @@ import numpy as np
 from aerodft.geometry.robust import middle_and_std, robust_std
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.vision.river_status import NoRiver, RiverStatus
-from aerodft.vision.water import WaterMask, find_water, with_islands
+from aerodft.vision.water import Outline, WaterMask, find_water, opened, outlines, overlap, with_islands
 from aerodft.vision.water_features import (
     BLUE_TO_GREEN,
     LIGHT,
@@ -26,7 +26,6 @@ from aerodft.vision.water_features import (
     WaterFeatures,
     outline_contrast,
 )
-from aerodft.vision.water_outlines import Outline, opened, outlines, overlap
 from aerodft.vision.water_plane import WaterPlane, ground_of
 from aerodft.vision.waterway import Centreline, centreline, transects
 

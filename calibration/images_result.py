@@ -15,11 +15,23 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import Evidence, EvidenceSet, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
 from calibration.descent import Loss, descend
-from calibration.errors_left import Leftover, ground_error_m, left_of_each, rms_px
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
-from calibration.observability import LIMIT, Observability, combined, natural_size
 from calibration.residuals import Problem
-from calibration.result import Outcome, above_ground, each_possible, said, start_state
+from calibration.result import (
+    LIMIT,
+    Leftover,
+    Observability,
+    Outcome,
+    above_ground,
+    combined,
+    each_possible,
+    ground_error_m,
+    left_of_each,
+    natural_size,
+    rms_px,
+    said,
+    start_state,
+)
 from calibration.solve import ROBUST, Fit, covariance_of, goodness, without_outliers
 from calibration.state import BOUNDS, State, Unknowns, coefficient_names, expanded
 
@@ -303,7 +315,7 @@ def _without(
 def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked: frozenset[str]) -> Observability:
     """What images and landmarks tell of what was asked, telemetry's word for it apart.
 
-    As ``observability.observability``, with two differences. What telemetry says of a bias that is asked for does not
+    As ``result.observability``, with two differences. What telemetry says of a bias that is asked for does not
     count: with it everything would be known. And a bias has the size of what telemetry may be off by.
     """
     names, state = problem.unknowns.names, solution.state

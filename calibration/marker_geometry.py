@@ -14,8 +14,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark
 from aerodft.model.marker import MarkerSighting, marker_name
 from aerodft.model.measurement import ProjectionModel
-from calibration.observability import LIMIT
-from calibration.result import Result, calibrate
+from calibration.result import LIMIT, Result, calibrate
 from calibration.state import State
 
 SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is

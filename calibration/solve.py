@@ -217,7 +217,7 @@ def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Sol
         guess_is_good: ``given`` is near the truth in every unknown: a start among those that the evidence gives.
 
     Returns:
-        The best of all descents. Whether it can be trusted is for ``observability`` to say.
+        The best of all descents. Whether it can be trusted is for ``result.observability`` to say.
     """
     ends = _ends(problem, given, guess_is_good=guess_is_good)
     best = _cheapest(ends)

@@ -13,8 +13,7 @@ from aerodft.model.evidence import Landmark, Prior, SlantRange
 from aerodft.model.measurement import ProjectionModel
 from calibration.images_result import Arrow, ImagesProblem, calibrate_images, solve_images
 from calibration.images_state import OWN, ImagesState, SharedUnknowns
-from calibration.observability import LIMIT
-from calibration.result import start_state
+from calibration.result import LIMIT, start_state
 
 from .image_flights import CAMERA, DEG, NOISE, SHARE, STD, Flight, drawn
 
@@ -166,7 +165,7 @@ def test_without_an_observation_is_as_a_fit_that_never_saw_it():
     views = Flight(drawn(np.random.default_rng(1)), images=4, landmarks=4).views(np.random.default_rng(11))
     whole = calibrate_images(views, PRIORS, CAMERA, ASKED)
     less = (replace(views[0], evidence=views[0].evidence[1:]), *views[1:])
-    from calibration.errors_left import ground_error_m  # noqa: PLC0415
+    from calibration.result import ground_error_m  # noqa: PLC0415
 
     again = calibrate_images(less, PRIORS, CAMERA, ASKED)
     expected = ground_error_m(again.solution.cameras[0], views[0].evidence[0])

@@ -28,9 +28,8 @@ from aerodft.vision.blobs import (
     remember_changes,
     without_shadows,
 )
-from aerodft.vision.keyframes import PlaneImage
+from aerodft.vision.keyframes import PlaneImage, PoseOf, Standpoints
 from aerodft.vision.plane_lock import PlaneLock
-from aerodft.vision.standpoints import PoseOf, Standpoints
 from aerodft.vision.steady import allowed_outside
 from aerodft.vision.straight import NODE_PX, OUTSIDE_PX, StraightView, carried, nodes_px
 

@@ -17,26 +17,24 @@ from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.vision.keyframes import (
     FEWEST,
+    FREE,
     LAND_AS_BEFORE,
     LAND_AT_FIRST,
     MOST_CORNERS,
     Gone,
     Keyframe,
     PlaneImage,
-    Stillness,
-    corners_of,
-    nearest_px,
-    share_moving,
-)
-from aerodft.vision.standpoints import (
-    FREE,
     Standpoint,
+    Stillness,
     by_elements,
     change_between,
     changed,
+    corners_of,
     foretold_cov,
     moved_on,
+    nearest_px,
     place_cov_px2,
+    share_moving,
     shift_cov,
 )
 from aerodft.vision.straight import carried
@@ -79,7 +77,7 @@ class PlaneGroup:
 
     Attributes:
         homography: ``(3, 3)`` that they follow.
-        cov: ``(8, 8)`` of that, as in ``standpoints``.
+        cov: ``(8, 8)`` of that, as ``keyframes.foretold_cov``.
         members: ``(n,)``: which they are.
     """
 
@@ -303,7 +301,7 @@ class Lock:
 
     Attributes:
         homography: ``(3, 3)`` from straight small pixels of the first image to those of this one.
-        cov: ``(8, 8)`` of that, in units of ``unit``, see ``standpoints``.
+        cov: ``(8, 8)`` of that, in units of ``unit``, see ``keyframes``.
         unit: ``(3, 3)`` intrinsics.
         land: What it is made of.
         land_px: ``(n, 2)`` small pixels of these points.

@@ -18,9 +18,8 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.probe import Probe
-from aerodft.vision.keyframes import PlaneImage
+from aerodft.vision.keyframes import PlaneImage, PoseOf, Standpoint, Standpoints
 from aerodft.vision.plane_lock import Lock, PlaneLock
-from aerodft.vision.standpoints import PoseOf, Standpoint, Standpoints
 from aerodft.vision.straight import StraightView, carried
 
 _REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane

@@ -21,8 +21,7 @@ from aerodft.dft.request import Setup
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.pose import PoseSample
-from aerodft.vision.river import River, ground_of
-from aerodft.vision.river_reach import Reach
+from aerodft.vision.river import Reach, River, ground_of
 from aerodft.vision.water_features import water_likeness
 from aerodft.vision.water_plane import WaterPlane
 

@@ -35,9 +35,9 @@ from aerodft.dft.request import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.vision.river import NoRiver, ReachView, RiverQuestion, find_river, measure_reach
+from aerodft.vision.water_features import WaterPlane
 from aerodft.vision.water_motion import LaterLook
 from aerodft.vision.water_network import WaterNetwork
-from aerodft.vision.water_plane import WaterPlane
 
 VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
 MOST_IMAGES: Final = 60

@@ -22,8 +22,7 @@ from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.pose import PoseSample
 from aerodft.vision.river import Reach, River, ground_of
-from aerodft.vision.water_features import water_likeness
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import WaterPlane, water_likeness
 
 COLUMNS: Final = (
     "station_m", "status", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "bound",

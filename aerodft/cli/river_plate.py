@@ -15,7 +15,7 @@ from aerodft.dft.request import Setup
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.pose import PoseSample
 from aerodft.vision.river import Reach, River, RiverStatus
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import WaterPlane
 from replay.table import time_utc
 
 mpl.use("Agg")

@@ -24,9 +24,10 @@ from aerodft.vision.water_features import (
     TEXTURE,
     Float32Image,
     WaterFeatures,
+    WaterPlane,
+    ground_of,
     outline_contrast,
 )
-from aerodft.vision.water_plane import WaterPlane, ground_of
 from aerodft.vision.waterway import Centreline, centreline, transects
 
 _NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise

@@ -25,7 +25,7 @@ from aerodft.vision.river import (
     oriented,
     river_across,
 )
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import WaterPlane
 from aerodft.vision.waterway import centreline
 from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing
 

@@ -14,8 +14,7 @@ from aerodft.sim.world import furnished
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
 from aerodft.vision.river_checks import otherwise_m
 from aerodft.vision.water import WaterMask
-from aerodft.vision.water_features import WaterFeatures
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import WaterFeatures, WaterPlane
 from aerodft.vision.waterway import Centreline
 from tests.vision.painted_rivers import CAMERA, PaintedRiver
 

@@ -13,8 +13,8 @@ from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.waterside import Waterside
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
+from aerodft.vision.water_features import WaterPlane
 from aerodft.vision.water_motion import LaterLook, motion_copy
-from aerodft.vision.water_plane import WaterPlane
 from tests.vision.river_scenes import river_scene, true_crossing
 
 CAMERA = default_camera(1920, 1080)

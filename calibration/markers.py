@@ -28,7 +28,7 @@ from aerodft.model.evidence import Px
 from aerodft.model.image import Image
 from aerodft.model.marker import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 from aerodft.model.observation import Observation
-from aerodft.vision.straight import grey_of
+from aerodft.vision.tracking import grey_of
 from calibration.lens.board import dictionary, dictionary_names
 from calibration.marker_geometry import SIZE, STDS, apparent_side
 

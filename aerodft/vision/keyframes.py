@@ -24,8 +24,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.status import Status
-from aerodft.vision.straight import StraightView
-from aerodft.vision.tracking import well_inside
+from aerodft.vision.tracking import StraightView, well_inside
 
 FREE: Final = 8
 """Numbers that a homography is known by."""

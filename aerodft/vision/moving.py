@@ -31,7 +31,7 @@ from aerodft.vision.blobs import (
 from aerodft.vision.keyframes import PlaneImage, PoseOf, Standpoints
 from aerodft.vision.plane_lock import PlaneLock
 from aerodft.vision.steady import allowed_outside
-from aerodft.vision.straight import NODE_PX, OUTSIDE_PX, StraightView, carried, nodes_px
+from aerodft.vision.tracking import NODE_PX, OUTSIDE_PX, StraightView, carried, nodes_px
 
 _MARGIN: Final = 0.3  # of the image's size, to each side
 _SCALES: Final = (0.75, 1.35)  # seen larger or smaller than that it is time for another canvas

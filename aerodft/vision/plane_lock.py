@@ -37,8 +37,7 @@ from aerodft.vision.keyframes import (
     share_moving,
     shift_cov,
 )
-from aerodft.vision.straight import carried
-from aerodft.vision.tracking import followed
+from aerodft.vision.tracking import carried, followed
 
 _STRAY_PX: Final = 1.0  # what is farther off moves by itself, or lies on something else
 _TOGETHER_PX: Final = 0.8

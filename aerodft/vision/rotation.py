@@ -20,8 +20,7 @@ from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.camera import Camera
-from aerodft.vision.straight import StraightView
-from aerodft.vision.tracking import followed
+from aerodft.vision.tracking import StraightView, followed
 
 _WIDEST_TANGENT = 2.0  # farther from the axis a pixel says little about a plane ahead
 _CELLS = (6, 8)  # rows and columns of the grid over which points are spread

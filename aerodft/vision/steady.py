@@ -19,8 +19,7 @@ from aerodft.model.calibration import STEADY
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
-from aerodft.vision.straight import between_nodes, grey_of, nodes_px
-from aerodft.vision.tracking import evened, followed, spread_corners, well_inside
+from aerodft.vision.tracking import between_nodes, evened, followed, grey_of, nodes_px, spread_corners, well_inside
 
 _FEATURES: Final = 2500
 _HALF: Final = 0.5  # of the image's size: descriptors need no more, and noise less

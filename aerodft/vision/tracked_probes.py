@@ -20,7 +20,7 @@ from aerodft.model.observation import Observation
 from aerodft.model.probe import Probe
 from aerodft.vision.keyframes import PlaneImage, PoseOf, Standpoint, Standpoints
 from aerodft.vision.plane_lock import Lock, PlaneLock
-from aerodft.vision.straight import StraightView, carried
+from aerodft.vision.tracking import StraightView, carried
 
 _REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane
 _START_NS: Final = SECOND_NS // 5  # pixels are those of an image that is no later than this after their time

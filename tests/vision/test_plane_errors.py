@@ -19,7 +19,7 @@ from aerodft.vision.keyframes import (
     place_cov_px2,
 )
 from aerodft.vision.plane_lock import Matched, groups_of
-from aerodft.vision.straight import carried
+from aerodft.vision.tracking import carried
 
 UNIT = np.array([[520.0, 0, 319.5], [0, 530.0, 179.5], [0, 0, 1]])
 LENS = np.array([[700.0, 0, 319.5], [0, 714.0, 179.5], [0, 0, 1]])  # zoomed

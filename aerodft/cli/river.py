@@ -34,7 +34,8 @@ from aerodft.conventions import LARGEST
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.river import NoRiver, ReachView, RiverQuestion, find_river, measure_reach
+from aerodft.vision.river import ReachView, RiverQuestion, find_river, measure_reach
+from aerodft.vision.river_status import NoRiver
 from aerodft.vision.water_features import WaterPlane
 from aerodft.vision.water_motion import LaterLook
 from aerodft.vision.water_network import WaterNetwork

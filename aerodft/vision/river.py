@@ -35,20 +35,6 @@ from aerodft.vision.waterway import (
     transects,
 )
 
-__all__ = [
-    "WHY",
-    "NoRiver",
-    "River",
-    "RiverQuestion",
-    "RiverStatus",
-    "channel_of",
-    "find_river",
-    "ground_of",
-    "oriented",
-    "river_across",
-    "stations_along",
-]
-
 _UNMOVED: Final = (
     "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
 )

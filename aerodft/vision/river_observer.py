@@ -12,8 +12,8 @@ from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe
-from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
-from aerodft.vision.river_status import WHY, RiverLook
+from aerodft.vision.river import River, RiverQuestion, find_river
+from aerodft.vision.river_status import WHY, NoRiver, RiverLook, RiverStatus
 
 MOST_TRANSECTS: Final = 32
 _DECIMALS: Final = 3

@@ -16,15 +16,8 @@ from aerodft.model.pose import PoseStd
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.waterside import Waterside
-from aerodft.vision.river import (
-    River,
-    RiverQuestion,
-    RiverStatus,
-    channel_of,
-    find_river,
-    oriented,
-    river_across,
-)
+from aerodft.vision.river import River, RiverQuestion, channel_of, find_river, oriented, river_across
+from aerodft.vision.river_status import RiverStatus
 from aerodft.vision.water_features import WaterPlane
 from aerodft.vision.waterway import centreline
 from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing

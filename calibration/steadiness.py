@@ -10,7 +10,6 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from enum import Enum, auto
 from typing import Final
 
 import numpy as np
@@ -123,27 +122,19 @@ def turned_std(std: FloatArray, turn: KnownTurn) -> FloatArray:
     return np.hypot(std, added)
 
 
-class Verdict(Enum):
-    """What a look says."""
-
-    TURNED = auto()  # by how much, maybe nothing
-    UNKNOWN_VIEW = auto()  # points stand still where a camera that only turned would not see them
-    NOTHING = auto()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
     """What one observation says.
 
     Attributes:
-        verdict: What the rest means.
-        turn: ``now_SO3_reference``; None where it cannot be told.
+        turn: ``now_SO3_reference``, maybe none at all; None where it cannot be told.
         points: How many were found again.
+        is_unknown_view: Points stand still where a camera that only turned would not see them.
     """
 
-    verdict: Verdict
     turn: Turn | None
     points: int
+    is_unknown_view: bool = False
 
 
 class Looker:
@@ -166,10 +157,8 @@ class Looker:
         turn = find_turn(self._camera, pairs[:, 0], pairs[:, 1])
         staying = self._staying(pairs, turn)
         if len(pairs) >= _LEAST_AGREEING and staying >= _STAY * len(pairs):
-            return Look(Verdict.UNKNOWN_VIEW, None, len(pairs))
-        if turn is None or not self._tells(turn):
-            return Look(Verdict.NOTHING, None, len(pairs))
-        return Look(Verdict.TURNED, turn, len(pairs))
+            return Look(None, len(pairs), is_unknown_view=True)
+        return Look(turn if turn is not None and self._tells(turn) else None, len(pairs))
 
     def _tells(self, turn: Turn) -> bool:
         agreeing = int(np.count_nonzero(turn.agreeing))
@@ -322,7 +311,7 @@ class SteadyState:
             self._strange = self._nothing = 0
             self.told_ns = stamp_ns
             self.state = self._told(stamp_ns, look.turn)
-        elif look.verdict is Verdict.UNKNOWN_VIEW:
+        elif look.is_unknown_view:
             self._strange, self._nothing = self._strange + 1, 0
             self.state = Steadiness.UNKNOWN_VIEW if self._strange >= self._settings.confirm else Steadiness.MOVING
         else:

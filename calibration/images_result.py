@@ -14,7 +14,7 @@ from aerodft.model.calibration import BIASES
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Evidence, EvidenceSet, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.descent import Loss, descend
+from calibration.descent import Loss, NormalEquations, Rows, descend, eliminated, own_steps
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
 from calibration.residuals import Problem
 from calibration.result import (
@@ -65,97 +65,24 @@ _SAID = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Arrow:
-    """Normal equations, arrow-shaped.
+class ImagesResiduals(Rows):
+    """All residuals of one guess: by the ``s`` shared unknowns, and by the 7 that are new in the row's image.
 
     Attributes:
-        matrix: ``(s, s)`` of what says something of the shared unknowns alone.
-        shared_slope: ``(s,)`` of the same.
-        blocks: ``(n, s + k, s + k)`` of each image, by shared unknowns and then its own.
-        slopes: ``(n, s + k)`` likewise.
-    """
-
-    matrix: FloatArray
-    shared_slope: FloatArray
-    blocks: FloatArray
-    slopes: FloatArray
-
-    @property
-    def slope(self) -> FloatArray:
-        """``(s + n k,)``."""
-        count = len(self.shared_slope)
-        shared = self.shared_slope + self.slopes[:, :count].sum(axis=0)
-        return np.append(shared, self.slopes[:, count:].ravel())
-
-    def step(self, damping: float) -> FloatArray:
-        """As ``descent.Normal``; what nothing depends on stays."""
-        count = len(self.shared_slope)
-        shared = self.matrix + self.blocks[:, :count, :count].sum(axis=0)
-        diagonal = np.diag(shared) + 1e-12 * (np.max(np.diag(shared), initial=0.0) + 1e-300)
-        blocks = self.blocks.copy()
-        own = np.arange(count, blocks.shape[-1])
-        blocks[:, own, own] *= 1 + damping
-        known, pulled = eliminated(blocks, self.slopes, count)
-        matrix = self.matrix + known.sum(axis=0) + damping * np.diag(diagonal)
-        moved = np.asarray(np.linalg.solve(matrix, -self.shared_slope - pulled.sum(axis=0)))
-        return np.append(moved, own_steps(blocks, self.slopes, moved).ravel())
-
-    def reduced(self) -> FloatArray:
-        """``(s, s)``: what is known of the shared unknowns, whatever the others are."""
-        count = len(self.shared_slope)
-        return np.asarray(self.matrix + eliminated(self.blocks, self.slopes, count)[0].sum(axis=0))
-
-
-def eliminated(blocks: FloatArray, slopes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """What images say of the first ``count`` unknowns: matrices ``(n, count, count)`` and slopes ``(n, count)``.
-
-    Args:
-        blocks: ``(n, s + k, s + k)``.
-        slopes: ``(n, s + k)``.
-        count: ``s``.
-    """
-    across = blocks[:, :count, count:]
-    known = np.linalg.solve(
-        blocks[:, count:, count:], np.concatenate([blocks[:, count:, :count], slopes[:, count:, None]], axis=-1)
-    )
-    taken = across @ known
-    return blocks[:, :count, :count] - taken[..., :count], slopes[:, :count] - taken[..., count]
-
-
-def own_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> FloatArray:
-    """Steps ``(n, k)`` of the images' own unknowns that go with one ``(s,)`` of the shared ones."""
-    count = len(shared)
-    pull = slopes[:, count:] + blocks[:, count:, :count] @ shared
-    return np.asarray(-np.linalg.solve(blocks[:, count:, count:], pull[..., None])[..., 0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImagesResiduals:
-    """All residuals of one guess.
-
-    Attributes:
-        values: ``(m,)`` in standard deviations.
-        by: ``(m, s + 7)`` by the shared unknowns, and by what is new in the row's image.
-        owner: ``(m,)`` index of the observation that a row belongs to; -1 for priors.
-        px: ``(m,)`` in pixels; 0 for priors.
         rows: Of each image; what comes after the last image's are priors of the shared unknowns.
     """
 
-    values: FloatArray
-    by: FloatArray
-    owner: np.ndarray
-    px: FloatArray
     rows: tuple[slice, ...]
 
-    def normal(self, weights: FloatArray) -> Arrow:
+    def normal(self, weights: FloatArray) -> NormalEquations:
         """The normal equations with weights ``(m,)`` of the rows."""
-        weighted = self.by * weights[:, None]
-        count = self.by.shape[1] - OWN
+        by = self.by_unknowns
+        weighted, count = by * weights[:, None], by.shape[1] - OWN
         shared = slice(self.rows[-1].stop, None)
-        return Arrow(
-            weighted[shared, :count].T @ self.by[shared, :count],
+        return NormalEquations(
+            weighted[shared, :count].T @ by[shared, :count],
             weighted[shared, :count].T @ self.values[shared],
-            np.stack([weighted[rows].T @ self.by[rows] for rows in self.rows]),
+            np.stack([weighted[rows].T @ by[rows] for rows in self.rows]),
             np.stack([weighted[rows].T @ self.values[rows] for rows in self.rows]),
         )
 
@@ -249,7 +176,7 @@ class ImagesSolution(Fit[ImagesState, ImagesResiduals]):
     """
 
     cameras: tuple[State, ...]
-    normal: Arrow
+    normal: NormalEquations
 
 
 def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
@@ -292,7 +219,7 @@ def _without(
     problem: ImagesProblem, solution: ImagesSolution, reduced: FloatArray, image: int, rows: np.ndarray
 ) -> State | None:
     """An image's camera one Newton step after an observation was taken away; None where the others determine none."""
-    normal, by, values = solution.normal, solution.residuals.by[rows], solution.residuals.values[rows]
+    normal, by, values = solution.normal, solution.residuals.by_unknowns[rows], solution.residuals.values[rows]
     count = len(normal.shared_slope)
     block, slope = normal.blocks[image : image + 1], normal.slopes[image : image + 1]
     less, pull = block - by.T @ by, slope - by.T @ values

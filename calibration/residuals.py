@@ -52,6 +52,7 @@ from aerodft.model.evidence import (
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from aerodft.model.probe import ProbeKind
+from calibration.descent import NormalEquations, Rows
 from calibration.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
@@ -334,44 +335,15 @@ _CONDITIONS: dict[type, Callable[..., Found]] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Residuals:
-    """All residuals of one guess.
+class Residuals(Rows):
+    """All residuals of one guess, whose unknowns are few."""
 
-    Attributes:
-        values: ``(m,)`` in standard deviations.
-        by_unknowns: ``(m, n)``.
-        owner: ``(m,)`` index of the observation that a row belongs to; -1 for priors.
-        px: ``(m,)`` in pixels; 0 for priors.
-    """
-
-    values: FloatArray
-    by_unknowns: FloatArray
-    owner: np.ndarray
-    px: FloatArray
-
-    def normal(self, weights: FloatArray) -> "Dense":
+    def normal(self, weights: FloatArray) -> NormalEquations:
         """The normal equations with weights ``(m,)`` of the rows."""
         weighted = self.by_unknowns * weights[:, None]
-        return Dense(weighted.T @ self.by_unknowns, weighted.T @ self.values)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Dense:
-    """Normal equations of few unknowns.
-
-    Attributes:
-        matrix: ``(n, n)``.
-        slope: ``(n,)``.
-    """
-
-    matrix: FloatArray
-    slope: FloatArray
-
-    def step(self, damping: float) -> FloatArray:
-        """As ``descent.Normal``; what nothing depends on stays."""
-        diagonal = np.diag(self.matrix)
-        diagonal = diagonal + 1e-12 * (np.max(diagonal, initial=0.0) + 1e-300)
-        return np.asarray(np.linalg.solve(self.matrix + damping * np.diag(diagonal), -self.slope))
+        count = self.by_unknowns.shape[1]
+        matrix, slope = weighted.T @ self.by_unknowns, weighted.T @ self.values
+        return NormalEquations(matrix, slope, np.zeros((0, count, count)), np.zeros((0, count)))
 
 
 class Problem:

@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose
 from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Landmark, Prior, SlantRange
 from aerodft.model.measurement import ProjectionModel
-from calibration.images_result import Arrow, ImagesProblem, calibrate_images, solve_images
+from calibration.descent import NormalEquations
+from calibration.images_result import ImagesProblem, calibrate_images, solve_images
 from calibration.images_state import OWN, ImagesState, SharedUnknowns
 from calibration.result import LIMIT, start_state
 
@@ -225,11 +226,11 @@ def problem_and_guess():
 
 def dense(residuals):
     """The whole Jacobian."""
-    count = residuals.by.shape[1] - OWN
+    count = residuals.by_unknowns.shape[1] - OWN
     jac = np.zeros((len(residuals.values), count + OWN * len(residuals.rows)))
-    jac[:, :count] = residuals.by[:, :count]
+    jac[:, :count] = residuals.by_unknowns[:, :count]
     for index, rows in enumerate(residuals.rows):
-        jac[rows, count + OWN * index : count + OWN * (index + 1)] = residuals.by[rows, count:]
+        jac[rows, count + OWN * index : count + OWN * (index + 1)] = residuals.by_unknowns[rows, count:]
     return jac
 
 
@@ -251,7 +252,7 @@ def test_eliminating_what_is_new_gives_the_whole_step(damping):
     residuals = problem.evaluate(guess)
     weights = np.random.default_rng(1).uniform(0.2, 1.0, len(residuals.values))
     arrow, jac = residuals.normal(weights), dense(residuals)
-    assert isinstance(arrow, Arrow)
+    assert isinstance(arrow, NormalEquations)
     whole, slope = jac.T @ (weights[:, None] * jac), jac.T @ (weights * residuals.values)
     assert_allclose(arrow.slope, slope, rtol=1e-9, atol=1e-6)
     expected = -np.linalg.solve(whole + damping * np.diag(np.diag(whole)), slope)

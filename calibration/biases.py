@@ -28,7 +28,8 @@ _HEADING, EAST, NORTH, TIME_OFFSET = range(-4, 0)
 TURNS: Final = slice(-_OTHERS, _HEADING)
 """Tilt, pan and roll: a rotation vector about the camera's axes."""
 _DOWN: Final = np.array([0.0, 0.0, -1.0])
-_ORDER: Final = [BIASES.index(each) for each in ("height", "tilt", "pan", "roll", "heading", "east", "north", "time")]
+ORDER: Final = [BIASES.index(each) for each in ("height", "tilt", "pan", "roll", "heading", "east", "north", "time")]
+"""Of the height and of the seven other biases here, among ``BIASES``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +179,16 @@ class BiasedPoses:
         by[..., 3:, TIME_OFFSET] = turned(turn, self.pose.rate_cam_radps)
         return by
 
+    def by_biases_of_corrected_stamps(self, biases: FloatArray, wxyz: FloatArray) -> FloatArray:
+        """As :meth:`by_biases`, of poses that were looked up at corrected stamps, the time's bias being 0.
+
+        Their rates are about the axes before the turn.
+        """
+        by = self.by_biases(biases, wxyz)
+        before = matrix(from_rotation_vector(biases[..., TURNS]))
+        by[..., 3:, TIME_OFFSET] = (self.pose.rate_cam_radps[..., None, :] @ before)[..., 0, :]
+        return by
+
     def noise_covariance(self, wxyz: FloatArray, std: FloatArray) -> FloatArray:
         """``(..., 6, 6)`` of the poses' errors that are new in one image.
 
@@ -225,8 +236,8 @@ def biases_of(found: Calibration) -> tuple[FloatArray, FloatArray | None, FloatA
             0.0,
         ]
     )
-    cov = None if found.bias_cov is None else found.bias_cov[np.ix_(_ORDER, _ORDER)]
-    return biases, cov, None if found.lens_cov is None else found.lens_cov[_ORDER]
+    cov = None if found.bias_cov is None else found.bias_cov[np.ix_(ORDER, ORDER)]
+    return biases, cov, None if found.lens_cov is None else found.lens_cov[ORDER]
 
 
 def relocated(poses: PoseBatch) -> PoseBatch:
@@ -308,9 +319,7 @@ class BiasCalibrator:
 
     def _known(self, biased: BiasedPoses, biases: FloatArray, pose: Pose, bias_cov: FloatArray) -> Pose:
         """The corrected poses with how well they are known."""
-        by_bias = biased.by_biases(biases, pose.wxyz)
-        # Here a pose is looked up at its corrected stamp: its rate is about the axes before the turn.
-        by_bias[:, 3:, TIME_OFFSET] = pose.rate_cam_radps @ matrix(from_rotation_vector(self._biases[TURNS]))
+        by_bias = biased.by_biases_of_corrected_stamps(biases, pose.wxyz)
         noise = np.array(astuple(self._calibration.noise))
         cov = propagated(by_bias, bias_cov) + biased.noise_covariance(pose.wxyz, noise)
         if not bias_cov[EAST, EAST] + bias_cov[NORTH, NORTH]:

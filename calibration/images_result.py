@@ -144,10 +144,10 @@ class ImagesProblem:
 
     def _of_image(self, state: ImagesState, index: int) -> tuple[FloatArray, FloatArray, np.ndarray, FloatArray]:
         """Of the observations, and of what is new in the image; as the fields of ``ImagesResiduals``."""
-        placed = self.unknowns.placed(state, index, self.views[index])
-        own = np.eye(OWN, placed.by.shape[1], placed.by.shape[1] - OWN)
+        camera, by = self.unknowns.placed(state, index, self.views[index])
+        own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
         nobody, nowhere = np.full(OWN, -1), np.zeros(OWN)
-        found = self._problems[index].observed(placed.state, placed.by)
+        found = self._problems[index].observed(camera, by)
         if found is None:
             return state.own[index], own, nobody, nowhere
         return (

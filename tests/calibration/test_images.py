@@ -134,7 +134,7 @@ def test_one_landmark_straight_below_does_not_tell_the_height():
 
 def straight_below(view):
     """The camera's foot, seen in the principal point."""
-    east, north, _ = view.track.pose(0.0)[0].tolist()
+    east, north, _ = view.track.pose(0.0).position_enu_m.tolist()
     return Landmark(name=f"{view.name}/below", pixel=(CAMERA.cx_px, CAMERA.cy_px), position_m=(east, north, 0.0))
 
 
@@ -187,7 +187,7 @@ def test_the_lens_is_found_with_the_biases():
 
 def ranged(view, height_m=0.0):
     """An image with slant ranges in the place of landmarks, of a vehicle that is higher than reported."""
-    eye = view.track.pose(0.0)[0] + [0.0, 0.0, height_m]
+    eye = view.track.pose(0.0).position_enu_m + [0.0, 0.0, height_m]
     return replace(
         view,
         evidence=tuple(

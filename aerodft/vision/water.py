@@ -37,6 +37,7 @@ from aerodft.vision.water_features import (
     TEXTURE,
     Float32Image,
     WaterFeatures,
+    clusters_of,
     outline_contrast,
 )
 
@@ -57,7 +58,6 @@ _WEIGHTS: Final = np.array([1.0, 1.0, 0.3, 1.5], dtype=np.float32)
 _CLEAR_PERCENT: Final = 25.0  # of an outline's contrasts: most of it has to be clear
 _LEAST_OUTLINE: Final = 20  # pixels
 _ALIKE: Final = 0.97  # overlap: two such regions are one
-_EVERY: Final = 5  # of the pixels is looked at for clusters
 _SHARE: Final = 0.2  # of the seed's disc: a cluster with more belongs to the water
 _SMOOTH_PX: Final = 1.0
 _BAND: Final = 0.35  # of half the water's width: so far from the outline it may be ground
@@ -150,11 +150,16 @@ def cut(planes: Float32Image, region: BoolArray, disc: BoolArray, ground: BoolAr
     labels = np.where(region, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[(deep > 0) | disc] = cv2.GC_FGD
     labels[~ground] = cv2.GC_BGD
+    water = _foreground(seen, labels) & ground
+    return without_specks(piece_around(opened(water) | disc, disc))
+
+
+def _foreground(seen: Bytes, labels: Bytes) -> BoolArray:
+    """What a graph cut of an image ``(height, width, 3)`` puts with the foreground of ``labels (height, width)``."""
     cv2.setRNGSeed(_SEED)
-    water_model, land_model = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(seen, labels, (0, 0, 0, 0), land_model, water_model, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
-    water = ((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)) & ground
-    return without_specks(piece_around(opened(np.asarray(water)) | disc, disc))
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(seen, labels, (0, 0, 0, 0), *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
+    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
 
 
 def _colours(planes: Float32Image) -> Bytes:
@@ -236,15 +241,8 @@ def _clearness(planes: Float32Image, region: BoolArray, ground: BoolArray) -> fl
 def _labels(planes: Float32Image, count: int, ground: BoolArray) -> IntArray:
     """The cluster of every pixel, ``(height, width)``."""
     weighted = planes * (_PLAIN_WEIGHTS if count in _FEW else _WEIGHTS)
-    values = np.asarray(cv2.GaussianBlur(weighted, (0, 0), _SMOOTH_PX), dtype=np.float32)
-    sample = np.ascontiguousarray(values[ground][::_EVERY])
-    if len(sample) <= count:
-        return np.zeros(ground.shape, dtype=np.int64)
-    cv2.setRNGSeed(_SEED)
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 15, 0.2)
-    _, _, centres = cv2.kmeans(sample, count, np.empty(0, dtype=np.int32), criteria, 2, cv2.KMEANS_PP_CENTERS)
-    away = [np.sum(np.square(values - centre), axis=-1) for centre in centres]
-    return np.asarray(np.argmin(np.stack(away), axis=0), dtype=np.int64)
+    labels = clusters_of(weighted, _SMOOTH_PX, ground, count, tries=2)
+    return np.zeros(ground.shape, dtype=np.int64) if labels is None else labels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -301,11 +299,7 @@ def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolAr
     labels = np.full(water.shape, cv2.GC_BGD, dtype=np.uint8)
     labels[water] = cv2.GC_PR_BGD
     labels[core | sure] = cv2.GC_FGD
-    cv2.setRNGSeed(_SEED)
-    models = np.zeros((1, 65)), np.zeros((1, 65))
-    seen = np.clip(colours, 0, 255).astype(np.uint8)
-    cv2.grabCut(seen, labels, (0, 0, 0, 0), *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
-    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
+    return _foreground(np.clip(colours, 0, 255).astype(np.uint8), labels)
 
 
 def _is_rougher(apart: Float32Image) -> bool:

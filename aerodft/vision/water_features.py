@@ -18,7 +18,7 @@ from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft.ground_map import GroundMap
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
 
@@ -205,6 +205,29 @@ def _local(planes: Float32Image, weight: Float32Image, at: BoolArray) -> tuple[F
     return mean, np.maximum(square - mean * mean, 0.0)
 
 
+def clusters_of(
+    weighted: Float32Image, smooth_px: float, ground: BoolArray, count: int, *, tries: int
+) -> IntArray | None:
+    """The cluster of every pixel ``(height, width)``; None where there are too few pixels for so many clusters.
+
+    Args:
+        weighted: ``(height, width, k)`` features.
+        smooth_px: How far they are smoothed.
+        ground: What is looked at for clusters.
+        count: How many there are.
+        tries: Of which the best counts.
+    """
+    values = np.asarray(cv2.GaussianBlur(weighted, (0, 0), smooth_px), dtype=np.float32)
+    sample = np.ascontiguousarray(values[ground][::_EVERY])
+    if len(sample) <= count:
+        return None
+    cv2.setRNGSeed(_SEED)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 15, 0.2)
+    _, _, centres = cv2.kmeans(sample, count, np.empty(0, dtype=np.int32), criteria, tries, cv2.KMEANS_PP_CENTERS)
+    away = [np.sum(np.square(values - centre), axis=-1) for centre in centres]
+    return np.asarray(np.argmin(np.stack(away), axis=0), dtype=np.int64)
+
+
 def water_likeness(planes: Float32Image, water: BoolArray, ground: BoolArray) -> Float32Image:
     """Share of water among the pixels of the same colour, texture and lightness, ``(height, width)``, 0 to 1.
 
@@ -215,15 +238,9 @@ def water_likeness(planes: Float32Image, water: BoolArray, ground: BoolArray) ->
         water: ``(height, width)``: what was found.
         ground: What was looked at.
     """
-    values = np.asarray(cv2.GaussianBlur(planes * _WEIGHTS, (0, 0), _LIKENESS_SMOOTH_PX), dtype=np.float32)
-    sample = np.ascontiguousarray(values[ground][::_EVERY])
-    if len(sample) <= _CLUSTERS:
+    labels = clusters_of(planes * _WEIGHTS, _LIKENESS_SMOOTH_PX, ground, _CLUSTERS, tries=1)
+    if labels is None:
         return (water & ground).astype(np.float32)
-    cv2.setRNGSeed(_SEED)
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 15, 0.2)
-    _, _, centres = cv2.kmeans(sample, _CLUSTERS, np.empty(0, dtype=np.int32), criteria, 1, cv2.KMEANS_PP_CENTERS)
-    away = [np.sum(np.square(values - centre), axis=-1) for centre in centres]
-    labels = np.argmin(np.stack(away), axis=0)
     wet = np.bincount(labels[ground & water], minlength=_CLUSTERS)
     total = np.maximum(np.bincount(labels[ground], minlength=_CLUSTERS), 1)
     return np.where(ground, (wet / total)[labels], 0.0).astype(np.float32)

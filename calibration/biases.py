@@ -22,6 +22,7 @@ from aerodft.model.pose_batch import HORIZONTAL, TIME, PoseBatch
 from aerodft.service.settings import LiveCalibration, TelemetrySettings
 
 _ANGLES: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
+_VALUES: Final = ("height_m", *_ANGLES, "east_m", "north_m", "time_s")
 _OTHERS: Final = 7
 """So many biases stand behind those of the heights."""
 _HEADING, EAST, NORTH, TIME_OFFSET = range(-4, 0)
@@ -113,10 +114,9 @@ class BiasModel:
         return left, np.diag(self.cov) * (1 - left**2)
 
     def said(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
-        """Numbers ``(k,)``, one a bias, by the names of ``model.estimate.BiasValues``."""
-        names = (*_ANGLES, "east_m", "north_m", "time_s")
-        rest = dict(zip(names, values[-_OTHERS:].tolist(), strict=True))
-        return {"height_m": float(values[self.height_column(sample)]), **rest}
+        """Numbers ``(k,)``, one a bias, by the names of ``model.calibration.BiasValues``."""
+        told = [float(values[self.height_column(sample)]), *values[-_OTHERS:].tolist()]
+        return dict(zip(_VALUES, told, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,18 +224,7 @@ def biases_of(found: Calibration) -> tuple[FloatArray, FloatArray | None, FloatA
 
     Images' stamps are moved by the time offset before poses are looked up: what is left of it is around 0.
     """
-    biases = np.array(
-        [
-            found.height_bias_m,
-            found.tilt_bias_rad,
-            found.pan_bias_rad,
-            found.roll_bias_rad,
-            found.heading_bias_rad,
-            found.east_bias_m,
-            found.north_bias_m,
-            0.0,
-        ]
-    )
+    biases = np.array([getattr(replace(found.bias, time_s=0.0), name) for name in _VALUES])
     cov = None if found.bias_cov is None else found.bias_cov[np.ix_(ORDER, ORDER)]
     return biases, cov, None if found.lens_cov is None else found.lens_cov[ORDER]
 

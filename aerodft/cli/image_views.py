@@ -241,7 +241,7 @@ def open_telemetry(
     if own is None:
         raise InputError("a fixed camera's recording", where=path, got="[pose]", expected="one with telemetry")
     has_stamps = isinstance(station.images.source, VideoFile | Stills | Stream | Device)  # others' are the pipeline's
-    before = station.calibration.time_offset_s if station.calibration is not None and has_stamps else 0.0
+    before = station.calibration.bias.time_s if station.calibration is not None and has_stamps else 0.0
     return Telemetry(
         path=path,
         source=RecordingSource(recording),

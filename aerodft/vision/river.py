@@ -20,10 +20,9 @@ from aerodft.model.pose import Pose
 from aerodft.vision.river_banks import Edges, Islands, islands_across, locate_banks, stand_out
 from aerodft.vision.river_checks import like_a_road, likeliest_water, no_light, no_river, otherwise_m
 from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
-from aerodft.vision.water import WaterMask, with_islands
+from aerodft.vision.water import WaterMask, WaterNetwork, with_islands
 from aerodft.vision.water_features import WaterFeatures, WaterPlane, ground_of, water_features
 from aerodft.vision.water_motion import STAYS, LaterLook, what_stays, without_still
-from aerodft.vision.water_network import WaterNetwork
 from aerodft.vision.waterway import (
     MOST_TRANSECTS,
     Centreline,

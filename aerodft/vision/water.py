@@ -1,4 +1,4 @@
-"""Which part of an image is water: classical segmentation from one seed, with how far it can be trusted.
+"""Which part of an image is water: classical segmentation from one seed, or a user's own network.
 
 Regions around the seed. Few clusters of colour and texture tell water from land at once where the two are of a kind
 each; many are needed where water is brown here and mirrors the sky there, or where bushes differ from all the rest by
@@ -22,14 +22,16 @@ brighter: what is brighter may be either.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from aerodft.errors import InputError
 from aerodft.geometry.robust import middle_and_std, robust_std
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.vision.water_features import (
     BLUE_TO_GREEN,
     LIGHT,
@@ -92,6 +94,10 @@ _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
 _CUT_ISLAND: Final = 0.6  # of its shore's length: so short is where the image cuts it; a bank's corner has more
 _SEVERED: Final = 0.03  # of the water
 _MARGINS: Final = 2  # at bare ground along the water: what hid behind the first
+_MULTIPLE: Final = 32  # networks halve their input some times
+_CONTRACT: Final = (
+    "input 1 x 3 x H x W (RGB, 0 to 1), output 1 x 1 x h x w (probability or logit of water) or 1 x 2 x h x w"
+)
 
 
 def disc_around(shape: tuple[int, int], seed_px: tuple[float, float]) -> BoolArray:
@@ -516,3 +522,63 @@ def with_islands(water: BoolArray, ground: BoolArray) -> BoolArray:
     island = (on_border == 0) | (small & (on_border < _CUT_ISLAND * on_shore))
     island[0] = False
     return np.asarray(water | island[labels])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterNetwork:
+    """A network that was read from a file.
+
+    Attributes:
+        net: As OpenCV has it.
+        where: Its file, for messages.
+    """
+
+    net: Any
+    where: Path
+
+    @classmethod
+    def read(cls, path: Path) -> "WaterNetwork":
+        """Read an ONNX file.
+
+        Raises:
+            InputError: It is missing, or no network that OpenCV can run.
+        """
+        try:
+            data = np.fromfile(path, dtype=np.uint8)
+        except OSError as error:
+            raise InputError("the water model cannot be read", where=path, got=error.strerror) from error
+        try:
+            return cls(cv2.dnn.readNetFromONNX(data), path)
+        except cv2.error:
+            raise InputError("no network that OpenCV can run", where=path, expected=f"ONNX: {_CONTRACT}") from None
+
+    def find_water(self, features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray) -> WaterMask:
+        """As ``water.find_water``: what is more likely water than not, in one piece around the seed.
+
+        Raises:
+            InputError: The network does not take such an image, or does not say what it should.
+        """
+        wet = self.probability(features.pixels) > 0.5  # noqa: PLR2004 - more likely than not
+        water = around_seed(wet & ground, features.shape, seed_px, ground)
+        outline, contrast = outline_contrast(features.planes, water, ground)
+        return WaterMask(water, outline, contrast)
+
+    def probability(self, pixels: ImageArray) -> Float32Image:
+        """Of water, ``(height, width)``, in an image ``(height, width, 3)`` BGR.
+
+        Raises:
+            InputError: See ``find_water``.
+        """
+        height, width = pixels.shape[:2]
+        size = tuple(-(-side // _MULTIPLE) * _MULTIPLE for side in (width, height))
+        try:
+            self.net.setInput(cv2.dnn.blobFromImage(pixels, 1.0 / 255.0, size, swapRB=True))
+            said = np.asarray(self.net.forward(), dtype=np.float32)
+        except cv2.error:
+            raise InputError("the water model does not take the image", where=self.where, expected=_CONTRACT) from None
+        if said.ndim != 4 or said.shape[0] != 1 or said.shape[1] not in (1, 2) or not np.all(np.isfinite(said)):  # noqa: PLR2004
+            raise InputError("the water model's output", where=self.where, got=f"{said.shape}", expected=_CONTRACT)
+        logit = said[0, 1] - said[0, 0] if said.shape[1] == 2 else said[0, 0]  # noqa: PLR2004 - land, then water
+        is_probability = said.shape[1] == 1 and float(logit.min()) >= 0.0 and float(logit.max()) <= 1.0
+        wet = logit if is_probability else 1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))
+        return np.asarray(cv2.resize(wet, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32)

@@ -22,7 +22,7 @@ from aerodft.service.looking import Lookout
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import ObjectSettings
 from aerodft.vision.moving import MovingObjects, MovingOverGround
-from aerodft.vision.river_observer import RiverObserver
+from aerodft.vision.river import RiverObserver
 from aerodft.vision.steady import LEAST_CORNERS, SteadyPoints
 from aerodft.vision.tracked_probes import TrackedProbes
 from calibration.markers import CameraPlace, MarkerObserver

@@ -1,10 +1,12 @@
-"""A river in one image, or over a flight: its water, its banks, and its width at transects along it.
+"""A river in one image, over a flight, or while images come: its water, its banks, and its width at transects along it.
 
 Over a flight every image votes for each place that it shows. What most of them hold to be water is the reach, with one
 centreline; its transects are then looked up in every image, so that widths of several images are of the same places.
+While images come, banks are observations: what a probe of kind ``river`` is measured from.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -13,13 +15,17 @@ import cv2
 import numpy as np
 
 from aerodft.dft.reach_widths import ReachWidths, SeenWidths, fuse
-from aerodft.dft.request import Setup
+from aerodft.dft.request import Setup, zoomed
 from aerodft.dft.river_widths import BankPair, RiverWidths, river_widths
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.pose import Pose
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
+from aerodft.model.observation import Observation
+from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.probe import Probe
 from aerodft.vision.river_banks import Edges, Islands, islands_across, locate_banks, stand_out
 from aerodft.vision.river_checks import like_a_road, likeliest_water, no_light, no_river, otherwise_m
-from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
+from aerodft.vision.river_status import WHY, NoRiver, RiverLook, RiverStatus
 from aerodft.vision.water import WaterMask, WaterNetwork, with_islands
 from aerodft.vision.water_features import WaterFeatures, WaterPlane, ground_of, water_features
 from aerodft.vision.water_motion import STAYS, LaterLook, what_stays, without_still
@@ -49,6 +55,9 @@ _MOST_CELLS: Final = 4_000_000
 _PAD_CELLS: Final = 3
 _OUTLINE: Final = 7  # every so many pixels of a mask tell how far it reaches
 _ONCE_M: Final = 1e4  # apart: one transect tells whether there is a river
+MOST_OBSERVED: Final = 32
+_DECIMALS: Final = 3
+_LEAST_STD_PX: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -524,3 +533,79 @@ def _most_said(refusals: Sequence[NoRiver]) -> NoRiver:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
     said = [each.status for each in refusals]
     return max(refusals, key=lambda each: said.count(each.status))
+
+
+class RiverObserver:
+    """Implements ``service.ports.ImageObserver``: pairs of bank pixels, left then right, for each river probe.
+
+    Transects are laid with a pose of about the same time; widths are measured from the image's own.
+
+    Args:
+        camera: The camera.
+        look: How banks are looked for.
+        probes: Those of kind ``river``.
+        pose_near: The pose of about an image's time; None where there is none.
+
+    Attributes:
+        misses: How many looks found no river, by status.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        look: RiverLook,
+        probes: tuple[Probe, ...],
+        pose_near: Callable[[Image], PoseSample | None],
+    ) -> None:
+        self.misses: Counter[str] = Counter()
+        self._camera, self._look, self._probes, self._pose_near = camera, look, probes, pose_near
+
+    def observe(self, image: Image) -> tuple[Observation, ...]:
+        """The banks in one image; of each probe why there are none, where there is no river, or no pose yet.
+
+        Raises:
+            AerodftError: The pixels cannot be read.
+        """
+        if image.pixels is None:
+            return ()
+        sample = self._pose_near(image)
+        if sample is None or sample.pose is None:
+            return tuple(
+                self._missed(probe, image, "NO_POSE", "where the camera looks was not known yet")
+                for probe in self._probes
+            )
+        seen = []
+        for probe in self._probes:
+            setup = Setup(camera=self._camera, elevation_m=probe.elevation_m, max_range_m=self._look.max_range_m)
+            setup, sample = zoomed(setup, sample)
+            assert sample.pose is not None  # noqa: S101 - as above, for the type checker
+            question = RiverQuestion(seed_px=self._look.seed_px, spacing_m=self._look.spacing_m)
+            found = find_river(image.pixels(), setup, sample.pose, question)
+            if isinstance(found, NoRiver):
+                seen.append(self._missed(probe, image, found.status, found.reason))
+            elif observation := _observed(found, probe.name, image):
+                seen.append(observation)
+            else:
+                seen.append(self._missed(probe, image, *_commonest(found)))
+        return tuple(seen)
+
+    def _missed(self, probe: Probe, image: Image, code: str, reason: str) -> Observation:
+        self.misses[str(code)] += 1
+        return Observation.in_image(image, probe.name, unseen=f"{code}: {reason}")
+
+
+def _commonest(found: River) -> tuple[str, str]:
+    """Why no transect has a width: what is said of most of them, as a code and a sentence."""
+    status, _ = Counter(found.status).most_common(1)[0]
+    return status, WHY[status]
+
+
+def _observed(found: River, name: str, image: Image) -> Observation | None:
+    rows = np.array([row for row, status in enumerate(found.status) if status is RiverStatus.OK], dtype=np.int64)
+    if len(rows) == 0:
+        return None
+    chosen = rows[np.unique(np.rint(np.linspace(0, len(rows) - 1, min(len(rows), MOST_OBSERVED))).astype(np.int64))]
+    pixels = np.round(found.edges.pixels_px[chosen].reshape(-1, 2), _DECIMALS).tolist()
+    spread_px = float(np.sqrt(np.mean(np.square(found.edges.std_px[chosen]))))
+    std_px = round(float(np.hypot(spread_px, _LEAST_STD_PX)), _DECIMALS)
+    return Observation.in_image(image, name, tuple((u, v) for u, v in pixels), std_px=std_px)

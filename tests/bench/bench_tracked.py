@@ -30,7 +30,6 @@ from aerodft.vision import (
     blobs,
     moving,
     plane_lock,
-    tracked_probes,
     tracking,
 )
 
@@ -68,7 +67,7 @@ def bench_tracked(count: int) -> None:
     pixels = ((800.0, 520.0), (1150.0, 560.0))
     probe = Probe(name="banks", kind=ProbeKind.DISTANCE, source=PixelSource.TRACKED, pixels=pixels)
     samples = [PoseSample(stamp_ns=s, status=Status.OK, pose=p) for s, p in zip(stamps, poses, strict=True)]
-    observer = tracked_probes.TrackedProbes(CAMERA, (probe,), lambda image: samples[image.index], None)
+    observer = plane_lock.TrackedProbes(CAMERA, (probe,), lambda image: samples[image.index], None)
     images = [
         Image(index=k, stamp_ns=stamps[k], arrival_ns=stamps[k], pixels=lambda k=k: frames[k]) for k in range(count + 1)
     ]

@@ -4,7 +4,7 @@ What the images share is coupled by all of them, what is new in each by itself a
 equations (Schur's complement), so that the number of images costs time in proportion only.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from aerodft.model.evidence import Evidence, EvidenceSet, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
 from calibration.descent import Loss, NormalEquations, Rows, descend, eliminated, own_steps
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
-from calibration.residuals import Problem
+from calibration.residuals import Problem, Residuals, joined
 from calibration.result import (
     LIMIT,
     Leftover,
@@ -137,33 +137,28 @@ class ImagesProblem:
     def evaluate(self, state: ImagesState) -> ImagesResiduals:
         """All residuals of a guess."""
         parts = [self._of_image(state, index) for index in range(len(self.views))]
-        ends = np.cumsum([0, *(len(values) for values, *_ in parts)]).tolist()
-        parts.append(self._of_priors(state))
-        values, by, owner, px = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return ImagesResiduals(values, by, owner, px, tuple(map(slice, ends[:-1], ends[1:])))
+        ends = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
+        whole = joined([*parts, self._of_priors(state)])
+        rows = tuple(map(slice, ends[:-1], ends[1:]))
+        return ImagesResiduals(whole.values, whole.by_unknowns, whole.owner, whole.px, rows)
 
-    def _of_image(self, state: ImagesState, index: int) -> tuple[FloatArray, FloatArray, np.ndarray, FloatArray]:
-        """Of the observations, and of what is new in the image; as the fields of ``ImagesResiduals``."""
+    def _of_image(self, state: ImagesState, index: int) -> Residuals:
+        """Of the observations, and of what is new in the image."""
         camera, by = self.unknowns.placed(state, index, self.views[index])
         own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
-        nobody, nowhere = np.full(OWN, -1), np.zeros(OWN)
+        new = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
         found = self._problems[index].observed(camera, by)
         if found is None:
-            return state.own[index], own, nobody, nowhere
-        return (
-            np.append(found.values, state.own[index]),
-            np.vstack([found.by_unknowns, own]),
-            np.append(found.owner + self._firsts[index], nobody),
-            np.append(found.px, nowhere),
-        )
+            return new
+        return joined([replace(found, owner=found.owner + self._firsts[index]), new])
 
-    def _of_priors(self, state: ImagesState) -> tuple[FloatArray, FloatArray, np.ndarray, FloatArray]:
+    def _of_priors(self, state: ImagesState) -> Residuals:
         names, count = self.unknowns.names, len(self.priors)
         values = np.array([(state.value(name) - prior.value) / prior.std for name, prior in self.priors.items()])
         by = np.zeros((count, len(names) + OWN))
         for row, (name, prior) in enumerate(self.priors.items()):
             by[row, names.index(name)] = 1 / prior.std
-        return values, by, np.full(count, -1), np.zeros(count)
+        return Residuals(values, by, np.full(count, -1), np.zeros(count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -393,7 +393,7 @@ class Problem:
         found = self.observed(state, self.unknowns.by_unknowns(state))
         parts = [] if found is None else [found]
         parts += [self._of_priors(state)] if self._priors else []
-        return _joined(parts)
+        return joined(parts)
 
     def moved(self, state: State, step: FloatArray) -> State | None:
         """The guess after a step ``(n,)``; None where no camera can be."""
@@ -408,7 +408,7 @@ class Problem:
         parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
         parts += [_of_many(each, state, by) for each in self._together]
         parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
-        return _joined(parts) if parts else None
+        return joined(parts) if parts else None
 
     def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -448,7 +448,8 @@ def _times(many: FloatArray, by: FloatArray) -> FloatArray:
     return np.asarray((many.reshape(-1, len(by)) @ by).reshape(*many.shape[:-1], -1))
 
 
-def _joined(parts: list[Residuals]) -> Residuals:
+def joined(parts: list[Residuals]) -> Residuals:
+    """Residuals one after the other."""
     if len(parts) == 1:
         return parts[0]
     return Residuals(

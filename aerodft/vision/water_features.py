@@ -208,14 +208,9 @@ def _local(planes: Float32Image, weight: Float32Image, at: BoolArray) -> tuple[F
 def clusters_of(
     weighted: Float32Image, smooth_px: float, ground: BoolArray, count: int, *, tries: int
 ) -> IntArray | None:
-    """The cluster of every pixel ``(height, width)``; None where there are too few pixels for so many clusters.
+    """The cluster of every pixel of ``weighted (height, width, k)``; None for too few pixels of ``ground`` for them.
 
-    Args:
-        weighted: ``(height, width, k)`` features.
-        smooth_px: How far they are smoothed.
-        ground: What is looked at for clusters.
-        count: How many there are.
-        tries: Of which the best counts.
+    Features are smoothed before; of some tries the best counts.
     """
     values = np.asarray(cv2.GaussianBlur(weighted, (0, 0), smooth_px), dtype=np.float32)
     sample = np.ascontiguousarray(values[ground][::_EVERY])

@@ -87,11 +87,6 @@ class KnownTurn:
         return np.asarray(np.sqrt(np.diagonal(self.cov + by_lens, axis1=-2, axis2=-1)))
 
 
-def shift_of(lever_arm_m: float, wxyz: FloatArray) -> float:
-    """How far something at the end of a lever goes when that turns."""
-    return 2 * lever_arm_m * math.sin(float(np.linalg.norm(to_rotation_vector(wxyz))) / 2)
-
-
 def turned_pose(pose: Pose, turn: KnownTurn) -> Pose:
     """The poses ``(...)`` after the turn.
 
@@ -445,13 +440,14 @@ class SteadyCalibrator:
         state, level = self._state, self._state.level
         if level is None:
             return None
+        half_rad = float(np.linalg.norm(to_rotation_vector(level.wxyz))) / 2
         cov = level.covariance(self._camera.fx_px, state.variance_rad2) + np.outer(state.off_rad, state.off_rad)
         return KnownTurn(
             wxyz=level.wxyz,
             cov=cov + self._unwatched_rad2(stamp_ns)[:, None, None] * np.eye(3),
             by_intrinsics=level.last.by_intrinsics,
             lens_cov=self._lens_cov,
-            shift_m=shift_of(self._watch.lever_arm_m, level.wxyz),
+            shift_m=2 * self._watch.lever_arm_m * math.sin(half_rad),  # of what is at the end of a lever
         )
 
     def _unwatched_rad2(self, stamp_ns: IntArray) -> FloatArray:

@@ -312,20 +312,12 @@ class WaterView:
     width_m: float
 
 
-def reach_line(views: Sequence[WaterView]) -> Centreline | None:
-    """The centreline of the water that most views show; None where it has no bank on either side.
+class _Votes:
+    """Counts, for every place, of the images that show it, and of those that show water there.
 
     Args:
         views: At least one; their planes in one ENU frame.
     """
-    votes = _Votes(views)
-    for view in views:
-        votes.add(view)
-    return middle_line(votes.water_map())
-
-
-class _Votes:
-    """Counts, for every place, of the images that show it, and of those that show water there."""
 
     def __init__(self, views: Sequence[WaterView]) -> None:
         places = np.concatenate([_places(view) for view in views])
@@ -337,8 +329,10 @@ class _Votes:
         columns, rows = (int(np.ceil(each / self._step_m)) + 2 * _PAD_CELLS for each in extent)
         self._seen: IntArray = np.zeros((rows, columns), dtype=np.int64)
         self._water: IntArray = np.zeros((rows, columns), dtype=np.int64)
+        for view in views:
+            self._add(view)
 
-    def add(self, view: WaterView) -> None:
+    def _add(self, view: WaterView) -> None:
         """Count one view, over the part of the map that it shows."""
         rows, columns = self._box(view)
         if rows.start >= rows.stop or columns.start >= columns.stop:
@@ -476,7 +470,7 @@ def measure_reach(
         looks.append(_slim(find_river(view.pixels(), view.setup, view.pose, rough, view.later)))
         advance(len(looks))
     waters = [_water(view, look) for view, look in zip(views, looks, strict=True) if isinstance(look, River)]
-    line = reach_line(waters) if waters else None
+    line = middle_line(_Votes(waters).water_map()) if waters else None
     if line is None:
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
     line = oriented(_plane(views[0]), line, question.flow_rad)

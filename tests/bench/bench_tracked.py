@@ -27,7 +27,6 @@ from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import (
-    blobs,
     moving,
     plane_lock,
     tracking,
@@ -121,9 +120,9 @@ def main(arguments: list[str] | None = None) -> None:
     timed(tracking.StraightView, "warped", "warping the keyframe")
     timed(plane_lock, "followed", "Lucas-Kanade there and back")
     timed(plane_lock, "groups_of", "homographies")
-    timed(blobs, "shadows", "shadows")
-    timed(blobs, "outlines_of", "outlines")
-    timed(blobs, "_whole", "cleaning the mask")
+    timed(moving, "shadows", "shadows")
+    timed(moving, "outlines_of", "outlines")
+    timed(moving, "_whole", "cleaning the mask")
     timed(moving.GroundBackground, "new_in", "what is new on the ground")
     timed(moving.GroundBackground, "learn", "learning the ground")
     timed(moving.GroundCanvas, "laid", "laying it on the ground")

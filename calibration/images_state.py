@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.projection import INTRINSICS
+from aerodft.dft.projection import INTRINSICS, ROTATION
 from aerodft.geometry.rotation import (
     from_rotation_vector,
     inverse,
@@ -45,7 +45,6 @@ OWN: Final = 7
 """Errors that are new in each image: east, north, up, tilt, pan, roll, heading."""
 
 _TIME = BIASES.index("time")
-_ROTATION = slice(3, 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,15 +235,15 @@ class SharedUnknowns:
         """
         found, count = _turned(state, index, view, view.track.at(float(state.biases[_TIME]))), len(self.names)
         by_bias = found.biased.by_biases_of_corrected_stamps(_of_corrected_stamp(state), found.wxyz)
-        by_bias[_ROTATION] = found.back @ by_bias[_ROTATION]
+        by_bias[ROTATION] = found.back @ by_bias[ROTATION]
         by = np.zeros((INTRINSICS.start + 4 + len(state.base.camera.distortion), count + OWN))
         chosen = [name for name in self.names if name in BIASES]
         by[:6, self._columns(chosen)] = by_bias[:, [ORDER.index(BIASES.index(name)) for name in chosen]]
         if self.lens.names:
             by[:, self._columns(self.lens.names)] = self.lens.by_unknowns(found.camera)
         by[:3, count : count + 3] = np.diag(view.noise[:3])
-        by[_ROTATION, count + 3 : -1] = found.by_own * view.noise[3:6]
-        by[_ROTATION, -1] = found.by_own @ found.down_cam * view.noise[6]
+        by[ROTATION, count + 3 : -1] = found.by_own * view.noise[3:6]
+        by[ROTATION, -1] = found.by_own @ found.down_cam * view.noise[6]
         return found.camera, by
 
     def _columns(self, names: Sequence[str]) -> list[int]:

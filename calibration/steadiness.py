@@ -71,11 +71,6 @@ class KnownTurn:
     shift_m: float
 
     @property
-    def angle_rad(self) -> float:
-        """By how much, about whichever axis."""
-        return float(np.linalg.norm(self.rotvec_rad))
-
-    @property
     def rotvec_rad(self) -> FloatArray:
         """``(3,)``: the camera's own rotation about its axes, ``reference_SO3_now``."""
         return to_rotation_vector(inverse(self.wxyz))
@@ -461,7 +456,7 @@ class SteadyCalibrator:
         """What people should know of poses that have numbers, for each stamp ``(n,)``."""
         state, said = self._state, []
         if turn is not None and state.moved_ns is not None:
-            angle_deg = math.degrees(turn.angle_rad)
+            angle_deg = math.degrees(np.linalg.norm(turn.rotvec_rad))
             said.append(f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)}; corrected")
         if state.state is not Steadiness.UNCHECKED or not state.has_looked:
             return [tuple(said)] * len(stamp_ns)

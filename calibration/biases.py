@@ -1,25 +1,283 @@
-"""Corrections of the telemetry that a calibration found, applied to every pose."""
+"""How a pose depends on the biases of its telemetry, how these come and go, and poses corrected by them.
 
-from dataclasses import astuple, replace
+The biases are the height's (one for each source, in the configured order), then tilt, pan, roll, heading, east, north
+and the time offset of the images. Each is a Gauss-Markov process: within minutes a random walk of the stated rate, in
+the long run what the telemetry's standard deviation says; so what a landmark taught fades when none is seen any more,
+and never into less certainty than there was without one.
+"""
+
+import math
+from dataclasses import astuple, dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.rotation import from_rotation_vector, matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import Calibration
-from aerodft.model.pose import Pose
+from aerodft.geometry.geodesy import lat_lon
+from aerodft.geometry.poses import pose_covariance
+from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, turned
+from aerodft.model.arrays import FloatArray, FloatLike, IntArray
+from aerodft.model.calibration import BIASES, Calibration
+from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.pose_batch import HORIZONTAL, TIME, PoseBatch
-from calibration.live_model import (
-    EAST,
-    NORTH,
-    TIME_OFFSET,
-    TURNS,
-    BiasedPoses,
-    biases_of,
-    propagated,
-    relocated,
-    stds_of,
-)
+from aerodft.service.settings import LiveCalibration, TelemetrySettings
+
+_ANGLES: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
+_VALUES: Final = ("height_m", *_ANGLES, "east_m", "north_m", "time_s")
+_OTHERS: Final = 7
+"""So many biases stand behind those of the heights."""
+_HEADING, EAST, NORTH, TIME_OFFSET = range(-4, 0)
+TURNS: Final = slice(-_OTHERS, _HEADING)
+"""Tilt, pan and roll: a rotation vector about the camera's axes."""
+_DOWN: Final = np.array([0.0, 0.0, -1.0])
+ORDER: Final = [BIASES.index(each) for each in ("height", "tilt", "pan", "roll", "heading", "east", "north", "time")]
+"""Of the height and of the seven other biases here, among ``BIASES``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasModel:
+    """What is known of the biases before a landmark was seen.
+
+    Attributes:
+        heights: The height sources, in the order of their biases.
+        mean: ``(k,)``.
+        cov: ``(k, k)``.
+        rate_per_s: ``(k,)`` at which what was learned is forgotten.
+        noise_std: ``(heights, 7)`` std of what is new in every image, by height source, in the order of ``PoseStd``.
+        stated_std: ``(heights, 7)`` std that the configuration states; infinite for the time, which has no noise.
+    """
+
+    heights: tuple[HeightSource, ...]
+    mean: FloatArray
+    cov: FloatArray
+    rate_per_s: FloatArray
+    noise_std: FloatArray
+    stated_std: FloatArray
+
+    @classmethod
+    def of(
+        cls, live: LiveCalibration, telemetry: TelemetrySettings, time_std_s: float, start: Calibration | None
+    ) -> "BiasModel":
+        """The model of a station; ``start`` is a calibration whose biases and covariance are where it begins."""
+        heights, stated = telemetry.height.order, telemetry.attitude.lasting_std
+        stated_heights = tuple(telemetry.height.std_m[source] for source in heights)
+        share, noise, initial = live.noise_share, live.noise, live.initial
+        shared = math.sqrt(1 - share**2)
+        others = (*(getattr(stated, each) for each in _ANGLES), stated.horizontal_m, stated.horizontal_m)
+        stds = [shared * each for each in (*stated_heights, *others)]
+        given = (
+            *([initial.height_m] * len(heights)),
+            *(getattr(initial, each) for each in _ANGLES),
+            initial.horizontal_m,
+            initial.horizontal_m,
+        )
+        stds = [std if each is None else each for std, each in zip(stds, given, strict=True)]
+        cov = np.diag(np.square([*stds, time_std_s]))
+        mean = np.zeros(len(cov))
+        if start is not None:
+            mean, cov = _started(mean, cov, start)
+        least = {each: _or(getattr(noise, each), share * getattr(stated, each)) for each in ("horizontal_m", *_ANGLES)}
+        new = [PoseStd(height_agl_m=_or(noise.height_m, share * std), **least) for std in stated_heights]
+        known = [replace(stated, height_agl_m=std, time_s=math.inf) for std in stated_heights]
+        return cls(
+            heights=heights,
+            mean=mean,
+            cov=cov,
+            rate_per_s=_rates(np.diag(cov), live, len(heights)),
+            noise_std=np.array([astuple(each) for each in new]),
+            stated_std=np.array([astuple(each) for each in known]),
+        )
+
+    def height_column(self, sample: PoseSample) -> int:
+        """Which bias is that of a sample's height.
+
+        Raises:
+            ValueError: Its source is not one of the configured ones.
+        """
+        return self.heights.index(HeightSource(sample.height_source or ""))
+
+    def biased(self, poses: PoseBatch) -> "BiasedPoses":
+        """Poses by telemetry alone, each with the bias of its own height."""
+        return BiasedPoses.of(poses.pose, poses.told(self.height_column))
+
+    def noise_of(self, std: FloatArray, height_column: IntArray) -> FloatArray:
+        """``(n, 7)`` std of what is new in each image: the model's, and by how much a pose is worse than stated.
+
+        Args:
+            std: ``(n, 7)`` as ``PoseBatch.std``.
+            height_column: ``(n,)`` which bias is that of each pose's height.
+        """
+        return np.hypot(self.noise_std[height_column], excess(std, self.stated_std[height_column]))
+
+    def drifted(self, elapsed_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """After times ``(...)``: what is left of what was learned, and the variances that are back, ``(..., k)``."""
+        left = np.exp(-self.rate_per_s * elapsed_s[..., None])
+        return left, np.diag(self.cov) * (1 - left**2)
+
+    def said(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
+        """Numbers ``(k,)``, one a bias, by the names of ``model.calibration.BiasValues``."""
+        told = [float(values[self.height_column(sample)]), *values[-_OTHERS:].tolist()]
+        return dict(zip(_VALUES, told, strict=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasedPoses:
+    """Poses by telemetry alone, and how biases get into them: those of the heights, then the seven others.
+
+    Attributes:
+        pose: The ``(...)`` poses.
+        height_column: ``(...)`` which of the biases is that of each pose's height.
+        slope: ``(..., 2)`` by how much each height follows east and north, as ``slope_of``.
+    """
+
+    pose: Pose
+    height_column: IntArray
+    slope: FloatArray
+
+    @staticmethod
+    def of(pose: Pose, height_column: IntArray) -> "BiasedPoses":
+        """Poses ``(...)`` with the columns ``(...)`` of their heights' biases."""
+        return BiasedPoses(pose, height_column, slope_of(pose))
+
+    def row(self, row: int) -> "BiasedPoses":
+        """One of ``(n,)`` poses."""
+        return BiasedPoses(self.pose.rows(row), self.height_column[row], self.slope[row])
+
+    def of_heights(self, values: FloatArray) -> FloatArray:
+        """``(..., 8)`` from ``values (..., k)``, one a bias: that of each pose's own height, then the seven others."""
+        own = np.take_along_axis(values, self.height_column[..., None], axis=-1)
+        return np.concatenate([own, values[..., -_OTHERS:]], axis=-1)
+
+    def corrected(self, biases: FloatArray, noise: FloatArray | None = None) -> Pose:
+        """The poses without ``biases (..., k)``, and where given without ``noise (6,)``, an error of each pose."""
+        pose, east_north = self.pose, biases[..., EAST:TIME_OFFSET]
+        about_vertical = biases[..., [_HEADING]] * _DOWN
+        in_camera = from_rotation_vector(self._in_camera(biases))
+        wxyz = multiply(from_rotation_vector(about_vertical), multiply(pose.wxyz, in_camera))
+        up = np.take_along_axis(biases, self.height_column[..., None], axis=-1)
+        up = up + np.sum(self.slope * east_north, axis=-1, keepdims=True)
+        moved = np.concatenate([east_north, up], axis=-1) + biases[..., [TIME_OFFSET]] * pose.velocity_enu_mps
+        position = pose.position_enu_m + moved
+        if noise is not None:
+            position, wxyz = position + noise[:3], multiply(wxyz, from_rotation_vector(noise[3:]))
+        return replace(pose, position_enu_m=position, wxyz=wxyz)
+
+    def by_biases(self, biases: FloatArray, wxyz: FloatArray) -> FloatArray:
+        """The corrected poses (position in ENU, rotation in camera axes) by the biases, ``(..., 6, k)``.
+
+        Args:
+            biases: ``(..., k)`` that the poses are corrected by.
+            wxyz: ``(..., 4)`` corrected attitudes.
+        """
+        by = np.zeros((*wxyz.shape[:-1], 6, biases.shape[-1]))
+        np.put_along_axis(by[..., 2, :], self.height_column[..., None], 1.0, axis=-1)
+        by[..., 0, EAST] = by[..., 1, NORTH] = 1.0
+        by[..., 2, EAST:TIME_OFFSET] = self.slope
+        turn = right_jacobian(self._in_camera(biases))
+        by[..., 3:, TURNS] = turn
+        by[..., 3:, _HEADING] = -matrix(wxyz)[..., 2, :]  # clockwise is about straight down
+        by[..., :3, TIME_OFFSET] = self.pose.velocity_enu_mps
+        by[..., 3:, TIME_OFFSET] = turned(turn, self.pose.rate_cam_radps)
+        return by
+
+    def by_biases_of_corrected_stamps(self, biases: FloatArray, wxyz: FloatArray) -> FloatArray:
+        """As :meth:`by_biases`, of poses that were looked up at corrected stamps, the time's bias being 0.
+
+        Their rates are about the axes before the turn.
+        """
+        by = self.by_biases(biases, wxyz)
+        before = matrix(from_rotation_vector(biases[..., TURNS]))
+        by[..., 3:, TIME_OFFSET] = (self.pose.rate_cam_radps[..., None, :] @ before)[..., 0, :]
+        return by
+
+    def noise_covariance(self, wxyz: FloatArray, std: FloatArray) -> FloatArray:
+        """``(..., 6, 6)`` of the poses' errors that are new in one image.
+
+        Args:
+            wxyz: ``(..., 4)`` corrected attitudes.
+            std: ``(..., 7)`` of these errors, in the order of ``PoseStd``, broadcast.
+        """
+        follows = np.broadcast_to(np.eye(6), (*wxyz.shape[:-1], 6, 6)).copy()
+        follows[..., 2, :2] = self.slope
+        return propagated(follows, pose_covariance(wxyz, std))
+
+    def _in_camera(self, biases: FloatArray) -> FloatArray:
+        return biases[..., TURNS] + biases[..., [TIME_OFFSET]] * self.pose.rate_cam_radps
+
+
+def propagated(by: FloatArray, cov: FloatArray) -> FloatArray:
+    """Covariances ``(..., m, m)`` of what depends ``by (..., m, k)`` on errors of ``cov (..., k, k)``."""
+    return np.asarray(by @ cov @ np.swapaxes(by, -1, -2))
+
+
+def stds_of(variances: FloatArray) -> FloatArray:
+    """Standard deviations ``(..., 7)`` in the order of ``PoseStd`` from the variances ``(..., 8)`` of biases.
+
+    Args:
+        variances: Of the height, and of the seven other biases.
+    """
+    height, tilt, pan, roll, heading, east, north, time = np.moveaxis(np.sqrt(variances), -1, 0)
+    return np.stack([height, np.hypot(east, north) / math.sqrt(2), tilt, pan, roll, heading, time], axis=-1)
+
+
+def biases_of(found: Calibration) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """A calibration's biases ``(8,)`` with their covariance and that with the lens: of the height, then the others.
+
+    Images' stamps are moved by the time offset before poses are looked up: what is left of it is around 0.
+    """
+    biases = np.array([getattr(replace(found.bias, time_s=0.0), name) for name in _VALUES])
+    cov = None if found.bias_cov is None else found.bias_cov[np.ix_(ORDER, ORDER)]
+    return biases, cov, None if found.lens_cov is None else found.lens_cov[ORDER]
+
+
+def relocated(poses: PoseBatch) -> PoseBatch:
+    """Corrected poses with the latitude and longitude of where they are now."""
+    lat_lon_alt = poses.lat_lon_alt.copy()
+    for index in np.unique(poses.variant_index).tolist():
+        if (origin := poses.variants[index].origin) is not None:
+            rows = poses.variant_index == index
+            lat_lon_alt[rows, :2] = lat_lon(origin, poses.pose.position_enu_m[rows, :2])
+    return replace(poses, lat_lon_alt=lat_lon_alt)
+
+
+def _or(given: float | None, default: float) -> float:
+    return default if given is None else given
+
+
+def excess(now: FloatLike, stated: FloatLike) -> FloatArray:
+    """What is new in standard deviations that are larger than the stated ones; 0 in all others."""
+    return np.asarray(np.sqrt(np.maximum(np.square(now) - np.square(stated), 0.0)))
+
+
+def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
+    """Biases as a calibration has them: of whatever height is in use."""
+    found, found_cov, _ = biases_of(start)
+    by_found = np.zeros((len(mean), len(found)))
+    by_found[:-_OTHERS, 0] = 1.0
+    by_found[-_OTHERS:, 1:] = np.eye(_OTHERS)
+    if found_cov is None:
+        return by_found @ found, cov
+    told = propagated(by_found, found_cov)
+    kept = np.zeros(len(mean))
+    gaps = [EAST, NORTH, TIME_OFFSET]
+    kept[gaps] = np.diag(told)[gaps] == 0
+    return by_found @ found, kept[:, None] * cov * kept + told
+
+
+def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatArray:
+    """At which biases that walk at random by the stated drift are pulled back, to keep their variance."""
+    drift = live.drift
+    others = (*(getattr(drift, each) for each in _ANGLES), drift.horizontal_m, drift.horizontal_m, 0.0)
+    walked = np.square([each or 0.0 for each in (*([drift.height_m] * heights), *others)])
+    return np.divide(walked, 2 * variances, out=np.zeros_like(walked), where=variances > 0)
+
+
+def slope_of(pose: Pose) -> FloatArray:
+    """By how much heights follow east and north ``(..., 2)``: where these are counted from ground that is not level."""
+    along, place = pose.cov[..., 2, :2], pose.cov[..., :2, :2]
+    slope, slopes = np.zeros_like(along), np.any(along, axis=-1)
+    if np.any(slopes):
+        slope[slopes] = (along[slopes][:, None] @ np.linalg.pinv(place[slopes]))[:, 0]
+    return slope
 
 
 class BiasCalibrator:
@@ -50,9 +308,7 @@ class BiasCalibrator:
 
     def _known(self, biased: BiasedPoses, biases: FloatArray, pose: Pose, bias_cov: FloatArray) -> Pose:
         """The corrected poses with how well they are known."""
-        by_bias = biased.by_biases(biases, pose.wxyz)
-        # Here a pose is looked up at its corrected stamp: its rate is about the axes before the turn.
-        by_bias[:, 3:, TIME_OFFSET] = pose.rate_cam_radps @ matrix(from_rotation_vector(self._biases[TURNS]))
+        by_bias = biased.by_biases_of_corrected_stamps(biases, pose.wxyz)
         noise = np.array(astuple(self._calibration.noise))
         cov = propagated(by_bias, bias_cov) + biased.noise_covariance(pose.wxyz, noise)
         if not bias_cov[EAST, EAST] + bias_cov[NORTH, NORTH]:

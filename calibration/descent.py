@@ -1,5 +1,6 @@
 """Levenberg and Marquardt's descent to the nearest minimum; observations that stand far off may count less."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -14,40 +15,93 @@ _SETTLED, _NEARLY, _ROUNDING = 1e-10, 1e-6, 1e-14
 (what follows goes on from there), and below which numbers cannot tell."""
 
 
-class Normal(Protocol):
-    """Normal equations of a guess."""
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """Normal equations of a guess, arrow-shaped: of unknowns that all images share, and of those of each image.
+
+    Attributes:
+        matrix: ``(s, s)`` of what says something of the shared unknowns alone.
+        shared_slope: ``(s,)`` of the same.
+        blocks: ``(n, s + k, s + k)`` of each image, by shared unknowns and then its own.
+        slopes: ``(n, s + k)`` likewise.
+    """
+
+    matrix: FloatArray
+    shared_slope: FloatArray
+    blocks: FloatArray
+    slopes: FloatArray
 
     @property
     def slope(self) -> FloatArray:
-        """``(n,)`` of the cost."""
-        ...
+        """``(s + n k,)`` of the cost."""
+        count = len(self.shared_slope)
+        shared = self.shared_slope + self.slopes[:, :count].sum(axis=0)
+        return np.append(shared, self.slopes[:, count:].ravel())
 
     def step(self, damping: float) -> FloatArray:
-        """``(n,)`` to their solution, with so much more on their diagonal, as a share of it."""
-        ...
+        """``(s + n k,)`` to their solution, with so much more on their diagonal, as a share of it.
+
+        What nothing depends on stays.
+        """
+        count = len(self.shared_slope)
+        shared = self.matrix + self.blocks[:, :count, :count].sum(axis=0)
+        diagonal = np.diag(shared) + 1e-12 * (np.max(np.diag(shared), initial=0.0) + 1e-300)
+        blocks = self.blocks.copy()
+        own = np.arange(count, blocks.shape[-1])
+        blocks[:, own, own] *= 1 + damping
+        known, pulled = eliminated(blocks, self.slopes, count)
+        matrix = self.matrix + known.sum(axis=0) + damping * np.diag(diagonal)
+        moved = np.asarray(np.linalg.solve(matrix, -self.shared_slope - pulled.sum(axis=0)))
+        return np.append(moved, own_steps(blocks, self.slopes, moved).ravel())
+
+    def reduced(self) -> FloatArray:
+        """``(s, s)``: what is known of the shared unknowns, whatever the others are."""
+        count = len(self.shared_slope)
+        return np.asarray(self.matrix + eliminated(self.blocks, self.slopes, count)[0].sum(axis=0))
 
 
-class Rows(Protocol):
-    """Residuals of a guess."""
+def eliminated(blocks: FloatArray, slopes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """What images say of the first ``count`` unknowns: matrices ``(n, count, count)`` and slopes ``(n, count)``.
 
-    @property
-    def values(self) -> FloatArray:
-        """``(m,)`` in standard deviations."""
-        ...
+    Args:
+        blocks: ``(n, s + k, s + k)``.
+        slopes: ``(n, s + k)``.
+        count: ``s``.
+    """
+    across = blocks[:, :count, count:]
+    known = np.linalg.solve(
+        blocks[:, count:, count:], np.concatenate([blocks[:, count:, :count], slopes[:, count:, None]], axis=-1)
+    )
+    taken = across @ known
+    return blocks[:, :count, :count] - taken[..., :count], slopes[:, :count] - taken[..., count]
 
-    @property
-    def owner(self) -> np.ndarray:
-        """``(m,)`` index of the observation that a row belongs to; -1 for priors."""
-        ...
 
-    @property
-    def px(self) -> FloatArray:
-        """``(m,)`` in pixels; 0 for priors."""
-        ...
+def own_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> FloatArray:
+    """Steps ``(n, k)`` of the images' own unknowns that go with one ``(s,)`` of the shared ones."""
+    count = len(shared)
+    pull = slopes[:, count:] + blocks[:, count:, :count] @ shared
+    return np.asarray(-np.linalg.solve(blocks[:, count:, count:], pull[..., None])[..., 0])
 
-    def normal(self, weights: FloatArray) -> Normal:
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows(ABC):
+    """Residuals of a guess.
+
+    Attributes:
+        values: ``(m,)`` in standard deviations.
+        by_unknowns: ``(m, n)``.
+        owner: ``(m,)`` index of the observation that a row belongs to; -1 for priors.
+        px: ``(m,)`` in pixels; 0 for priors.
+    """
+
+    values: FloatArray
+    by_unknowns: FloatArray
+    owner: np.ndarray
+    px: FloatArray
+
+    @abstractmethod
+    def normal(self, weights: FloatArray) -> NormalEquations:
         """The normal equations with weights ``(m,)`` of the rows."""
-        ...
 
 
 StateT = TypeVar("StateT")
@@ -149,7 +203,7 @@ def descend(
 
 
 def _better(
-    problem: Task[StateT, RowsT_co], loss: Loss, state: StateT, normal: Normal, cost: float, damping: float
+    problem: Task[StateT, RowsT_co], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
 ) -> tuple[StateT, RowsT_co, float, float] | None:
     """The next state that costs less, its residuals and cost, and the damping from there; None where there is none."""
     while damping < _MOST:

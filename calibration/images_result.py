@@ -1,6 +1,10 @@
-"""Telemetry's biases from many images: the fit, what it leaves and can tell, and numbers for people and files."""
+"""Telemetry's biases from many images: the fit, what it leaves and can tell, and numbers for people and files.
 
-from dataclasses import dataclass
+What the images share is coupled by all of them, what is new in each by itself alone: that is eliminated from the normal
+equations (Schur's complement), so that the number of images costs time in proportion only.
+"""
+
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -8,16 +12,28 @@ import numpy as np
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import Evidence, Landmark, Prior
+from aerodft.model.evidence import Evidence, EvidenceSet, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.descent import Loss, descend
-from calibration.errors_left import Leftover, ground_error_m, left_of_each, rms_px
-from calibration.images_problem import Arrow, ImagesProblem, ImagesResiduals, eliminated, own_steps
+from calibration.descent import Loss, NormalEquations, Rows, descend, eliminated, own_steps
 from calibration.images_state import OWN, ImagesState, SharedUnknowns, View
-from calibration.observability import LIMIT, Observability, combined, natural_size
-from calibration.result import Outcome, above_ground, each_possible, said, start_state
-from calibration.solve import ROBUST, Fit, goodness, inverse, without_outliers
-from calibration.state import State, coefficient_names, expanded
+from calibration.residuals import Problem, Residuals, joined
+from calibration.result import (
+    LIMIT,
+    Leftover,
+    Observability,
+    Outcome,
+    above_ground,
+    combined,
+    each_possible,
+    ground_error_m,
+    left_of_each,
+    natural_size,
+    rms_px,
+    said,
+    start_state,
+)
+from calibration.solve import ROBUST, Fit, covariance_of, goodness, without_outliers
+from calibration.state import BOUNDS, State, Unknowns, coefficient_names, expanded
 
 _WORTH: Final = 4.0
 """A bias of which images tell less than half of this many of its prior's standard deviations is not told by them."""
@@ -48,6 +64,103 @@ _SAID = {
 }
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ImagesResiduals(Rows):
+    """All residuals of one guess: by the ``s`` shared unknowns, and by the 7 that are new in the row's image.
+
+    Attributes:
+        rows: Of each image; what comes after the last image's are priors of the shared unknowns.
+    """
+
+    rows: tuple[slice, ...]
+
+    def normal(self, weights: FloatArray) -> NormalEquations:
+        """The normal equations with weights ``(m,)`` of the rows."""
+        by = self.by_unknowns
+        weighted, count = by * weights[:, None], by.shape[1] - OWN
+        shared = slice(self.rows[-1].stop, None)
+        return NormalEquations(
+            weighted[shared, :count].T @ by[shared, :count],
+            weighted[shared, :count].T @ self.values[shared],
+            np.stack([weighted[rows].T @ by[rows] for rows in self.rows]),
+            np.stack([weighted[rows].T @ self.values[rows] for rows in self.rows]),
+        )
+
+
+class ImagesProblem:
+    """Images and unknowns, ready to be evaluated again and again.
+
+    Args:
+        views: The images.
+        unknowns: What is not known, and the same in all of them.
+        priors: Of these, by name.
+        model: Projection model.
+    """
+
+    def __init__(
+        self, views: tuple[View, ...], unknowns: SharedUnknowns, priors: dict[str, Prior], model: ProjectionModel
+    ) -> None:
+        self.views = views
+        self.unknowns = unknowns
+        self.priors = {name: priors[name] for name in unknowns.names if name in priors}
+        self._problems = [Problem(EvidenceSet(evidence=view.evidence), Unknowns(()), model) for view in views]
+        self._firsts = np.cumsum([0, *(len(view.evidence) for view in views)]).tolist()
+
+    @property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """Of all images, one image after the other."""
+        return tuple(each for view in self.views for each in view.evidence)
+
+    @property
+    def image_of(self) -> tuple[int, ...]:
+        """Index of the image that each piece of evidence is from."""
+        return tuple(index for index, view in enumerate(self.views) for _ in view.evidence)
+
+    @property
+    def count(self) -> int:
+        """How many numbers are fitted."""
+        return len(self.unknowns.names) + OWN * len(self.views)
+
+    def cameras(self, state: ImagesState) -> tuple[State, ...]:
+        """The camera of each image."""
+        return tuple(self.unknowns.camera(state, index, view) for index, view in enumerate(self.views))
+
+    def moved(self, state: ImagesState, step: FloatArray) -> ImagesState | None:
+        """The guess after a step; None where no camera can be, and where telemetry does not reach."""
+        try:
+            moved = self.unknowns.moved(state, step)
+            cameras = self.cameras(moved)
+        except ValueError:
+            return None
+        return moved if all(holds(camera) for camera in cameras for holds in BOUNDS.values()) else None
+
+    def evaluate(self, state: ImagesState) -> ImagesResiduals:
+        """All residuals of a guess."""
+        parts = [self._of_image(state, index) for index in range(len(self.views))]
+        ends = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
+        whole = joined([*parts, self._of_priors(state)])
+        rows = tuple(map(slice, ends[:-1], ends[1:]))
+        return ImagesResiduals(whole.values, whole.by_unknowns, whole.owner, whole.px, rows)
+
+    def _of_image(self, state: ImagesState, index: int) -> Residuals:
+        """Of the observations, and of what is new in the image."""
+        camera, by = self.unknowns.placed(state, index, self.views[index])
+        own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
+        new = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
+        found = self._problems[index].observed(camera, by)
+        if found is None:
+            return new
+        return joined([replace(found, owner=found.owner + self._firsts[index]), new])
+
+    def _of_priors(self, state: ImagesState) -> Residuals:
+        names, count = self.unknowns.names, len(self.priors)
+        values = np.array([(state.value(name) - prior.value) / prior.std for name, prior in self.priors.items()])
+        by = np.zeros((count, len(names) + OWN))
+        for row, (name, prior) in enumerate(self.priors.items()):
+            by[row, names.index(name)] = 1 / prior.std
+        return Residuals(values, by, np.full(count, -1), np.zeros(count))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImagesSolution(Fit[ImagesState, ImagesResiduals]):
     """The best fit of what many images share; the covariance is that of the shared unknowns.
@@ -58,7 +171,7 @@ class ImagesSolution(Fit[ImagesState, ImagesResiduals]):
     """
 
     cameras: tuple[State, ...]
-    normal: Arrow
+    normal: NormalEquations
 
 
 def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
@@ -75,7 +188,7 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
         residuals=end.residuals,
         normal=normal,
         kept=kept,
-        covariance=inverse(normal.reduced()) * scaled**2,
+        covariance=covariance_of(normal.reduced()) * scaled**2,
         chi2=chi2,
         dof=dof,
         p_value=p_value,
@@ -101,14 +214,14 @@ def _without(
     problem: ImagesProblem, solution: ImagesSolution, reduced: FloatArray, image: int, rows: np.ndarray
 ) -> State | None:
     """An image's camera one Newton step after an observation was taken away; None where the others determine none."""
-    normal, by, values = solution.normal, solution.residuals.by[rows], solution.residuals.values[rows]
+    normal, by, values = solution.normal, solution.residuals.by_unknowns[rows], solution.residuals.values[rows]
     count = len(normal.shared_slope)
     block, slope = normal.blocks[image : image + 1], normal.slopes[image : image + 1]
     less, pull = block - by.T @ by, slope - by.T @ values
     before, _ = eliminated(block, slope, count)
     after, pulled = eliminated(less, pull, count)
     others = normal.slope[:count] - slope[0, :count]
-    inverted = inverse(reduced - before[0] + after[0])
+    inverted = covariance_of(reduced - before[0] + after[0])
     if not np.all(np.isfinite(inverted)):
         return None
     shared = -inverted @ (others + pulled[0])
@@ -124,7 +237,7 @@ def _without(
 def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked: frozenset[str]) -> Observability:
     """What images and landmarks tell of what was asked, telemetry's word for it apart.
 
-    As ``observability.observability``, with two differences. What telemetry says of a bias that is asked for does not
+    As ``result.observability``, with two differences. What telemetry says of a bias that is asked for does not
     count: with it everything would be known. And a bias has the size of what telemetry may be off by.
     """
     names, state = problem.unknowns.names, solution.state

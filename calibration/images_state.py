@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.projection import INTRINSICS
+from aerodft.dft.projection import INTRINSICS, ROTATION
 from aerodft.geometry.rotation import (
     from_rotation_vector,
     inverse,
@@ -25,9 +25,9 @@ from aerodft.geometry.rotation import (
 from aerodft.model.arrays import FloatArray
 from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Evidence, Prior
-from aerodft.model.pose import PoseStd
+from aerodft.model.pose import Pose, PoseStd
 from aerodft.service.settings import ErrorStd
-from calibration.live_model import excess
+from calibration.biases import ORDER, TIME_OFFSET, BiasedPoses, excess
 from calibration.state import State, Unknowns
 
 _APART_S = 0.02  # over twice this, motion is seen as even: about an interval between two attitudes
@@ -44,26 +44,7 @@ _SHARED = {
 OWN: Final = 7
 """Errors that are new in each image: east, north, up, tilt, pan, roll, heading."""
 
-_HEIGHT, _TILT, _ROLL, _HEADING, _PAN, _EAST, _NORTH, _TIME = range(len(BIASES))
-_TURNS = [_TILT, _PAN, _ROLL]
-_ROTATION = slice(3, 6)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moment:
-    """A camera's pose and motion.
-
-    Attributes:
-        position_m: ``(3,)`` east, north, up.
-        wxyz: ``(4,)`` from camera axes to east, north, up.
-        velocity_mps: ``(3,)`` east, north, up.
-        rate_cam_radps: ``(3,)`` angular rate in camera axes.
-    """
-
-    position_m: FloatArray
-    wxyz: FloatArray
-    velocity_mps: FloatArray
-    rate_cam_radps: FloatArray
+_TIME = BIASES.index("time")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,33 +62,31 @@ class PoseTrack:
     wxyz: FloatArray
 
     @classmethod
-    def steady(cls, moment: Moment, reach_s: float) -> "PoseTrack":
+    def steady(cls, pose: Pose, reach_s: float) -> "PoseTrack":
         """Even motion through a pose, for so long before and after it; with a reach of 0 the pose alone."""
         offset_s = np.array([-reach_s, 0.0, reach_s] if reach_s > 0 else [0.0])
-        turns = from_rotation_vector(offset_s[:, None] * moment.rate_cam_radps)
-        return cls(
-            offset_s,
-            moment.position_m + offset_s[:, None] * moment.velocity_mps,
-            multiply(moment.wxyz, turns),
-        )
+        turns = from_rotation_vector(offset_s[:, None] * pose.rate_cam_radps)
+        position_m = pose.position_enu_m + offset_s[:, None] * pose.velocity_enu_mps
+        return cls(offset_s, position_m, multiply(pose.wxyz, turns))
 
-    def at(self, offset_s: float) -> Moment:
-        """Pose and motion so long after the stamp.
+    def at(self, offset_s: float) -> Pose:
+        """The pose so long after the stamp, with its motion.
 
         Raises:
             ValueError: Nothing is known of that time.
         """
-        position, wxyz = self.pose(offset_s)
+        pose = self.pose(offset_s)
         first, last = float(self.offset_s[0]), float(self.offset_s[-1])
         before, after = max(offset_s - _APART_S, first), min(offset_s + _APART_S, last)
         if before == after:
-            return Moment(position, wxyz, np.zeros(3), np.zeros(3))
-        (start_m, start), (end_m, end) = self.pose(before), self.pose(after)
-        turn = to_rotation_vector(multiply(inverse(start), end))
-        return Moment(position, wxyz, (end_m - start_m) / (after - before), turn / (after - before))
+            return pose
+        start, end = self.pose(before), self.pose(after)
+        turn = to_rotation_vector(multiply(inverse(start.wxyz), end.wxyz))
+        velocity_enu_mps = (end.position_enu_m - start.position_enu_m) / (after - before)
+        return replace(pose, velocity_enu_mps=velocity_enu_mps, rate_cam_radps=turn / (after - before))
 
-    def pose(self, offset_s: float) -> tuple[FloatArray, FloatArray]:
-        """Position and attitude so long after the stamp.
+    def pose(self, offset_s: float) -> Pose:
+        """The pose so long after the stamp, without its motion.
 
         Raises:
             ValueError: Nothing is known of that time.
@@ -116,12 +95,12 @@ class PoseTrack:
         if not first <= offset_s <= last:
             raise ValueError(f"got {offset_s:g} s, expected {first:g} to {last:g}")
         if len(self.offset_s) == 1:
-            return self.position_m[0], self.wxyz[0]
+            return Pose(position_enu_m=self.position_m[0], wxyz=self.wxyz[0])
         after = int(np.clip(np.searchsorted(self.offset_s, offset_s), 1, len(self.offset_s) - 1))
         low, high = self.offset_s[after - 1 : after + 1].tolist()
         weight = (offset_s - low) / (high - low)
         position = (1 - weight) * self.position_m[after - 1] + weight * self.position_m[after]
-        return position, slerp(self.wxyz[after - 1], self.wxyz[after], weight)
+        return Pose(position_enu_m=position, wxyz=slerp(self.wxyz[after - 1], self.wxyz[after], weight))
 
 
 def shared_and_new(
@@ -191,19 +170,6 @@ class ImagesState:
         return float(self.biases[BIASES.index(name)]) if name in BIASES else self.base.value(name)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Placed:
-    """One image's camera.
-
-    Attributes:
-        state: Pose, lens and ground.
-        by: ``(s, n + 7)`` the errors of ``dft.projection`` by the ``n`` shared unknowns and by what is new.
-    """
-
-    state: State
-    by: FloatArray
-
-
 @dataclass(frozen=True, slots=True)
 class SharedUnknowns:
     """What is solved for in all images at once.
@@ -258,25 +224,27 @@ class SharedUnknowns:
         """
         return _turned(state, index, view, view.track.pose(float(state.biases[_TIME]))).camera
 
-    def placed(self, state: ImagesState, index: int, view: View) -> Placed:
-        """The same with its derivatives.
+    def placed(self, state: ImagesState, index: int, view: View) -> tuple[State, FloatArray]:
+        """The camera of one image, and the errors of ``dft.projection`` by the unknowns.
+
+        Returns:
+            The camera; ``(s, n + 7)`` by the ``n`` shared unknowns and by what is new in the image.
 
         Raises:
             ValueError: As :meth:`camera`.
         """
-        moment = view.track.at(float(state.biases[_TIME]))
-        found, count = _turned(state, index, view, (moment.position_m, moment.wxyz)), len(self.names)
-        by_bias = _by_biases(state.biases[_TURNS], found.down_cam, moment.velocity_mps, moment.rate_cam_radps)
-        by_bias[_ROTATION] = found.back @ by_bias[_ROTATION]
+        found, count = _turned(state, index, view, view.track.at(float(state.biases[_TIME]))), len(self.names)
+        by_bias = found.biased.by_biases_of_corrected_stamps(_of_corrected_stamp(state), found.wxyz)
+        by_bias[ROTATION] = found.back @ by_bias[ROTATION]
         by = np.zeros((INTRINSICS.start + 4 + len(state.base.camera.distortion), count + OWN))
         chosen = [name for name in self.names if name in BIASES]
-        by[:6, self._columns(chosen)] = by_bias[:, [BIASES.index(name) for name in chosen]]
+        by[:6, self._columns(chosen)] = by_bias[:, [ORDER.index(BIASES.index(name)) for name in chosen]]
         if self.lens.names:
             by[:, self._columns(self.lens.names)] = self.lens.by_unknowns(found.camera)
         by[:3, count : count + 3] = np.diag(view.noise[:3])
-        by[_ROTATION, count + 3 : -1] = found.by_own * view.noise[3:6]
-        by[_ROTATION, -1] = found.by_own @ found.down_cam * view.noise[6]
-        return Placed(found.camera, by)
+        by[ROTATION, count + 3 : -1] = found.by_own * view.noise[3:6]
+        by[ROTATION, -1] = found.by_own @ found.down_cam * view.noise[6]
+        return found.camera, by
 
     def _columns(self, names: Sequence[str]) -> list[int]:
         return [self.names.index(name) for name in names]
@@ -288,52 +256,35 @@ class _Turned:
 
     Attributes:
         camera: The camera.
+        biased: Its pose by telemetry.
+        wxyz: ``(4,)`` that attitude without biases, before what is new in this image.
         down_cam: ``(3,)`` straight down, before what is new in this image.
         back: ``(3, 3)`` its turn by one before what is new.
         by_own: ``(3, 3)`` by the rotation vector of what is new.
     """
 
     camera: State
+    biased: BiasedPoses
+    wxyz: FloatArray
     down_cam: FloatArray
     back: FloatArray
     by_own: FloatArray
 
 
-def _turned(state: ImagesState, index: int, view: View, pose: tuple[FloatArray, FloatArray]) -> _Turned:
+def _turned(state: ImagesState, index: int, view: View, pose: Pose) -> _Turned:
     """The camera of an image where telemetry says ``pose``."""
-    position, wxyz = pose
-    own = state.own[index] * view.noise
-    turned = _turned_by(wxyz, state.biases[_TURNS], float(state.biases[_HEADING]))
-    down_cam = -matrix(turned)[2]
+    own, biased = state.own[index] * view.noise, BiasedPoses.of(pose, np.array(0))
+    corrected = biased.corrected(_of_corrected_stamp(state))
+    down_cam = -matrix(corrected.wxyz)[2]
     new = own[3:6] + own[6] * down_cam
     last, by_own = from_rotation_vector(new), right_jacobian(new)
-    placed = position + state.biases[[_EAST, _NORTH, _HEIGHT]] + own[:3]
-    camera = replace(state.base, position_m=placed, wxyz=multiply(turned, last))
+    camera = replace(state.base, position_m=corrected.position_enu_m + own[:3], wxyz=multiply(corrected.wxyz, last))
     back = matrix(last).T + own[6] * by_own @ skew(down_cam)
-    return _Turned(camera, down_cam, back, by_own)
+    return _Turned(camera, biased, corrected.wxyz, down_cam, back, by_own)
 
 
-def _turned_by(wxyz: FloatArray, in_camera_rad: FloatArray, heading_rad: float) -> FloatArray:
-    """An attitude corrected by a rotation vector ``(3,)`` in camera axes, and clockwise about the vertical."""
-    about_vertical = from_rotation_vector(np.array([0.0, 0.0, -heading_rad]))
-    return multiply(about_vertical, multiply(wxyz, from_rotation_vector(in_camera_rad)))
-
-
-def _by_biases(
-    in_camera_rad: FloatArray, down_cam: FloatArray, velocity_mps: FloatArray, rate_cam_radps: FloatArray
-) -> FloatArray:
-    """``(6, 8)``: errors of a corrected pose, as ``Pose.cov`` counts them, by the biases, as ``BIASES``.
-
-    Args:
-        in_camera_rad: ``(3,)`` the rotation vector that the attitude was corrected by.
-        down_cam: ``(3,)`` straight down, in axes of the corrected camera.
-        velocity_mps: ``(3,)`` east, north, up.
-        rate_cam_radps: ``(3,)`` in camera axes, before the correction.
-    """
-    by_bias = np.zeros((6, len(BIASES)))
-    by_bias[[2, 0, 1], [_HEIGHT, _EAST, _NORTH]] = 1.0
-    by_bias[3:, _TURNS] = right_jacobian(in_camera_rad)
-    by_bias[3:, _HEADING] = down_cam  # about which it is clockwise
-    by_bias[:3, _TIME] = velocity_mps
-    by_bias[3:, _TIME] = matrix(from_rotation_vector(in_camera_rad)).T @ rate_cam_radps
-    return by_bias
+def _of_corrected_stamp(state: ImagesState) -> FloatArray:
+    """The biases ``(8,)`` of a pose that was looked up at its corrected stamp, in the order of ``biases``."""
+    biases = state.biases[ORDER]
+    biases[TIME_OFFSET] = 0.0
+    return biases

@@ -1,7 +1,7 @@
 """Which sightings of markers can be true together, and how far a pose misses the markers that it has not seen."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -13,9 +13,7 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark
 from aerodft.model.marker import MarkerSighting, marker_name
-from aerodft.model.measurement import ProjectionModel
-from calibration.observability import LIMIT
-from calibration.result import Result, calibrate
+from calibration.result import LIMIT, Result
 from calibration.state import State
 
 SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
@@ -26,6 +24,8 @@ _CONTRADICTION: Final = 10.0
 _SURE: Final = 0.99  # that one explanation is better than the next, by the ratio of their variances
 _CHANCE: Final = 1e-4  # of a true explanation to be as bad
 _LEAST_VARIANCE: Final = 0.1  # a fit that is better still is luck
+
+Answer = Callable[[EvidenceSet], Result]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,24 +63,11 @@ class Judgement:
     contradiction: str
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
-    """What is asked of the evidence: the arguments of ``calibration.result.calibrate``."""
-
-    camera: Camera
-    names: tuple[str, ...]
-    model: ProjectionModel = ProjectionModel.PINHOLE
-
-    def answer(self, known: EvidenceSet) -> Result:
-        """The calibration."""
-        return calibrate(known, self.camera, self.names, self.model)
-
-
 def judge(
     known: EvidenceSet,
     seen: Mapping[int, MarkerSighting],
     sides_m: Mapping[int, float],
-    question: Question,
+    answer: Answer,
 ) -> Judgement:
     """Leave out sightings that no camera explains together with the rest.
 
@@ -91,23 +78,23 @@ def judge(
         known: All evidence; a marker's landmarks are named as :func:`aerodft.model.marker.marker_name` has it.
         seen: The sightings by id.
         sides_m: Of the markers whose size is known, by id.
-        question: What is asked.
+        answer: What is asked of evidence: ``calibration.result.calibrate`` with its other arguments.
 
     Raises:
         ValueError: As ``calibration.result.calibrate``.
     """
     false: dict[int, str] = {}
-    result = question.answer(known)
+    result = answer(known)
     while _determined(result):
         left = [marker for marker in seen if marker not in false]
-        found = _apart(result, known, left, question) or _of_wrong_size(result, seen, left, sides_m)
+        found = _apart(result, known, left, answer) or _of_wrong_size(result, seen, left, sides_m)
         if not found or len(false) + len(found) > _MOST * len(seen):
             break
         false |= found
         known = _without(known, *found)
-        result = question.answer(known)
+        result = answer(known)
     trusted = [marker for marker in seen if marker not in false]
-    misses = tuple(_misses(known, trusted, seen, question)) if _determined(result) else ()
+    misses = tuple(_misses(known, trusted, seen, answer)) if _determined(result) else ()
     why_not = _contradiction(result, seen, trusted, sides_m)
     return Judgement(known, false, misses, is_checked=result.solution.dof > 0, contradiction=why_not)
 
@@ -135,11 +122,11 @@ def _agrees(result: Result) -> bool:
     return bool(np.all(result.solution.kept)) and result.solution.scaled < _SCALED
 
 
-def _apart(result: Result, known: EvidenceSet, markers: list[int], question: Question) -> dict[int, str]:
+def _apart(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:
     """What does not fit: the one marker without which all the rest agrees, or else those that the fit left out."""
     if _agrees(result):
         return {}
-    without = {marker: question.answer(rest) for marker in markers if (rest := _without(known, marker)).evidence}
+    without = {marker: answer(rest) for marker in markers if (rest := _without(known, marker)).evidence}
     if not without:
         return {}
     best, *others = sorted(without, key=lambda marker: _variance(without[marker]))
@@ -237,13 +224,13 @@ def _centre_m(known: EvidenceSet, marker: int) -> FloatArray | None:
 
 
 def _misses(
-    known: EvidenceSet, markers: list[int], seen: Mapping[int, MarkerSighting], question: Question
+    known: EvidenceSet, markers: list[int], seen: Mapping[int, MarkerSighting], answer: Answer
 ) -> Iterator[Miss]:
     for marker in markers:
         rest, centre_m = _without(known, marker), _centre_m(known, marker)
         if centre_m is None or not rest.evidence:
             continue
-        without = question.answer(rest)
+        without = answer(rest)
         if not _determined(without):
             continue
         state, pixel = without.solution.state, np.array(seen[marker].pixel)

@@ -16,11 +16,20 @@ from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
 from aerodft.service.attitude_history import AttitudeHistory
 from aerodft.service.settings import AttitudeSettings
-from aerodft.vision.plane_tracker import ImagePair
-from aerodft.vision.rotation import PlaneMotion, layered_motion, plane_motion
-from calibration.sync_fit import LAG, LAG_PRIOR_S, MAX_DRIFT, Peak, TurnProblem, fit, search
+from aerodft.vision.rotation import ImagePair, PlaneMotion, layered_motion, plane_motion
+from calibration.sync_fit import (
+    FEWEST_REPORTS,
+    LAG,
+    LAG_PRIOR_S,
+    MAX_DRIFT,
+    Peak,
+    Refined,
+    TurnProblem,
+    fit,
+    refined,
+    search,
+)
 from calibration.sync_motion import CameraMotion, CameraPath, followed_path, predicted
-from calibration.sync_refine import FEWEST_REPORTS, Refined, refined
 
 MOST_STD_S = 0.05
 """A less certain alignment is none."""

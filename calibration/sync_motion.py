@@ -27,8 +27,7 @@ from aerodft.model.telemetry import ReportFrame
 from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
 from aerodft.service.carried import reference_of
 from aerodft.service.settings import AttitudeSettings, FixedMount
-from aerodft.vision.plane_tracker import ImagePair
-from aerodft.vision.rotation import PlaneMotion, Turns
+from aerodft.vision.rotation import ImagePair, PlaneMotion, Turns
 
 _FEWEST = 20  # samples of a curve
 _SMOOTHNESS = tuple(10.0**power for power in range(-8, 2))  # s3; weights of the second derivative

@@ -19,7 +19,7 @@ from aerodft.cli.calibrate_words import (
 from aerodft.cli.image_views import views_of
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import AerodftError, UsageError
-from aerodft.model.calibration import BIASES, Calibration
+from aerodft.model.calibration import BIASES, BiasValues, Calibration
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from calibration.images_result import ImagesResult, calibrate_images, said_of_images
@@ -100,14 +100,16 @@ def calibration_of(result: ImagesResult, found: EvidenceFile) -> Calibration:
     lens = cov[:, count:]
     return Calibration(
         id="",
-        height_bias_m=height - result.ground_m,
-        tilt_bias_rad=tilt,
-        roll_bias_rad=roll,
-        heading_bias_rad=heading,
-        pan_bias_rad=pan,
-        east_bias_m=east,
-        north_bias_m=north,
-        time_offset_s=time,
+        bias=BiasValues(
+            height_m=height - result.ground_m,
+            tilt_rad=tilt,
+            roll_rad=roll,
+            heading_rad=heading,
+            pan_rad=pan,
+            east_m=east,
+            north_m=north,
+            time_s=time,
+        ),
         bias_cov=cov[:, :count] @ to_true.T,
         lens_cov=lens if np.any(lens) else None,
         noise=typical_noise([view.noise for view in result.problem.views]),

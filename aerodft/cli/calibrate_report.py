@@ -29,8 +29,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import Landmark
 from aerodft.model.measurement import ProjectionModel
 from calibration.images_result import ImagesResult
-from calibration.observability import LIMIT
-from calibration.result import Result
+from calibration.result import LIMIT, Result
 from calibration.state import coefficient_names
 
 _IMAGE, _RESIDUALS, _TABLE, _REPORT = "annotated.jpg", "residuals.png", "residuals.csv", "report.md"

@@ -27,9 +27,8 @@ from aerodft.model.evidence import (
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
 from calibration.descent import Rows as Residuals
-from calibration.errors_left import Leftover
 from calibration.images_result import ImagesResult
-from calibration.result import Result
+from calibration.result import Leftover, Result
 from calibration.state import State
 
 _UP = np.array([0.0, 0.0, 1.0])

@@ -13,8 +13,7 @@ from aerodft.cli.calibrate_report_image import shortened
 from aerodft.cli.calibrate_report_marks import Row
 from aerodft.model.arrays import FloatArray
 from calibration.images_result import ImagesResult
-from calibration.observability import correlations
-from calibration.result import Result
+from calibration.result import Result, correlations
 
 mpl.use("Agg")
 from matplotlib.axes import Axes

@@ -14,10 +14,8 @@ from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.adapters.config.evidence_frame import LocalFrame, takes_degrees
 from aerodft.cli.output import tables
 from aerodft.errors import AerodftError, NoAnswerError
-from calibration.errors_left import Leftover
 from calibration.images_result import ImagesResult
-from calibration.observability import LIMIT, correlations
-from calibration.result import Result, said
+from calibration.result import LIMIT, Leftover, Result, correlations, said
 from calibration.state import State
 
 _SUSPICIOUS_P = 1e-4

@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -22,8 +23,9 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import Px
 from aerodft.model.marker import MarkerSighting, marker_name
 from aerodft.model.measurement import ProjectionModel
-from calibration.marker_geometry import Judgement, Miss, Question, judge
+from calibration.marker_geometry import Judgement, Miss, judge
 from calibration.markers import LEAST_SIDE_PX, find_markers, other_dictionary
+from calibration.result import calibrate
 
 _THOROUGH: Final = 3  # images that are looked into in every way; of a video, the others show the same
 _PROGRESS: Final = 1000
@@ -80,7 +82,7 @@ def detected_evidence(
     found = file.evidence([together[marker] for marker in sorted(together)], size_px, beside)
     check_unknowns(names, found.known, camera, model)
     sides_m = {marker: each.side_m for marker, each in file.survey.by_id.items() if each.side_m is not None}
-    judgement = judge(found.known, together, sides_m, Question(camera, names, model))
+    judgement = judge(found.known, together, sides_m, partial(calibrate, camera=camera, names=names, model=model))
     if judgement.contradiction:
         hint = "check ids, places, side_m and std_m, or add markers"
         got = f"{_ids(together)}: {judgement.contradiction}"

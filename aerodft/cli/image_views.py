@@ -21,7 +21,7 @@ from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, mat
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Landmark, Prior
 from aerodft.model.image import Image, StampClock
-from aerodft.model.pose import GeoOrigin, HeightSource, PoseSample, PoseStd
+from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.clock_ticks import Ticks
@@ -31,7 +31,7 @@ from aerodft.service.poses import PoseSource
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.span import LogSpan, survey_span
 from aerodft.service.streams import LAST
-from calibration.images_state import Moment, PoseTrack, View, shared_and_new
+from calibration.images_state import PoseTrack, View, shared_and_new
 
 _REACH_S, _LEAST_STEP_S, _STEPS, _STDS = 2.0, 0.05, 40, 4.0
 
@@ -110,14 +110,14 @@ def _as_stated(pose: StatedPose, settings: TelemetrySettings, reach_s: float) ->
         stated = pose.known.get(name, (0.0, None))[1]
         return otherwise if stated is None else stated
 
-    moment = Moment(
-        np.array([value("east"), value("north"), value("height")]),
-        camera_attitude(value("tilt"), value("roll"), value("heading")),
-        np.array(pose.velocity_mps),
-        np.array(pose.rate_cam_radps),
+    moving = Pose(
+        position_enu_m=np.array([value("east"), value("north"), value("height")]),
+        wxyz=camera_attitude(value("tilt"), value("roll"), value("heading")),
+        velocity_enu_mps=np.array(pose.velocity_mps),
+        rate_cam_radps=np.array(pose.rate_cam_radps),
     )
     return _Said(
-        PoseTrack.steady(moment, reach_s),
+        PoseTrack.steady(moving, reach_s),
         PoseStd(
             height_agl_m=std("height", settings.height.std_m[HeightSource.HOME]),
             horizontal_m=math.hypot(std("east", usual.horizontal_m), std("north", usual.horizontal_m)) / math.sqrt(2),
@@ -240,7 +240,7 @@ def open_telemetry(
     if own is None:
         raise InputError("a fixed camera's recording", where=path, got="[pose]", expected="one with telemetry")
     has_stamps = isinstance(station.images.source, VideoFile | Stills | Stream | Device)  # others' are the pipeline's
-    before = station.calibration.time_offset_s if station.calibration is not None and has_stamps else 0.0
+    before = station.calibration.bias.time_s if station.calibration is not None and has_stamps else 0.0
     return Telemetry(
         path=path,
         source=RecordingSource(recording),

@@ -15,7 +15,7 @@ from aerodft.cli.lens_run import LensRun, notes, parameter_rows
 from aerodft.cli.output import output_folder
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import LensModel
-from calibration.lens.coverage import covered_cells, distortion_px, missing, ray_std_px
+from calibration.lens.solution import covered_cells, distortion_px, missing, ray_std_px
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -22,10 +22,8 @@ from aerodft.cli.output import progress_bar, say, tables
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera, LensModel
 from calibration.lens.adjustment import View, intrinsics_of
-from calibration.lens.board import Board, draw_board
-from calibration.lens.coverage import Choice, choose, missing
-from calibration.lens.detection import BoardFinder, suggestion
-from calibration.lens.solution import LensChoice, LensSolution, solve_lens
+from calibration.lens.board import Board, BoardFinder, draw_board, suggestion
+from calibration.lens.solution import Choice, LensChoice, LensSolution, choose, missing, solve_lens
 
 _PROGRESS = 1000  # parts of the whole
 _ASKED_AGAIN = 5  # images in which another board is looked for, where this one is in none

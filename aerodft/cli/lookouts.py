@@ -22,10 +22,9 @@ from aerodft.service.looking import Lookout
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import ObjectSettings
 from aerodft.vision.moving import MovingObjects, MovingOverGround
-from aerodft.vision.reference import LEAST_CORNERS
-from aerodft.vision.river_observer import RiverObserver
-from aerodft.vision.steady import SteadyPoints
-from aerodft.vision.tracked_probes import TrackedProbes
+from aerodft.vision.plane_lock import TrackedProbes
+from aerodft.vision.river import RiverObserver
+from aerodft.vision.steady import LEAST_CORNERS, SteadyPoints
 from calibration.markers import CameraPlace, MarkerObserver
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is

@@ -12,9 +12,9 @@ from aerodft.dft.river_widths import RiverWidths
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.river import WHY, NoRiver, River, RiverStatus
+from aerodft.vision.river import Reach, River
 from aerodft.vision.river_banks import ONE_SIDED, Islands, hidden_per_metre
-from aerodft.vision.river_reach import Reach
+from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
 from aerodft.vision.water import WaterMask
 
 SCHEMA: Final = "aerodft.river/1"

@@ -14,9 +14,9 @@ from aerodft.dft.orthophoto import Sampling, TopView, top_view
 from aerodft.dft.request import Setup
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.pose import PoseSample
-from aerodft.vision.river import River, RiverStatus
-from aerodft.vision.river_reach import Reach
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.river import Reach, River
+from aerodft.vision.river_status import RiverStatus
+from aerodft.vision.water_features import WaterPlane
 from replay.table import time_utc
 
 mpl.use("Agg")

@@ -119,7 +119,7 @@ def aligned(station: StationConfig, log: Path | None, where: Path) -> StationCon
         raise UsageError("nothing to align the video with", expected="a LOG, and [telemetry] in the configuration")
     if not isinstance(source, VideoFile):
         raise ConfigError("nothing to align", where=where, got="no video", expected="--video FILE or images.video")
-    if station.calibration is not None and station.calibration.time_offset_s:
+    if station.calibration is not None and station.calibration.bias.time_s:
         raise ConfigError(
             "two time offsets",
             where=where,

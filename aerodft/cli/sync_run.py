@@ -14,7 +14,7 @@ from aerodft.errors import NoAnswerError
 from aerodft.model.camera import Camera
 from aerodft.service.attitude_history import attitude_history
 from aerodft.service.settings import TelemetrySettings
-from aerodft.vision.plane_tracker import ImagePair, PlaneTracker
+from aerodft.vision.rotation import ImagePair, PlaneTracker
 from calibration.sync import Alignment, align, check_overlap
 
 DEFAULT_MAX_OFFSET_S = 20.0

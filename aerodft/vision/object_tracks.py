@@ -27,8 +27,7 @@ from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import ObjectSettings
-from aerodft.vision.ground_tracks import GroundTrack, GroundTracks
-from aerodft.vision.sights import below_top, ground_at, sights
+from aerodft.vision.ground_tracks import GroundTrack, GroundTracks, below_top, ground_at, sights
 
 _AHEAD_S: Final = 0.5  # over which a velocity's dependence on the pose is taken
 _STILL_MPS: Final = 1e-9

@@ -2,31 +2,75 @@
 
 Every image is held against a keyframe that is warped to how the plane must look by now, never against the image before;
 so nothing adds up but at the change from one keyframe to the next, and earlier ones are returned to where they fit.
+Points that a plane carries from one image to another are parted into groups with a homography each: where water flows
+over the plane, it is a group of its own.
+
+Clicked points of the ground are found again so in every image: probes that stay where they are while we move. Telemetry
+tells land from water that flows and finds the plane again after it was lost. A point that is not found, or that has
+left the image, is lost: it has no pixels, never wrong ones.
 """
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
+import cv2
 import numpy as np
 
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX, SECOND_NS
+from aerodft.geometry.ground import Ground
+from aerodft.geometry.robust import robust_std
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
+from aerodft.model.observation import Observation
+from aerodft.model.probe import Probe
 from aerodft.vision.keyframes import (
     FEWEST,
+    FREE,
     LAND_AS_BEFORE,
     LAND_AT_FIRST,
     MOST_CORNERS,
+    Gone,
     Keyframe,
     PlaneImage,
+    PoseOf,
+    Standpoint,
+    Standpoints,
     Stillness,
+    by_elements,
+    change_between,
+    changed,
     corners_of,
+    foretold_cov,
+    moved_on,
     nearest_px,
+    place_cov_px2,
+    share_moving,
+    shift_cov,
 )
-from aerodft.vision.plane_land import Land, Matched, groups_of, land_among
-from aerodft.vision.standpoints import FREE, Standpoint, foretold_cov, moved_on, place_cov_px2, shift_cov
-from aerodft.vision.straight import carried
-from aerodft.vision.tracking import followed
+from aerodft.vision.tracking import StraightView, carried, followed
 
+_STRAY_PX: Final = 1.0  # what is farther off moves by itself, or lies on something else
+_TOGETHER_PX: Final = 0.8
+_LAYERS: Final = 2  # land, and water that flows
+_STEPS: Final = 4  # that are told apart: water does not flow everywhere alike
+_EXPLAINED: Final = 0.6  # of the points: where fewer go with a step, a step is not how they go
+_DRAWS: Final = 1000
+_CONFIDENCE: Final = 0.999
+_LEAST_STD_PX: Final = 0.05  # no tracker is better on real images
+_ROUNDS: Final = 4
+_STUDENT: Final = 5.0  # degrees of freedom of the residuals' t distribution
+_ALIKE: Final = 3.0  # points whose windows overlap are off alike: so many say as much as one
+_UNKNOWN: Final = 1e4  # variance of elements that nothing is known of
+_UNTOLD_S: Final = 2.0  # without telemetry for longer than this, land cannot be told from water
+_NEVER_TOLD_S: Final = 0.5  # likewise, before it has said anything
+_STEP_STD_PX: Final = 8.0  # of going on as before, without telemetry
+_MOST_DOUBT: Final = 9.2  # squared stds of two coordinates, of which 99 % are less
+_CERTAIN: Final = 10.0  # log odds: the others are not the plane
+_LARGER: Final = 0.5  # how much for a group speaks that it has more points, by the logarithm of their number
+_AHEAD_M: Final = 0.5  # over which derivatives on the plane are taken
 _FEWEST_FORETOLD: Final = 8  # where telemetry says the rest
 _LEAST_SHARE: Final = 0.2  # of the points in view: where fewer agree, it may be another place
 _RICH: Final = 0.55  # of a keyframe's points: with fewer in view it is time for another
@@ -37,6 +81,235 @@ _REMEMBERED: Final = 500
 _TRIED: Final = 2  # other keyframes
 _LOOK_BACK: Final = 5  # images, from one try of an older keyframe to the next
 _BETTER: Final = 0.7  # of the std: what it takes to return to one
+_REACH: Final = 0.35  # of the image's width: what is farther from the probes may be another plane
+_START_NS: Final = SECOND_NS // 5  # pixels are those of an image that is no later than this after their time
+_MOST_STD_PX: Final = 8.0  # full pixels: what is known no better is lost
+_STD_PX: Final = 0.2  # full pixels: a tracker is never better
+_DECIMALS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneGroup:
+    """Points that move alike.
+
+    Attributes:
+        homography: ``(3, 3)`` that they follow.
+        cov: ``(8, 8)`` of that, as ``keyframes.foretold_cov``.
+        members: ``(n,)``: which they are.
+    """
+
+    homography: FloatArray
+    cov: FloatArray
+    members: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matched:
+    """Points of the plane in two images, and what is known of its homography without them.
+
+    Attributes:
+        then: ``(n, 2)`` straight small pixels.
+        now: ``(n, 2)`` likewise.
+        unit: ``(3, 3)`` intrinsics that elements are in units of.
+        foretold: ``(3, 3)``.
+        foretold_cov: ``(8, 8)`` of that; None where nothing is known.
+    """
+
+    then: FloatArray
+    now: FloatArray
+    unit: FloatArray
+    foretold: FloatArray
+    foretold_cov: FloatArray | None
+
+
+def groups_of(seen: Matched, off_px: FloatArray, fewest: int, fewest_foretold: int) -> list[PlaneGroup]:
+    """What moves alike, at most four groups.
+
+    One homography bends between land and water that has only just begun to flow away; a common step does not: first
+    it is tried to part all points by their steps.
+
+    Args:
+        seen: The points.
+        off_px: ``(n, 2)`` how far each is off the expected.
+        fewest: Points that a group has, at least.
+        fewest_foretold: Likewise, of groups that telemetry helps with.
+    """
+    if seen.foretold_cov is not None:
+        parts = _apart(off_px, fewest_foretold)
+        found = [_fitted(seen, seen.foretold, part) for part in parts]
+        found = [group for group in found if np.count_nonzero(group.members) >= fewest_foretold]
+        explained = sum((group.members for group in found), np.zeros(len(off_px), dtype=np.bool_))
+        if np.count_nonzero(explained) >= max(_EXPLAINED * len(off_px), fewest):
+            return found
+    groups: list[PlaneGroup] = []
+    left = np.arange(len(seen.then))
+    while len(left) >= fewest and len(groups) < _LAYERS:
+        found_h, agreeing = cv2.findHomography(
+            seen.then[left], seen.now[left], cv2.USAC_MAGSAC, _STRAY_PX, None, _DRAWS, _CONFIDENCE
+        )
+        if np.shape(found_h) != (3, 3) or np.count_nonzero(agreeing) < fewest or not found_h[2, 2]:
+            break
+        keep = agreeing[:, 0] > 0
+        groups.append(_fitted(seen, np.asarray(found_h / found_h[2, 2], dtype=np.float64), left[keep]))
+        left = left[~keep]
+        fewest = fewest_foretold if seen.foretold_cov is not None else fewest
+    return [group for group in groups if np.count_nonzero(group.members) >= fewest_foretold]
+
+
+def _apart(off_px: FloatArray, fewest: int) -> list[IntArray]:
+    """Groups of points that have moved apart, each as one: the indices of each, the largest first."""
+    left = np.arange(len(off_px))
+    parts: list[IntArray] = []
+    while len(left) >= fewest and len(parts) < _STEPS:
+        apart = np.linalg.norm(off_px[left][:, None] - off_px[left], axis=-1) < _TOGETHER_PX
+        best = int(np.argmax(np.sum(apart, axis=1)))
+        middle = np.mean(off_px[left[apart[best]]], axis=0)
+        near = np.linalg.norm(off_px[left] - middle, axis=-1) < _TOGETHER_PX
+        if np.count_nonzero(near) < fewest:
+            break
+        parts.append(left[near])
+        left = left[~near]
+    return parts
+
+
+def _fitted(seen: Matched, start: FloatArray, rows: IntArray) -> PlaneGroup:
+    """The most likely homography of some points and all that agree with them."""
+    first = _refined(seen, start, rows)
+    near = np.flatnonzero(first.members)
+    return _refined(seen, first.homography, near) if len(near) else first
+
+
+def _refined(seen: Matched, start: FloatArray, rows: IntArray) -> PlaneGroup:
+    """The most likely homography of some points, under t-distributed errors and what is foretold."""
+    then, now, unit = seen.then[rows], seen.now[rows], seen.unit
+    prior = np.eye(FREE) / _UNKNOWN if seen.foretold_cov is None else np.linalg.inv(seen.foretold_cov)
+    homography, cov = start, np.eye(FREE)
+    for _ in range(_ROUNDS):
+        at = carried(homography, then)
+        off = now - at
+        std_px = max(robust_std(off) * math.sqrt(_corrected(len(then))), _LEAST_STD_PX)
+        weight = (_STUDENT + 2) / (_STUDENT + np.sum(off**2, axis=-1) / std_px**2) / (_ALIKE * std_px**2)
+        jac = by_elements(unit, at).reshape(-1, FREE)
+        weighted = (jac * np.repeat(weight, 2)[:, None]).T
+        cov = np.linalg.inv(weighted @ jac + prior)
+        known = np.zeros(FREE) if seen.foretold_cov is None else prior @ change_between(homography, seen.foretold, unit)
+        homography = changed(homography, cov @ (weighted @ off.ravel() + known), unit)
+    members = np.linalg.norm(carried(homography, seen.then) - seen.now, axis=-1) < _STRAY_PX
+    return PlaneGroup(homography, np.asarray(cov), np.asarray(members))
+
+
+def _corrected(points: int) -> float:
+    """Over what a variance of residuals is too small, because a homography has been fitted to them."""
+    return 2 * points / max(2 * points - FREE, 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Land:
+    """What is taken for the plane.
+
+    Attributes:
+        group: Its points.
+        astray: ``(n,)``: which points are certainly not of it.
+        log_odds: That it lies still.
+        doubt_px: What the chance of being wrong adds to the std.
+        gone: Where it has gone, by telemetry; None where that does not tell.
+    """
+
+    group: PlaneGroup
+    astray: BoolArray
+    log_odds: float
+    doubt_px: float
+    gone: Gone | None
+
+
+def land_among(
+    groups: list[PlaneGroup],
+    seen: Matched,
+    keyframe: Keyframe,
+    rows: IntArray,
+    now: PlaneImage,
+    last: PlaneImage,
+    last_told_s: float,
+) -> Land | None:
+    """The group that lies still, or goes on as before where telemetry does not tell; None where none is likely.
+
+    Args:
+        groups: One or more.
+        seen: Their points.
+        keyframe: What they are held against.
+        rows: ``(n,)`` which of its points they are.
+        now: The image.
+        last: The one before, in which the plane was found.
+        last_told_s: Time of the last image with a standpoint, or of the first.
+    """
+    middles = [np.mean(seen.then[group.members], axis=0) for group in groups]
+    places = [carried(group.homography, middle) for group, middle in zip(groups, middles, strict=True)]
+    if not np.all(np.isfinite(places)):
+        return None
+    gone = [_gone(keyframe, now, last, middle, place) for middle, place in zip(middles, places, strict=True)]
+    known = [each for each in gone if each is not None]
+    if len(known) < len(groups):
+        steps = [place - carried(seen.foretold, middle) for middle, place in zip(middles, places, strict=True)]
+        stills = [keyframe.stillness_of(rows[group.members]) for group in groups]
+        if abs(now.time_s - last_told_s) > (_UNTOLD_S if stills[0].is_watched else _NEVER_TOLD_S):
+            return None
+        return _as_before(groups, steps, stills, now.time_s)
+    stills = [keyframe.stillness_of(rows[group.members]) for group in groups]
+    likely = [
+        still.likelihood(each) + _LARGER * math.log(np.count_nonzero(group.members))
+        for each, group, still in zip(known, groups, stills, strict=True)
+    ]
+    first = int(np.argmax(likely))
+    log_odds = stills[first].with_evidence(known[first])
+    if log_odds < 0:
+        return None
+    doubts_px = [known[first].px * math.sqrt(share_moving(log_odds))]
+    astray = np.zeros_like(groups[first].members)
+    for each, group, chance in zip(known, groups, likely, strict=True):
+        if group is not groups[first]:
+            apart_px = float(np.linalg.norm(known[first].px_by_m @ (each.by_m - known[first].by_m)))
+            doubts_px.append(apart_px * math.sqrt(share_moving(likely[first] - chance)))
+            astray |= group.members & (likely[first] - chance > _CERTAIN)
+    return Land(groups[first], astray & ~groups[first].members, log_odds, math.hypot(*doubts_px), known[first])
+
+
+def _as_before(
+    groups: list[PlaneGroup], steps_px: list[FloatArray], stills: list[Stillness], time_s: float
+) -> Land | None:
+    """Without telemetry: what is where it was expected."""
+    doubts = [float(step @ step) / _STEP_STD_PX**2 for step in steps_px]
+    first = int(np.argmin(doubts))
+    if doubts[first] > _MOST_DOUBT:
+        return None
+    doubt_px = stills[first].unwatched_px(time_s)
+    if len(groups) > 1:
+        other = int(np.argsort(doubts)[1])
+        share = share_moving((doubts[other] - doubts[first]) / 2)
+        doubt_px = math.hypot(doubt_px, float(np.linalg.norm(steps_px[other] - steps_px[first])) * math.sqrt(share))
+    return Land(groups[first], np.zeros_like(groups[first].members), stills[first].log_odds, doubt_px, None)
+
+
+def _gone(
+    keyframe: Keyframe, now: PlaneImage, last: PlaneImage, then_px: FloatArray, now_px: FloatArray
+) -> Gone | None:
+    """Where a place of the keyframe ``(2,)`` that is seen at ``now_px (2,)`` has gone over the ground, by telemetry."""
+    before, after = keyframe.taken.standpoint, now.standpoint
+    if before is None or after is None:
+        return None
+    onto = after.from_plane()
+    was_m, is_m = _on_plane(before.from_plane(), then_px), _on_plane(onto, now_px)
+    ahead = carried(onto, is_m + _AHEAD_M * np.eye(2))
+    px_by_m = (ahead - now_px).T / _AHEAD_M
+    sweep_mps = np.zeros(2)
+    if last.standpoint is not None and now.time_s > last.time_s:
+        sweep_mps = (is_m - _on_plane(last.standpoint.from_plane(), now_px)) / (now.time_s - last.time_s)
+    gone = Gone(now.time_s, is_m - was_m, px_by_m, sweep_mps, float(after.lens[0, 0]))
+    return gone if np.all(np.isfinite([*gone.by_m, *px_by_m.ravel(), *sweep_mps])) else None
+
+
+def _on_plane(from_plane: FloatArray, px: FloatArray) -> FloatArray:
+    """East and north ``(2,)`` of what is seen at ``px (2,)``; NaN above the horizon."""
+    return carried(np.asarray(np.linalg.inv(from_plane), dtype=np.float64), px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +318,7 @@ class Lock:
 
     Attributes:
         homography: ``(3, 3)`` from straight small pixels of the first image to those of this one.
-        cov: ``(8, 8)`` of that, in units of ``unit``, see ``standpoints``.
+        cov: ``(8, 8)`` of that, in units of ``unit``, see ``keyframes``.
         unit: ``(3, 3)`` intrinsics.
         land: What it is made of.
         land_px: ``(n, 2)`` small pixels of these points.
@@ -213,3 +486,111 @@ def _shows(keyframe: Keyframe, homography: FloatArray, now: PlaneImage, least_sh
     """Whether a keyframe has that share of its points in an image with this homography since the first."""
     onto: FloatArray = np.asarray(homography @ np.linalg.inv(keyframe.since_first), dtype=np.float64)
     return keyframe.is_shown(now.view, onto, least_share)
+
+
+class TrackedProbes:
+    """Implements ``service.ports.ImageObserver``: an observation of every tracked probe, without pixels where lost.
+
+    Args:
+        camera: The camera.
+        probes: Whose pixels are those of one image: of the first, or of that of their time.
+        pose_of: The pose at an image's stamp, about; None where it is not known. The first image's is asked for again.
+        ground: What the probes' elevations are counted from; None for the level plane at 0.
+    """
+
+    def __init__(self, camera: Camera, probes: tuple[Probe, ...], pose_of: PoseOf, ground: Ground | None) -> None:
+        times = dict.fromkeys(probe.at_ns for probe in probes)
+        view = StraightView(camera)
+        self._view = view
+        self._groups = [
+            _Together(
+                camera,
+                Standpoints(camera, view, pose_of, elevation_m=None),
+                view,
+                tuple(probe for probe in probes if probe.at_ns == at_ns),
+                ground,
+            )
+            for at_ns in times
+        ]
+
+    def observe(self, image: Image) -> tuple[Observation, ...]:
+        """Where the probes are.
+
+        Raises:
+            AerodftError: The pixels cannot be read.
+        """
+        if image.pixels is None:
+            return ()
+        small = self._view.small(image.pixels())
+        return tuple(found for group in self._groups for found in group.look(image, small))
+
+
+class _Together:
+    """Probes whose pixels are those of one image."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        standpoints: Standpoints,
+        view: StraightView,
+        probes: tuple[Probe, ...],
+        ground: Ground | None,
+    ) -> None:
+        self._camera, self._standpoints, self._probes, self._ground = camera, standpoints, probes, ground
+        self._at_ns = probes[0].at_ns
+        self._first: tuple[Image, ImageArray] | None = None
+        self._lock: PlaneLock | None = None
+        self._first_view = view
+        self._is_missed = False
+        pixels = np.array([pixel for probe in probes for pixel in probe.pixels])
+        self._small_px = view.to_small(pixels)
+
+    def look(self, image: Image, small: ImageArray) -> list[Observation]:
+        """Each probe with what became of it; nothing before their time."""
+        stamp_ns = image.stamp_ns
+        if self._at_ns is not None and stamp_ns < self._at_ns:
+            return []
+        if self._first is None:
+            self._is_missed |= self._at_ns is not None and stamp_ns > self._at_ns + _START_NS
+            if not self._is_missed:
+                self._first = replace(image, pixels=None), small
+                return [Observation.in_image(image, probe.name, probe.pixels) for probe in self._probes]
+        if self._first is None:
+            why = "there was no image at the time that its pixels are of, or none within 0.2 s after it"
+            return [Observation.in_image(image, probe.name, unseen=why) for probe in self._probes]
+        at_first = self._standpoints.seen(self._first[0])
+        if self._lock is None:  # not before, because the first image's pose may come after it
+            self._first_view = self._standpoints.view_of(at_first)
+            taken = self._taken(*self._first, self._first_view, None)
+            self._lock = PlaneLock(taken, self._small_px, _REACH * small.shape[1])
+        if self._standpoints.elevation_m is None and at_first is not None:
+            pixel, elevation_m = np.array(self._probes[0].pixels[0]), self._probes[0].elevation_m
+            self._standpoints.find_plane(at_first, pixel, self._ground, elevation_m)
+            self._lock.know_first(self._standpoints.of(at_first))
+        now = self._standpoints.seen(image)
+        view = self._standpoints.view_of(now)
+        found = self._lock.follow(self._taken(image, small, view, self._standpoints.of(now)))
+        return [self._answer(image, probe, found, view) for probe in self._probes]
+
+    def _taken(self, image: Image, small: ImageArray, view: StraightView, standpoint: Standpoint | None) -> PlaneImage:
+        return PlaneImage(small, view, (image.stamp_ns - self._epoch_ns(image)) / SECOND_NS, standpoint)
+
+    def _epoch_ns(self, image: Image) -> int:
+        return image.stamp_ns if self._first is None else self._first[0].stamp_ns
+
+    def _answer(self, image: Image, probe: Probe, found: Lock | None, view: StraightView) -> Observation:
+        lost = partial(Observation.in_image, image, probe.name)
+        if found is None:
+            return lost(unseen="the ground around it was not recognised, or what was may be water that flows")
+        first_px = self._first_view.straight(view.to_small(np.array(probe.pixels)))
+        moved = view.to_full(view.bent(carried(found.homography, first_px)))
+        farthest = np.array([self._camera.width_px, self._camera.height_px]) - PIXEL_CENTRE_OFFSET_PX
+        if not np.all((moved >= -PIXEL_CENTRE_OFFSET_PX) & (moved <= farthest)):
+            return lost(unseen="it is out of the image")
+        cov_px2 = found.cov_px2(first_px)
+        carried_px = view.shrink * math.sqrt(float(np.max(np.linalg.eigvalsh(cov_px2))))
+        if not carried_px <= _MOST_STD_PX:
+            return lost(unseen=f"where it is in the image is known to no better than {_MOST_STD_PX:.0f} px")
+        pixels = tuple((u, v) for u, v in np.round(moved, _DECIMALS).tolist())
+        std_px = math.hypot(probe.std_px, carried_px, _STD_PX)
+        return Observation.in_image(image, probe.name, pixels, std_px=std_px)

@@ -1,39 +1,44 @@
-"""A river in one image: its water, its banks, and its width at transects along it."""
+"""A river in one image, over a flight, or while images come: its water, its banks, and its width at transects along it.
+
+Over a flight every image votes for each place that it shows. What most of them hold to be water is the reach, with one
+centreline; its transects are then looked up in every image, so that widths of several images are of the same places.
+While images come, banks are observations: what a probe of kind ``river`` is measured from.
+"""
 
 import math
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 
-from aerodft.dft.request import Setup
+from aerodft.dft.reach_widths import ReachWidths, SeenWidths, fuse
+from aerodft.dft.request import Setup, zoomed
 from aerodft.dft.river_widths import BankPair, RiverWidths, river_widths
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.pose import Pose
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
+from aerodft.model.observation import Observation
+from aerodft.model.pose import Pose, PoseSample
+from aerodft.model.probe import Probe
 from aerodft.vision.river_banks import Edges, Islands, islands_across, locate_banks, stand_out
 from aerodft.vision.river_checks import like_a_road, likeliest_water, no_light, no_river, otherwise_m
-from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
-from aerodft.vision.water import WaterMask, with_islands
-from aerodft.vision.water_features import WaterFeatures, water_features
+from aerodft.vision.river_status import WHY, NoRiver, RiverLook, RiverStatus
+from aerodft.vision.water import WaterMask, WaterNetwork, with_islands
+from aerodft.vision.water_features import WaterFeatures, WaterPlane, ground_of, water_features
 from aerodft.vision.water_motion import STAYS, LaterLook, what_stays, without_still
-from aerodft.vision.water_network import WaterNetwork
-from aerodft.vision.water_plane import WaterPlane, ground_of
-from aerodft.vision.waterway import MOST_TRANSECTS, Centreline, Transects, centreline, looked_up, transects
-
-__all__ = [
-    "WHY",
-    "NoRiver",
-    "River",
-    "RiverQuestion",
-    "RiverStatus",
-    "channel_of",
-    "find_river",
-    "ground_of",
-    "oriented",
-    "river_across",
-    "stations_along",
-]
+from aerodft.vision.waterway import (
+    MOST_TRANSECTS,
+    Centreline,
+    Transects,
+    WaterMap,
+    centreline,
+    looked_up,
+    middle_line,
+    transects,
+)
 
 _UNMOVED: Final = (
     "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
@@ -45,6 +50,14 @@ _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
 _AMBIGUOUS: Final = 0.2  # of the width
 _REACHES: Final = 1.6  # an interval of 95 % reaches beyond the other outline, by a quarter of the way there
 _SEED_DOWN: Final = 0.75  # without a seed the water is looked for in the lower middle
+_CELLS_ACROSS: Final = 24.0  # of the river's width
+_MOST_CELLS: Final = 4_000_000
+_PAD_CELLS: Final = 3
+_OUTLINE: Final = 7  # every so many pixels of a mask tell how far it reaches
+_ONCE_M: Final = 1e4  # apart: one transect tells whether there is a river
+MOST_OBSERVED: Final = 32
+_DECIMALS: Final = 3
+_LEAST_STD_PX: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -280,3 +293,313 @@ def _unlike_neighbours(plane: WaterPlane, found: Transects, edges: Edges, width_
     std = np.linalg.norm(moved - places, axis=-1)
     sides = [stand_out(found.stations_m, offsets[:, side], std[:, side], width_m) for side in (0, 1)]
     return np.asarray(sides[0] | sides[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterView:
+    """The water of one image, on its plane.
+
+    Attributes:
+        plane: As the image shows it.
+        features: The small copy that the masks are of.
+        channel: ``(height, width)`` the water with its islands.
+        width_m: Of the channel, roughly.
+    """
+
+    plane: WaterPlane
+    features: WaterFeatures
+    channel: BoolArray
+    width_m: float
+
+
+class _Votes:
+    """Counts, for every place, of the images that show it, and of those that show water there.
+
+    Args:
+        views: At least one; their planes in one ENU frame.
+    """
+
+    def __init__(self, views: Sequence[WaterView]) -> None:
+        places = np.concatenate([_places(view) for view in views])
+        low, high = places.min(axis=0), places.max(axis=0)
+        extent = np.maximum(high - low, 1e-3)
+        fine_m = float(np.median([view.width_m for view in views])) / _CELLS_ACROSS
+        self._step_m = max(fine_m, float(np.sqrt(np.prod(extent) / _MOST_CELLS)))
+        self._west_north = np.array([low[0], high[1]]) + self._step_m * _PAD_CELLS * np.array([-1.0, 1.0])
+        columns, rows = (int(np.ceil(each / self._step_m)) + 2 * _PAD_CELLS for each in extent)
+        self._seen: IntArray = np.zeros((rows, columns), dtype=np.int64)
+        self._water: IntArray = np.zeros((rows, columns), dtype=np.int64)
+        for view in views:
+            self._add(view)
+
+    def _add(self, view: WaterView) -> None:
+        """Count one view, over the part of the map that it shows."""
+        rows, columns = self._box(view)
+        if rows.start >= rows.stop or columns.start >= columns.stop:
+            return
+        east = self._west_north[0] + self._step_m * np.arange(columns.start, columns.stop)
+        north = self._west_north[1] - self._step_m * np.arange(rows.start, rows.stop)
+        cells = np.stack(np.broadcast_arrays(east[None], north[:, None]), axis=-1)
+        pixels = view.plane.pixels_px(cells)
+        seen = view.plane.in_view(cells, pixels)
+        self._seen[rows, columns] += seen
+        self._water[rows, columns] += looked_up(view.channel, view.features.to_small(pixels)) & seen
+
+    def water_map(self) -> WaterMap:
+        """What most images hold to be water, where any looked."""
+        west, north = self._west_north.tolist()
+        return WaterMap(west, north, self._step_m, 2 * self._water > self._seen, self._seen > 0)
+
+    def _box(self, view: WaterView) -> tuple[slice, slice]:
+        places = _places(view)
+        low, high = places.min(axis=0) - view.width_m, places.max(axis=0) + view.width_m
+        first = np.floor((np.array([low[0], high[1]]) - self._west_north) / self._step_m * [1.0, -1.0]).astype(int)
+        last = np.ceil((np.array([high[0], low[1]]) - self._west_north) / self._step_m * [1.0, -1.0]).astype(int)
+        (left, top), (right, bottom) = np.maximum(first, 0).tolist(), np.maximum(last, 0).tolist()
+        return slice(top, min(bottom, len(self._seen))), slice(left, min(right, self._seen.shape[1]))
+
+
+def _places(view: WaterView) -> FloatArray:
+    """Some places ``(n, 2)`` of a view's channel."""
+    rows, columns = np.nonzero(view.channel)
+    pixels = np.stack([columns, rows], axis=-1)[::_OUTLINE].astype(np.float64)
+    places = view.plane.places_en_m(view.features.to_image(pixels))
+    return np.asarray(places[np.isfinite(places[:, 0])])
+
+
+def seed_on(line: Centreline, plane: WaterPlane) -> tuple[float, float] | None:
+    """The pixel of a reach's centreline that an image shows nearest to its middle; None where it shows none."""
+    pixels = plane.pixels_px(line.places_en_m)
+    shown = plane.in_view(line.places_en_m, pixels)
+    if not shown.any():
+        return None
+    middle = np.array([plane.camera.width_px - 1, plane.camera.height_px - 1]) / 2
+    near = pixels[shown][np.argmin(np.linalg.norm(pixels[shown] - middle, axis=-1))]
+    return float(near[0]), float(near[1])
+
+
+class _Sight(NamedTuple):
+    """What one image shows of one transect."""
+
+    islands: int
+    dry_m: float
+    std_m: float
+
+
+def common_islands(looks: Sequence[River], count: int) -> Islands:
+    """The islands across each of ``count`` transects, as most images that measure its width show them.
+
+    Where images disagree on how many islands there are, that is one error of all of them, and does not average out.
+    """
+    sights: list[list[_Sight]] = [[] for _ in range(count)]
+    for look in looks:
+        islands = look.islands
+        for row in look.rows[look.used].tolist():
+            sight = _Sight(int(islands.count[row]), float(islands.dry_m[row]), float(islands.std_m[row]))
+            sights[row].append(sight)
+    common = [_common(each) for each in sights]
+    counts, dry, std = (np.array(column) for column in zip(*common, strict=True))
+    return Islands(counts.astype(np.int64), dry, std)
+
+
+def _common(sights: Sequence[_Sight]) -> _Sight:
+    """What most images show; the more islands where as many show more."""
+    if not sights:
+        return _Sight(0, 0.0, 0.0)
+    counts = np.array([each.islands for each in sights])
+    most = max(counts.tolist(), key=lambda one: (int(np.sum(counts == one)), one))
+    agree = [each for each in sights if each.islands == most]
+    dry = np.array([each.dry_m for each in agree])
+    stated = np.sqrt(np.mean(np.square([each.std_m for each in agree])))
+    scatter = np.std(dry, ddof=1) if len(agree) > 1 else 0.0
+    others = [each.dry_m - dry.mean() for each in sights if each.islands != most]
+    doubt = np.sqrt(np.sum(np.square(others)) / len(sights))
+    return _Sight(most, float(dry.mean()), float(np.hypot(max(stated, scatter) / np.sqrt(len(agree)), doubt)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReachView:
+    """One image of a flight, or of a fixed camera.
+
+    Attributes:
+        setup: As for ``find_river``.
+        pose: Its pose; all views in one ENU frame.
+        pixels: Reads the image, ``(height, width, 3)`` BGR.
+        later: The same place soon afterwards, where there is such an image.
+    """
+
+    setup: Setup
+    pose: Pose
+    pixels: Callable[[], ImageArray]
+    later: LaterLook | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """A river as all images show it.
+
+    Attributes:
+        line: Its centreline, in the direction in which left and right are meant.
+        stations_m: ``(n,)`` of its transects, along the line.
+        found: Their widths.
+        islands: What is dry between their banks.
+        looks: What each view tells of the transects, or why it tells nothing.
+    """
+
+    line: Centreline
+    stations_m: FloatArray
+    found: ReachWidths
+    islands: Islands
+    looks: tuple[River | NoRiver, ...]
+
+
+def measure_reach(
+    views: Sequence[ReachView], question: RiverQuestion, advance: Callable[[int], None] = lambda _: None
+) -> Reach | NoRiver:
+    """Measure a river over many images.
+
+    Args:
+        views: At least one. Each is read twice: to find the water, and then to find the banks of the transects that all
+            have in common.
+        question: What is asked; its seed is of every image, where there is one.
+        advance: Told after each look how many there were.
+    """
+    rough = replace(question, spacing_m=_ONCE_M)
+    looks: list[River | NoRiver] = []
+    for view in views:
+        looks.append(_slim(find_river(view.pixels(), view.setup, view.pose, rough, view.later)))
+        advance(len(looks))
+    waters = [_water(view, look) for view, look in zip(views, looks, strict=True) if isinstance(look, River)]
+    line = middle_line(_Votes(waters).water_map()) if waters else None
+    if line is None:
+        return _most_said([look for look in looks if isinstance(look, NoRiver)])
+    line = oriented(_plane(views[0]), line, question.flow_rad)
+    for row, view in enumerate(views):
+        looks[row] = _looked_across(view, looks[row], line, question, rough)
+        advance(len(views) + row + 1)
+    stations = stations_along(line, question.spacing_m)
+    found = fuse([_usable(look) for look in looks], len(stations))
+    if not np.any(found.images):
+        return _most_said([look for look in looks if isinstance(look, NoRiver)])
+    islands = common_islands([look for look in looks if isinstance(look, River)], len(stations))
+    return Reach(line=line, stations_m=stations, found=found, islands=islands, looks=tuple(looks))
+
+
+def _plane(view: ReachView) -> WaterPlane:
+    return WaterPlane(view.setup.camera, view.pose, view.setup.elevation_m, view.setup.max_range_m)
+
+
+def _slim(look: River | NoRiver) -> River | NoRiver:
+    """Without what only finding the water needs: a flight has many images."""
+    return look if isinstance(look, NoRiver) else replace(look, features=look.features.without_planes())
+
+
+def _water(view: ReachView, look: River) -> WaterView:
+    plane = _plane(view)
+    return WaterView(plane, look.features, channel_of(plane, look), look.line.width_m)
+
+
+def _looked_across(
+    view: ReachView, look: River | NoRiver, line: Centreline, question: RiverQuestion, rough: RiverQuestion
+) -> River | NoRiver:
+    """The reach's transects in one image, whose water is looked for anew where it is not that of the reach."""
+    plane, image = _plane(view), view.pixels()
+    seed = seed_on(line, plane)
+    if seed is None:
+        return NoRiver(RiverStatus.OUT_OF_IMAGE, "the image does not show the reach")
+    if isinstance(look, NoRiver) or not looked_up(look.water.water, look.features.to_small(np.array([seed])))[0]:
+        look = _slim(find_river(image, view.setup, view.pose, replace(rough, seed_px=seed), view.later))
+    if isinstance(look, NoRiver):
+        return look
+    return river_across(image, view.setup, view.pose, question, look, line)
+
+
+def _usable(look: River | NoRiver) -> SeenWidths:
+    if isinstance(look, NoRiver):
+        nothing = RiverWidths(np.empty(0), np.empty((0, 0)), np.empty(0), np.empty(0), np.empty((0, 2, 3)))
+        return SeenWidths(np.empty(0, dtype=np.int64), nothing)
+    return SeenWidths(look.rows[look.used], look.widths.taken(look.used))
+
+
+def _most_said(refusals: Sequence[NoRiver]) -> NoRiver:
+    """What most images are refused for."""
+    if not refusals:
+        return NoRiver(RiverStatus.OUT_OF_IMAGE, "nowhere are both banks in view")
+    said = [each.status for each in refusals]
+    return max(refusals, key=lambda each: said.count(each.status))
+
+
+class RiverObserver:
+    """Implements ``service.ports.ImageObserver``: pairs of bank pixels, left then right, for each river probe.
+
+    Transects are laid with a pose of about the same time; widths are measured from the image's own.
+
+    Args:
+        camera: The camera.
+        look: How banks are looked for.
+        probes: Those of kind ``river``.
+        pose_near: The pose of about an image's time; None where there is none.
+
+    Attributes:
+        misses: How many looks found no river, by status.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        look: RiverLook,
+        probes: tuple[Probe, ...],
+        pose_near: Callable[[Image], PoseSample | None],
+    ) -> None:
+        self.misses: Counter[str] = Counter()
+        self._camera, self._look, self._probes, self._pose_near = camera, look, probes, pose_near
+
+    def observe(self, image: Image) -> tuple[Observation, ...]:
+        """The banks in one image; of each probe why there are none, where there is no river, or no pose yet.
+
+        Raises:
+            AerodftError: The pixels cannot be read.
+        """
+        if image.pixels is None:
+            return ()
+        sample = self._pose_near(image)
+        if sample is None or sample.pose is None:
+            return tuple(
+                self._missed(probe, image, "NO_POSE", "where the camera looks was not known yet")
+                for probe in self._probes
+            )
+        seen = []
+        for probe in self._probes:
+            setup = Setup(camera=self._camera, elevation_m=probe.elevation_m, max_range_m=self._look.max_range_m)
+            setup, sample = zoomed(setup, sample)
+            assert sample.pose is not None  # noqa: S101 - as above, for the type checker
+            question = RiverQuestion(seed_px=self._look.seed_px, spacing_m=self._look.spacing_m)
+            found = find_river(image.pixels(), setup, sample.pose, question)
+            if isinstance(found, NoRiver):
+                seen.append(self._missed(probe, image, found.status, found.reason))
+            elif observation := _observed(found, probe.name, image):
+                seen.append(observation)
+            else:
+                seen.append(self._missed(probe, image, *_commonest(found)))
+        return tuple(seen)
+
+    def _missed(self, probe: Probe, image: Image, code: str, reason: str) -> Observation:
+        self.misses[str(code)] += 1
+        return Observation.in_image(image, probe.name, unseen=f"{code}: {reason}")
+
+
+def _commonest(found: River) -> tuple[str, str]:
+    """Why no transect has a width: what is said of most of them, as a code and a sentence."""
+    status, _ = Counter(found.status).most_common(1)[0]
+    return status, WHY[status]
+
+
+def _observed(found: River, name: str, image: Image) -> Observation | None:
+    rows = np.array([row for row, status in enumerate(found.status) if status is RiverStatus.OK], dtype=np.int64)
+    if len(rows) == 0:
+        return None
+    chosen = rows[np.unique(np.rint(np.linspace(0, len(rows) - 1, min(len(rows), MOST_OBSERVED))).astype(np.int64))]
+    pixels = np.round(found.edges.pixels_px[chosen].reshape(-1, 2), _DECIMALS).tolist()
+    spread_px = float(np.sqrt(np.mean(np.square(found.edges.std_px[chosen]))))
+    std_px = round(float(np.hypot(spread_px, _LEAST_STD_PX)), _DECIMALS)
+    return Observation.in_image(image, name, tuple((u, v) for u, v in pixels), std_px=std_px)

@@ -18,7 +18,7 @@ from aerodft.geometry.robust import robust_std
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.pose import Pose
 from aerodft.vision.river_status import RiverStatus
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import WaterPlane
 from aerodft.vision.waterway import Transects
 
 _STEP_PX: Final = 0.5

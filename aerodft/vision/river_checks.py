@@ -15,7 +15,7 @@ import numpy as np
 from aerodft.geometry.robust import middle_and_std, robust_std
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.vision.river_status import NoRiver, RiverStatus
-from aerodft.vision.water import WaterMask, find_water, with_islands
+from aerodft.vision.water import Outline, WaterMask, find_water, opened, outlines, overlap, with_islands
 from aerodft.vision.water_features import (
     BLUE_TO_GREEN,
     LIGHT,
@@ -24,10 +24,10 @@ from aerodft.vision.water_features import (
     TEXTURE,
     Float32Image,
     WaterFeatures,
+    WaterPlane,
+    ground_of,
     outline_contrast,
 )
-from aerodft.vision.water_outlines import Outline, opened, outlines, overlap
-from aerodft.vision.water_plane import WaterPlane, ground_of
 from aerodft.vision.waterway import Centreline, centreline, transects
 
 _NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise

@@ -1,7 +1,10 @@
-"""Which part of an image is water: classical segmentation from one seed, with how far it can be trusted.
+"""Which part of an image is water: classical segmentation from one seed, or a user's own network.
 
-A region that is about the water gets its outline from a graph cut, and bare ground along it is taken off. Reflections
-and shade change water's lightness, seldom its colour against the banks': lightness weighs least.
+Regions around the seed. Few clusters of colour and texture tell water from land at once where the two are of a kind
+each; many are needed where water is brown here and mirrors the sky there, or where bushes differ from all the rest by
+more than water does from sand. All of it happens on a copy of half the size: which region it is does not need more, and
+its outline is drawn again afterwards, by a graph cut; bare ground along it is taken off. Reflections and shade change
+water's lightness, seldom its colour against the banks': lightness weighs least.
 
 Bare or grown ground along the water that the water's outline may have taken in: seen by an edge inside.
 
@@ -19,13 +22,16 @@ brighter: what is brighter may be either.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
+from aerodft.errors import InputError
 from aerodft.geometry.robust import middle_and_std, robust_std
-from aerodft.model.arrays import BoolArray, FloatArray
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.vision.water_features import (
     BLUE_TO_GREEN,
     LIGHT,
@@ -33,15 +39,31 @@ from aerodft.vision.water_features import (
     TEXTURE,
     Float32Image,
     WaterFeatures,
+    clusters_of,
     outline_contrast,
 )
-from aerodft.vision.water_outlines import cut, disc_around, opened, piece_around, without_specks
 
+_SPECK: Final = 3e-4  # of the image: what is drier and smaller is a wave, or a boat
+_DISC: Final = 0.025  # radius of the seed's disc, of the copy's width
+_ITERATIONS: Final = 3
+_DEEP: Final = 1 / 60  # of the copy's width: so far inside a region is water surely
+_SCALE: Final = 3.0  # to bytes, of the two colours and the texture
+_MIDDLE: Final = 128.0
+_SEED: Final = 1
+
+Bytes = npt.NDArray[np.uint8]
+_FEW: Final = (2, 3)
+_MANY: Final = (4, 6, 8)
+_JOINED: Final = 5
+_PLAIN_WEIGHTS: Final = np.array([1.0, 1.0, 0.0, 1.5], dtype=np.float32)  # of the planes: shade is lightness alone
+_WEIGHTS: Final = np.array([1.0, 1.0, 0.3, 1.5], dtype=np.float32)
+_CLEAR_PERCENT: Final = 25.0  # of an outline's contrasts: most of it has to be clear
+_LEAST_OUTLINE: Final = 20  # pixels
+_ALIKE: Final = 0.97  # overlap: two such regions are one
+_SHARE: Final = 0.2  # of the seed's disc: a cluster with more belongs to the water
+_SMOOTH_PX: Final = 1.0
 _BAND: Final = 0.35  # of half the water's width: so far from the outline it may be ground
 _SCALES: Final = np.array([4.0, 4.0, 2.0, 3.0], dtype=np.float32)  # to bytes, around the water's own middle
-_MIDDLE: Final = 128.0
-_ITERATIONS: Final = 3
-_SEED: Final = 1
 _LEAST: Final = 0.001  # of the copy: a smaller piece is foam, or a stone
 _THICK_PX: Final = 5  # a thinner piece is the outline's own blur
 _CLEAR: Final = 1.45  # standard deviations across the inner edge, lightness left out
@@ -72,6 +94,161 @@ _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
 _CUT_ISLAND: Final = 0.6  # of its shore's length: so short is where the image cuts it; a bank's corner has more
 _SEVERED: Final = 0.03  # of the water
 _MARGINS: Final = 2  # at bare ground along the water: what hid behind the first
+_MULTIPLE: Final = 32  # networks halve their input some times
+_CONTRACT: Final = (
+    "input 1 x 3 x H x W (RGB, 0 to 1), output 1 x 1 x h x w (probability or logit of water) or 1 x 2 x h x w"
+)
+
+
+def disc_around(shape: tuple[int, int], seed_px: tuple[float, float]) -> BoolArray:
+    """What a seed says to be water, ``(height, width)``."""
+    disc = np.zeros(shape, dtype=np.uint8)
+    cv2.circle(disc, (round(seed_px[0]), round(seed_px[1])), max(2, round(_DISC * max(shape))), 1, -1)
+    return disc > 0
+
+
+def opened(region: BoolArray) -> BoolArray:
+    """A region without what is thinner than five pixels."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    return np.asarray(cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0)
+
+
+def piece_around(region: BoolArray, disc: BoolArray) -> BoolArray:
+    """The piece of the region that shares most with the disc; the disc itself where none does."""
+    _, labels = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)
+    shares = np.bincount(labels[disc & region])
+    if not shares[1:].any():
+        return disc
+    return np.asarray(labels == 1 + int(np.argmax(shares[1:])))
+
+
+def without_specks(water: BoolArray) -> BoolArray:
+    """A region with its smallest holes filled."""
+    count, labels, facts, _ = cv2.connectedComponentsWithStats((~water).astype(np.uint8), connectivity=4)
+    speck = facts[:count, cv2.CC_STAT_AREA] < _SPECK * water.size
+    speck[0] = False
+    return np.asarray(water | speck[labels])
+
+
+def overlap(one: BoolArray, other: BoolArray) -> float:
+    """Intersection over union of two regions."""
+    return float(np.count_nonzero(one & other)) / max(int(np.count_nonzero(one | other)), 1)
+
+
+def cut(planes: Float32Image, region: BoolArray, disc: BoolArray, ground: BoolArray) -> BoolArray:
+    """The region with its outline drawn by a graph cut; what is deep inside stays water.
+
+    What is not looked at is land to the cut, whatever it shows: it is given the colours of what land there is.
+
+    Args:
+        planes: ``(height, width, 4)`` of ``WaterFeatures``.
+        region: ``(height, width)``.
+        disc: Part of it that is water surely.
+        ground: What is looked at.
+    """
+    land = ground & ~region
+    if not land.any():
+        return region
+    seen = _colours(planes)
+    seen[~ground] = np.random.default_rng(_SEED).choice(seen[land], np.count_nonzero(~ground))
+    deep_px = max(1, round(_DEEP * float(max(region.shape))))
+    deep = cv2.erode(region.astype(np.uint8), np.ones((3, 3), dtype=np.uint8), iterations=deep_px)
+    labels = np.where(region, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[(deep > 0) | disc] = cv2.GC_FGD
+    labels[~ground] = cv2.GC_BGD
+    water = _foreground(seen, labels) & ground
+    return without_specks(piece_around(opened(water) | disc, disc))
+
+
+def _foreground(seen: Bytes, labels: Bytes) -> BoolArray:
+    """What a graph cut of an image ``(height, width, 3)`` puts with the foreground of ``labels (height, width)``."""
+    cv2.setRNGSeed(_SEED)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(seen, labels, (0, 0, 0, 0), *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
+    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
+
+
+def _colours(planes: Float32Image) -> Bytes:
+    texture = planes[..., TEXTURE] - np.median(planes[..., TEXTURE])
+    colours = np.dstack([planes[..., RED_TO_GREEN], planes[..., BLUE_TO_GREEN], texture])
+    return np.clip(_SCALE * colours + _MIDDLE, 0, 255).astype(np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """A region that may be the water.
+
+    Attributes:
+        water: ``(height, width)`` of the copy of half the size, in one piece.
+        clearness: Standard deviations between its outline's two sides, along most of it.
+    """
+
+    water: BoolArray
+    clearness: float
+
+
+def outlines(planes: Float32Image, seed_px: tuple[float, float], ground: BoolArray) -> list[Outline]:
+    """What may be the water around a seed, the clearest first; at least one.
+
+    Args:
+        planes: ``(height, width, 4)`` of a copy of half the size.
+        seed_px: A pixel of it, in the water.
+        ground: ``(height, width)``: what is looked at.
+    """
+    disc = disc_around(ground.shape, seed_px) & ground
+    regions = [_region(_labels(planes, count, ground), disc, ground) for count in (*_FEW, *_MANY)]
+    regions.append(_joined_clusters(planes, _labels(planes, _JOINED, ground), disc, ground))
+    found = _unlike([cut(planes, region, disc, ground) for region in _unlike(regions)])
+    clear = [Outline(water, _clearness(planes, water, ground)) for water in found]
+    return sorted(clear, key=lambda each: -each.clearness)
+
+
+def _unlike(regions: list[BoolArray]) -> list[BoolArray]:
+    kept: list[BoolArray] = []
+    for region in regions:
+        if all(overlap(region, other) <= _ALIKE for other in kept):
+            kept.append(region)
+    return kept
+
+
+def _region(labels: IntArray, disc: BoolArray, ground: BoolArray, joined: tuple[int, ...] = ()) -> BoolArray:
+    """The region around the disc that consists of the disc's clusters and of more."""
+    return piece_around(opened(np.isin(labels, [*_own(labels, disc), *joined]) & ground) | disc, disc)
+
+
+def _own(labels: IntArray, disc: BoolArray) -> list[int]:
+    """The clusters that have a good share of the disc."""
+    share = np.bincount(labels[disc]) / max(int(disc.sum()), 1)
+    return [int(each) for each in np.flatnonzero(share > _SHARE)]
+
+
+def _joined_clusters(planes: Float32Image, labels: IntArray, disc: BoolArray, ground: BoolArray) -> BoolArray:
+    """The disc's clusters, with others as long as they make the outline clearer."""
+    others = [each for each in range(_JOINED) if each not in _own(labels, disc)]
+    best = _region(labels, disc, ground)
+    joined: tuple[int, ...] = ()
+    clearest = _clearness(planes, best, ground)
+    while others:
+        found = [_region(labels, disc, ground, (*joined, each)) for each in others]
+        scores = [_clearness(planes, region, ground) for region in found]
+        top = int(np.argmax(scores))
+        if scores[top] <= clearest:
+            break
+        clearest, best, joined = scores[top], found[top], (*joined, others.pop(top))
+    return best
+
+
+def _clearness(planes: Float32Image, region: BoolArray, ground: BoolArray) -> float:
+    """How well a region's outline separates its sides, along most of it."""
+    _, contrast = outline_contrast(planes, region, ground)
+    return float(np.percentile(contrast, _CLEAR_PERCENT)) if len(contrast) >= _LEAST_OUTLINE else 0.0
+
+
+def _labels(planes: Float32Image, count: int, ground: BoolArray) -> IntArray:
+    """The cluster of every pixel, ``(height, width)``."""
+    weighted = planes * (_PLAIN_WEIGHTS if count in _FEW else _WEIGHTS)
+    labels = clusters_of(weighted, _SMOOTH_PX, ground, count, tries=2)
+    return np.zeros(ground.shape, dtype=np.int64) if labels is None else labels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,11 +305,7 @@ def _cut(planes: Float32Image, water: BoolArray, sure: BoolArray, ground: BoolAr
     labels = np.full(water.shape, cv2.GC_BGD, dtype=np.uint8)
     labels[water] = cv2.GC_PR_BGD
     labels[core | sure] = cv2.GC_FGD
-    cv2.setRNGSeed(_SEED)
-    models = np.zeros((1, 65)), np.zeros((1, 65))
-    seen = np.clip(colours, 0, 255).astype(np.uint8)
-    cv2.grabCut(seen, labels, (0, 0, 0, 0), *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
-    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
+    return _foreground(np.clip(colours, 0, 255).astype(np.uint8), labels)
 
 
 def _is_rougher(apart: Float32Image) -> bool:
@@ -349,3 +522,63 @@ def with_islands(water: BoolArray, ground: BoolArray) -> BoolArray:
     island = (on_border == 0) | (small & (on_border < _CUT_ISLAND * on_shore))
     island[0] = False
     return np.asarray(water | island[labels])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterNetwork:
+    """A network that was read from a file.
+
+    Attributes:
+        net: As OpenCV has it.
+        where: Its file, for messages.
+    """
+
+    net: Any
+    where: Path
+
+    @classmethod
+    def read(cls, path: Path) -> "WaterNetwork":
+        """Read an ONNX file.
+
+        Raises:
+            InputError: It is missing, or no network that OpenCV can run.
+        """
+        try:
+            data = np.fromfile(path, dtype=np.uint8)
+        except OSError as error:
+            raise InputError("the water model cannot be read", where=path, got=error.strerror) from error
+        try:
+            return cls(cv2.dnn.readNetFromONNX(data), path)
+        except cv2.error:
+            raise InputError("no network that OpenCV can run", where=path, expected=f"ONNX: {_CONTRACT}") from None
+
+    def find_water(self, features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray) -> WaterMask:
+        """As ``water.find_water``: what is more likely water than not, in one piece around the seed.
+
+        Raises:
+            InputError: The network does not take such an image, or does not say what it should.
+        """
+        wet = self.probability(features.pixels) > 0.5  # noqa: PLR2004 - more likely than not
+        water = around_seed(wet & ground, features.shape, seed_px, ground)
+        outline, contrast = outline_contrast(features.planes, water, ground)
+        return WaterMask(water, outline, contrast)
+
+    def probability(self, pixels: ImageArray) -> Float32Image:
+        """Of water, ``(height, width)``, in an image ``(height, width, 3)`` BGR.
+
+        Raises:
+            InputError: See ``find_water``.
+        """
+        height, width = pixels.shape[:2]
+        size = tuple(-(-side // _MULTIPLE) * _MULTIPLE for side in (width, height))
+        try:
+            self.net.setInput(cv2.dnn.blobFromImage(pixels, 1.0 / 255.0, size, swapRB=True))
+            said = np.asarray(self.net.forward(), dtype=np.float32)
+        except cv2.error:
+            raise InputError("the water model does not take the image", where=self.where, expected=_CONTRACT) from None
+        if said.ndim != 4 or said.shape[0] != 1 or said.shape[1] not in (1, 2) or not np.all(np.isfinite(said)):  # noqa: PLR2004
+            raise InputError("the water model's output", where=self.where, got=f"{said.shape}", expected=_CONTRACT)
+        logit = said[0, 1] - said[0, 0] if said.shape[1] == 2 else said[0, 0]  # noqa: PLR2004 - land, then water
+        is_probability = said.shape[1] == 1 and float(logit.min()) >= 0.0 and float(logit.max()) <= 1.0
+        wet = logit if is_probability else 1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))
+        return np.asarray(cv2.resize(wet, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32)

@@ -1,17 +1,26 @@
-"""What tells water from land in a small copy of an image: colour, lightness and texture of every pixel.
+"""What one image shows of the water: a small copy whose pixels tell water from land, and the level plane that it is.
 
 Ground is of many colours: blades, soil and stones lie side by side. Water has one colour at a place; waves, shade and
-foam change its lightness. So the texture is first of all how much the ratio of red to green varies nearby.
+foam change its lightness. So the texture is first of all how much the ratio of red to green varies nearby. The plane
+leads from pixels to places on the water and back.
 """
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
+from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
+from aerodft.dft.ground_map import GroundMap
+from aerodft.geometry.lens import pixels_from_rays
+from aerodft.geometry.rotation import matrix
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.model.camera import Camera
+from aerodft.model.pose import Pose
 
 Float32Image = npt.NDArray[np.float32]
 
@@ -38,6 +47,11 @@ _WEIGHTS: Final = np.array([1.0, 1.0, 0.5, 0.7], dtype=np.float32)  # of the pla
 _EVERY: Final = 5
 _LIKENESS_SMOOTH_PX: Final = 1.5
 _SEED: Final = 1
+FARTHEST_HEIGHTS: Final = 6.0
+"""Water farther than so many camera heights is not looked at, unless told otherwise.
+
+It lies 9.6 degrees below the horizon, where 0.3 degrees of tilt are 3 % of a width.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,6 +205,24 @@ def _local(planes: Float32Image, weight: Float32Image, at: BoolArray) -> tuple[F
     return mean, np.maximum(square - mean * mean, 0.0)
 
 
+def clusters_of(
+    weighted: Float32Image, smooth_px: float, ground: BoolArray, count: int, *, tries: int
+) -> IntArray | None:
+    """The cluster of every pixel of ``weighted (height, width, k)``; None for too few pixels of ``ground`` for them.
+
+    Features are smoothed before; of some tries the best counts.
+    """
+    values = np.asarray(cv2.GaussianBlur(weighted, (0, 0), smooth_px), dtype=np.float32)
+    sample = np.ascontiguousarray(values[ground][::_EVERY])
+    if len(sample) <= count:
+        return None
+    cv2.setRNGSeed(_SEED)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 15, 0.2)
+    _, _, centres = cv2.kmeans(sample, count, np.empty(0, dtype=np.int32), criteria, tries, cv2.KMEANS_PP_CENTERS)
+    away = [np.sum(np.square(values - centre), axis=-1) for centre in centres]
+    return np.asarray(np.argmin(np.stack(away), axis=0), dtype=np.int64)
+
+
 def water_likeness(planes: Float32Image, water: BoolArray, ground: BoolArray) -> Float32Image:
     """Share of water among the pixels of the same colour, texture and lightness, ``(height, width)``, 0 to 1.
 
@@ -201,15 +233,75 @@ def water_likeness(planes: Float32Image, water: BoolArray, ground: BoolArray) ->
         water: ``(height, width)``: what was found.
         ground: What was looked at.
     """
-    values = np.asarray(cv2.GaussianBlur(planes * _WEIGHTS, (0, 0), _LIKENESS_SMOOTH_PX), dtype=np.float32)
-    sample = np.ascontiguousarray(values[ground][::_EVERY])
-    if len(sample) <= _CLUSTERS:
+    labels = clusters_of(planes * _WEIGHTS, _LIKENESS_SMOOTH_PX, ground, _CLUSTERS, tries=1)
+    if labels is None:
         return (water & ground).astype(np.float32)
-    cv2.setRNGSeed(_SEED)
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 15, 0.2)
-    _, _, centres = cv2.kmeans(sample, _CLUSTERS, np.empty(0, dtype=np.int32), criteria, 1, cv2.KMEANS_PP_CENTERS)
-    away = [np.sum(np.square(values - centre), axis=-1) for centre in centres]
-    labels = np.argmin(np.stack(away), axis=0)
     wet = np.bincount(labels[ground & water], minlength=_CLUSTERS)
     total = np.maximum(np.bincount(labels[ground], minlength=_CLUSTERS), 1)
     return np.where(ground, (wet / total)[labels], 0.0).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class WaterPlane:
+    """A horizontal plane as one image shows it; pinhole model.
+
+    Attributes:
+        camera: The camera.
+        pose: One pose.
+        elevation_m: Of the plane, in the pose's ENU.
+        max_range_m: Farther water (slant range) is out of view; None for ``FARTHEST_HEIGHTS``.
+    """
+
+    camera: Camera
+    pose: Pose
+    elevation_m: float = 0.0
+    max_range_m: float | None = None
+
+    @property
+    def height_m(self) -> float:
+        """Of the camera above the plane; not above 0 where it is below."""
+        return float(self.pose.position_enu_m[2]) - self.elevation_m
+
+    @property
+    def reach_m(self) -> float:
+        """How far away, horizontally, the plane is looked at."""
+        slant = FARTHEST_HEIGHTS * self.height_m if self.max_range_m is None else self.max_range_m
+        return math.sqrt(max(slant * slant - self.height_m**2, 0.0))
+
+    @cached_property
+    def _map(self) -> GroundMap:
+        return GroundMap.at(self.camera, self.pose, self.elevation_m)
+
+    @cached_property
+    def _cam_from_enu(self) -> FloatArray:
+        return matrix(self.pose.wxyz)
+
+    def places_en_m(self, pixels_px: FloatArray) -> FloatArray:
+        """East and north ``(..., 2)`` of pixels ``(..., 2)``; NaN at and above the horizon and out of reach."""
+        places = self._map.points_en_m(pixels_px)
+        with np.errstate(invalid="ignore"):
+            near = np.linalg.norm(places - self.pose.position_enu_m[:2], axis=-1) <= self.reach_m
+        return np.where(near[..., None], places, np.nan)
+
+    def pixels_px(self, places_en_m: FloatArray) -> FloatArray:
+        """Pixels ``(..., 2)`` of places ``(..., 2)``; NaN behind the camera; may lie beside the image."""
+        away = np.empty((*places_en_m.shape[:-1], 3))
+        away[..., :2] = places_en_m - self.pose.position_enu_m[:2]
+        away[..., 2] = -self.height_m
+        return pixels_from_rays(self.camera, away @ self._cam_from_enu)
+
+    def in_view(self, places_en_m: FloatArray, pixels_px: FloatArray) -> BoolArray:
+        """Which places ``(..., 2)`` with their pixels ``(..., 2)`` the image shows, near enough: ``(...)``."""
+        size = np.array([self.camera.width_px, self.camera.height_px])
+        low, high = -PIXEL_CENTRE_OFFSET_PX, size - PIXEL_CENTRE_OFFSET_PX
+        with np.errstate(invalid="ignore"):
+            inside = np.all((pixels_px >= low) & (pixels_px <= high), axis=-1)
+            near = np.linalg.norm(places_en_m - self.pose.position_enu_m[:2], axis=-1) <= self.reach_m
+        return np.asarray(inside & near)
+
+
+def ground_of(plane: WaterPlane, features: WaterFeatures) -> BoolArray:
+    """Which pixels of a small copy show the water's plane, near enough, ``(height, width)``."""
+    rows, columns = features.shape
+    small = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
+    return np.asarray(np.isfinite(plane.places_en_m(features.to_image(small))[..., 0]) & ~features.blank)

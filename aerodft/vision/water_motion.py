@@ -15,8 +15,7 @@ import numpy as np
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.vision.tracking import evened, followed, spread_corners
 from aerodft.vision.water import GLITTER, WaterMask, around_seed
-from aerodft.vision.water_features import LIGHT, Float32Image, WaterFeatures, outline_contrast
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import LIGHT, Float32Image, WaterFeatures, WaterPlane, outline_contrast
 
 STAYS: Final = 0.95
 """Median correlation of what stays; of water it was 0.8 at most half a second later, and less after a second."""

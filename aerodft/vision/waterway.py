@@ -16,8 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.vision.water_features import WaterFeatures
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import WaterFeatures, WaterPlane
 
 _LONGEST_CELLS: Final = 240
 _FEWEST_CELLS: Final = 8.0  # across half of the channel: a narrower one gets a finer grid

@@ -20,10 +20,10 @@ from tests.waterside import Waterside, WatersideRenderer
 
 PARTS = {
     "small copy": ("water_features.py", "water_features"),
-    "outlines": ("water_outlines.py", "outlines"),
+    "outlines": ("water.py", "outlines"),
     "one drawn again": ("water.py", "find_water"),
     "centreline": ("waterway.py", "centreline"),
-    "transects": ("transects.py", "transects"),
+    "transects": ("waterway.py", "transects"),
     "banks": ("river_banks.py", "locate_banks"),
     "islands": ("river_banks.py", "islands_across"),
     "widths": ("river_widths.py", "river_widths"),

@@ -27,12 +27,9 @@ from aerodft.sim.trajectory import survey
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import (
-    blobs,
-    ground_background,
     moving,
     plane_lock,
-    straight,
-    tracked_probes,
+    tracking,
 )
 
 CAMERA = default_camera(1920, 1080)
@@ -69,7 +66,7 @@ def bench_tracked(count: int) -> None:
     pixels = ((800.0, 520.0), (1150.0, 560.0))
     probe = Probe(name="banks", kind=ProbeKind.DISTANCE, source=PixelSource.TRACKED, pixels=pixels)
     samples = [PoseSample(stamp_ns=s, status=Status.OK, pose=p) for s, p in zip(stamps, poses, strict=True)]
-    observer = tracked_probes.TrackedProbes(CAMERA, (probe,), lambda image: samples[image.index], None)
+    observer = plane_lock.TrackedProbes(CAMERA, (probe,), lambda image: samples[image.index], None)
     images = [
         Image(index=k, stamp_ns=stamps[k], arrival_ns=stamps[k], pixels=lambda k=k: frames[k]) for k in range(count + 1)
     ]
@@ -119,16 +116,16 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--images", type=int, default=60)
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
-    timed(straight.StraightView, "small", "making it small and grey")
-    timed(straight.StraightView, "warped", "warping the keyframe")
+    timed(tracking.StraightView, "small", "making it small and grey")
+    timed(tracking.StraightView, "warped", "warping the keyframe")
     timed(plane_lock, "followed", "Lucas-Kanade there and back")
     timed(plane_lock, "groups_of", "homographies")
-    timed(blobs, "shadows", "shadows")
-    timed(blobs, "outlines_of", "outlines")
-    timed(blobs, "_whole", "cleaning the mask")
-    timed(ground_background.GroundBackground, "new_in", "what is new on the ground")
-    timed(ground_background.GroundBackground, "learn", "learning the ground")
-    timed(ground_background.GroundCanvas, "laid", "laying it on the ground")
+    timed(moving, "shadows", "shadows")
+    timed(moving, "outlines_of", "outlines")
+    timed(moving, "_whole", "cleaning the mask")
+    timed(moving.GroundBackground, "new_in", "what is new on the ground")
+    timed(moving.GroundBackground, "learn", "learning the ground")
+    timed(moving.GroundCanvas, "laid", "laying it on the ground")
     bench_tracked(options.images)
     bench_moving(options.images)
     bench_from_above(options.images)

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from aerodft.model.calibration import BIASES
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Landmark, Prior
-from calibration.images_state import Moment, PoseTrack, View
+from aerodft.model.pose import Pose
+from calibration.images_state import PoseTrack, View
 
 DEG = math.radians(1.0)
 CAMERA = Camera(
@@ -78,7 +79,8 @@ class Flight:
         rate = rng.uniform(-1, 1, 3) * self.turn_radps
         attitude = enu_from_camera(*angles)
         quaternion = np.roll(attitude.as_quat(), 1)
-        track = PoseTrack.steady(Moment(position, quaternion, velocity, rate), 2.0)
+        pose = Pose(position_enu_m=position, wxyz=quaternion, velocity_enu_mps=velocity, rate_cam_radps=rate)
+        track = PoseTrack.steady(pose, 2.0)
         off = {name: self.biases.get(name, 0.0) for name in BIASES}
         new = rng.normal(size=7) * self.noise
         after = off["time"]

@@ -8,7 +8,7 @@ from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
 from aerodft.sim.trajectory import Trajectory, heading_wxyz
-from aerodft.vision.plane_tracker import ImagePair, Matches, matches_of
+from aerodft.vision.rotation import ImagePair, Matches, matches_of
 
 CAMERA = Camera(name="views", width_px=640, height_px=360, fx_px=532.0, fy_px=532.0, cx_px=319.5, cy_px=179.5)
 REPORT_HZ = 20.0

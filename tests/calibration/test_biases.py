@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import camera_angles
-from aerodft.model.calibration import Calibration
+from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
@@ -35,8 +35,9 @@ def sample(tilt_deg=50.0, heading_deg=30.0, roll_deg=0.0, **rest):
     return PoseSample(stamp_ns=5, status=Status.OK, pose=pose, std=STD, **rest)
 
 
-def refined(given=None, **biases):
-    return BiasCalibrator(Calibration(id="sha256:x", **biases)).refine(PoseBatch.of([given or sample()]))[0]
+def refined(given=None, bias_cov=None, **biases):
+    found = Calibration(id="sha256:x", bias=BiasValues(**biases), bias_cov=bias_cov)
+    return BiasCalibrator(found).refine(PoseBatch.of([given or sample()]))[0]
 
 
 def angles_deg(refined_sample):
@@ -45,29 +46,29 @@ def angles_deg(refined_sample):
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 1.0, 50.0, 89.0])
 def test_a_tilt_bias_raises_the_tilt(tilt_deg):
-    assert_allclose(angles_deg(refined(sample(tilt_deg), tilt_bias_rad=DEG)), [tilt_deg + 1.0, 0.0, 30.0], atol=1e-9)
+    assert_allclose(angles_deg(refined(sample(tilt_deg), tilt_rad=DEG)), [tilt_deg + 1.0, 0.0, 30.0], atol=1e-9)
 
 
 def test_a_roll_bias_lowers_the_cameras_right_side():
-    found = refined(roll_bias_rad=2 * DEG)
+    found = refined(roll_rad=2 * DEG)
     assert_allclose(angles_deg(found), [50.0, 2.0, 30.0], atol=1e-9)
     right_enu = Rotation.from_quat(found.pose.wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
     assert right_enu[2] < 0
 
 
 def test_a_heading_bias_turns_clockwise():
-    found = refined(heading_bias_rad=10 * DEG)
+    found = refined(heading_rad=10 * DEG)
     assert_allclose(angles_deg(found), [50.0, 0.0, 40.0], atol=1e-9)
     axis_enu = Rotation.from_quat(found.pose.wxyz, scalar_first=True).apply([0.0, 0.0, 1.0])
     assert_allclose(math.degrees(math.atan2(axis_enu[0], axis_enu[1])), 40.0)
 
 
 def test_a_height_bias_raises_the_camera_and_nothing_else():
-    assert_allclose(refined(height_bias_m=1.5).pose.position_enu_m, [7.0, -3.0, 41.5])
+    assert_allclose(refined(height_m=1.5).pose.position_enu_m, [7.0, -3.0, 41.5])
 
 
 def test_all_together_at_a_rolled_pose():
-    found = refined(sample(roll_deg=0.0), tilt_bias_rad=DEG, heading_bias_rad=-4 * DEG, height_bias_m=-2.0)
+    found = refined(sample(roll_deg=0.0), tilt_rad=DEG, heading_rad=-4 * DEG, height_m=-2.0)
     assert_allclose(angles_deg(found), [51.0, 0.0, 26.0], atol=1e-9)
     assert found.pose.position_enu_m[2] == pytest.approx(38.0)
     assert found.calibration == "sha256:x"
@@ -80,14 +81,12 @@ def test_the_calibrations_covariance_takes_the_telemetrys_place():
         [[1, 0, 0, 0], [0.6, 0.8, 0, 0], [0, 0, 1, 0], [0, -0.5, 0, math.sqrt(0.75)]]
     )
     given = sample()
-    found = refined(given, tilt_bias_rad=DEG, bias_cov=np.pad(root @ root.T, (0, 4)))
+    found = refined(given, tilt_rad=DEG, bias_cov=np.pad(root @ root.T, (0, 4)))
     rng = np.random.default_rng(1)
     errors = []
     centre = Rotation.from_quat(found.pose.wxyz, scalar_first=True)
     for height, tilt, roll, heading in (root @ rng.normal(size=(4, 4000))).T:
-        drawn = refined(
-            given, height_bias_m=height, tilt_bias_rad=DEG + tilt, roll_bias_rad=roll, heading_bias_rad=heading
-        )
+        drawn = refined(given, height_m=height, tilt_rad=DEG + tilt, roll_rad=roll, heading_rad=heading)
         turned = centre.inv() * Rotation.from_quat(drawn.pose.wxyz, scalar_first=True)
         errors.append([drawn.pose.position_enu_m[2] - 40.0, *turned.as_rotvec()])
     expected = np.cov(np.array(errors).T)
@@ -104,13 +103,13 @@ def test_the_calibrations_covariance_takes_the_telemetrys_place():
 
 def test_without_a_covariance_the_telemetrys_stays():
     given = sample()
-    found = refined(given, tilt_bias_rad=DEG)
+    found = refined(given, tilt_rad=DEG)
     assert_allclose(found.pose.cov, given.pose.cov)
     assert found.std == STD
 
 
 def test_what_is_not_ok_passes_unchanged():
-    calibrator = BiasCalibrator(Calibration(id="x", height_bias_m=1.0))
+    calibrator = BiasCalibrator(Calibration(id="x", bias=BiasValues(height_m=1.0)))
     lost = PoseSample(stamp_ns=1, status=Status.STALE_TELEMETRY)
     low = PoseSample(stamp_ns=1, status=Status.BELOW_MIN_HEIGHT, pose=sample().pose)
     bad = PoseBatch.of([lost, low])

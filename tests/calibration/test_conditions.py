@@ -14,7 +14,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import GroundPoint, KnownHeight, KnownLength, Landmark, SlantRange
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from calibration.conditions import Distances
+from calibration.residuals import Distances
 from calibration.state import State, Unknowns
 
 from .evidence_kinds import (

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 from aerodft.model.evidence import EvidenceSet
 from aerodft.model.measurement import ProjectionModel
-from calibration.errors_left import ground_error_m, leftovers, rms_px, steps_without_each
 from calibration.residuals import Problem
+from calibration.result import ground_error_m, leftovers, rms_px, steps_without_each
 from calibration.solve import solve
 from calibration.state import Unknowns
 from tests.truth.calibration_sets import TASKS, Task, drawn, landmarks, ranges, solved

@@ -11,11 +11,10 @@ from numpy.testing import assert_allclose
 from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Landmark, Prior, SlantRange
 from aerodft.model.measurement import ProjectionModel
-from calibration.images_problem import Arrow, ImagesProblem
-from calibration.images_result import calibrate_images, solve_images
+from calibration.descent import NormalEquations
+from calibration.images_result import ImagesProblem, calibrate_images, solve_images
 from calibration.images_state import OWN, ImagesState, SharedUnknowns
-from calibration.observability import LIMIT
-from calibration.result import start_state
+from calibration.result import LIMIT, start_state
 
 from .image_flights import CAMERA, DEG, NOISE, SHARE, STD, Flight, drawn
 
@@ -135,7 +134,7 @@ def test_one_landmark_straight_below_does_not_tell_the_height():
 
 def straight_below(view):
     """The camera's foot, seen in the principal point."""
-    east, north, _ = view.track.pose(0.0)[0].tolist()
+    east, north, _ = view.track.pose(0.0).position_enu_m.tolist()
     return Landmark(name=f"{view.name}/below", pixel=(CAMERA.cx_px, CAMERA.cy_px), position_m=(east, north, 0.0))
 
 
@@ -167,7 +166,7 @@ def test_without_an_observation_is_as_a_fit_that_never_saw_it():
     views = Flight(drawn(np.random.default_rng(1)), images=4, landmarks=4).views(np.random.default_rng(11))
     whole = calibrate_images(views, PRIORS, CAMERA, ASKED)
     less = (replace(views[0], evidence=views[0].evidence[1:]), *views[1:])
-    from calibration.errors_left import ground_error_m  # noqa: PLC0415
+    from calibration.result import ground_error_m  # noqa: PLC0415
 
     again = calibrate_images(less, PRIORS, CAMERA, ASKED)
     expected = ground_error_m(again.solution.cameras[0], views[0].evidence[0])
@@ -188,7 +187,7 @@ def test_the_lens_is_found_with_the_biases():
 
 def ranged(view, height_m=0.0):
     """An image with slant ranges in the place of landmarks, of a vehicle that is higher than reported."""
-    eye = view.track.pose(0.0)[0] + [0.0, 0.0, height_m]
+    eye = view.track.pose(0.0).position_enu_m + [0.0, 0.0, height_m]
     return replace(
         view,
         evidence=tuple(
@@ -227,11 +226,11 @@ def problem_and_guess():
 
 def dense(residuals):
     """The whole Jacobian."""
-    count = residuals.by.shape[1] - OWN
+    count = residuals.by_unknowns.shape[1] - OWN
     jac = np.zeros((len(residuals.values), count + OWN * len(residuals.rows)))
-    jac[:, :count] = residuals.by[:, :count]
+    jac[:, :count] = residuals.by_unknowns[:, :count]
     for index, rows in enumerate(residuals.rows):
-        jac[rows, count + OWN * index : count + OWN * (index + 1)] = residuals.by[rows, count:]
+        jac[rows, count + OWN * index : count + OWN * (index + 1)] = residuals.by_unknowns[rows, count:]
     return jac
 
 
@@ -253,7 +252,7 @@ def test_eliminating_what_is_new_gives_the_whole_step(damping):
     residuals = problem.evaluate(guess)
     weights = np.random.default_rng(1).uniform(0.2, 1.0, len(residuals.values))
     arrow, jac = residuals.normal(weights), dense(residuals)
-    assert isinstance(arrow, Arrow)
+    assert isinstance(arrow, NormalEquations)
     whole, slope = jac.T @ (weights[:, None] * jac), jac.T @ (weights * residuals.values)
     assert_allclose(arrow.slope, slope, rtol=1e-9, atol=1e-6)
     expected = -np.linalg.solve(whole + damping * np.diag(np.diag(whole)), slope)

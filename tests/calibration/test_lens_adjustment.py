@@ -20,8 +20,7 @@ from calibration.lens.adjustment import (
     with_intrinsics,
 )
 from calibration.lens.board import parse_board
-from calibration.lens.coverage import ray_std_px
-from calibration.lens.solution import LensChoice, solve_lens
+from calibration.lens.solution import LensChoice, ray_std_px, solve_lens
 
 from .board_pictures import STOP, TrueCamera
 

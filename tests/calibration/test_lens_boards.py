@@ -6,8 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodft.errors import UsageError
-from calibration.lens.board import DEFAULT_CHARUCO, BoardKind, draw_board, parse_board
-from calibration.lens.detection import BoardFinder, suggestion
+from calibration.lens.board import DEFAULT_CHARUCO, BoardFinder, BoardKind, draw_board, parse_board, suggestion
 
 from .board_pictures import TrueCamera, picture, poses
 

@@ -13,8 +13,7 @@ from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.camera import Camera
 from calibration.lens.adjustment import View, intrinsics_of, with_intrinsics
 from calibration.lens.board import parse_board
-from calibration.lens.coverage import choose, distortion_px, missing, ray_std_px
-from calibration.lens.solution import LensChoice, solve_lens
+from calibration.lens.solution import LensChoice, choose, distortion_px, missing, ray_std_px, solve_lens
 
 from .board_pictures import TrueCamera, poses
 

@@ -16,7 +16,7 @@ from aerodft.geometry.intrinsics import intrinsics_covariance, reproject
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix
-from aerodft.model.calibration import Calibration
+from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.camera import CameraStd
 from aerodft.model.marker import SurveyedLandmark
 from aerodft.model.observation import Observation
@@ -33,8 +33,7 @@ from aerodft.service.settings import (
 )
 from aerodft.sim.scenario import default_camera
 from calibration.biases import BiasCalibrator
-from calibration.live import LiveCalibrator
-from calibration.live_filter import BiasModel
+from calibration.live import BiasModel, LiveCalibrator
 
 DEG = math.pi / 180
 CAMERA = default_camera(1920, 1080)
@@ -131,7 +130,7 @@ def test_poses_depend_on_biases_as_finite_differences_say():
 
 def test_biases_turn_and_raise_as_a_calibration_files_do():
     start = Calibration(
-        id="x", height_bias_m=1.5, tilt_bias_rad=1.2 * DEG, roll_bias_rad=-DEG, heading_bias_rad=3 * DEG,
+        id="x", bias=BiasValues(height_m=1.5, tilt_rad=1.2 * DEG, roll_rad=-DEG, heading_rad=3 * DEG),
         bias_cov=np.diag([0.3, 0.01, 0.02, 0.03, 0.0, 0.0, 0.0, 0.0]) ** 2,
     )  # fmt: skip
     alone = refined_by(BiasCalibrator(start), sample())

@@ -19,9 +19,7 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import PipelineSettings, WatchSettings
-from calibration.steadiness import SteadyCalibrator
-from calibration.steady_pose import KnownTurn, turned_pose
-from calibration.steady_state import Look, SteadyState, Verdict
+from calibration.steadiness import KnownTurn, Look, SteadyCalibrator, SteadyState, turned_pose
 from tests.one_image import measure
 
 CAMERA = Camera(
@@ -201,7 +199,7 @@ def straight(rotvec, std_rad=1e-5):
         np.zeros((60, 2)),
         0.1,
     )
-    return Look(Verdict.TURNED, turn, 60)
+    return Look(turn, 60)
 
 
 def test_a_mast_in_the_wind_raises_no_alarm_in_thousands_of_looks():

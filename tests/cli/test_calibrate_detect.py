@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.cli.detect import detected_evidence
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from calibration.lens.board import dictionary_names
-from calibration.marker_geometry import Question, judge
+from calibration.marker_geometry import judge
 from calibration.markers import find_markers
 from calibration.result import calibrate
 
@@ -180,7 +181,7 @@ def test_one_marker_with_its_corners_is_enough(scene, pixels):
 def test_held_out_errors_are_those_of_opencv(scene, pixels):
     found = scene.detected(file_of(MARKERS), scene.image(pixels))
     seen = {each.id: each for each in find_markers(pixels, _survey(scene), scene.camera)}
-    judgement = judge(found.known, seen, {}, Question(scene.camera, POSE))
+    judgement = judge(found.known, seen, {}, partial(calibrate, camera=scene.camera, names=POSE))
     points = np.array([each.centre for each in MARKERS])
     measured = np.array([seen[each.id].pixel for each in MARKERS])
     ideal = cv2.undistortPoints(measured[:, None], LENS.matrix, np.array(LENS.distortion), criteria=STOP)[:, 0]

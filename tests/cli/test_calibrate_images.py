@@ -128,7 +128,7 @@ def test_biases_and_the_time_offset_of_a_log_are_found(aerodft, flight, tmp_path
     assert found.json["residuals"][0]["name"].startswith("IMG_0/p")
     assert len(found.json["images"]) == len(evidence(flight)["image"])
     written = load_calibration(out).biases
-    assert_allclose(written.time_offset_s, found.json["parameters"]["time_offset_s"]["value"])
+    assert_allclose(written.bias.time_s, found.json["parameters"]["time_offset_s"]["value"])
     order, named = found.json["order"], np.array(found.json["covariance"])
     height, time = order.index("height_bias_m"), order.index("time_offset_s")
     assert_allclose(written.bias_cov[0, -1], named[height, time], rtol=1e-6)
@@ -154,14 +154,14 @@ def test_the_calibration_goes_into_every_command(aerodft, flight, tmp_path):
     by_hand = aerodft("measure", *probe, "--height", str(40 + written_height(out)), "--tilt", "45").json[0]
     assert with_biases["calibration"].startswith("sha256:")
     assert with_biases["pose"]["tilt_deg"] == pytest.approx(
-        45 + load_calibration(out).biases.tilt_bias_rad / DEG, abs=0.1
+        45 + load_calibration(out).biases.bias.tilt_rad / DEG, abs=0.1
     )
     assert with_biases["pose"]["height_agl_m"] == pytest.approx(by_hand["pose"]["height_agl_m"])
     assert with_biases["std"] < by_hand["std"]
 
 
 def written_height(path):
-    return load_calibration(path).biases.height_bias_m
+    return load_calibration(path).biases.bias.height_m
 
 
 def test_images_of_a_recording_are_named_by_index(aerodft, flown, tmp_path):

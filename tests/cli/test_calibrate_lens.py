@@ -12,9 +12,8 @@ from PIL import Image as PillowImage
 
 from aerodft.adapters.config.camera import load_camera
 from calibration.lens.adjustment import intrinsics_of
-from calibration.lens.board import parse_board
-from calibration.lens.coverage import distortion_px
-from calibration.lens.detection import BoardFinder
+from calibration.lens.board import BoardFinder, parse_board
+from calibration.lens.solution import distortion_px
 
 from ..calibration.board_pictures import (  # noqa: TID252 - test folders are no packages that could be named
     STOP,

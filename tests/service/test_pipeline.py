@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
 from aerodft.dft.measure import Request
 from aerodft.geometry.poses import camera_pose
-from aerodft.model.calibration import Calibration
+from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import StampClock
 from aerodft.model.pose import HeightSource, PoseSample
@@ -135,7 +135,7 @@ def test_the_numbers_are_those_of_the_flight(bench):
 
 
 def test_the_calibrator_corrects_every_pose(bench):
-    calibrator = BiasCalibrator(Calibration(id="sha256:c", height_bias_m=-5.0))
+    calibrator = BiasCalibrator(Calibration(id="sha256:c", bias=BiasValues(height_m=-5.0)))
     made = Pipeline(bench.settings, MavlinkDecoder(), calibrator)
     plain = bench.run_events(*bench.blocks(bench.flight(3.0)), bench.image(0, 1_050))
     better = bench.run_events(*bench.blocks(bench.flight(3.0)), bench.image(0, 1_050), made=made)

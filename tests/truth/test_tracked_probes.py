@@ -14,7 +14,7 @@ from aerodft.model.image import Image
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.observation import Observation
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.vision.tracked_probes import TrackedProbes
+from aerodft.vision.plane_lock import TrackedProbes
 from tests.truth import circling
 from tests.truth.circling import CAMERA, Seen
 

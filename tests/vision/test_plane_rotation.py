@@ -11,8 +11,7 @@ from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.trajectory import Waypoint, fly
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
-from aerodft.vision.plane_tracker import ImagePair, PlaneTracker
-from aerodft.vision.rotation import PlaneMotion, layered_motion, plane_motion, turns_over_plane
+from aerodft.vision.rotation import ImagePair, PlaneMotion, PlaneTracker, layered_motion, plane_motion, turns_over_plane
 
 from ..calibration.sync_views import seen_pair  # noqa: TID252 - test folders are no packages that could be named
 

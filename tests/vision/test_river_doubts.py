@@ -11,11 +11,11 @@ from aerodft.sim.river import Island
 from aerodft.sim.river import River as SimulatedRiver
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import furnished
-from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
+from aerodft.vision.river import River, RiverQuestion, find_river
 from aerodft.vision.river_checks import otherwise_m
+from aerodft.vision.river_status import NoRiver, RiverStatus
 from aerodft.vision.water import WaterMask
-from aerodft.vision.water_features import WaterFeatures
-from aerodft.vision.water_plane import WaterPlane
+from aerodft.vision.water_features import WaterFeatures, WaterPlane
 from aerodft.vision.waterway import Centreline
 from tests.vision.painted_rivers import CAMERA, PaintedRiver
 

@@ -8,7 +8,7 @@ import pytest
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError
 from aerodft.vision.river import River, RiverQuestion, find_river
-from aerodft.vision.water_network import WaterNetwork
+from aerodft.vision.water import WaterNetwork
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 BLUER_THAN_GREEN = (0.0, -40.0, 40.0)

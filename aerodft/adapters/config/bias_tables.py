@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Annotated, Any, Final, Self, TypeAlias
 
 import numpy as np
@@ -24,20 +23,20 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.adapters.config.units import to_deg
 from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import BIASES, Calibration
+from aerodft.model.calibration import BIASES, BiasValues, Calibration
 from aerodft.model.pose import PoseStd
 
 Rows: TypeAlias = tuple[tuple[float, ...], ...] | None
 
 _KEYS: Final[tuple[tuple[str, str, Callable[[float], float], Callable[[float], float]], ...]] = (
-    ("height_m", "height_bias_m", float, float),
-    ("tilt_deg", "tilt_bias_rad", math.radians, to_deg),
-    ("roll_deg", "roll_bias_rad", math.radians, to_deg),
-    ("heading_deg", "heading_bias_rad", math.radians, to_deg),
-    ("pan_deg", "pan_bias_rad", math.radians, to_deg),
-    ("east_m", "east_bias_m", float, float),
-    ("north_m", "north_bias_m", float, float),
-    ("time_offset_s", "time_offset_s", float, float),
+    ("height_m", "height_m", float, float),
+    ("tilt_deg", "tilt_rad", math.radians, to_deg),
+    ("roll_deg", "roll_rad", math.radians, to_deg),
+    ("heading_deg", "heading_rad", math.radians, to_deg),
+    ("pan_deg", "pan_rad", math.radians, to_deg),
+    ("east_m", "east_m", float, float),
+    ("north_m", "north_m", float, float),
+    ("time_offset_s", "time_s", float, float),
 )
 """What says which of the ``BIASES``, in their order: key and attribute, and how one becomes the other."""
 
@@ -102,9 +101,9 @@ def biases_from(bias: BiasTable, identity: str, where: str) -> Calibration:
     """
     cov = _covariance(bias, where)
     lens_cov = None if bias.lens_covariance is None else np.array(bias.lens_covariance)
-    found = Calibration(id=identity, bias_cov=cov, lens_cov=lens_cov, noise=value_of(bias.noise, PoseStd))
-    biases: dict[str, Any] = {attribute: into(getattr(bias, key).value) for key, attribute, into, _ in _KEYS}
-    return replace(found, **biases)
+    values = BiasValues(**{attribute: into(getattr(bias, key).value) for key, attribute, into, _ in _KEYS})
+    noise = value_of(bias.noise, PoseStd)
+    return Calibration(id=identity, bias=values, bias_cov=cov, lens_cov=lens_cov, noise=noise)
 
 
 def _covariance(bias: BiasTable, where: str) -> FloatArray:
@@ -120,7 +119,7 @@ def bias_document(calibration: Calibration) -> dict[str, Any]:
     cov, count = calibration.bias_cov, len(BIASES)
     stds = (np.zeros(count) if cov is None else np.sqrt(np.diag(cov))).tolist()
     document: dict[str, Any] = {
-        key: {"value": out(getattr(calibration, attribute)), "std": out(std)}
+        key: {"value": out(getattr(calibration.bias, attribute)), "std": out(std)}
         for (key, attribute, _, out), std in zip(_KEYS, stds, strict=True)
     }
     document["noise"] = keys_of(NoiseTable, calibration.noise)

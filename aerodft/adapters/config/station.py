@@ -117,7 +117,7 @@ class StationConfig:
     @property
     def image_offset_s(self) -> float:
         """What is added to the stamps of the image source: as configured, and as the calibration found it."""
-        return self.images.time_offset_s + (0.0 if self.calibration is None else self.calibration.time_offset_s)
+        return self.images.time_offset_s + (0.0 if self.calibration is None else self.calibration.bias.time_s)
 
     @property
     def image_clock(self) -> ImageClock:

@@ -56,8 +56,8 @@ def test_a_configuration_names_its_calibration() -> None:
     assert station.link is None
     assert station.calibration is not None
     assert station.calibration.id == load_calibration(CONFIGS / "sites" / "river-calibration.toml").biases.id
-    assert station.calibration.height_bias_m == -0.42
-    assert station.calibration.tilt_bias_rad == math.radians(0.6)
+    assert station.calibration.bias.height_m == -0.42
+    assert station.calibration.bias.tilt_rad == math.radians(0.6)
     assert station.calibration.bias_cov is not None
     wanted = np.square([0.08, *np.radians([0.05, 0.05, 0.4]), 0.0, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(station.calibration.bias_cov, np.diag(wanted), rtol=1e-15)
@@ -289,7 +289,7 @@ def test_a_calibration_may_hold_plain_numbers(tmp_path: Path) -> None:
     path.write_text("[bias]\nheight_m = -1\n[pose]\nheight_agl_m = 5\ntilt_deg = 0\n")
     found = load_calibration(path)
     calibration = found.biases
-    assert calibration.height_bias_m == -1.0
+    assert calibration.bias.height_m == -1.0
     assert calibration.bias_cov is not None
     assert not calibration.bias_cov.any()
     assert found.pose is not None

@@ -47,14 +47,13 @@ HOME = '[telemetry.height]\norder = ["home"]\n'
 VARIANTS = {
     "home": HOME,
     "rangefinder": '[telemetry.height]\norder = ["rangefinder", "home"]\n',
-    "terrain": '[telemetry.height]\norder = ["terrain", "home"]\n',
+    "terrain": '[telemetry.height]\norder = ["terrain", "home"]\nstd_m = { terrain = 1.0 }\n',
     "landmarks": HOME,
     "zoom": HOME + "[telemetry.zoom]\ncurve = [[0, 1.0], [100, 6.0]]\n",
 }
-"""What a flight's configuration says of its telemetry."""
-STATION = f"""
-[station]
-name = "bench"
+"""What a flight's configuration says of its telemetry; terrain is believed as home is, so that as much is drawn."""
+STATION = '[station]\nname = "bench"\n'
+ORIGIN = f"""\
 origin = {{ lat_deg = {math.degrees(DEFAULT_ORIGIN.lat_rad)}, lon_deg = {math.degrees(DEFAULT_ORIGIN.lon_rad)}, \
 alt_msl_m = {DEFAULT_ORIGIN.alt_msl_m} }}
 """
@@ -158,7 +157,7 @@ def write_recording(folder: Path, variant: str, seconds: float, rate_hz: float) 
         sent = sorted([*sent, *_zooms(autopilot, seconds)], key=lambda each: each.due_ns)
     log, config = folder / "flight.tlog", folder / "bench.toml"
     write_tlog(log, sent)
-    text = f"{STATION}{CAMERA}\n{VARIANTS[variant]}[images]\nrate_hz = {rate_hz}\n{PROBES}{landmarks}"
+    text = f"{STATION}{ORIGIN}{CAMERA}\n{VARIANTS[variant]}[images]\nrate_hz = {rate_hz}\n{PROBES}{landmarks}"
     config.write_text(text)
     station = load_station(config)
     stamps = RateSource([(EPOCH_NS, EPOCH_NS + round(seconds * 1e9))], rate_hz)

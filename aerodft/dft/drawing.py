@@ -172,11 +172,14 @@ def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Draws]]:
     by_intrinsics = np.ascontiguousarray(rays.by_intrinsics[..., slice(None if is_bent else 0)])
     wxyz, cameras_m = probes.pose.wxyz[image], probes.pose.position_enu_m[image]
     most = max(_RAYS_AT_ONCE // pixels, 1)
+    size = draws.shape[1]  # each piece is drawn into the memory of the one before: new memory takes longer than draws
+    room = np.empty((most, 3, size)), np.empty((most, size)), *np.empty((2, most, pixels, 3, size))
     for first in range(0, len(image), most):
         own = slice(first, first + most)
         pose, place = (poses[own], roots, wxyz[own]), (cameras_m[own], probes.elevation_m[own])
         pixel_rays = rays.rays_cam[own], by_px[own], by_intrinsics[own]
-        cameras, directions, elevations, points = _see(pose, place, pixel_rays, draws)
+        cameras, elevations, directions, points = (part[: len(image) - first] for part in room)
+        _see(pose, place, pixel_rays, draws, (cameras, elevations, directions, points))
         if probes.surface is not None:
             starts, away = np.moveaxis(cameras, 1, -1)[:, None], np.moveaxis(directions, 2, -1)
             points = np.moveaxis(probes.surface.meet(starts, away, elevations[:, None]).points_enu_m, -1, 2)
@@ -189,7 +192,8 @@ def _see(
     places: tuple[FloatArray, FloatArray],
     rays: tuple[FloatArray, FloatArray, FloatArray],
     draws: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    seen: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
     """What ``m`` probes would have seen, draw by draw.
 
     Args:
@@ -198,15 +202,12 @@ def _see(
         places: Cameras ``(m, 3)`` and elevations ``(m,)``.
         rays: ``(m, q, 3)`` in camera axes; by standard deviations of the pixels ``(m, q, 3, 2)``; by the intrinsics.
         draws: ``(s + 2 q, d)`` standard normal ones.
-
-    Returns:
-        Cameras ``(m, 3, d)``, directions ``(m, q, 3, d)``, elevations ``(m, d)``, and points ``(m, q, 3, d)`` of the
-        level planes at these.
+        seen: Receives cameras ``(m, 3, d)``, elevations ``(m, d)``, directions ``(m, q, 3, d)``, and points
+            ``(m, q, 3, d)`` of the level planes at the elevations.
     """
     (poses, roots, wxyz), (camera_m, elevation_m), (rays_cam, by_px, by_intrinsics) = shared_by, places, rays
+    cameras, elevations, directions, points = seen
     (count, pixels, _), size, errors = rays_cam.shape, draws.shape[1], roots.shape[1]
-    cameras, elevations = np.empty((count, 3, size)), np.empty((count, size))
-    directions, points = np.empty((count, pixels, 3, size)), np.empty((count, pixels, 3, size))
     shared, turn, ray = np.empty((errors, size)), np.empty((9, size)), np.empty((3, size))
     last = -1
     for m in range(count):
@@ -225,7 +226,6 @@ def _see(
                 _add(by_px[m, k, axis], draws[errors + 2 * k :], ray[axis])
                 _add(by_intrinsics[m, k, axis], shared[7:], ray[axis])
             _meet(cameras[m], elevations[m], turn, ray, directions[m, k], points[m, k])
-    return cameras, directions, elevations, points
 
 
 @njit_fused

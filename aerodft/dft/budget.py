@@ -33,7 +33,7 @@ _UNSETTLED_RAD: Final = math.radians(2)  # no gimbal that holds still is known w
 _ANGLES: Final = ("tilt", "pan", "roll", "attitude")
 _INTRINSICS: Final = {"focal": FOCAL, "principal point": PRINCIPAL_POINT, "distortion": DISTORTION}
 _TURNS: Final = np.arange(ROTATION.start, ROTATION.stop)
-_STD_NAMES: Final = tuple(each.name for each in fields(PoseStd))
+STD_NAMES: Final = tuple(each.name for each in fields(PoseStd))
 _STATED: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _UNSETTLED: Final = "know the attitude better: wait until the gimbal has settled, or add a landmark"
 
@@ -57,7 +57,12 @@ class Share:
 
 
 def variance_budgets(
-    by_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray
+    by_shared: FloatArray,
+    pixel_var: FloatArray,
+    poses: PoseBatch,
+    shared_cov: FloatArray,
+    *,
+    only_largest: bool = False,
 ) -> list[tuple[Share, ...]]:
     """The parts of the variances of scalars in ``r`` images, the largest first; empty where nothing is uncertain.
 
@@ -67,6 +72,7 @@ def variance_budgets(
         poses: The ``(r,)`` poses. Where a stated standard deviation does not reproduce the covariance (a calibration's
             full one), tilt, pan, roll and heading are given as one ``attitude``.
         shared_cov: ``(r, s, s)``.
+        only_largest: Give one part of each.
     """
     pose_cov = poses.pose.cov
     motion = np.concatenate([poses.pose.velocity_enu_mps, poses.pose.rate_cam_radps], axis=-1)
@@ -90,14 +96,17 @@ def variance_budgets(
     is_settled = np.sqrt(pose_cov[:, _TURNS, _TURNS]).max(axis=-1) <= _UNSETTLED_RAD
     variances = np.stack(list(columns.values()), axis=-1)
     return [
-        _shares(dict(zip(columns, row, strict=True)), whole, is_settled=settled)
+        _shares(dict(zip(columns, row, strict=True)), whole, is_settled=settled, only_largest=only_largest)
         for row, whole, settled in zip(variances.tolist(), total.tolist(), is_settled.tolist(), strict=True)
     ]
 
 
-def _shares(variances: dict[str, float], total: float, *, is_settled: bool) -> tuple[Share, ...]:
+def _shares(variances: dict[str, float], total: float, *, is_settled: bool, only_largest: bool) -> tuple[Share, ...]:
     if not total > 0:
         return ()
+    if only_largest:
+        largest = max(variances, key=variances.__getitem__)
+        variances = {largest: variances[largest]}
     parts = [
         Share(
             source,
@@ -121,7 +130,7 @@ def advice(budget: tuple[Share, ...]) -> str:
 
 def _attitude(by_rotation: FloatArray, poses: PoseBatch) -> dict[str, FloatArray]:
     up_cam = matrix(poses.pose.wxyz)[:, 2]
-    tilt, pan, roll, heading = (poses.std[:, _STD_NAMES.index(name)] for name in _STATED)
+    tilt, pan, roll, heading = (poses.std[:, STD_NAMES.index(name)] for name in _STATED)
     stated = np.square(heading)[:, None, None] * up_cam[:, :, None] * up_cam[:, None]
     stated[:, [0, 1, 2], [0, 1, 2]] += np.square([tilt, pan, roll]).T
     actual = poses.pose.cov[:, ROTATION, ROTATION]

@@ -9,16 +9,16 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION, PixelRays
+from aerodft.dft.projection import ELEVATION, INTRINSICS, PixelRays
 from aerodft.dft.quantities import KINDS, Sight
 from aerodft.dft.uncertainty import CHI2_2D_95
 from aerodft.geometry.ground import Ground
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.geometry.jit import njit, njit_fused
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.pose import Pose
 from aerodft.model.probe import ProbeKind
 
@@ -122,7 +122,7 @@ def draw(probes: Uncertain, on_ground: int, centre: FloatArray, first_enu_m: Flo
                     middle = centre[own, None]
                     values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
                 scalars[:, own] = _central(values)
-            cov[own] = _scatters(seen.points_enu_m[:, 0] - first_enu_m[own, :, None])
+            cov[own] = _scatters(np.ascontiguousarray(seen.points_enu_m[:, 0]), first_enu_m[own])
     return Drawn(Interval(*scalars), Interval(*ranges), cov)
 
 
@@ -153,120 +153,220 @@ class _Draws:
 
     def ranges_m(self, count: int) -> FloatArray:
         """Slant ranges ``(m, count, d)`` of the first points."""
-        away = self.points_enu_m[:, :count] - self.cameras_enu_m[:, None]
-        return np.asarray(np.sqrt(np.einsum("mqid,mqid->mqd", away, away)))
+        return _ranges(self.cameras_enu_m, self.points_enu_m, count)
 
 
 def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Draws]]:
     """The draws of some probes after the other."""
-    errors, pixels = probes.shared_cov.shape[-1], probes.rays.rays_cam.shape[1]
-    draws = standard_draws(errors + 2 * pixels).T[:, ::every]
-    own_draws = np.ascontiguousarray(draws[errors:]).reshape(pixels, 2, -1)
-    is_bent = np.any(probes.shared_cov[:, INTRINSICS, INTRINSICS])
-    most = max(_RAYS_AT_ONCE // pixels, 1)
-    for first in range(0, len(probes.image), most):
-        own = slice(first, first + most)
-        shared, rotations, poses = _drawn_poses(probes, own, draws[:errors])
-        rays_cam = (probes.std_px[own, None, None, None] * probes.rays.by_px[own]) @ own_draws  # (m, q, 3, d)
-        rays_cam += probes.rays.rays_cam[own][..., None]
-        directions = np.empty(rays_cam.shape)
-        for pose, (start, stop) in enumerate(pairwise(np.flatnonzero(np.diff(poses, prepend=-1, append=-2)).tolist())):
-            rays = rays_cam[start:stop]  # of one pose: copies of its draws for each would not stay in the cache
-            if is_bent:
-                by = probes.rays.by_intrinsics[own][start:stop]
-                rays += (by.reshape(-1, by.shape[-1]) @ shared[pose, INTRINSICS]).reshape(rays.shape)
-            np.einsum("ijd,mqjd->mqid", rotations[pose], rays, out=directions[start:stop])
-        cameras = probes.pose.position_enu_m[probes.image[own], :, None] + shared[poses, POSITION]
-        elevations = probes.elevation_m[own, None] + shared[poses, ELEVATION]
-        yield own, _Draws(cameras, directions, _meet(cameras, directions, elevations, probes.surface))
-
-
-def _drawn_poses(probes: Uncertain, own: slice, draws: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Draws of what some probes share with those of their image before them.
-
-    Returns:
-        Shared errors ``(u, s, d)``, turns ``(u, 3, 3, d)`` from camera axes to ENU, and which of the ``u`` each probe
-        has.
-    """
-    image, elevation_std = probes.image[own], probes.elevation_std_m[own]
+    image, rays, errors = probes.image, probes.rays, probes.shared_cov.shape[-1]
+    pixels = rays.rays_cam.shape[1]
+    draws = np.ascontiguousarray(standard_draws(errors + 2 * pixels).T[:, ::every])
     is_new = np.ones(len(image), dtype=np.bool_)
-    is_new[1:] = (image[1:] != image[:-1]) | (elevation_std[1:] != elevation_std[:-1])
+    is_new[1:] = (image[1:] != image[:-1]) | (probes.elevation_std_m[1:] != probes.elevation_std_m[:-1])
     cov = probes.shared_cov[image[is_new]]
-    cov[:, ELEVATION, ELEVATION] += np.square(elevation_std[is_new])
+    cov[:, ELEVATION, ELEVATION] += np.square(probes.elevation_std_m[is_new])
     variances, axes = np.linalg.eigh(cov)  # a covariance may be singular
-    roots = axes * np.sqrt(np.clip(variances, 0.0, None))[:, None]
-    shared = (roots.reshape(-1, len(draws)) @ draws).reshape(*cov.shape[:2], -1)
-    return shared, _turned(probes.pose.wxyz[image[is_new]], shared[:, ROTATION]), np.cumsum(is_new) - 1
+    poses, roots = np.cumsum(is_new) - 1, axes * np.sqrt(np.clip(variances, 0.0, None))[:, None]
+    is_bent = np.any(cov[:, INTRINSICS, INTRINSICS])
+    by_px = probes.std_px[:, None, None, None] * rays.by_px
+    by_intrinsics = np.ascontiguousarray(rays.by_intrinsics[..., slice(None if is_bent else 0)])
+    wxyz, cameras_m = probes.pose.wxyz[image], probes.pose.position_enu_m[image]
+    most = max(_RAYS_AT_ONCE // pixels, 1)
+    size = draws.shape[1]  # each piece is drawn into the memory of the one before: new memory takes longer than draws
+    room = np.empty((most, 3, size)), np.empty((most, size)), *np.empty((2, most, pixels, 3, size))
+    for first in range(0, len(image), most):
+        own = slice(first, first + most)
+        pose, place = (poses[own], roots, wxyz[own]), (cameras_m[own], probes.elevation_m[own])
+        pixel_rays = rays.rays_cam[own], by_px[own], by_intrinsics[own]
+        cameras, elevations, directions, points = (part[: len(image) - first] for part in room)
+        _see(pose, place, pixel_rays, draws, (cameras, elevations, directions, points))
+        if probes.surface is not None:
+            starts, away = np.moveaxis(cameras, 1, -1)[:, None], np.moveaxis(directions, 2, -1)
+            points = np.moveaxis(probes.surface.meet(starts, away, elevations[:, None]).points_enu_m, -1, 2)
+        yield own, _Draws(cameras, directions, np.ascontiguousarray(points))
 
 
-def _turned(wxyz: FloatArray, rotvec_rad: FloatArray) -> FloatArray:
-    """Matrices ``(u, 3, 3, d)`` of rotations ``(u, 4)`` after rotation vectors ``(u, 3, d)``."""
-    half = np.sqrt(np.einsum("uid,uid->ud", rotvec_rad, rotvec_rad)) / 2
-    small = np.empty((len(half), 4, half.shape[-1]))
-    small[:, 0] = np.cos(half)
-    share = np.sin(half)
-    np.divide(share, 2 * half, out=share, where=half > 0)
-    np.copyto(share, 0.5, where=half == 0)
-    np.multiply(rotvec_rad, share[:, None], out=small[:, 1:])
-    w, x, y, z = wxyz.T
-    times = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])  # a quaternion's product
-    both = math.sqrt(2) * times.transpose(2, 0, 1) @ small
-    pairs = both[:, :, None] * both[:, None]
-    (ww, wx, wy, wz), (_, xx, xy, xz), (_, _, yy, yz), (_, _, _, zz) = pairs.transpose(1, 2, 0, 3)
-    del ww
-    found = np.empty((len(half), 3, 3, half.shape[-1]))
-    found[:, 0, 0], found[:, 1, 1], found[:, 2, 2] = 1 - (yy + zz), 1 - (xx + zz), 1 - (xx + yy)
-    found[:, 0, 1], found[:, 1, 0] = xy - wz, xy + wz
-    found[:, 2, 0], found[:, 0, 2] = xz - wy, xz + wy
-    found[:, 1, 2], found[:, 2, 1] = yz - wx, yz + wx
+@njit_fused
+def _see(
+    shared_by: tuple[IntArray, FloatArray, FloatArray],
+    places: tuple[FloatArray, FloatArray],
+    rays: tuple[FloatArray, FloatArray, FloatArray],
+    draws: FloatArray,
+    seen: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
+    """What ``m`` probes would have seen, draw by draw.
+
+    Args:
+        shared_by: ``(m,)`` whose draws of shared errors each probe has; roots ``(u, s, s)`` of these errors'
+            covariances; rotations ``(m, 4)``.
+        places: Cameras ``(m, 3)`` and elevations ``(m,)``.
+        rays: ``(m, q, 3)`` in camera axes; by standard deviations of the pixels ``(m, q, 3, 2)``; by the intrinsics.
+        draws: ``(s + 2 q, d)`` standard normal ones.
+        seen: Receives cameras ``(m, 3, d)``, elevations ``(m, d)``, directions ``(m, q, 3, d)``, and points
+            ``(m, q, 3, d)`` of the level planes at the elevations.
+    """
+    (poses, roots, wxyz), (camera_m, elevation_m), (rays_cam, by_px, by_intrinsics) = shared_by, places, rays
+    cameras, elevations, directions, points = seen
+    (count, pixels, _), size, errors = rays_cam.shape, draws.shape[1], roots.shape[1]
+    shared, turn, ray = np.empty((errors, size)), np.empty((9, size)), np.empty((3, size))
+    last = -1
+    for m in range(count):
+        if poses[m] != last:
+            last = poses[m]
+            shared[:] = 0.0
+            for i in range(errors):
+                _add(roots[last, i], draws, shared[i])
+            _turn(wxyz[m], shared[3:6], turn)
+        elevations[m] = elevation_m[m] + shared[6]
+        for axis in range(3):
+            cameras[m, axis] = camera_m[m, axis] + shared[axis]
+        for k in range(pixels):
+            for axis in range(3):
+                ray[axis] = rays_cam[m, k, axis]
+                _add(by_px[m, k, axis], draws[errors + 2 * k :], ray[axis])
+                _add(by_intrinsics[m, k, axis], shared[7:], ray[axis])
+            _meet(cameras[m], elevations[m], turn, ray, directions[m, k], points[m, k])
+
+
+@njit_fused
+def _add(factors: FloatArray, values: FloatArray, total: FloatArray) -> None:
+    """Add to ``total (d,)`` the first of ``values (..., d)``, each times its factor."""
+    for i in range(len(factors)):
+        factor, row = factors[i], values[i]
+        if factor != 0.0:
+            for d in range(len(total)):
+                total[d] += factor * row[d]
+
+
+@njit_fused
+def _turn(wxyz: FloatArray, rotvec_rad: FloatArray, found: FloatArray) -> None:
+    """Rows of the matrices ``(9, d)`` of a rotation after rotation vectors ``(3, d)``."""
+    a, b, c, e = wxyz
+    for d in range(rotvec_rad.shape[1]):  # by itself: what calls for sines takes one draw at a time
+        x, y, z = rotvec_rad[:, d]
+        angle = math.sqrt(x * x + y * y + z * z)
+        found[0, d] = math.cos(angle / 2)
+        found[1, d] = math.sin(angle / 2) / angle if angle > 0.0 else 0.5
+    for d in range(rotvec_rad.shape[1]):
+        s, share = found[0, d], found[1, d]
+        p, q, r = share * rotvec_rad[0, d], share * rotvec_rad[1, d], share * rotvec_rad[2, d]
+        w, x = a * s - b * p - c * q - e * r, b * s + a * p - e * q + c * r  # a quaternion's product
+        y, z = c * s + e * p + a * q - b * r, e * s - c * p + b * q + a * r
+        found[0, d], found[4, d], found[8, d] = (
+            1 - 2 * (y * y + z * z),
+            1 - 2 * (x * x + z * z),
+            1 - 2 * (x * x + y * y),
+        )
+        found[1, d], found[3, d] = 2 * (x * y - w * z), 2 * (x * y + w * z)
+        found[6, d], found[2, d] = 2 * (x * z - w * y), 2 * (x * z + w * y)
+        found[5, d], found[7, d] = 2 * (y * z - w * x), 2 * (y * z + w * x)
+
+
+@njit_fused
+def _meet(
+    camera: FloatArray, elevation: FloatArray, turn: FloatArray, ray: FloatArray, away: FloatArray, points: FloatArray
+) -> None:
+    """Turn rays ``(3, d)`` in camera axes into directions ``away``, and find their points on level planes."""
+    for axis in range(3):
+        by_x, by_y, by_z = turn[3 * axis], turn[3 * axis + 1], turn[3 * axis + 2]
+        for d in range(len(elevation)):
+            away[axis, d] = by_x[d] * ray[0, d] + by_y[d] * ray[1, d] + by_z[d] * ray[2, d]
+    for d in range(len(elevation)):
+        reach = (elevation[d] - camera[2, d]) / away[2, d]
+        if not (away[2, d] < 0.0 and reach > 0.0):
+            reach = np.nan
+        points[0, d] = camera[0, d] + reach * away[0, d]
+        points[1, d] = camera[1, d] + reach * away[1, d]
+        points[2, d] = camera[2, d] + reach * away[2, d]
+
+
+@njit_fused
+def _ranges(cameras: FloatArray, points: FloatArray, count: int) -> FloatArray:
+    found = np.empty((len(points), count, points.shape[3]))
+    for m in range(len(points)):
+        for k in range(count):
+            camera, point, out = cameras[m], points[m, k], found[m, k]
+            for d in range(len(out)):
+                x, y, z = point[0, d] - camera[0, d], point[1, d] - camera[1, d], point[2, d] - camera[2, d]
+                out[d] = math.sqrt(x * x + y * y + z * z)
     return found
-
-
-def _meet(cameras: FloatArray, directions: FloatArray, elevations: FloatArray, surface: Ground | None) -> FloatArray:
-    """Points ``(m, q, 3, d)`` of rays from cameras ``(m, 3, d)`` on surfaces at elevations ``(m, d)``."""
-    if surface is not None:
-        starts, rays = np.moveaxis(cameras, 1, -1)[:, None], np.moveaxis(directions, 2, -1)
-        return np.moveaxis(surface.meet(starts, rays, elevations[:, None]).points_enu_m, -1, 2)
-    down = directions[:, :, 2]
-    reach = (elevations - cameras[:, 2])[:, None] / down
-    np.copyto(reach, np.nan, where=(down >= 0) | (reach <= 0))
-    points = reach[:, :, None] * directions
-    points += cameras[:, None]
-    return points
 
 
 def _central(values: FloatArray) -> FloatArray:
     """Low and high end ``(2, ...)`` of the central 95 % of ``values (..., d)``; NaN are beyond everything."""
-    count = values.shape[-1]
-    tail = 0.025 * (count - 1)
+    tail = 0.025 * (values.shape[-1] - 1)
     first, part = int(tail), tail % 1
-    places = [first, first + 1, count - 2 - first, count - 1 - first]
-    ends = np.partition(values, places, axis=-1)[..., places]
-    ends[np.isnan(ends)] = np.inf
-    low, next_low, next_high, high = np.moveaxis(ends, -1, 0)
+    rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+    (low, next_low), (high, next_high) = _outermost(rows, first, 1.0), -_outermost(rows, first, -1.0)
     is_open = ~np.isfinite(high)
     low = np.where(is_open, low, low + part * (next_low - low))
-    return np.stack([low, np.where(is_open, high, high - part * (high - next_high))])
+    return np.stack([low, np.where(is_open, high, high - part * (high - next_high))]).reshape(2, *values.shape[:-1])
 
 
-def _scatters(away_m: FloatArray) -> FloatArray:
-    """Second moments ``(m, 3, 3)`` of what draws ``(m, 3, d)`` are away, scaled so that 95 % ellipses hold 95 %.
+@njit
+def _outermost(rows: FloatArray, place: int, sign: float) -> FloatArray:
+    """What would stand at a place and at the next one ``(2, r)`` if ``sign * rows (r, d)`` were sorted.
+
+    NaN are beyond everything, as infinity is: ``sign`` times that.
+    """
+    found, kept = np.empty((2, len(rows))), np.empty(place + 2)
+    for r in range(len(rows)):
+        kept[:] = np.inf
+        for value in rows[r]:
+            signed = sign * (np.inf if math.isnan(value) else value)
+            at = place + 1
+            if signed < kept[at]:
+                while at > 0 and signed < kept[at - 1]:
+                    kept[at] = kept[at - 1]
+                    at -= 1
+                kept[at] = signed
+        found[:, r] = kept[place:]
+    return found
+
+
+def _scatters(points_m: FloatArray, middle_m: FloatArray) -> FloatArray:
+    """Second moments ``(m, 3, 3)`` of draws ``(m, 3, d)`` about ``(m, 3)``, scaled so that 95 % ellipses hold 95 %.
 
     Their shapes are those of the nearer 95 %: a few draws near the horizon would stretch them without bound. Infinite
     where more draws have no point than an ellipse may leave out: the point is refused for its range anyway.
     """
-    count = away_m.shape[-1]
-    most, level = int(0.95 * count), away_m[:, :2]
-    far = np.einsum("mid,mid->md", level, level)
-    last, first_beyond = _ordered(far, most - 1)
-    holds = ~np.isnan(first_beyond)
-    is_near = far <= last[:, None]
-    nearest = np.where(is_near[:, None], away_m, 0.0)
-    moment = nearest @ nearest.copy().swapaxes(-1, -2)  # of one array with itself it would take three times as long
-    moment /= is_near.sum(axis=-1)[:, None, None]
-    inverse = _inverse(np.where(holds[:, None, None], moment[:, :2, :2], 0.0))
-    scale, _ = _ordered(np.einsum("mid,mid->md", inverse @ level, level), math.ceil(0.95 * count) - 1) / CHI2_2D_95
+    count = points_m.shape[-1]
+    beyond = count - int(0.95 * count) - 1  # the place of the first that is not among the nearer, from the farthest
+    far = _squares(points_m, middle_m, np.tile(np.eye(2), (len(points_m), 1, 1)))
+    first_beyond, last = -_outermost(far, beyond, -1.0)
+    holds = np.isfinite(first_beyond)
+    moment = _moments(points_m, middle_m, far <= np.where(holds, last, -np.inf)[:, None])
+    squares = _squares(points_m, middle_m, _inverse(moment[:, :2, :2]))
+    scale = -_outermost(squares, count - math.ceil(0.95 * count), -1.0)[0] / CHI2_2D_95
     return np.where(holds[:, None, None], moment * scale[:, None, None], np.inf)
+
+
+@njit_fused
+def _squares(points: FloatArray, middle: FloatArray, inverse: FloatArray) -> FloatArray:
+    """Squared horizontal distances ``(m, d)`` by the inverses ``(m, 2, 2)`` of second moments."""
+    found = np.empty((len(points), points.shape[2]))
+    for m in range(len(points)):
+        point, out = points[m], found[m]
+        a, b, c = inverse[m, 0, 0], inverse[m, 0, 1] + inverse[m, 1, 0], inverse[m, 1, 1]
+        for d in range(len(out)):
+            x, y = point[0, d] - middle[m, 0], point[1, d] - middle[m, 1]
+            out[d] = (a * x + b * y) * x + c * y * y
+    return found
+
+
+@njit_fused
+def _moments(points: FloatArray, middle: FloatArray, is_meant: BoolArray) -> FloatArray:
+    """Second moments ``(m, 3, 3)`` of those draws that are meant, ``(m, d)``; 0 of none."""
+    found = np.zeros((len(points), 3, 3))
+    for m in range(len(points)):
+        count, xx, xy, xz, yy, yz, zz = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for d in range(points.shape[2]):
+            x, y, z = points[m, 0, d] - middle[m, 0], points[m, 1, d] - middle[m, 1], points[m, 2, d] - middle[m, 2]
+            if is_meant[m, d]:
+                count += 1
+                xx, xy, xz, yy, yz, zz = xx + x * x, xy + x * y, xz + x * z, yy + y * y, yz + y * z, zz + z * z
+        found[m] = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / max(count, 1)
+    return found
 
 
 def _inverse(moments: FloatArray) -> FloatArray:
@@ -278,8 +378,3 @@ def _inverse(moments: FloatArray) -> FloatArray:
     if is_narrow.any():
         found[is_narrow] = np.linalg.pinv(moments[is_narrow])
     return found
-
-
-def _ordered(values: FloatArray, place: int) -> FloatArray:
-    """What would stand at a place and at the next one ``(2, m)`` if ``values (m, d)`` were sorted."""
-    return np.partition(values, [place, place + 1], axis=-1)[:, place : place + 2].T

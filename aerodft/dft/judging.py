@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from aerodft.dft.budget import Share, variance_budgets
+from aerodft.dft.budget import STD_NAMES, Share, variance_budgets
 from aerodft.dft.drawing import Drawn, Interval, Uncertain, draw, draw_ranges
 from aerodft.dft.projection import (
     ELEVATION,
@@ -70,6 +70,7 @@ _NO_RAY: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS_MODEL
 """A pixel without a ray has no answer of any kind."""
 
 _OK: Final = CODE_OF[Status.OK]
+_STATED: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "heading")}
 _EDGE, _QUICK = 0.25, 4  # 256 draws tell their 95 % within a tenth
 _GRAZING_RAD: Final = math.radians(15)  # below the horizon: from here on, small angles are large errors
 _NO_DIRECTIONS: Final = np.empty((0, 3))
@@ -409,14 +410,15 @@ class Judgement:
         worst = rows, members, index
         pixel_var = self._vars[1][members] * np.sum(np.square(self._range_by_px[worst]), axis=-1)
         poses = self._view.poses.rows(rows)
-        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, self._cov_of(rows, members))
+        cov = self._cov_of(rows, members)
+        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, cov, only_largest=True)
         numbers = (half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
-        columns = [each.tolist() for each in (index, *numbers)]
-        for at, (point, half, below_rad, range_m) in enumerate(zip(*columns, strict=True)):
+        columns = [each.tolist() for each in (index, *numbers, poses.variant_index, poses.std)]
+        for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):
             spread = f"+- {half:.0f} m (95 %)" if math.isfinite(half) else "and may be anything"
             where = f" is {math.degrees(below_rad):.1f} deg below the horizon" if below_rad < _GRAZING_RAD else ""
-            sample = poses[at]
-            cause = _cause(budgets[at][0], sample) if budgets[at] else "its error is not known"
+            sample = poses.variants[variant]
+            cause = _cause(budget[0], sample, stds) if budget else "its error is not known"
             yield (f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}", *sample.reasons)
 
     def _say_below(self, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
@@ -444,15 +446,14 @@ def _always(sentence: str) -> Say:
     return lambda rows, _: [(sentence,)] * len(rows)
 
 
-def _cause(first: Share, sample: PoseSample) -> str:
+def _cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
     """The largest part of the variance, how well its input is known, and what to do about it."""
-    stds_deg = {name: getattr(sample.std, f"{name}_rad") for name in ("tilt", "pan", "roll", "heading")}
     known = ""
-    if first.source in stds_deg:
-        known = f" (std {math.degrees(stds_deg[first.source]):.1f} deg)"
+    if first.source in _STATED:
+        known = f" (std {math.degrees(stds[STD_NAMES.index(_STATED[first.source])]):.1f} deg)"
     elif first.source == "height":
         of = "" if sample.height_source is None else f" of {sample.height_source}"
-        known = f"{of} (std {sample.std.height_agl_m:.1f} m)"
+        known = f"{of} (std {stds[STD_NAMES.index('height_agl_m')]:.1f} m)"
     return f"{100 * first.share:.0f} % of the variance is from {first.source}{known}; {first.remedy}"
 
 

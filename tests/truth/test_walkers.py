@@ -80,7 +80,7 @@ def followed() -> list[tuple[float, list]]:
         image = Image(index=round(time_s * yard.FPS), stamp_ns=stamp_ns, arrival_ns=stamp_ns, pixels=lambda p=pixels: p)
         sample = PoseSample(stamp_ns=stamp_ns, status=Status.OK, pose=yard.POSE, std=yard.STD)
         answers = tracks.follow(setup, sample, observer.observe(image), image.index)
-        found.append((time_s, [each for answer in answers for each in answer]))
+        found.append((time_s, [each for answer in answers or () for each in answer]))
     return found
 
 
@@ -164,7 +164,7 @@ def test_who_is_seen_from_the_hips_up_is_not_forgotten() -> None:
         foot = np.array([4.0 - 0.06 * k, 16.0, 0.0])
         sample = PoseSample(stamp_ns=stamp_ns, status=Status.OK, pose=yard.POSE, std=yard.STD)
         seen = (outline(foot, 1.1 if hidden else 0.0, stamp_ns),)
-        made = [each for answer in tracks.follow(setup, sample, seen, k) for each in answer]
+        made = [each for answer in tracks.follow(setup, sample, seen, k) or () for each in answer]
         if k < settings.confirm:
             continue
         (track,) = made
@@ -184,7 +184,7 @@ def test_a_speck_is_nobody_s_head() -> None:
         seen = () if k >= 25 else (outline(foot, 0.0, stamp_ns),)
         if k == 50:
             seen = (outline(np.array([foot[0] - 2.5, 16.0, 0.0]), 1.72, stamp_ns),)
-        made = [each for answer in tracks.follow(setup, sample, seen, k) for each in answer]
+        made = [each for answer in tracks.follow(setup, sample, seen, k) or () for each in answer]
     (track,) = made
     assert track.status is Status.OCCLUDED
     assert np.linalg.norm(np.array(track.enu_m[0][:2]) - foot[:2]) < 0.5

@@ -79,7 +79,7 @@ def followed(images: Iterator[flown.Seen]) -> Followed:
         if seen.time_s > 1.5:
             look_at(seen, [np.array(each.contour) for each in observations if each.contour], found)
         feet = np.array([walker.foot_enu_m(seen.time_s)[:2] for walker in flown.WALKERS])
-        for answers in tracks.follow(setup, seen.said, observations, index):
+        for answers in tracks.follow(setup, seen.said, observations, index) or ():
             for each in answers:
                 if each.kind is ProbeKind.TRACK and each.enu_m is not None:
                     found.take(each, feet)

@@ -202,7 +202,7 @@ def _zooms(autopilot: Autopilot, seconds: float) -> Iterator[Datagram]:
 def import_log(folder: Path, log: Path, rate_hz: float) -> float:
     """Record an autopilot's log with ten distances, as ``folder / "log"``; its length in seconds."""
     config = folder / "bench.toml"
-    config.write_text(f"{STATION}{CAMERA}\n[images]\nrate_hz = {rate_hz}\n{DISTANCES}")
+    config.write_text(f"{STATION}{CAMERA}\n[telemetry]\n[images]\nrate_hz = {rate_hz}\n{DISTANCES}")
     command = ["import", str(log), "--config", str(config), "-o", str(folder / "log"), "--json"]
     said = subprocess.run([sys.executable, "-m", "aerodft", *command], check=True, capture_output=True)
     return json.loads(said.stdout)["images"] / rate_hz

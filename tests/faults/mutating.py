@@ -116,6 +116,7 @@ def main(folder: Path, mutations: int) -> None:
         record(folder / "whole")
     whole = set(stock(folder / "whole"))
     files = sorted((folder / "whole").glob("*.mcap"))
+    start_mb = memory_mb("VmRSS")
     counts: Counter[str] = Counter(wrong=0, refused=0, unrecovered=0, lost_images=0)
     for number in range(mutations):
         dice = random.Random(number)  # noqa: S311 - damage, no secrets
@@ -144,10 +145,13 @@ def main(folder: Path, mutations: int) -> None:
             counts["unrecovered"] += 1
         counts["messages"] += len(found) + len(again)
         counts["wrong"] += len(set(found) - whole) + len(set(again) - whole)
-    # Not ru_maxrss: that starts with what the process had which started this one.
-    peak_kb = next(line.split()[1] for line in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in line)
-    peak_mb = int(peak_kb) / 1024
-    sys.stdout.write(json.dumps({**counts, "peak_mb": peak_mb}))
+    sys.stdout.write(json.dumps({**counts, "start_mb": start_mb, "peak_mb": memory_mb("VmHWM")}))
+
+
+def memory_mb(kind: str) -> float:
+    """Not ru_maxrss: that starts with what the process had which started this one."""
+    stated = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(kind))
+    return int(stated.split()[1]) / 1024
 
 
 if __name__ == "__main__":

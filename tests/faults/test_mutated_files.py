@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 
 MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
-MOST_MB = 200
+MOST_GROWTH_MB = 150  # a bomb unpacks to 512; compiled loops that are loaded take 60
 
-WORKER = Path(__file__).with_name("mutating.py")
+ROOT = Path(__file__).parents[2]
 
 
 def mutated(folder: Path, count: int) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, WORKER, folder, str(count)]
-    return subprocess.run(line, check=False, capture_output=True, text=True, timeout=1200)
+    line = [sys.executable, "-m", "tests.faults.mutating", folder, str(count)]
+    return subprocess.run(line, cwd=ROOT, check=False, capture_output=True, text=True, timeout=1200)
 
 
 @pytest.mark.timeout(3600)
@@ -31,10 +31,11 @@ def test_mutated_recordings_are_read_in_part_or_refused(tmp_path: Path) -> None:
     print(
         f"\n{found['files']} mutated recordings: {found['read']} read, {found['refused']} refused in a sentence;"
         f" {found['recovered']} recovered, {found['unrecovered']} refused; {found['messages']} messages accepted,"
-        f" {found['wrong']} wrong; {found['lost_images']} images cannot be shown; peak {found['peak_mb']:.0f} MB"
+        f" {found['wrong']} wrong; {found['lost_images']} images cannot be shown;"
+        f" {found['start_mb']:.0f} MB at the start, {found['peak_mb']:.0f} at most"
     )
     assert found["files"] == MUTATIONS
     assert found["wrong"] == 0
     assert found["read"] > 0.8 * MUTATIONS
     assert found["recovered"] > 0.8 * MUTATIONS
-    assert found["peak_mb"] < MOST_MB
+    assert found["peak_mb"] - found["start_mb"] < MOST_GROWTH_MB

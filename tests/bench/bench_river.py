@@ -4,10 +4,13 @@ import argparse
 import cProfile
 import math
 import pstats
+import sys
 import time
 from pathlib import Path
 
 import cv2
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from aerodft.dft.request import Setup
 from aerodft.geometry.poses import camera_pose

@@ -8,7 +8,6 @@ import numpy as np
 from aerodft.geometry.jit import njit
 from aerodft.model.arrays import ImageArray, IntArray
 
-_COMMA = ord(",")
 _ONE = np.uint64(1)
 
 
@@ -59,30 +58,31 @@ class Form:
     Attributes:
         data: The pieces one behind the other.
         stop: ``(m,)`` where each ends.
+        source: ``(m - 1,)`` which of the sources each hole is filled from.
     """
 
     data: ImageArray
     stop: IntArray
+    source: IntArray
 
     @staticmethod
-    def of(pieces: Sequence[bytes]) -> "Form":
-        """A form of ``m`` pieces."""
+    def of(pieces: Sequence[bytes], source: Sequence[int]) -> "Form":
+        """A form of ``m`` pieces, and of each hole the number of its source."""
         texts = Texts.of(pieces)
-        return Form(np.frombuffer(texts.data, dtype=np.uint8), texts.stop)
+        return Form(np.frombuffer(texts.data, dtype=np.uint8), texts.stop, np.array(source, dtype=np.int64))
 
-    def filled(self, first: bytes, then: bytes, count: int, firsts: int) -> Texts:
-        """``count`` texts.
+    def filled(self, sources: Sequence[bytes], separators: bytes, count: int) -> Texts:
+        """``count`` texts, whose holes are filled one after the other.
 
         Args:
-            first: What goes into the first ``firsts`` holes of each, as a JSON list of numbers.
-            then: What goes into the others, likewise.
+            sources: What goes into the holes, of each source its parts in their order.
+            separators: What stands between the parts of each source.
             count: How many.
-            firsts: How many holes of each take of the first.
         """
-        sources = np.frombuffer(first, dtype=np.uint8)[1:-1], np.frombuffer(then, dtype=np.uint8)[1:-1]
-        out = np.empty(count * len(self.data) + sum(map(len, sources)), dtype=np.uint8)
+        arrays = tuple(np.frombuffer(source, dtype=np.uint8) for source in sources)
+        out = np.empty(count * len(self.data) + sum(map(len, arrays)), dtype=np.uint8)
         stop = np.empty(count, dtype=np.int64)
-        _fill(self.data, self.stop, sources, firsts, out, stop)
+        _fill(self.data, self.stop, self.source, arrays, np.frombuffer(separators, dtype=np.uint8), out, stop)
         used = int(stop[-1]) if count else 0
         return Texts(out[:used].data, np.concatenate([[0], stop[:-1]])[:count], stop)
 
@@ -91,14 +91,15 @@ class Form:
 def _fill(
     pieces: ImageArray,
     ends: IntArray,
-    sources: tuple[ImageArray, ImageArray],
-    firsts: int,
+    source_of: IntArray,
+    sources: tuple[ImageArray, ...],
+    separators: ImageArray,
     out: ImageArray,
     stop: IntArray,
 ) -> None:
     """Positions are unsigned: the compiler looks at signed ones for being counted from the end, byte by byte."""
-    first, then = sources
-    at_first, at_then, position, begin = np.uint64(0), np.uint64(0), np.uint64(0), np.uint64(0)
+    at = np.zeros(len(sources), dtype=np.uint64)
+    position = np.uint64(0)
     for row in range(len(stop)):
         begin = np.uint64(0)
         for hole in range(len(ends)):
@@ -107,20 +108,19 @@ def _fill(
                 out[position] = pieces[begin]
                 begin += _ONE
                 position += _ONE
-            if hole == len(ends) - 1:
-                break
-            if hole < firsts:
-                position, at_first = _put(first, at_first, out, position)
-            else:
-                position, at_then = _put(then, at_then, out, position)
+            if hole < len(source_of):
+                own = source_of[hole]
+                position, at[own] = _put(sources[own], separators[own], at[own], out, position)
         stop[row] = position
 
 
 @njit
-def _put(source: ImageArray, at: np.uint64, out: ImageArray, position: np.uint64) -> tuple[np.uint64, np.uint64]:
-    """Copy up to the next comma; gives back what is behind."""
+def _put(
+    source: ImageArray, separator: np.uint8, at: np.uint64, out: ImageArray, position: np.uint64
+) -> tuple[np.uint64, np.uint64]:
+    """Copy up to the next separator; gives back what is behind."""
     end = np.uint64(len(source))
-    while at < end and source[at] != _COMMA:
+    while at < end and source[at] != separator:
         out[position] = source[at]
         at += _ONE
         position += _ONE

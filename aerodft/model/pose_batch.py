@@ -108,6 +108,17 @@ class PoseBatch(Sequence[PoseSample]):
         return self.told(lambda variant: CODE_OF[variant.status])
 
     @property
+    def kind_index(self) -> IntArray:
+        """``(n,)`` numbers; samples with the same one differ in numbers and in reasons only."""
+        found: dict[Hashable, int] = {}
+        return self.told(lambda variant: found.setdefault(_key(replace(variant, reasons=())), len(found)))
+
+    @property
+    def reasons(self) -> list[tuple[str, ...]]:
+        """What each sample says of itself, in sentences."""
+        return [self.variants[index].reasons for index in self.variant_index.tolist()]
+
+    @property
     def has_pose(self) -> BoolArray:
         """``(n,)`` whether there is a pose, whatever the status."""
         return ~np.isnan(self.pose.wxyz[:, 0])

@@ -15,7 +15,7 @@ from aerodft.adapters.codec.pose import summary_numbers, summary_payload
 from aerodft.adapters.codec.template import encode_payloads, flat
 from aerodft.adapters.texts import Texts
 from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
 
@@ -32,13 +32,13 @@ _ANGLES: Final = {"ellipse95": slice(2, 3), "geo": slice(0, 2)}  # which of the 
 
 def encode_batch(batch: MeasurementBatch) -> Texts:
     """What was measured in each image as ``aerodft.measurements/1``."""
-    kinds = [batch.poses.variant_index, batch.images == NO_IMAGE]
+    kinds = [batch.poses.kind_index, batch.images == NO_IMAGE]
     numbers = [summary_numbers(batch.poses)]
     has_own_pixels = any(
         isinstance(each.pixels, np.ndarray) and each.pixels.ndim == _OWN_AXES for each in batch.requests
     )
     for request, column in zip(batch.requests, batch.columns, strict=True):
-        kinds += [column.status, _reasons_index(column)]
+        kinds.append(column.status)
         numbers += _numbers(column, _BEFORE_PIXELS)
         if has_own_pixels:
             pixels = np.asarray(request.pixels, dtype=np.float64)
@@ -49,17 +49,12 @@ def encode_batch(batch: MeasurementBatch) -> Texts:
         lambda row: _image_payload(batch, row),
         {"stamp_ns": batch.poses.stamp_ns, "image": batch.images},
         np.concatenate(numbers, axis=1),
+        [
+            [column.reasons.get(row, of_pose) for column in batch.columns]
+            for row, of_pose in enumerate(batch.poses.reasons)
+        ],
         fixed={"std_px"} if has_own_pixels else {"std_px", "pixels"},
     )
-
-
-def _reasons_index(column: MeasurementColumn) -> IntArray:
-    """``(n,)`` which of a column's own reasons each image has; 0 for those of its pose."""
-    found: dict[tuple[str, ...], int] = {}
-    index = np.zeros(len(column.status), dtype=np.int64)
-    for row, reasons in column.reasons.items():
-        index[row] = found.setdefault(reasons, len(found) + 1)
-    return index
 
 
 def _numbers(column: MeasurementColumn, names: Sequence[str]) -> list[FloatArray]:

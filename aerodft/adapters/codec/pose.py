@@ -27,10 +27,11 @@ def encode_poses(poses: PoseBatch) -> Texts:
     arrays = np.where(poses.has_pose[:, None], np.concatenate(parts, axis=1), np.nan)
     others = (poses.std[:, [HORIZONTAL, TIME]], poses.lat_lon_alt[:, 2:], poses.zoom)
     return encode_payloads(
-        poses.variant_index[:, None],
+        poses.kind_index[:, None],
         lambda row: _payload(poses[row]),
         {"stamp_ns": poses.stamp_ns},
         np.concatenate([summary_numbers(poses), *others, arrays], axis=1),
+        [[reasons] for reasons in poses.reasons],
         fixed={"origin"},
     )
 

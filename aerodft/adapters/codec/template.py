@@ -1,10 +1,11 @@
-"""Payloads that differ in numbers only: what stays is written once, the numbers of many of them in one go.
+"""Payloads that differ in numbers and reasons only: what stays is written once, the numbers of many in one go.
 
 Their text is that of ``wire.dump``, byte by byte: the same writer makes it, of an array in place of many objects.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -14,9 +15,9 @@ from aerodft.adapters.codec import wire
 from aerodft.adapters.texts import Form, Texts
 from aerodft.model.arrays import FloatArray, IntArray
 
-_HOLE: Final = "\x00"  # no name or sentence holds it
-_QUOTED: Final = "\x01"  # stands for a hole between quotation marks; no name or sentence holds it
-_HOLE_TEXT: Final = orjson.dumps(_HOLE)
+# What stands for a hole; no name holds it.
+_WHOLE, _NUMBER, _REASONS, _QUOTED = "\x00", "\x01", "\x02", "\x03"  # the last: a whole number's, in quotation marks
+_HOLES: Final = re.compile(rb'"\\u000([012])"')
 
 
 def encode_payloads(
@@ -24,18 +25,22 @@ def encode_payloads(
     payload: Callable[[int], wire.Json],
     whole: Mapping[str, IntArray],
     numbers: FloatArray,
+    reasons: Sequence[Sequence[tuple[str, ...]]] | None = None,
     fixed: Collection[str] = (),
 ) -> Texts:
     """The texts of ``n`` payloads, each as ``wire.dump`` writes it alone.
 
     Args:
-        kind: ``(n, k)`` integers; payloads whose rows are equal differ in numbers only, and in which of them are None.
+        kind: ``(n, k)`` integers; payloads whose rows are equal differ in numbers, and in which of them are None, and
+            in reasons only.
         payload: Makes one of them, by its row.
         whole: ``(n,)`` the integers, or texts of such, that differ, by the payload's keys and in their order; they
             stand before all other numbers. A payload that says None there has none.
         numbers: ``(n, m)`` the other numbers in the order in which they stand in a payload, NaN for None.
+        reasons: Of each payload what its keys ``reasons``, at any depth, hold one after the other; None without such.
         fixed: Keys, at any depth, whose numbers are the same in all payloads of a kind.
     """
+    said = [b"\n".join(map(orjson.dumps, each)) for each in reasons] if reasons else [b""] * len(kind)
     unknown = np.isnan(numbers)
     key = np.concatenate([kind.astype("<i8").view(np.uint8), np.packbits(unknown, axis=1)], axis=1)
     rows_of: dict[bytes, list[int]] = {}
@@ -47,7 +52,7 @@ def encode_payloads(
         known = numbers[rows][:, ~unknown[rows[0]]]
         if np.array_equal(template.numbers, known[0]):
             own_whole = np.stack([whole[name][rows] for name in template.whole], axis=-1)
-            parts.append(template.texts(own_whole, known))
+            parts.append(template.texts(own_whole, known, b"\n".join([said[row] for row in rows])))
         else:  # a number of the first payload is a whole one, which JSON tells from others
             parts.append(Texts.of([wire.dump(payload(row)) for row in rows]))
     if len(parts) == 1:
@@ -61,7 +66,7 @@ def flat(values: FloatArray) -> FloatArray:
 
 
 class Template:
-    """The text of payloads with places for whole numbers and, behind these, for others.
+    """The text of payloads with places for numbers and reasons.
 
     Args:
         payload: One of them.
@@ -76,15 +81,16 @@ class Template:
     def __init__(self, payload: wire.Json, whole: Collection[str], fixed: Collection[str] = ()) -> None:
         self.whole = [key for key in whole if payload[key] is not None]
         self.numbers: list[float] = []
-        holes = {key: _QUOTED if isinstance(payload[key], str) else _HOLE for key in self.whole}
-        hollow = {key: holes.get(key) or self._hollow(value, fixed) for key, value in payload.items()}
-        text = wire.dump(hollow).replace(orjson.dumps(_QUOTED), b'"%b"' % _HOLE_TEXT)
-        self._form = Form.of(text.split(_HOLE_TEXT))
+        holes = {key: _QUOTED if isinstance(payload[key], str) else _WHOLE for key in self.whole}
+        hollow = wire.dump({**self._hollow(payload, fixed), **holes})
+        text = hollow.replace(orjson.dumps(_QUOTED), b'"%b"' % orjson.dumps(_WHOLE))
+        pieces = _HOLES.split(text)
+        self._form = Form.of(pieces[::2], [int(each) for each in pieces[1::2]])
 
-    def texts(self, whole: IntArray, numbers: FloatArray) -> Texts:
-        """Payloads with their whole numbers ``(n, k)`` and others ``(n, m)``."""
+    def texts(self, whole: IntArray, numbers: FloatArray, reasons: bytes) -> Texts:
+        """Payloads with their whole numbers ``(n, k)``, other numbers ``(n, m)``, and reasons: a list in each line."""
         first, then = (orjson.dumps(each.ravel(), option=orjson.OPT_SERIALIZE_NUMPY) for each in (whole, numbers))
-        return self._form.filled(first, then, *whole.shape)
+        return self._form.filled((first[1:-1], then[1:-1], reasons), b",,\n", len(whole))
 
     def _hollow(self, value: Any, fixed: Collection[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
         """A value with holes for its numbers, which are noted in their order."""
@@ -92,9 +98,12 @@ class Template:
             if math.isnan(value):
                 return None
             self.numbers.append(value)
-            return _HOLE
+            return _NUMBER
         if isinstance(value, dict):
-            return {key: each if key in fixed else self._hollow(each, fixed) for key, each in value.items()}
+            return {
+                key: _REASONS if key == "reasons" else each if key in fixed else self._hollow(each, fixed)
+                for key, each in value.items()
+            }
         if isinstance(value, np.ndarray):
             value = value.tolist()
         return [self._hollow(each, fixed) for each in value] if isinstance(value, list | tuple) else value

@@ -72,7 +72,7 @@ class MessageRows:
 
 def warm_up() -> None:
     """Compile now what would hold up the first messages of something live."""
-    made = Form.of([b"[", b",", b"]"]).filled(b"[1]", b"[2]", 1, 1)
+    made = Form.of([b"[", b",", b",", b"]"], range(3)).filled((b"1", b"2", b"3"), b",,,", 1)
     one = np.ones(1, dtype=np.int64)
     for texts in (made, Texts(bytes(made.data), made.start, made.stop)):  # as they are made, and as they came
         MessageRows((raw_channel(WireProtocol.MAVLINK, ""),), one - 1, one, one, texts).lay(0, 1, one, ChunkBuffer())

@@ -309,18 +309,16 @@ def _outermost(rows: FloatArray, place: int, sign: float) -> FloatArray:
 
     NaN are beyond everything, as infinity is: ``sign`` times that.
     """
-    found, kept = np.empty((2, len(rows))), np.empty(place + 2)
+    found, kept = np.empty((2, len(rows))), np.empty(place + 3)  # the smallest so far, from the largest of them
     for r in range(len(rows)):
-        kept[:] = np.inf
+        kept[:-1], kept[-1] = np.inf, -np.inf
         for value in rows[r]:
             signed = sign * (np.inf if math.isnan(value) else value)
-            at = place + 1
-            if signed < kept[at]:
-                while at > 0 and signed < kept[at - 1]:
-                    kept[at] = kept[at - 1]
-                    at -= 1
-                kept[at] = signed
-        found[:, r] = kept[place:]
+            if signed < kept[0]:
+                for at in range(place + 2):  # without a branch: several at once
+                    smaller = signed if signed < kept[at] else kept[at]
+                    kept[at] = kept[at + 1] if kept[at + 1] > smaller else smaller
+        found[0, r], found[1, r] = kept[1], kept[0]
     return found
 
 

@@ -90,40 +90,50 @@ class Drawn:
     """What drawing the errors of ``p`` probes gave.
 
     Attributes:
-        scalar: ``(p,)``; NaN for a position.
         ranges: ``(p, k)`` slant ranges of the points that lie on the ground.
-        cov_enu_m2: ``(p, 3, 3)`` of the first point: its 95 % ellipse holds 95 % of the draws.
+        is_known: ``(p,)`` whether these are known well enough; the rest is NaN where they are not.
+        scalar: ``(p,)``; NaN for a position.
+        cov_enu_m2: ``(p, 3, 3)`` of the first point, if that lies on the ground: its 95 % ellipse holds 95 % of the
+            draws.
     """
 
-    scalar: Interval
     ranges: Interval
+    is_known: BoolArray
+    scalar: Interval
     cov_enu_m2: FloatArray
 
 
-def draw(probes: Uncertain, on_ground: int, centre: FloatArray, first_enu_m: FloatArray) -> Drawn:
+def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_enu_m: FloatArray) -> Drawn:
     """Draw the stated errors.
 
     Args:
         probes: The probes.
-        on_ground: How many of their points, from the first, lie on the ground.
+        most_half_m: ``(p, k)`` half of the widest interval of a slant range that is known well enough, of the points
+            that lie on the ground: the first ``k``.
         centre: ``(p,)`` their values without errors; NaN for a position.
         first_enu_m: ``(p, 3)`` their first points without errors.
     """
-    count = len(probes.image)
+    count, on_ground = most_half_m.shape
     scalars, ranges = np.full((2, count), np.nan), np.empty((2, count, on_ground))
-    cov = np.empty((count, 3, 3))
+    cov, is_known = np.full((count, 3, 3), np.nan), np.empty(count, dtype=np.bool_)
     scalar = KINDS[probes.kind].scalar
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for own, seen in _draws(probes, 1):
-            ranges[:, own] = _central(seen.ranges_m(on_ground))
+        for own, every in _draws(probes, 1):
+            ranges[:, own] = _central(every.ranges_m(on_ground))
+            is_known[own] = np.all(Interval(*ranges[:, own]).half <= most_half_m[own], axis=-1)
+            known = np.flatnonzero(is_known[own])
+            if not len(known):
+                continue
+            rows, seen = own.start + known, every.rows(known)
             if scalar is not None:
                 values = scalar(seen.sight)
                 if probes.kind is ProbeKind.BEARING:  # on the same turn as without errors
-                    middle = centre[own, None]
+                    middle = centre[rows, None]
                     values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
-                scalars[:, own] = _central(values)
-            cov[own] = _scatters(np.ascontiguousarray(seen.points_enu_m[:, 0]), first_enu_m[own])
-    return Drawn(Interval(*scalars), Interval(*ranges), cov)
+                scalars[:, rows] = _central(values)
+            if on_ground:
+                cov[rows] = _scatters(np.ascontiguousarray(seen.points_enu_m[:, 0]), first_enu_m[rows])
+    return Drawn(Interval(*ranges), is_known, Interval(*scalars), cov)
 
 
 def draw_ranges(probes: Uncertain, on_ground: int, every: int) -> Interval:
@@ -144,6 +154,12 @@ class _Draws:
     cameras_enu_m: FloatArray
     directions_enu: FloatArray
     points_enu_m: FloatArray
+
+    def rows(self, rows: IntArray) -> "_Draws":
+        """Those of some probes, ascending."""
+        if len(rows) == len(self.points_enu_m):
+            return self
+        return _Draws(self.cameras_enu_m[rows], self.directions_enu[rows], self.points_enu_m[rows])
 
     @property
     def sight(self) -> Sight:
@@ -294,13 +310,19 @@ def _ranges(cameras: FloatArray, points: FloatArray, count: int) -> FloatArray:
 
 def _central(values: FloatArray) -> FloatArray:
     """Low and high end ``(2, ...)`` of the central 95 % of ``values (..., d)``; NaN are beyond everything."""
-    tail = 0.025 * (values.shape[-1] - 1)
+    return _ends(np.ascontiguousarray(values).reshape(-1, values.shape[-1])).reshape(2, *values.shape[:-1])
+
+
+@njit
+def _ends(rows: FloatArray) -> FloatArray:
+    tail = 0.025 * (rows.shape[1] - 1)
     first, part = int(tail), tail % 1
-    rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
-    (low, next_low), (high, next_high) = _outermost(rows, first, 1.0), -_outermost(rows, first, -1.0)
-    is_open = ~np.isfinite(high)
-    low = np.where(is_open, low, low + part * (next_low - low))
-    return np.stack([low, np.where(is_open, high, high - part * (high - next_high))]).reshape(2, *values.shape[:-1])
+    low, high = _outermost(rows, first, 1.0), -_outermost(rows, first, -1.0)
+    for r in range(len(rows)):
+        if math.isfinite(high[0, r]):
+            low[0, r] += part * (low[1, r] - low[0, r])
+            high[0, r] -= part * (high[0, r] - high[1, r])
+    return np.stack((low[0], high[0]))
 
 
 @njit
@@ -316,8 +338,7 @@ def _outermost(rows: FloatArray, place: int, sign: float) -> FloatArray:
             signed = sign * (np.inf if math.isnan(value) else value)
             if signed < kept[0]:
                 for at in range(place + 2):  # without a branch: several at once
-                    smaller = signed if signed < kept[at] else kept[at]
-                    kept[at] = kept[at + 1] if kept[at + 1] > smaller else smaller
+                    kept[at] = max(min(signed, kept[at]), kept[at + 1])
         found[0, r], found[1, r] = kept[1], kept[0]
     return found
 
@@ -325,18 +346,16 @@ def _outermost(rows: FloatArray, place: int, sign: float) -> FloatArray:
 def _scatters(points_m: FloatArray, middle_m: FloatArray) -> FloatArray:
     """Second moments ``(m, 3, 3)`` of draws ``(m, 3, d)`` about ``(m, 3)``, scaled so that 95 % ellipses hold 95 %.
 
-    Their shapes are those of the nearer 95 %: a few draws near the horizon would stretch them without bound. Infinite
-    where more draws have no point than an ellipse may leave out: the point is refused for its range anyway.
+    Their shapes are those of the nearer 95 %: a few draws near the horizon would stretch them without bound. More than
+    that have a point wherever its range is known well enough.
     """
     count = points_m.shape[-1]
-    beyond = count - int(0.95 * count) - 1  # the place of the first that is not among the nearer, from the farthest
     far = _squares(points_m, middle_m, np.tile(np.eye(2), (len(points_m), 1, 1)))
-    first_beyond, last = -_outermost(far, beyond, -1.0)
-    holds = np.isfinite(first_beyond)
-    moment = _moments(points_m, middle_m, far <= np.where(holds, last, -np.inf)[:, None])
+    farthest = -_outermost(far, count - int(0.95 * count) - 1, -1.0)[1]
+    moment = _moments(points_m, middle_m, far <= farthest[:, None])
     squares = _squares(points_m, middle_m, _inverse(moment[:, :2, :2]))
     scale = -_outermost(squares, count - math.ceil(0.95 * count), -1.0)[0] / CHI2_2D_95
-    return np.where(holds[:, None, None], moment * scale[:, None, None], np.inf)
+    return np.asarray(moment * scale[:, None, None])
 
 
 @njit_fused
@@ -354,8 +373,8 @@ def _squares(points: FloatArray, middle: FloatArray, inverse: FloatArray) -> Flo
 
 @njit_fused
 def _moments(points: FloatArray, middle: FloatArray, is_meant: BoolArray) -> FloatArray:
-    """Second moments ``(m, 3, 3)`` of those draws that are meant, ``(m, d)``; 0 of none."""
-    found = np.zeros((len(points), 3, 3))
+    """Second moments ``(m, 3, 3)`` of those draws that are meant, ``(m, d)``."""
+    found = np.empty((len(points), 3, 3))
     for m in range(len(points)):
         count, xx, xy, xz, yy, yz, zz = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for d in range(points.shape[2]):
@@ -363,12 +382,12 @@ def _moments(points: FloatArray, middle: FloatArray, is_meant: BoolArray) -> Flo
             if is_meant[m, d]:
                 count += 1
                 xx, xy, xz, yy, yz, zz = xx + x * x, xy + x * y, xz + x * z, yy + y * y, yz + y * z, zz + z * z
-        found[m] = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / max(count, 1)
+        found[m] = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / count
     return found
 
 
 def _inverse(moments: FloatArray) -> FloatArray:
-    """Of symmetric ``(m, 2, 2)``; their pseudo-inverses where these are narrow, or none at all."""
+    """Of symmetric ``(m, 2, 2)``; their pseudo-inverses where these are narrow."""
     det = moments[:, 0, 0] * moments[:, 1, 1] - moments[:, 0, 1] * moments[:, 1, 0]
     trace = moments[:, 0, 0] + moments[:, 1, 1]
     found = np.array([[1.0, -1.0], [-1.0, 1.0]]) * moments[:, ::-1, ::-1] / det[:, None, None]

@@ -304,14 +304,15 @@ class Judgement:
     def _redo(self, rows: IntArray, members: IntArray) -> None:
         """Answer from drawn errors, or refuse as they justify."""
         first_m = self._ground.points_enu_m[rows, members, 0]
-        found: Drawn = draw(self._uncertain(rows, members), self._on_ground, self.value[rows, members], first_m)
+        most_half_m = Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[rows, members]
+        found: Drawn = draw(self._uncertain(rows, members), most_half_m, self.value[rows, members], first_m)
         half = np.full(self._range_m.shape, np.nan)
         half[rows, members] = found.ranges.half
-        is_known = np.all(found.ranges.half <= Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[rows, members], axis=-1)
-        if self._on_ground and self.kind is not ProbeKind.HEIGHT and self._traits.scalar is not None:
-            is_known &= np.isfinite(found.scalar.high)  # a height may be infinite where its base is known: from above
         refused = np.zeros(self.code.shape, dtype=np.bool_)
-        refused[rows, members] = ~is_known
+        refused[rows, members] = ~found.is_known
+        if self._on_ground and self.kind is not ProbeKind.HEIGHT and self._traits.scalar is not None:
+            # A height may be infinite where its base is known: from above.
+            refused[rows, members] |= ~np.isfinite(found.scalar.high)
         self._refuse(refused, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
         self._cov[rows, members] = found.cov_enu_m2
         if self._traits.scalar is not None:

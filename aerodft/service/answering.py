@@ -15,7 +15,7 @@ from aerodft.model.arrays import IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.height import HeightSwitch
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.pose import HeightSource, PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, takes_pixels
 from aerodft.model.status import Status
@@ -25,9 +25,8 @@ from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker
 from aerodft.service.settings import OBJECTS, PipelineSettings
 from aerodft.service.waiting import Task, WorkList
 
-_LOOKING_DOWN: Final = PoseBatch.of(
-    [PoseSample(stamp_ns=0, status=Status.OK, pose=camera_pose(height_agl_m=10.0, tilt_rad=0.5))]
-)
+_UNCERTAIN: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # enough to be drawn
+_LOOKING_DOWN: Final = PoseBatch.of([PoseSample(stamp_ns=0, status=Status.OK, pose=_UNCERTAIN)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

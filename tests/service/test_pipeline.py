@@ -8,13 +8,14 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.dft.drawing import standard_draws
 from aerodft.dft.measure import Request
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.height import HeightSwitch
 from aerodft.model.image import StampClock
 from aerodft.model.pose import HeightSource, PoseSample
-from aerodft.model.probe import Probe, ProbeKind
+from aerodft.model.probe import ASKED_KINDS, Probe, ProbeKind, takes_pixels
 from aerodft.model.status import Status
 from aerodft.service.batches import Batches
 from aerodft.service.feed import tick_after
@@ -25,6 +26,13 @@ from tests.batches import one_tick
 
 MS, SECOND = 1_000_000, 1_000_000_000
 CENTRE = Probe(name="centre", kind=ProbeKind.RANGE, pixels=((959.5, 539.5),))
+
+
+def test_what_draws_errors_is_loaded_before_a_flight(bench):
+    standard_draws.cache_clear()
+    bench.pipeline().warm_up()
+    pixels = {takes for kind in ASKED_KINDS for takes in range(1, 4) if takes_pixels(kind, takes)}
+    assert standard_draws.cache_info().currsize == len(pixels)
 
 
 def test_an_image_before_its_telemetry_waits_for_it(bench):

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,11 @@ _RAYS_AT_ONCE: Final = 16
 
 _NARROW: Final = 1e-6
 """Of a squared trace: a determinant that is smaller than this share of it is known to half of its digits only."""
+
+
+_Seen: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""What each of ``d`` draws would have seen of ``m`` probes: cameras ``(m, 3, d)``; directions and points of pixels
+``(m, q, 3, d)``, NaN where a ray misses."""
 
 
 @lru_cache(maxsize=16)
@@ -93,8 +98,7 @@ class Drawn:
         ranges: ``(p, k)`` slant ranges of the points that lie on the ground.
         is_known: ``(p,)`` whether these are known well enough; the rest is NaN where they are not.
         scalar: ``(p,)``; NaN for a position.
-        cov_enu_m2: ``(p, 3, 3)`` of the first point, if that lies on the ground: its 95 % ellipse holds 95 % of the
-            draws.
+        cov_enu_m2: ``(p, 3, 3)`` of the first point on the ground: its 95 % ellipse holds 95 % of the draws.
     """
 
     ranges: Interval
@@ -119,60 +123,29 @@ def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_e
     scalar = KINDS[probes.kind].scalar
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for own, every in _draws(probes, 1):
-            ranges[:, own] = _central(every.ranges_m(on_ground))
+            ranges[:, own] = _central(_ranges(every, on_ground))
             is_known[own] = np.all(Interval(*ranges[:, own]).half <= most_half_m[own], axis=-1)
             known = np.flatnonzero(is_known[own])
             if not len(known):
                 continue
-            rows, seen = own.start + known, every.rows(known)
+            rows, seen = own.start + known, every if is_known[own].all() else tuple(part[known] for part in every)
             if scalar is not None:
-                values = scalar(seen.sight)
+                values = scalar(Sight(*(np.moveaxis(part, -1, 1) for part in seen)))
                 if probes.kind is ProbeKind.BEARING:  # on the same turn as without errors
                     middle = centre[rows, None]
                     values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
                 scalars[:, rows] = _central(values)
             if on_ground:
-                cov[rows] = _scatters(np.ascontiguousarray(seen.points_enu_m[:, 0]), first_enu_m[rows])
+                cov[rows] = _scatters(np.ascontiguousarray(seen[-1][:, 0]), first_enu_m[rows])
     return Drawn(Interval(*ranges), is_known, Interval(*scalars), cov)
 
 
 def draw_ranges(probes: Uncertain, on_ground: int, every: int) -> Interval:
     """A quick look at slant ranges ``(p, k)`` alone, by only every so many-th draw."""
-    return Interval(*np.concatenate([_central(seen.ranges_m(on_ground)) for _, seen in _draws(probes, every)], axis=1))
+    return Interval(*np.concatenate([_central(_ranges(seen, on_ground)) for _, seen in _draws(probes, every)], axis=1))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Draws:
-    """What each of ``d`` draws of the stated errors would have seen of ``m`` probes; NaN where a ray misses.
-
-    Attributes:
-        cameras_enu_m: ``(m, 3, d)``.
-        directions_enu: ``(m, q, 3, d)``.
-        points_enu_m: ``(m, q, 3, d)``.
-    """
-
-    cameras_enu_m: FloatArray
-    directions_enu: FloatArray
-    points_enu_m: FloatArray
-
-    def rows(self, rows: IntArray) -> "_Draws":
-        """Those of some probes, ascending."""
-        if len(rows) == len(self.points_enu_m):
-            return self
-        return _Draws(self.cameras_enu_m[rows], self.directions_enu[rows], self.points_enu_m[rows])
-
-    @property
-    def sight(self) -> Sight:
-        """As ``(m, d)`` sights."""
-        parts = self.cameras_enu_m, self.directions_enu, self.points_enu_m
-        return Sight(*(np.moveaxis(part, -1, 1) for part in parts))
-
-    def ranges_m(self, count: int) -> FloatArray:
-        """Slant ranges ``(m, count, d)`` of the first points."""
-        return _ranges(self.cameras_enu_m, self.points_enu_m, count)
-
-
-def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Draws]]:
+def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Seen]]:
     """The draws of some probes after the other."""
     image, rays, errors = probes.image, probes.rays, probes.shared_cov.shape[-1]
     pixels = rays.rays_cam.shape[1]
@@ -199,7 +172,7 @@ def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Draws]]:
         if probes.surface is not None:
             starts, away = np.moveaxis(cameras, 1, -1)[:, None], np.moveaxis(directions, 2, -1)
             points = np.moveaxis(probes.surface.meet(starts, away, elevations[:, None]).points_enu_m, -1, 2)
-        yield own, _Draws(cameras, directions, np.ascontiguousarray(points))
+        yield own, (cameras, directions, np.ascontiguousarray(points))
 
 
 @njit_fused
@@ -297,7 +270,9 @@ def _meet(
 
 
 @njit_fused
-def _ranges(cameras: FloatArray, points: FloatArray, count: int) -> FloatArray:
+def _ranges(seen: _Seen, count: int) -> FloatArray:
+    """Slant ranges ``(m, count, d)`` of the first points."""
+    cameras, _, points = seen
     found = np.empty((len(points), count, points.shape[3]))
     for m in range(len(points)):
         for k in range(count):

@@ -124,10 +124,8 @@ class View:
             stds: ``(k,)`` of the elevations (m) and of the pixels (px).
             shared_cov: ``(n, s, s)`` where it is not that of the poses and the camera alone.
         """
-        zoom: FloatArray | None = np.where(np.isnan(poses.zoom), [1.0, 0.0], poses.zoom)
+        zoom = np.where(np.isnan(poses.zoom), [1.0, 0.0], poses.zoom) if np.any(poses.zoom == poses.zoom) else None
         magnification = None if zoom is None else zoom[:, 0]
-        if not np.any(poses.zoom == poses.zoom):
-            zoom = magnification = None
         if shared_cov is None:
             shared_cov = shared_covariance(setup.camera, poses.pose, np.zeros(len(poses)), zoom)
         ground = project(setup.camera, poses.pose, pixels_px, elevation_m, setup.model, setup.ground, magnification)
@@ -335,7 +333,7 @@ class Judgement:
             kind=self.kind,
             pose=view.poses.pose,
             shared_cov=view.shared_cov,
-            rays=_picked(view.rays, rows, self._columns[members]),
+            rays=_picked(view.rays, rows[:, None], self._columns[members]),
             surface=view.setup.ground,
             image=rows,
             elevation_m=view.elevation_m[rows, self._columns[members, 0]],
@@ -458,21 +456,16 @@ def _cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
     return f"{100 * first.share:.0f} % of the variance is from {first.source}{known}; {first.remedy}"
 
 
-def _picked(rays: PixelRays, rows: IntArray, columns: IntArray) -> PixelRays:
-    """Rays ``(p, q)`` of some pixels ``(p, q)`` of images ``(p,)``."""
+def _picked(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> PixelRays:
+    """Rays of some columns of pixels, in those images where each has pixels of its own."""
     parts = rays.rays_cam, rays.by_px, rays.by_intrinsics
     if rays.rays_cam.ndim == 2:  # noqa: PLR2004 - all images share the pixels
         return PixelRays(*(part[columns] for part in parts))
-    return PixelRays(*(part[rows[:, None], columns] for part in parts))
+    return PixelRays(*(part[rows, columns] for part in parts))
 
 
 def _directions(rays: PixelRays, columns: IntArray, poses: PoseBatch) -> Directions:
     """Directions ``(n, g, q)`` in ENU of the rays of some of a view's pixels."""
-    wanted = columns.ravel()
-    if rays.rays_cam.ndim == 2:  # noqa: PLR2004 - all images share the pixels
-        own = PixelRays(rays.rays_cam[wanted], rays.by_px[wanted], rays.by_intrinsics[wanted])
-    else:
-        own = PixelRays(rays.rays_cam[:, wanted], rays.by_px[:, wanted], rays.by_intrinsics[:, wanted])
-    found = pixel_directions(own, poses.pose)
+    found = pixel_directions(_picked(rays, slice(None), columns.ravel()), poses.pose)
     parts = (found.directions_enu, found.jac_shared, found.jac_px)
     return Directions(*(part.reshape(len(poses), *columns.shape, *part.shape[2:]) for part in parts))

@@ -57,7 +57,7 @@ def test_a_wrong_command_line_is_exit_2_without_a_traceback(aerodft, arguments):
 def test_only_the_asked_command_is_loaded():
     code = (
         "import sys; from aerodft.cli.main import build_app; build_app(['measure']);"
-        "sys.exit(any(name in sys.modules for name in ('av', 'zenoh', 'mcap', 'matplotlib')))"
+        "sys.exit(any(name in sys.modules for name in ('av', 'zenoh', 'mcap', 'matplotlib', 'numba')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

@@ -5,6 +5,7 @@ from operator import itemgetter
 
 import numpy as np
 
+from aerodft.model.arrays import IntArray
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
 from aerodft.service.boot_clock import STEP_NS, BootClock
 from aerodft.service.clock_line import JUMP_NS, Line, StatedLine
@@ -22,7 +23,8 @@ class ClockState:
         host_minus_utc: This machine's clock minus UTC; goes on through reboots.
         jumps_ns: By how much UTC jumped in earlier boots.
         stated_by_tick: ``stated`` at each tick of the newest step; None before the vehicle has said UTC.
-        host_by_tick: ``host_minus_utc`` at each tick of the newest step; None before it is known.
+        arrival_by_tick: ``host_minus_boot`` at each tick of the newest step; None before it is known.
+        host_by_tick: ``host_minus_utc`` likewise.
     """
 
     def __init__(self) -> None:
@@ -32,6 +34,7 @@ class ClockState:
         self.host_minus_utc = DelayedLine()
         self.jumps_ns: tuple[int, ...] = ()
         self.stated_by_tick: LineTable | None = None
+        self.arrival_by_tick: LineTable | None = None
         self.host_by_tick: LineTable | None = None
 
     @property
@@ -58,8 +61,9 @@ class ClockState:
 
     def keep(self, count: int) -> None:
         """A step of so many ticks without telemetry: all lines stay as they are."""
-        self.stated_by_tick = _unchanged(self.stated.line, count)
-        self.host_by_tick = _unchanged(self.host_minus_utc.line, count)
+        self.stated_by_tick = _unchanged(self.stated, count)
+        self.arrival_by_tick = _unchanged(self.host_minus_boot, count)
+        self.host_by_tick = _unchanged(self.host_minus_utc, count)
 
     def learn(self, ticks: Ticks, last_boot_ns: int) -> bool:
         """Learn from rows of the followed boot.
@@ -69,7 +73,7 @@ class ClockState:
             last_boot_ns: Newest time since boot before them.
 
         Returns:
-            False where of several ticks one sees a clock jump, or a clock is not known yet: then they cannot be
+            False where of several ticks one sees a clock jump, or be known for the first time: then they cannot be
             learned from at once. Of one tick always true.
         """
         self.keep(ticks.count)
@@ -90,11 +94,11 @@ class ClockState:
                 lines.append(self.stated.line)
                 changes.append(tick)
         if is_one:
-            self.stated_by_tick = _unchanged(self.stated.line, 1)
+            self.stated_by_tick = _unchanged(self.stated, 1)
             return True
         before = lines[0]
         if before is None:
-            return False
+            return True
         self.stated_by_tick = LineTable.of([line for line in lines if line is not None], changes, ticks.count)
         newest_ns = np.full(ticks.count, last_boot_ns)
         np.maximum.at(newest_ns, known.tick, known.boot_ns)
@@ -113,31 +117,27 @@ class ClockState:
 
     def _learn_host(self, ticks: Ticks, known: KnownRows) -> bool:
         """Learn from when messages arrive."""
-        by_boot, slower_ns = known.fastest(known.boot_ns)
-        self.host_minus_boot.learn_fastest(known.boot_ns[by_boot], known.arrival_ns[by_boot], slower_ns)
-        before = self.host_minus_utc.line
-        if self.stated_by_tick is None:
-            return True
-        if before is None and ticks.count > 1:
-            return False
-        utc_ns = known.boot_ns + self.stated_by_tick.offset(known.boot_ns, known.tick)
-        by_utc, slower_ns = known.fastest(utc_ns)
-        learned = self.host_minus_utc.learn_fastest(utc_ns[by_utc], known.arrival_ns[by_utc], slower_ns)
-        came = np.cumsum(np.bincount(known.tick[by_utc], minlength=ticks.count))
-        first = before or Line(0, 0)  # of ticks before the first that telemetry came in
-        columns = (learned.at_ns, first.at_ns), (learned.offset_ns, first.offset_ns), (learned.drift, first.drift)
-        self.host_by_tick = LineTable(*(np.concatenate([[early], later])[came] for later, early in columns))
-        if ticks.count == 1 or before is None:
-            return True
-        arrived_ns, rows = ticks.last_arrivals()[known.tick[by_utc]], np.arange(len(by_utc))
-        after = learned.offset_of_host(arrived_ns, rows)
-        at_first = before.offset_at(int(arrived_ns[0]) - before.offset_ns)
-        then = np.concatenate([[at_first], learned.offset_of_host(arrived_ns[1:], rows[:-1])])
-        return not (np.any(np.abs(after - then) > JUMP_NS) or np.any(learned.is_unsettled))
+        self.arrival_by_tick, is_calm = _learned(self.host_minus_boot, known.boot_ns, known, ticks)
+        if self.stated_by_tick is not None:
+            utc_ns = known.boot_ns + self.stated_by_tick.offset(known.boot_ns, known.tick)
+            self.host_by_tick, is_calm = _learned(self.host_minus_utc, utc_ns, known, ticks)
+        return is_calm or ticks.count == 1
 
 
-def _unchanged(line: Line | None, count: int) -> LineTable | None:
-    return None if line is None else LineTable.of([line], [], count)
+def _unchanged(clock: StatedLine | DelayedLine, count: int) -> LineTable | None:
+    return None if clock.line is None else LineTable.of([clock.line], [], count, clock.unsettled_ns or 0)
+
+
+def _learned(clock: DelayedLine, own_ns: IntArray, known: KnownRows, ticks: Ticks) -> tuple[LineTable, bool]:
+    """Learn from when rows came that were sent at ``own_ns (n,)``: a line at each tick, and whether it never jumps."""
+    before = _unchanged(clock, 1) or LineTable.of([Line(0, 0)], [], 1)  # of ticks before the first that rows came in
+    fastest, slower_ns = known.fastest(own_ns)
+    learned = clock.learn_fastest(own_ns[fastest], known.arrival_ns[fastest], slower_ns)
+    arrived_ns, row = ticks.last_arrivals()[known.tick[fastest]], np.arange(len(fastest))
+    steps_ns = learned.own(arrived_ns, row) - before.then(learned, row).own(arrived_ns, row)
+    came = np.cumsum(np.bincount(known.tick[fastest], minlength=ticks.count))
+    # A shift is what a tick alone makes of it, at a time that may be another: so there is less room.
+    return before.then(learned, came), bool(np.all(np.abs(steps_ns) <= JUMP_NS // 2))
 
 
 def _stated_offsets(ticks: Ticks) -> Iterator[tuple[int, int, int]]:

@@ -114,18 +114,26 @@ class LineTable:
         at_ns: ``(ticks,)`` as in ``Line``.
         offset_ns: Likewise.
         drift: Likewise.
+        off_ns: ``(ticks,)`` how far off it is what is heard, where it is not settled yet if that is right; else 0.
     """
 
     at_ns: IntArray
     offset_ns: IntArray
     drift: FloatArray
+    off_ns: IntArray
 
     @classmethod
-    def of(cls, lines: Sequence[Line], from_tick: Sequence[int], count: int) -> "LineTable":
+    def of(cls, lines: Sequence[Line], from_tick: Sequence[int], count: int, off_ns: int = 0) -> "LineTable":
         """Of ``count`` ticks: the first of some lines, and each other one from its tick on."""
         which = np.searchsorted(from_tick, np.arange(count), side="right")
         at_ns, offset_ns = (np.array([getattr(each, name) for each in lines]) for name in ("at_ns", "offset_ns"))
-        return cls(at_ns[which], offset_ns[which], np.array([each.drift for each in lines])[which])
+        drift = np.array([each.drift for each in lines])
+        return cls(at_ns[which], offset_ns[which], drift[which], np.full(count, off_ns))
+
+    def then(self, other: "LineTable", ticks: IntArray) -> "LineTable":
+        """Those of some ticks ``(n,)``, which are counted on from this table into another."""
+        pairs = ((getattr(each, name) for each in (self, other)) for name in self.__slots__)
+        return LineTable(*(np.concatenate(list(pair))[ticks] for pair in pairs))
 
     def line(self, tick: int) -> Line:
         """That of one tick."""

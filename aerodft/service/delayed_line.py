@@ -1,14 +1,14 @@
 """The line below delayed samples: this machine's clock against a vehicle's, from when messages arrive."""
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.jit import njit
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.service.clock_line import JUMP_NS, Line
+from aerodft.service.clock_ticks import LineTable
 
 _WINDOW_S: Final = 120  # over which the fastest messages are looked for
 _MIN_DELAY_SPAN_S: Final = 30  # a radio's fastest messages in shorter times differ by more than clocks drift
@@ -19,29 +19,6 @@ _STEADY: Final = 5  # times the scatter of the fastest messages; a radio that is
 
 # What is known, as the loops have it.
 _HAS_LINE, _AT, _OFFSET, _START, _STOP, _IS_LATE, _LEAST, _MOST, _LATE_FROM, _LATE_TO = range(10)
-
-
-@dataclass(frozen=True, slots=True)
-class Learned:
-    """What a line was after each of ``n`` messages.
-
-    Attributes:
-        at_ns: ``(n,)`` as in ``Line``.
-        offset_ns: Likewise.
-        drift: Likewise.
-        is_unsettled: ``(n,)`` whether all messages were late, and it was not known whether the clock was set.
-    """
-
-    at_ns: IntArray
-    offset_ns: IntArray
-    drift: FloatArray
-    is_unsettled: BoolArray
-
-    def offset_of_host(self, host_ns: IntArray, rows: IntArray) -> IntArray:
-        """This machine's clock minus the vehicle's at times ``(n,)`` of its own, by the lines of these rows."""
-        at_ns, offset_ns = self.at_ns[rows], self.offset_ns[rows]
-        gained_ns: IntArray = np.rint(self.drift[rows] * (host_ns - offset_ns - at_ns)).astype(np.int64)
-        return offset_ns + gained_ns
 
 
 class DelayedLine:
@@ -80,23 +57,21 @@ class DelayedLine:
         slower_ns = int(np.median(delays)) - int(delays[best])
         self.learn_fastest(own_ns[best : best + 1], arrival_ns[best : best + 1], np.array([slower_ns]))
 
-    def learn_fastest(self, own_ns: IntArray, arrival_ns: IntArray, slower_ns: IntArray) -> Learned:
+    def learn_fastest(self, own_ns: IntArray, arrival_ns: IntArray, slower_ns: IntArray) -> LineTable:
         """Take in the fastest messages ``(n,)`` of some groups of them, one after the other, of each the first.
 
         Args:
             own_ns: When they were sent, by the vehicle's clock.
             arrival_ns: When they came, by this machine's.
             slower_ns: How much slower the others of the group were; matters only where the fastest is late.
+
+        Returns:
+            The line after each of them.
         """
-        count = len(own_ns)
-        found = Learned(
-            np.empty(count, dtype=np.int64),
-            np.empty(count, dtype=np.int64),
-            np.empty(count),
-            np.empty(count, dtype=np.bool_),
-        )
+        at_ns, offset_ns, off_ns = np.empty((3, len(own_ns)), dtype=np.int64)
+        found = LineTable(at_ns, offset_ns, np.empty(len(own_ns)), off_ns)
         known = self._fastest, self._state, self._drift
-        _learn(known, (own_ns, arrival_ns, slower_ns), found.at_ns, found.offset_ns, found.drift, found.is_unsettled)
+        _learn(known, (own_ns, arrival_ns, slower_ns), at_ns, offset_ns, found.drift, off_ns)
         self.line = self._line()
         return found
 
@@ -127,9 +102,9 @@ def _learn(
     at_ns: IntArray,
     offset_ns: IntArray,
     drifts: FloatArray,
-    is_unsettled: BoolArray,
+    off_ns: IntArray,
 ) -> None:
-    """``DelayedLine.learn_fastest``: change what is known, and write what ``Learned`` holds."""
+    """``DelayedLine.learn_fastest``: change what is known, and write what a ``LineTable`` holds."""
     table, state, drift = known
     own, arrival, slower = messages
     for k in range(len(own)):
@@ -148,7 +123,7 @@ def _learn(
         state[_LEAST], state[_MOST] = min(state[_LEAST], late), max(state[_MOST], late + slower[k])
         state[_IS_LATE] = late > JUMP_NS  # since no message has been in time
         at_ns[k], offset_ns[k], drifts[k] = state[_AT], state[_OFFSET], drift[0]
-        is_unsettled[k] = _is_unsettled(state)
+        off_ns[k] = state[_LEAST] if _is_unsettled(state) else 0
 
 
 @njit

@@ -1,5 +1,7 @@
 """Telemetry tracks in, the camera's poses at images' stamps out; interpolated, never the nearest sample."""
 
+from typing import Final
+
 import numpy as np
 
 from aerodft.geometry.ground import Ground
@@ -22,6 +24,9 @@ from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, LAST, Stream
 from aerodft.service.timing import ClockMap
 from aerodft.service.zoom import ZoomSources
+
+_NOWHERE: Final = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY)  # means nothing
+_SKIPPED: Final = "the vehicle's UTC jumped ahead: it never said this time"
 
 
 class PoseSource:
@@ -105,13 +110,12 @@ class PoseSource:
         Returns:
             The poses, and where telemetry that matters may still come: these poses mean nothing.
         """
-        unsettled = self._unsettled(stamps_ns, by_utc)
-        jumped = np.array([why is not None for why in unsettled], dtype=np.bool_)
+        jumped = (self.clock.off_ns(ticks, by_utc) != 0) | (self.clock.skips(stamps_ns) & by_utc)
         is_pending = ~final & (jumped | (by_utc & (not self.clock.is_utc_known)))
         refused = np.flatnonzero(jumped & final)
         asked = np.flatnonzero(~jumped & ~is_pending)
         if not len(asked) and not len(refused):
-            return PoseBatch.of(_nowhere(stamps_ns)), is_pending
+            return PoseBatch.repeated(_NOWHERE, stamps_ns), is_pending
         watermark_ns = np.where(final, END_OF_TIME, self._newest_ns(ticks))
         inputs = self._inputs(stamps_ns[asked], ticks[asked], watermark_ns[asked], by_utc[asked])
         is_pending[asked] = inputs.is_pending
@@ -119,12 +123,9 @@ class PoseSource:
         lost = np.flatnonzero(~inputs.is_whole & ~inputs.is_pending)
         rows = np.concatenate([asked[whole], asked[lost], refused])
         if not len(rows):
-            return PoseBatch.of(_nowhere(stamps_ns)), is_pending
+            return PoseBatch.repeated(_NOWHERE, stamps_ns), is_pending
         why = missed(inputs.rows(lost), self._settings, self.clock, self._began_by(stamps_ns[asked[lost]]))
-        why += [
-            PoseSample(stamp_ns=int(stamps_ns[row]), status=Status.CLOCK_JUMPED, reasons=(unsettled[row] or "",))
-            for row in refused.tolist()
-        ]
+        why += map(self._refused, *(column[refused].tolist() for column in (stamps_ns, ticks, by_utc)))
         made = [self._maker.poses(inputs.rows(whole), self._places.origin, self.clock)] if len(whole) else []
         poses = PoseBatch.joined([*made, PoseBatch.of(why)] if why else made)
         poses = self._health.judged(poses, ticks[rows])
@@ -172,15 +173,10 @@ class PoseSource:
         heights = self._height.at(*asked, self._attitude.vehicle_at, places.lat_lon_alt[:, :2])
         return PoseInputs(stamps_ns, by_utc, heights, attitudes, places)
 
-    def _unsettled(self, stamps_ns: IntArray, by_utc: BoolArray) -> list[str | None]:
-        """Why stamps ``(n,)`` cannot be matched now, in sentences; None for those that can."""
-        why = {wanted: self.clock.unsettled(by_utc=wanted) for wanted in (False, True)}
-        skipped = self.clock.skips(stamps_ns) & by_utc
-        if why[False] is None and why[True] is None and not np.any(skipped):
-            return [None] * len(stamps_ns)
-        skips = "the vehicle's UTC jumped ahead: it never said this time"
-        pairs = zip(by_utc.tolist(), skipped.tolist(), strict=True)
-        return [why[own] or (skips if is_skipped else None) for own, is_skipped in pairs]
+    def _refused(self, stamp_ns: int, tick: int, by_utc: bool) -> PoseSample:  # noqa: FBT001 - a value of a column
+        """Why there is no pose at a stamp as of a tick at which it cannot be matched."""
+        reason = self.clock.unsettled(by_utc=by_utc, tick=tick) or _SKIPPED
+        return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(reason,))
 
     def _began_by(self, stamps_ns: IntArray) -> BoolArray:
         """Whether there was any telemetry by stamps ``(n,)``."""
@@ -231,8 +227,3 @@ class PoseSource:
     def _newest_ns(self, ticks: IntArray) -> IntArray:
         """Newest stamp of any telemetry as of ticks ``(n,)``."""
         return np.asarray(np.max([stream.newest_ns(ticks) for stream in self._streams()], axis=0))
-
-
-def _nowhere(stamps_ns: IntArray) -> list[PoseSample]:
-    """Samples that mean nothing."""
-    return [PoseSample(stamp_ns=stamp_ns, status=Status.NO_TELEMETRY) for stamp_ns in stamps_ns.tolist()]

@@ -101,9 +101,8 @@ class ClockMap:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the vehicle has said what UTC is, and nothing contradicts it now."""
-        waits = self.unsettled(by_utc=True) or self.unsettled(by_utc=False) or self.broken_off()
-        return self._state.stated.line is not None and waits is None
+        """Whether nothing that the vehicle says of its clock contradicts what it said before."""
+        return self._state.stated.unsettled_ns is None and self._state.boot.other_apart_ns is None
 
     def copy(self) -> "ClockMap":
         """The map as it is now; what is learned later is not in it."""
@@ -114,7 +113,7 @@ class ClockMap:
 
         Returns:
             None, and nothing was learned, where several ticks cannot be learned from at once: a clock jumps, begins
-            anew, or is not known yet. From one tick it always learns.
+            anew, or is known for the first time. From one tick it always learns.
         """
         before = self._state
         if not ticks.tracks:
@@ -159,28 +158,33 @@ class ClockMap:
         by_arrival = track.arrival_ns if host is None else track.arrival_ns - host.offset(track.arrival_ns, tick)
         if stated is not None:
             return np.where(bare, by_arrival, boots + stated.offset(boots, tick))
-        line = self._state.host_minus_boot.line
-        if line is None:
+        arrival = self._state.arrival_by_tick
+        if arrival is None:
             return by_arrival
-        arrivals = boots + line.offset(boots)
+        arrivals = boots + arrival.offset(boots, tick)
         return np.where(bare, by_arrival, arrivals if host is None else arrivals - host.offset(arrivals, tick))
 
-    def unsettled(self, *, by_utc: bool) -> str | None:
-        """Why stamps cannot be matched now, in a sentence.
+    def off_ns(self, ticks: IntArray, by_utc: BoolArray) -> IntArray:
+        """How far off a clock is heard to be at ticks ``(n,)``, where stamps cannot be matched for that; 0 elsewhere.
 
         Args:
-            by_utc: Whether they are UTC by another clock than this machine's, or this machine's.
+            ticks: Of the newest step.
+            by_utc: ``(n,)`` whether stamps are UTC by another clock than this machine's, or this machine's.
         """
-        if by_utc and self._state.stated.line is not None:
-            jump_ns = self._state.stated.unsettled_ns
-            if jump_ns is None:
-                return None
-            return f"the vehicle's UTC jumped by {jump_ns / SECOND_NS:+.3f} s, and has not settled yet"
-        late_ns = (self._state.host_minus_utc if self.is_utc_known else self._state.host_minus_boot).unsettled_ns
-        if late_ns is None:
+        state = self._state
+        stated, host = state.stated_by_tick, state.host_by_tick if self.is_utc_known else state.arrival_by_tick
+        late_ns = np.zeros(len(ticks), dtype=np.int64) if host is None else host.off_ns[ticks]
+        return late_ns if stated is None else np.where(by_utc, stated.off_ns[ticks], late_ns)
+
+    def unsettled(self, *, by_utc: bool, tick: int = -1) -> str | None:
+        """Why stamps cannot be matched at a tick of the newest step, in a sentence; ``by_utc`` as in ``off_ns``."""
+        off_s = float(self.off_ns(np.array([tick]), np.array([by_utc]))[0]) / SECOND_NS
+        if not off_s:
             return None
+        if by_utc and self._state.stated.line is not None:
+            return f"the vehicle's UTC jumped by {off_s:+.3f} s, and has not settled yet"
         return (
-            f"all telemetry arrives {late_ns / SECOND_NS:.1f} s later than before: the receiving machine's clock was"
+            f"all telemetry arrives {off_s:.1f} s later than before: the receiving machine's clock was"
             " set, or the link is slow; it is not settled yet which"
         )
 

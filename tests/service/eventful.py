@@ -28,6 +28,7 @@ class Happenings:
         reboots: Whether the vehicle reboots after 24 s, and is silent for 2 s then.
         has_companion: Whether the camera, and a rival, speak from another address than the autopilot.
         is_utc_late: Whether the vehicle says UTC after 3 s only.
+        late_s: From when to when all telemetry comes 0.3 s later than else, each time.
         seed: Of the link's delays, of what is lost, and of when what is seen comes.
     """
 
@@ -35,6 +36,7 @@ class Happenings:
     reboots: bool = False
     has_companion: bool = False
     is_utc_late: bool = False
+    late_s: tuple[tuple[float, float], ...] = ()
     seed: int = 1
 
 
@@ -63,6 +65,7 @@ def _blocks(bench, happenings, rng):
         if happenings.reboots and 240 <= k < 260:
             continue
         held_ms = 1100.0 if k == 350 else 0.0
+        held_ms += 300.0 * any(start_s <= k / 10 < stop_s for start_s, stop_s in happenings.late_s)
         arrived_ms = max(arrived_ms, 100 * k + 20 + held_ms + rng.exponential(15))
         for j, (speaker, message) in enumerate(_messages(bench, happenings, k)):
             sequence += 1

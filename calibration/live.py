@@ -188,8 +188,8 @@ class BiasFilter:
             off = sight.pixel - seen
             if not np.all(np.isfinite(off)):
                 return  # the way there leads out of view: nothing to follow
-        rest = np.eye(len(step)) - gain @ by
-        taught = rest @ self._cov @ rest.T + gain @ noise @ gain.T
+        left = self._cov - gain @ (by @ self._cov)
+        taught = left - (left @ by.T - gain @ noise) @ gain.T  # as by Joseph: (1 - K H) P (1 - K H)' + K R K'
         mixed = trust * taught + (1 - trust) * self._cov + trust * (1 - trust) * np.outer(step, step)
         self._mean, self._cov = self._mean + trust * step, (mixed + mixed.T) / 2
 

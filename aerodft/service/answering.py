@@ -208,13 +208,12 @@ class Answering:
                     yield Task.LEARN, earlier
                     plain, landmarks = [], landmarks[len(earlier) :]
                 plain.append(np.array([row]))
-            yield Task.IMAGE, np.concatenate(plain)
-            plain = []
-            if len(landmarks):
-                yield Task.LEARN, landmarks
             objects = own[task[own] == Task.TRACK]
-            if len(objects):
-                yield Task.TRACK, objects[np.argsort(stamp_ns[objects], kind="stable")]
+            objects = objects[np.argsort(stamp_ns[objects], kind="stable")]
+            for last_task, rows in ((Task.LEARN, landmarks), (Task.TRACK, objects)):
+                if len(rows):
+                    yield from ((Task.IMAGE, np.concatenate(plain)), (last_task, rows))
+                    plain = [rows[:0]]
         yield Task.IMAGE, np.concatenate([*plain, np.arange(first, len(task))])
 
     def _learn(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:

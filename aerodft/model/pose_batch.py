@@ -109,14 +109,15 @@ class PoseBatch(Sequence[PoseSample]):
 
     @property
     def kind_index(self) -> IntArray:
-        """``(n,)`` numbers; samples with the same one differ in numbers and in reasons only."""
+        """``(n,)`` numbers; samples with the same one differ in numbers, reasons and calibration only."""
         found: dict[Hashable, int] = {}
-        return self.told(lambda variant: found.setdefault(_key(replace(variant, reasons=())), len(found)))
+        bare = [replace(variant, reasons=(), calibration=None) for variant in self.variants]
+        return np.array([found.setdefault(_key(each), len(found)) for each in bare], dtype=np.int64)[self.variant_index]
 
     @property
-    def reasons(self) -> list[tuple[str, ...]]:
-        """What each sample says of itself, in sentences."""
-        return [self.variants[index].reasons for index in self.variant_index.tolist()]
+    def variant_of_each(self) -> list[PoseSample]:
+        """The variant that each sample is like."""
+        return [self.variants[index] for index in self.variant_index.tolist()]
 
     @property
     def has_pose(self) -> BoolArray:

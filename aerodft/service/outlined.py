@@ -42,10 +42,10 @@ def unseen(
     setup: Setup, poses: PoseBatch, probe: Probe, observations: Sequence[Observation], images: IntArray
 ) -> MeasurementBatch:
     """What is measured of a probe that was looked for in images ``(n,)`` and not seen: nothing, and why."""
-    status, reasons, said = poses.status, dict[int, tuple[str, ...]](), poses.reasons
+    status, reasons, said = poses.status, dict[int, tuple[str, ...]](), poses.variant_of_each
     why = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
     for row in np.flatnonzero(status == CODE_OF[Status.OK]).tolist():
-        status[row], reasons[row] = CODE_OF[why], (observations[row].unseen or _UNSEEN[why], *said[row])
+        status[row], reasons[row] = CODE_OF[why], (observations[row].unseen or _UNSEEN[why], *said[row].reasons)
     column = MeasurementColumn(KINDS[probe.kind].unit, status, reasons, {})
     return MeasurementBatch(
         requests=(Request(probe=probe, pixels=(), std_px=probe.std_px),),

@@ -50,8 +50,8 @@ def encode_batch(batch: MeasurementBatch) -> Texts:
         {"stamp_ns": batch.poses.stamp_ns, "image": batch.images},
         np.concatenate(numbers, axis=1),
         [
-            [column.reasons.get(row, of_pose) for column in batch.columns]
-            for row, of_pose in enumerate(batch.poses.reasons)
+            [like.calibration, *(column.reasons.get(row, like.reasons) for column in batch.columns)]
+            for row, like in enumerate(batch.poses.variant_of_each)
         ],
         fixed={"std_px"} if has_own_pixels else {"std_px", "pixels"},
     )

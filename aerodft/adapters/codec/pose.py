@@ -31,7 +31,7 @@ def encode_poses(poses: PoseBatch) -> Texts:
         lambda row: _payload(poses[row]),
         {"stamp_ns": poses.stamp_ns},
         np.concatenate([summary_numbers(poses), *others, arrays], axis=1),
-        [[reasons] for reasons in poses.reasons],
+        [[like.reasons, like.calibration] for like in poses.variant_of_each],
         fixed={"origin"},
     )
 

@@ -1,4 +1,4 @@
-"""Payloads that differ in numbers and reasons only: what stays is written once, the numbers of many in one go.
+"""Payloads that differ in little: what stays is written once, the numbers of many in one go.
 
 Their text is that of ``wire.dump``, byte by byte: the same writer makes it, of an array in place of many objects.
 """
@@ -16,8 +16,9 @@ from aerodft.adapters.texts import Form, Texts
 from aerodft.model.arrays import FloatArray, IntArray
 
 # What stands for a hole; no name holds it.
-_WHOLE, _NUMBER, _REASONS, _QUOTED = "\x00", "\x01", "\x02", "\x03"  # the last: a whole number's, in quotation marks
+_WHOLE, _NUMBER, _TEXT, _QUOTED = "\x00", "\x01", "\x02", "\x03"  # the last: a whole number's, in quotation marks
 _HOLES: Final = re.compile(rb'"\\u000([012])"')
+_TEXTS: Final = frozenset({"calibration", "reasons"})
 
 
 def encode_payloads(
@@ -25,22 +26,23 @@ def encode_payloads(
     payload: Callable[[int], wire.Json],
     whole: Mapping[str, IntArray],
     numbers: FloatArray,
-    reasons: Sequence[Sequence[tuple[str, ...]]] | None = None,
+    texts: Sequence[Sequence[str | tuple[str, ...] | None]] | None = None,
     fixed: Collection[str] = (),
 ) -> Texts:
     """The texts of ``n`` payloads, each as ``wire.dump`` writes it alone.
 
     Args:
         kind: ``(n, k)`` integers; payloads whose rows are equal differ in numbers, and in which of them are None, and
-            in reasons only.
+            in texts only.
         payload: Makes one of them, by its row.
         whole: ``(n,)`` the integers, or texts of such, that differ, by the payload's keys and in their order; they
             stand before all other numbers. A payload that says None there has none.
         numbers: ``(n, m)`` the other numbers in the order in which they stand in a payload, NaN for None.
-        reasons: Of each payload what its keys ``reasons``, at any depth, hold one after the other; None without such.
+        texts: Of each payload what its keys ``calibration`` and ``reasons``, at any depth, hold one after the other;
+            None without such keys.
         fixed: Keys, at any depth, whose numbers are the same in all payloads of a kind.
     """
-    said = [b"\n".join(map(orjson.dumps, each)) for each in reasons] if reasons else [b""] * len(kind)
+    said = [b"\n".join(map(orjson.dumps, each)) for each in texts] if texts else [b""] * len(kind)
     unknown = np.isnan(numbers)
     key = np.concatenate([kind.astype("<i8").view(np.uint8), np.packbits(unknown, axis=1)], axis=1)
     rows_of: dict[bytes, list[int]] = {}
@@ -66,7 +68,7 @@ def flat(values: FloatArray) -> FloatArray:
 
 
 class Template:
-    """The text of payloads with places for numbers and reasons.
+    """The text of payloads with places for numbers and texts.
 
     Args:
         payload: One of them.
@@ -87,10 +89,10 @@ class Template:
         pieces = _HOLES.split(text)
         self._form = Form.of(pieces[::2], [int(each) for each in pieces[1::2]])
 
-    def texts(self, whole: IntArray, numbers: FloatArray, reasons: bytes) -> Texts:
-        """Payloads with their whole numbers ``(n, k)``, other numbers ``(n, m)``, and reasons: a list in each line."""
+    def texts(self, whole: IntArray, numbers: FloatArray, texts: bytes) -> Texts:
+        """Payloads with their whole numbers ``(n, k)``, other numbers ``(n, m)``, and texts, line by line."""
         first, then = (orjson.dumps(each.ravel(), option=orjson.OPT_SERIALIZE_NUMPY) for each in (whole, numbers))
-        return self._form.filled((first[1:-1], then[1:-1], reasons), b",,\n", len(whole))
+        return self._form.filled((first[1:-1], then[1:-1], texts), b",,\n", len(whole))
 
     def _hollow(self, value: Any, fixed: Collection[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
         """A value with holes for its numbers, which are noted in their order."""
@@ -101,7 +103,7 @@ class Template:
             return _NUMBER
         if isinstance(value, dict):
             return {
-                key: _REASONS if key == "reasons" else each if key in fixed else self._hollow(each, fixed)
+                key: _TEXT if key in _TEXTS else each if key in fixed else self._hollow(each, fixed)
                 for key, each in value.items()
             }
         if isinstance(value, np.ndarray):

@@ -130,17 +130,26 @@ def test_any_number_and_reason_is_written_as_alone() -> None:
     values[::7, 1], values[1::7, 2], values[2::7, 0] = np.nan, -0.0, 1e16
     is_float = np.arange(400) % 2
     whole = np.arange(400) * 23_058_430_092_136_939 - 2**62
-    reasons = [[(), tuple(f'{number}, "{row}\n' for number in range(row % 3))] for row in range(400)]
+    texts = [
+        [None if row % 5 else "a, b", (), tuple(f'{number}, "{row}\n' for number in range(row % 3))]
+        for row in range(400)
+    ]
 
     def payload(row: int) -> wire.Json:
         first, *rest = values[row].tolist()
         first = first if is_float[row] else round(min(first, 9.0) if first > 0 else 0)
         own = {"text": str(whole[row]), "whole": int(whole[row]), "none": None}
-        at_top, within = reasons[row]
-        return {**own, "reasons": at_top, "x": [first], "rest": {"y": rest, "std_px": 2.5, "reasons": within}}
+        calibration, at_top, within = texts[row]
+        return {
+            **own,
+            "calibration": calibration,
+            "reasons": at_top,
+            "x": [first],
+            "rest": {"y": rest, "std_px": 2.5, "reasons": within},
+        }
 
     columns = {"text": whole, "whole": whole, "none": whole}
-    written = encode_payloads(is_float[:, None], payload, columns, values, reasons, fixed={"std_px"})
+    written = encode_payloads(is_float[:, None], payload, columns, values, texts, fixed={"std_px"})
     assert written.each() == [wire.dump(payload(row)) for row in range(400)]
 
 

@@ -232,9 +232,11 @@ def biases_of(found: Calibration) -> tuple[FloatArray, FloatArray | None, FloatA
 def relocated(poses: PoseBatch) -> PoseBatch:
     """Corrected poses with the latitude and longitude of where they are now."""
     lat_lon_alt = poses.lat_lon_alt.copy()
-    for index in np.unique(poses.variant_index).tolist():
-        if (origin := poses.variants[index].origin) is not None:
-            rows = poses.variant_index == index
+    origins = list(dict.fromkeys(variant.origin for variant in poses.variants))
+    own = poses.told(lambda variant: origins.index(variant.origin))
+    for index, origin in enumerate(origins):
+        if origin is not None:
+            rows = own == index
             lat_lon_alt[rows, :2] = lat_lon(origin, poses.pose.position_enu_m[rows, :2])
     return replace(poses, lat_lon_alt=lat_lon_alt)
 
@@ -292,11 +294,14 @@ class BiasCalibrator:
         self._calibration = calibration
         self._biases, self._cov, self._with_lens = biases_of(calibration)
 
-    def refine(self, poses: PoseBatch) -> PoseBatch:
-        """The corrected poses with the calibration's id; samples that are not ok pass unchanged."""
-        return poses.where_ok(self._refined)
+    def known(self) -> None:
+        """Nothing but the calibration."""
 
-    def _refined(self, poses: PoseBatch) -> PoseBatch:
+    def refine(self, poses: PoseBatch, *_: object) -> PoseBatch:
+        """The corrected poses with the calibration's id; samples that are not ok pass unchanged."""
+        return poses.where(poses.is_ok, self._refined)
+
+    def _refined(self, poses: PoseBatch, _: IntArray) -> PoseBatch:
         biases = np.tile(self._biases, (len(poses), 1))
         biased = BiasedPoses.of(poses.pose, np.zeros(len(poses), dtype=np.int64))
         pose, std = biased.corrected(biases), poses.std

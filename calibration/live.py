@@ -9,7 +9,9 @@ file's, and the pose's correlation with them is kept.
 import hashlib
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -40,6 +42,9 @@ _RECENT, _MOST_REFUSED = 12, 8
 _FINEST_PX = 0.01
 """Nobody sees anything more precisely, whatever is stated."""
 
+_NEVER_NS = np.iinfo(np.int64).max  # no stamp is later
+_Known = tuple[FloatArray, FloatArray, FloatArray, int, str | None]
+"""Of the biases after an image: mean, covariance, that with the lens, the image's stamp, and a name; None for none."""
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
 
 
@@ -103,7 +108,9 @@ class BiasFilter:
         self._biases = slice(0, biases)
         self._image = slice(biases, biases + _POSE)
         self._lens = slice(self._image.stop, self._image.stop + (len(lens) if np.any(lens) else 0))
-        self._places = {each.name: slice(s, s + 3) for s, each in zip(_from(self._lens.stop), uncertain, strict=False)}
+        self._places = {
+            each.name: slice(s, s + 3) for s, each in zip(count(self._lens.stop, 3), uncertain, strict=False)
+        }
         self.restart()
 
     def restart(self) -> None:
@@ -120,17 +127,23 @@ class BiasFilter:
         self._stamp_ns: int | None = None
         self._image_ns: int | None = None
 
-    def biases(self, stamp_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def known(self, calibration: str | None) -> _Known:
+        """The biases as of the last image, under a name."""
+        mean, cov = self._mean[self._biases].copy(), self._cov[self._biases].copy()
+        stamp_ns = _NEVER_NS if self._stamp_ns is None else self._stamp_ns
+        return mean, cov[:, self._biases], cov[:, self._lens], stamp_ns, calibration
+
+    def biases(self, known: Sequence[_Known], which: IntArray, stamp_ns: IntArray) -> tuple[FloatArray, ...]:
         """The biases at stamps ``(n,)``: mean ``(n, k)``, covariance ``(n, k, k)``, that with the lens ``(n, k, m)``.
 
-        At a stamp before the last image's those of that image; ``m`` is 0 where the lens is exact.
+        Each by one of what was ``known``; at a stamp before the last image's of then those of that image.
         """
-        left, returned = self._drifted(stamp_ns)
-        mean = self._model.mean + left * (self._mean[self._biases] - self._model.mean)
-        cov = left[:, :, None] * self._cov[self._biases, self._biases] * left[:, None]
+        mean, cov, lens_cov, since_ns = (np.array([each[part] for each in known])[which] for part in range(4))
+        left, returned = self._model.drifted(np.maximum(stamp_ns - since_ns, 0) / SECOND_NS)
+        cov = left[:, :, None] * cov * left[:, None]
         every = np.arange(cov.shape[-1])
         cov[:, every, every] += returned
-        return mean, cov, left[:, :, None] * self._cov[self._biases, self._lens]
+        return self._model.mean + left * (mean - self._model.mean), cov, left[:, :, None] * lens_cov
 
     def look(self, image: PoseBatch) -> BiasedPoses:
         """Go to an image: all that comes next is seen in it. An earlier one than the last is looked at from here.
@@ -220,21 +233,12 @@ class BiasFilter:
 
     def _go_on(self, stamp_ns: int) -> None:
         """Bring the state to a later stamp."""
-        (left,), (returned,) = self._drifted(np.array([stamp_ns]))
+        elapsed_ns = 0 if self._stamp_ns is None else stamp_ns - self._stamp_ns
+        left, returned = self._model.drifted(np.array(elapsed_ns / SECOND_NS))
         self._mean[self._biases] = self._model.mean + left * (self._mean[self._biases] - self._model.mean)
         self._cov[self._biases, :] *= left[:, None]
         self._cov[:, self._biases] *= left
         self._cov[self._biases, self._biases] += np.diag(returned)
-
-    def _drifted(self, stamp_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-        """As ``BiasModel.drifted`` at stamps ``(n,)``: nothing has drifted at one of the past."""
-        since_ns = np.zeros_like(stamp_ns) if self._stamp_ns is None else np.maximum(stamp_ns - self._stamp_ns, 0)
-        return self._model.drifted(since_ns / SECOND_NS)
-
-
-def _from(start: int) -> range:
-    """Starts of blocks of three."""
-    return range(start, np.iinfo(np.int32).max, 3)
 
 
 def _density(px: FloatArray, cov_px2: FloatArray) -> float:
@@ -268,12 +272,18 @@ class LiveCalibrator:
         self._seen: set[str] = set()
         self._seen_ns: int | None = None
 
-    def refine(self, poses: PoseBatch) -> PoseBatch:
-        """The corrected poses with what is known by now; samples that are not ok pass unchanged."""
-        return poses if self._calibration is None else poses.where_ok(self._refined)
+    def known(self) -> _Known:
+        """What is known by now."""
+        return self._filter.known(self._calibration)
 
-    def _refined(self, poses: PoseBatch) -> PoseBatch:
-        biases, cov, with_lens = self._filter.biases(poses.stamp_ns)
+    def refine(self, poses: PoseBatch, known: Sequence[object], which: IntArray) -> PoseBatch:
+        """The corrected poses; samples that are not ok, and those of when nothing was known, pass unchanged."""
+        own = [each for each in known if isinstance(each, tuple)]
+        chosen = poses.is_ok & np.array([each[-1] is not None for each in own])[which]
+        return poses.where(chosen, lambda some, rows: self._refined(some, own, which[rows]))
+
+    def _refined(self, poses: PoseBatch, own: Sequence[_Known], which: IntArray) -> PoseBatch:
+        biases, cov, with_lens = self._filter.biases(own, which, poses.stamp_ns)
         biased = self._model.biased(poses)
         noise = self._model.noise_of(poses.std, biased.height_column)
         pose = biased.corrected(biases)
@@ -285,7 +295,8 @@ class LiveCalibrator:
             time_std_s=0.0,  # it is one of the biases
         )
         std = np.hypot(stds_of(biased.of_heights(np.diagonal(cov, axis1=-2, axis2=-1))), noise)
-        named = poses.all_varied(lambda sample: replace(sample, calibration=self._calibration))
+        names = [own[k][-1] for k in which.tolist()]
+        named = poses.varied(names, lambda sample, name: replace(sample, calibration=name))
         return relocated(replace(named, pose=known, std=std))
 
     def observes(self, name: str) -> bool:
@@ -311,7 +322,7 @@ class LiveCalibrator:
         if sample.stamp_ns != self._seen_ns:
             self._seen_ns, self._seen = sample.stamp_ns, set()
         sights = [self._sight(image, each) for each in sorted(observations, key=lambda each: each.name)]
-        ranked = sights if len(sights) == 1 else sorted(sights, key=lambda each: _rank(self._filter.expect(each)))
+        ranked = sights if len(sights) == 1 else sorted(sights, key=self._distance)
         estimate = self._estimate(sample, tuple(self._judged(sight) for sight in ranked))
         self._restart_if_lost()
         return estimate
@@ -319,6 +330,10 @@ class LiveCalibrator:
     @property
     def _calibration(self) -> str | None:
         return f"{self._id}:{self._updates}" if self._updates or self._has_start else None
+
+    def _distance(self, sight: Sight) -> float:
+        """The most credible first, what is out of view last."""
+        return float(np.nan_to_num(self._filter.expect(sight).chi2, nan=np.inf))
 
     def _sight(self, image: BiasedPoses, seen: Observation) -> Sight:
         landmark = self._landmarks[seen.name]
@@ -371,7 +386,8 @@ class LiveCalibrator:
         )
         if sample.pose is None or sample.height_source is None:
             return estimate
-        (biases,), (cov,), _ = self._filter.biases(np.array([sample.stamp_ns]))
+        now = np.array([0])
+        (biases,), (cov,), _ = self._filter.biases([self.known()], now, np.array([sample.stamp_ns]))
         return replace(
             estimate,
             height_source=sample.height_source,
@@ -393,9 +409,3 @@ def _unusable(sample: PoseSample) -> str | None:
     if sample.zoom is not None:
         return "the camera is zoomed, and landmarks are held against its file"
     return "no position, so nobody knows where it should be seen" if sample.origin is None else None
-
-
-def _rank(expected: Expectation) -> float:
-    """The most credible first, what is out of view last."""
-    distance = expected.chi2
-    return math.inf if math.isnan(distance) else distance

@@ -8,6 +8,8 @@ about that is learned beside it.
 import hashlib
 import math
 from collections import deque
+from collections.abc import Sequence
+from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Final
@@ -389,11 +391,20 @@ class SteadyCalibrator:
         self._looks = 0
         self._id = f"watch:{hashlib.sha256((pipeline.config_id or '').encode()).hexdigest()[:16]}"
 
-    def refine(self, poses: PoseBatch) -> PoseBatch:
-        """The corrected poses; without one, ``CAMERA_MOVED``, while nobody knows where the camera looks."""
-        return poses.where_ok(self._refined)
+    def known(self) -> "SteadyCalibrator":
+        """This calibrator as it is now."""
+        now = copy(self)
+        now._state = deepcopy(self._state)  # noqa: SLF001 - its own
+        return now
 
-    def _refined(self, poses: PoseBatch) -> PoseBatch:
+    def refine(self, poses: PoseBatch, known: Sequence[object], which: IntArray) -> PoseBatch:
+        """The corrected poses; without one, ``CAMERA_MOVED``, while nobody knows where the camera looks."""
+        for k, now in enumerate(known):
+            if isinstance(now, SteadyCalibrator) and np.any(which == k):
+                poses = poses.where(poses.is_ok & (which == k), now._refined)  # noqa: SLF001 - its own
+        return poses
+
+    def _refined(self, poses: PoseBatch, _: IntArray) -> PoseBatch:
         state = self._state
         if (why := _NUMBERLESS.get(state.state)) is not None:
             reason = f"{why} (since {_utc(state.since_ns)})"

@@ -136,20 +136,21 @@ class PoseBatch(Sequence[PoseSample]):
             pose=self.pose.rows(rows), variant_index=self.variant_index[rows], variants=self.variants, **columns
         )
 
-    def where_ok(self, change: Callable[["PoseBatch"], "PoseBatch"]) -> "PoseBatch":
-        """The batch with those of its samples changed that are ok, and all others as they are.
+    def where(self, chosen: BoolArray, change: Callable[["PoseBatch", IntArray], "PoseBatch"]) -> "PoseBatch":
+        """The batch with those of its samples changed that are ``chosen (n,)``, and all others as they are.
 
         Args:
-            change: Takes at least one sample, all of them ok, and gives as many back.
+            chosen: Which are changed.
+            change: Takes at least one sample, with its row here, and gives as many back.
         """
-        rows = np.flatnonzero(self.is_ok)
+        rows = np.flatnonzero(chosen)
         if len(rows) == len(self):
-            return change(self)
+            return change(self, rows)
         if not len(rows):
             return self
         order = np.arange(len(self))
         order[rows] = len(self) + np.arange(len(rows))
-        return PoseBatch.joined([self, change(self.rows(rows))]).rows(order)
+        return PoseBatch.joined([self, change(self.rows(rows), rows)]).rows(order)
 
     def told(self, tell: Callable[[PoseSample], int]) -> IntArray:
         """``(n,)`` of every sample what its variant tells; variants that no sample is like are not asked."""

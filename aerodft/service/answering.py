@@ -1,9 +1,9 @@
 """What is done with images and observations whose poses are there: measured, learned from, tracked."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, pairwise
-from typing import Final, Protocol, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -64,15 +64,17 @@ class ReadyWork:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """Images, or observations, ``(n,)`` with their places among the outputs of a step, yet to be measured."""
+    """Images, or observations, ``(n,)`` in their places, to be refined by numbers of what is known, and measured."""
 
     tick: IntArray
     order: IntArray
     work: WorkList
     poses: PoseBatch
+    known: IntArray
 
     def rows(self, rows: IntArray) -> "_Measured":
-        return _Measured(self.tick[rows], self.order[rows], self.work.rows(rows), self.poses.rows(rows))
+        tick, order, known = self.tick[rows], self.order[rows], self.known[rows]
+        return _Measured(tick, order, self.work.rows(rows), self.poses.rows(rows), known)
 
     @staticmethod
     def joined(parts: Sequence["_Measured"]) -> "_Measured | None":
@@ -85,8 +87,12 @@ class _Measured:
             np.concatenate([part.order for part in parts]),
             WorkList.joined([part.work for part in parts]),
             PoseBatch.joined([part.poses for part in parts]),
+            np.concatenate([part.known for part in parts]),
         )
 
+
+_DescribeSwitch: TypeAlias = Callable[[HeightSource, HeightSource, int, int], HeightSwitch]
+"""Describes a change of the height's source at a stamp (UTC), which is that of a row of ``ReadyWork``."""
 
 _RequestKey: TypeAlias = tuple[str, int, float | None]
 """Name of a probe, number of pixels (0 where it was not seen) and their std: what one request can be measured by."""
@@ -112,6 +118,7 @@ class Answering:
         self._setup = setup
         self._calibrator, self._observer, self._tracker = helpers.calibrator, helpers.observer, helpers.tracker
         self._height_source: HeightSource | None = None
+        self._known = [None if self._calibrator is None else self._calibrator.known()]
         self._begin_step()
 
     def warm_up(self) -> None:
@@ -130,7 +137,7 @@ class Answering:
         }
         return probe is not None or is_landmark or is_object, [task for task, is_so in wanted.items() if is_so]
 
-    def add(self, ready: ReadyWork, describe_switch: "SwitchDescription") -> None:
+    def add(self, ready: ReadyWork, describe_switch: _DescribeSwitch) -> None:
         """Take in what is answered in some ticks of a step: refine its poses, learn, track; it is measured later.
 
         Args:
@@ -142,9 +149,9 @@ class Answering:
             if task is Task.LEARN:
                 self._learn(work, ready.poses.rows(rows), tick)
                 continue
-            poses = self.refined(ready.poses.rows(rows))
+            poses = ready.poses.rows(rows)
             if task is Task.TRACK:
-                self._track(work, poses, tick)
+                self._track(work, self.refined(poses), tick)
                 continue
             order = np.empty(len(rows), dtype=np.int64)
             switches = self._switches(work, poses, rows, describe_switch)
@@ -152,17 +159,17 @@ class Answering:
                 if row in switches:
                     self._add_single(int(tick[row]), switches[row])
                 order[row] = next(self._order)
-            part = _Measured(tick, order, work, poses)
+            part = _Measured(tick, order, work, poses, np.full(len(rows), len(self._known) - 1))
             self._images.append(part.rows(np.flatnonzero(work.task == Task.IMAGE)))
             for key, own in _kinds(part):
                 self._observed_parts.setdefault(key, []).append(part.rows(own))
 
     def outputs(self) -> StepOutputs:
         """The outputs of a step: what was taken in, with what is measured in it."""
-        images = _Measured.joined(self._images)
+        images = self._joined(self._images)
         if images is not None:
             self.last_pose = images.poses[len(images.tick) - 1]
-        observed = [(name, _Measured.joined(parts)) for (name, _, _), parts in self._observed_parts.items()]
+        observed = [(name, self._joined(parts)) for (name, _, _), parts in self._observed_parts.items()]
         outputs = StepOutputs(
             images=() if images is None else (self._image_outputs(images),),
             observations=tuple(self._observation_outputs(name, part) for name, part in observed if part is not None),
@@ -173,6 +180,7 @@ class Answering:
 
     def _begin_step(self) -> None:
         self._order = count()
+        self._known = self._known[-1:]
         self._singles: list[SingleOutput] = []
         self._images: list[_Measured] = []
         self._observed_parts: dict[_RequestKey, list[_Measured]] = {}
@@ -180,9 +188,16 @@ class Answering:
     def _add_single(self, tick: int, content: Observation | Estimate | HeightSwitch | MeasurementBatch) -> None:
         self._singles.append(SingleOutput(tick=tick, order=next(self._order), content=content))
 
-    def refined(self, poses: PoseBatch) -> PoseBatch:
-        """Poses with what the calibrator knows by now."""
-        return poses if self._calibrator is None else self._calibrator.refine(poses)
+    def refined(self, poses: PoseBatch, known: IntArray | None = None) -> PoseBatch:
+        """Poses with what the calibrator knows by now, or knew by the numbers ``(n,)`` in this step."""
+        if self._calibrator is None:
+            return poses
+        which = np.full(len(poses), len(self._known) - 1) if known is None else known
+        return self._calibrator.refine(poses, self._known, which)
+
+    def _joined(self, parts: Sequence[_Measured]) -> _Measured | None:
+        whole = _Measured.joined(parts)
+        return None if whole is None else replace(whole, poses=self.refined(whole.poses, whole.known))
 
     def _segments(self, ready: ReadyWork) -> Iterator[tuple[Task, IntArray]]:
         """Rows that are answered one segment after the other.
@@ -190,31 +205,16 @@ class Answering:
         Of one occasion landmarks are learned from before what bears a later stamp, in order of their stamps; objects
         are tracked last. What neither waits for is one segment over all occasions.
         """
-        task, stamp_ns = ready.work.task, ready.work.stamp_ns
-        special = np.isin(task, (Task.LEARN, Task.TRACK))
-        plain: list[IntArray] = []
-        first = 0
-        for group in np.unique(ready.group[special]).tolist():
-            start, stop = np.searchsorted(ready.group, [group, group + 1]).tolist()
-            plain.append(np.arange(first, start))
-            first = stop
-            own = np.arange(start, stop)
-            landmarks = own[task[own] == Task.LEARN]
-            landmarks = landmarks[np.argsort(stamp_ns[landmarks], kind="stable")]
-            for row in own[~special[own]].tolist():
-                earlier = landmarks[stamp_ns[landmarks] < stamp_ns[row]]
-                if len(earlier):
-                    yield Task.IMAGE, np.concatenate(plain)
-                    yield Task.LEARN, earlier
-                    plain, landmarks = [], landmarks[len(earlier) :]
-                plain.append(np.array([row]))
-            objects = own[task[own] == Task.TRACK]
-            objects = objects[np.argsort(stamp_ns[objects], kind="stable")]
-            for last_task, rows in ((Task.LEARN, landmarks), (Task.TRACK, objects)):
-                if len(rows):
-                    yield from ((Task.IMAGE, np.concatenate(plain)), (last_task, rows))
-                    plain = [rows[:0]]
-        yield Task.IMAGE, np.concatenate([*plain, np.arange(first, len(task))])
+        task, stamp_ns, group = ready.work.task, ready.work.stamp_ns, ready.group
+        is_plain = ~np.isin(task, (Task.LEARN, Task.TRACK))
+        before = np.where(is_plain, np.arange(len(task)), len(task))
+        for row in np.flatnonzero(task == Task.LEARN).tolist():
+            later = np.flatnonzero(is_plain & (group == group[row]) & (stamp_ns > stamp_ns[row]))
+            before[row] = later[0] if len(later) else len(task)
+        order = np.lexsort((stamp_ns, np.where(is_plain, len(Task), task), before, group))
+        occasion = np.where(is_plain, -1, len(Task) * group + task)[order]
+        for rows in np.split(order, np.flatnonzero(np.diff(occasion)) + 1):
+            yield Task.IMAGE if is_plain[rows[0]] else Task(task[rows[0]]), rows
 
     def _learn(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:
         """Learn from landmarks in order of their stamps, those of one image at once."""
@@ -222,6 +222,8 @@ class Answering:
             for first, stop in _same_stamps(work.stamp_ns):
                 estimate = self._observer.observe(poses[first], _observations(work, first, stop))
                 self._add_single(int(tick[first]), estimate)
+            if self._calibrator is not None:
+                self._known.append(self._calibrator.known())
 
     def _track(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:
         """Follow objects in order of their stamps, those of one image at once."""
@@ -233,7 +235,7 @@ class Answering:
                     self._add_single(int(tick[first]), content)
 
     def _switches(
-        self, work: WorkList, poses: PoseBatch, rows: IntArray, describe_switch: "SwitchDescription"
+        self, work: WorkList, poses: PoseBatch, rows: IntArray, describe_switch: _DescribeSwitch
     ) -> dict[int, HeightSwitch]:
         """By row, where an image's height is of another source than the last one's."""
         sources = [variant.height_source for variant in poses.variants]
@@ -261,14 +263,6 @@ class Answering:
             request = request_of(probe, observations, self._setup, part.poses)
             measured = measure(self._setup, part.poses, linked([request], self._fixed), part.work.image)
         return ObservationOutputs(tick=part.tick, order=part.order, observations=observations, measurements=measured)
-
-
-class SwitchDescription(Protocol):
-    """Describes that heights are of another source from a stamp on."""
-
-    def __call__(self, before: HeightSource, after: HeightSource, stamp_ns: int, row: int, /) -> HeightSwitch:
-        """The change at a stamp (UTC), which is that of a row of ``ReadyWork``."""
-        ...
 
 
 def _kinds(part: _Measured) -> Iterator[tuple[_RequestKey, IntArray]]:

@@ -1,20 +1,19 @@
 """What the pipeline asks of the world: Protocols of one to three methods, wired together in ``cli``."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.dft.request import Setup
+from aerodft.model.arrays import IntArray
 from aerodft.model.batch import Arrival, Event
-from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.telemetry import RawBlock, Track
 from aerodft.service.batches import Batches
-
-Estimate = CalibrationEstimate | SteadinessEstimate
+from aerodft.service.outputs import Estimate
 
 
 class Clock(Protocol):
@@ -70,8 +69,15 @@ class TelemetryDecoder(Protocol):
 class Calibrator(Protocol):
     """Turns the telemetry's poses into better ones."""
 
-    def refine(self, poses: PoseBatch) -> PoseBatch:
-        """The corrected poses, with the calibration's covariance and id; anything not ok passes unchanged."""
+    def known(self) -> object:
+        """What is known by now, and stays as it is whatever is learned after it."""
+        ...
+
+    def refine(self, poses: PoseBatch, known: Sequence[object], which: IntArray) -> PoseBatch:
+        """The poses corrected by ``which (n,)`` of what was known; anything not ok passes unchanged.
+
+        With the calibration's covariance and id.
+        """
         ...
 
 

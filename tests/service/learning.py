@@ -11,8 +11,12 @@ class Counting:
     def __init__(self):
         self.asked = []
 
-    def refine(self, poses):
-        return poses.all_varied(lambda variant: replace(variant, calibration=str(len(self.asked))))
+    def known(self):
+        return str(len(self.asked))
+
+    def refine(self, poses, known, which):
+        own = [known[k] for k in which.tolist()]
+        return poses.varied(own, lambda variant, name: replace(variant, calibration=name))
 
     def observes(self, name):
         return name.startswith("mark")

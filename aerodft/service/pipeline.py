@@ -9,7 +9,7 @@ is used from the next stamp on: of what is done on one tick, in the order of the
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -65,7 +65,7 @@ class Pipeline:
         self,
         settings: PipelineSettings,
         decoder: TelemetryDecoder,
-        calibrator: Calibrator | None = None,
+        calibrator: Calibrator[Any] | None = None,
         observer: LandmarkObserver | None = None,
         tracker: ObjectTracker | None = None,
     ) -> None:
@@ -245,10 +245,7 @@ class Pipeline:
         answer = self._in_order(work, np.where(made, 0, 1), occasions, last_image_ns)
         parts = self._made(work)
         final = np.flatnonzero((answer >= 0) & ~made)
-        if len(final):
-            last, known = np.full(len(final), -1), np.full(len(final), fill_value=True)
-            poses, _ = self._poses_at(work.stamp_ns[final], last, final=known, by_utc=work.by_utc[final])
-            parts.append((final, poses))
+        parts += self._final(work, final, np.full(len(final), -1))
         self._take_answers(work, parts, answer, occasions, tick)
 
     def _answer(self, now_ns: IntArray, first: int) -> None:
@@ -260,13 +257,9 @@ class Pipeline:
         ready_tick, parts = self._ready(work, np.minimum(deadline_tick, count), count)
         is_final = (ready_tick >= deadline_tick) & (deadline_tick < count)
         final = np.flatnonzero(is_final)
-        if len(final):
-            is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
-            # What came after its deadline, in one long tick, is answered on that tick.
-            as_of = np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final])
-            known = np.full(len(final), fill_value=True)
-            poses, _ = self._poses_at(work.stamp_ns[final], as_of, final=known, by_utc=work.by_utc[final])
-            parts.append((final, poses))
+        is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
+        # What came after its deadline, in one long tick, is answered on that tick.
+        parts += self._final(work, final, np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final]))
         occasions = Occasions.of(now_ns, work.deadline_ns)
         last_image_ns = self._images.last_ns()[occasions.ticks - 1]
         answer = self._in_order(work, ready_tick + 1, occasions, last_image_ns)
@@ -310,6 +303,13 @@ class Pipeline:
         """Least stamps ``(n,)`` of the last image for work to be looked at: an observation may be faster than it."""
         waits = (work.task != Task.IMAGE) & (work.image == NO_IMAGE)
         return np.where(waits, work.stamp_ns - self._settings.match_tolerance_ns, _ANY_IMAGE)
+
+    def _final(self, work: WorkList, rows: IntArray, as_of: IntArray) -> list[tuple[IntArray, PoseBatch]]:
+        """The poses of rows as of ticks ``(n,)`` with what there is, with their rows."""
+        if not len(rows):
+            return []
+        known = np.full(len(rows), fill_value=True)
+        return [(rows, self._poses_at(work.stamp_ns[rows], as_of, final=known, by_utc=work.by_utc[rows])[0])]
 
     @staticmethod
     def _made(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:

@@ -276,28 +276,27 @@ class LiveCalibrator:
         """What is known by now."""
         return self._filter.known(self._calibration)
 
-    def refine(self, poses: PoseBatch, known: Sequence[object], which: IntArray) -> PoseBatch:
+    def refine(self, poses: PoseBatch, known: Sequence[_Known], which: IntArray) -> PoseBatch:
         """The corrected poses; samples that are not ok, and those of when nothing was known, pass unchanged."""
-        own = [each for each in known if isinstance(each, tuple)]
-        chosen = poses.is_ok & np.array([each[-1] is not None for each in own])[which]
-        return poses.where(chosen, lambda some, rows: self._refined(some, own, which[rows]))
+        chosen = poses.is_ok & np.array([each[-1] is not None for each in known])[which]
+        return poses.where(chosen, lambda some, rows: self._refined(some, known, which[rows]))
 
-    def _refined(self, poses: PoseBatch, own: Sequence[_Known], which: IntArray) -> PoseBatch:
-        biases, cov, with_lens = self._filter.biases(own, which, poses.stamp_ns)
+    def _refined(self, poses: PoseBatch, known: Sequence[_Known], which: IntArray) -> PoseBatch:
+        biases, cov, with_lens = self._filter.biases(known, which, poses.stamp_ns)
         biased = self._model.biased(poses)
         noise = self._model.noise_of(poses.std, biased.height_column)
         pose = biased.corrected(biases)
         by = biased.by_biases(biases, pose.wxyz)
-        known = replace(
+        refined = replace(
             pose,
             cov=propagated(by, cov) + biased.noise_covariance(pose.wxyz, noise),
             lens_cov=by @ with_lens,
             time_std_s=0.0,  # it is one of the biases
         )
         std = np.hypot(stds_of(biased.of_heights(np.diagonal(cov, axis1=-2, axis2=-1))), noise)
-        names = [own[k][-1] for k in which.tolist()]
+        names = [known[k][-1] for k in which.tolist()]
         named = poses.varied(names, lambda sample, name: replace(sample, calibration=name))
-        return relocated(replace(named, pose=known, std=std))
+        return relocated(replace(named, pose=refined, std=std))
 
     def observes(self, name: str) -> bool:
         """Whether a landmark has that name."""

@@ -397,11 +397,10 @@ class SteadyCalibrator:
         now._state = deepcopy(self._state)  # noqa: SLF001 - its own
         return now
 
-    def refine(self, poses: PoseBatch, known: Sequence[object], which: IntArray) -> PoseBatch:
+    def refine(self, poses: PoseBatch, known: Sequence["SteadyCalibrator"], which: IntArray) -> PoseBatch:
         """The corrected poses; without one, ``CAMERA_MOVED``, while nobody knows where the camera looks."""
         for k, now in enumerate(known):
-            if isinstance(now, SteadyCalibrator) and np.any(which == k):
-                poses = poses.where(poses.is_ok & (which == k), now._refined)  # noqa: SLF001 - its own
+            poses = poses.where(poses.is_ok & (which == k), now._refined)  # noqa: SLF001 - its own
         return poses
 
     def _refined(self, poses: PoseBatch, _: IntArray) -> PoseBatch:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, pairwise
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Helpers:
         tracker: Follows what moves.
     """
 
-    calibrator: Calibrator | None = None
+    calibrator: Calibrator[Any] | None = None
     observer: LandmarkObserver | None = None
     tracker: ObjectTracker | None = None
 

@@ -1,7 +1,7 @@
 """What the pipeline asks of the world: Protocols of one to three methods, wired together in ``cli``."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.dft.request import Setup
@@ -14,6 +14,8 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.telemetry import RawBlock, Track
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import Estimate
+
+Known = TypeVar("Known")
 
 
 class Clock(Protocol):
@@ -66,14 +68,14 @@ class TelemetryDecoder(Protocol):
         ...
 
 
-class Calibrator(Protocol):
+class Calibrator(Protocol[Known]):
     """Turns the telemetry's poses into better ones."""
 
-    def known(self) -> object:
+    def known(self) -> Known:
         """What is known by now, and stays as it is whatever is learned after it."""
         ...
 
-    def refine(self, poses: PoseBatch, known: Sequence[object], which: IntArray) -> PoseBatch:
+    def refine(self, poses: PoseBatch, known: Sequence[Known], which: IntArray) -> PoseBatch:
         """The poses corrected by ``which (n,)`` of what was known; anything not ok passes unchanged.
 
         With the calibration's covariance and id.

@@ -1,7 +1,6 @@
 """What the same requests came to in many images, as arrays; a ``Measurement`` is one entry of it."""
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, overload
@@ -115,13 +114,6 @@ class MeasurementBatch(Sequence[list[Measurement]]):
             camera=self.camera,
             config=self.config,
         )
-
-    def count_statuses(self) -> Counter[Status]:
-        """Number of measurements by status, in the order in which the statuses occur image by image."""
-        codes = np.stack([column.status for column in self.columns], axis=-1).ravel()
-        found, first, counts = np.unique(codes, return_index=True, return_counts=True)
-        order = np.argsort(first)
-        return Counter({CODES[found[k]]: int(counts[k]) for k in order.tolist()})
 
     def _measurement(self, row: int, sample: PoseSample, request: Request, column: MeasurementColumn) -> Measurement:
         numbers = {name: _known(values[row]) for name, values in column.numbers.items()}

@@ -136,12 +136,6 @@ class PoseSource:
         place[rows] = np.arange(len(rows))
         return poses.rows(place), is_pending
 
-    def sample_at(self, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
-        """The pose at one stamp (UTC) as of the last tick; None as long as telemetry that matters may still come."""
-        asked = np.array([stamp_ns]), LAST
-        poses, is_pending = self.at(*asked, final=np.array([final]), by_utc=np.array([by_utc]))
-        return None if is_pending[0] else poses[0]
-
     def watermark_ns(self, count: int) -> IntArray:
         """``(count,)`` newest stamp of any telemetry at each tick of the newest step of so many ticks."""
         return self._newest_ns(np.arange(count))

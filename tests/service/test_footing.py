@@ -20,6 +20,7 @@ from aerodft.service.clock_ticks import Ticks
 from aerodft.service.footing import footing, raised
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from tests.one_image import sample_at
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND
@@ -80,7 +81,7 @@ def sample(ground, *tracks, stamp_ns=UTC0 + 450 * MS, origin=ORIGIN, **height):
     poses = PoseSource(settings, origin=origin, time_std_s=0.0, ground=ground)
     clock = ClockTrack(arrival_ns=np.array([UTC0]), boot_ns=np.array([0]), unix_ns=np.array([UTC0]))
     poses.append(Ticks.one((clock, *tracks)))
-    return poses.sample_at(stamp_ns, final=True)
+    return sample_at(poses, stamp_ns, final=True)
 
 
 @pytest.mark.parametrize("ground", [SLOPE, grid()], ids=["slope", "terrain"])
@@ -170,10 +171,10 @@ def test_a_lost_position_is_stale_over_uneven_ground():
     )  # fmt: skip
     clock = ClockTrack(arrival_ns=np.array([UTC0]), boot_ns=np.array([0]), unix_ns=np.array([UTC0]))
     poses.append(Ticks.one((clock, position(0.0, 0.0), gimbal)))
-    found = poses.sample_at(UTC0 + 4 * SECOND, final=True)
+    found = sample_at(poses, UTC0 + 4 * SECOND, final=True)
     reason = "no believable position on both sides of the stamp within 2 s, and the ground is uneven"
     assert (found.status, found.reasons, found.pose) == (Status.STALE_TELEMETRY, (reason,), None)
-    assert poses.sample_at(UTC0 + 450 * MS, final=True).status is Status.OK
+    assert sample_at(poses, UTC0 + 450 * MS, final=True).status is Status.OK
 
 
 def test_a_slope_is_alike_everywhere_so_that_widths_need_no_position():

@@ -18,6 +18,7 @@ from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, GimbalTrack, Heigh
 from aerodft.service.clock_ticks import Ticks
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from tests.one_image import sample_at
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND
@@ -86,7 +87,7 @@ def source(*tracks, origin=None, time_std_s=0.02, **settings):
 @given(st.integers(0, 2900 * MS))
 def test_height_position_and_attitude_are_the_closed_forms(boot_ns):
     poses = source(position(0, 3 * SECOND), gimbal(0, 3 * SECOND), vehicle(0, 3 * SECOND))
-    sample = poses.sample_at(UTC0 + boot_ns, final=False)
+    sample = sample_at(poses, UTC0 + boot_ns, final=False)
     assert sample.status is Status.OK
     seconds = boot_ns / SECOND
     assert_allclose(sample.pose.position_enu_m, [0.0, 5.0 * seconds, 20.0 + 2.0 * seconds], atol=2e-4)
@@ -100,7 +101,7 @@ def test_height_position_and_attitude_are_the_closed_forms(boot_ns):
 
 def test_velocity_and_rate_are_those_of_the_closed_forms():
     poses = source(position(0, SECOND), gimbal(0, SECOND), vehicle(0, SECOND))
-    pose = poses.sample_at(UTC0 + 450 * MS, final=False).pose
+    pose = sample_at(poses, UTC0 + 450 * MS, final=False).pose
     assert_allclose(pose.velocity_enu_mps, [0.0, 5.0, 2.0], atol=1e-3)
     down_cam = Rotation.from_quat(pose.wxyz, scalar_first=True).inv().apply([0.0, 0.0, -1.0])
     assert_allclose(pose.rate_cam_radps, 0.1 * down_cam, atol=1e-9)
@@ -108,7 +109,7 @@ def test_velocity_and_rate_are_those_of_the_closed_forms():
 
 def test_the_covariance_is_that_of_the_stated_stds_and_the_height_used():
     poses = source(position(0, SECOND), gimbal(0, SECOND), vehicle(0, SECOND))
-    sample = poses.sample_at(UTC0 + 450 * MS, final=False)
+    sample = sample_at(poses, UTC0 + 450 * MS, final=False)
     assert (sample.std.height_agl_m, sample.std.tilt_rad, sample.std.time_s) == (1.0, 0.01, 0.02)
     assert_allclose(sample.pose.cov, pose_covariance(sample.pose.wxyz, sample.std))
     assert sample.pose.time_std_s == 0.02
@@ -118,19 +119,20 @@ def test_the_covariance_is_that_of_the_stated_stds_and_the_height_used():
 def test_the_first_fix_is_the_origin_and_its_foot_lies_on_the_plane():
     height = HeightSettings(order=(HeightSource.HOME,), home_above_plane_m=4.0)
     poses = source(position(0, SECOND), gimbal(0, SECOND), height=height)
-    origin = poses.sample_at(UTC0, final=False).origin
+    origin = sample_at(poses, UTC0, final=False).origin
     assert_allclose([origin.lat_rad, origin.lon_rad, origin.alt_msl_m], [LAT0, LON0, ALT0 - 4.0])
 
 
 def test_a_configured_origin_stays():
     origin = GeoOrigin(lat_rad=LAT0 - 100.0 / NORTH_M_PER_RAD, lon_rad=LON0, alt_msl_m=ALT0)
     poses = source(position(0, SECOND), gimbal(0, SECOND), origin=origin)
-    assert_allclose(poses.sample_at(UTC0, final=False).pose.position_enu_m[:2], [0.0, 100.0], atol=0.02)
+    assert_allclose(sample_at(poses, UTC0, final=False).pose.position_enu_m[:2], [0.0, 100.0], atol=0.02)
 
 
 def test_without_a_position_there_are_widths_but_no_map():
     manual = HeightSettings(order=(HeightSource.MANUAL,), manual_m=30.0)
-    sample = source(gimbal(0, SECOND), vehicle(0, SECOND), height=manual).sample_at(UTC0 + 50 * MS, final=False)
+    poses = source(gimbal(0, SECOND), vehicle(0, SECOND), height=manual)
+    sample = sample_at(poses, UTC0 + 50 * MS, final=False)
     assert sample.status is Status.OK
     assert (sample.origin, sample.lat_rad, sample.lon_rad, sample.alt_msl_m) == (None, None, None, None)
     assert_allclose(sample.pose.position_enu_m, [0.0, 0.0, 30.0])
@@ -139,15 +141,15 @@ def test_without_a_position_there_are_widths_but_no_map():
 def test_an_image_waits_for_the_telemetry_after_it():
     poses = source(position(0, SECOND), gimbal(0, SECOND), vehicle(0, SECOND))
     stamp_ns = UTC0 + 1050 * MS
-    assert poses.sample_at(stamp_ns, final=False) is None
+    assert sample_at(poses, stamp_ns, final=False) is None
     poses.append(Ticks.one((position(SECOND, 2 * SECOND),)))
-    assert poses.sample_at(stamp_ns, final=False) is None  # the gimbal is not there yet
+    assert sample_at(poses, stamp_ns, final=False) is None  # the gimbal is not there yet
     poses.append(Ticks.one((gimbal(SECOND, 2 * SECOND), vehicle(SECOND, 2 * SECOND))))
-    assert poses.sample_at(stamp_ns, final=False).status is Status.OK
+    assert sample_at(poses, stamp_ns, final=False).status is Status.OK
 
 
 def miss(poses, boot_ns, *, final=True):
-    sample = poses.sample_at(UTC0 + boot_ns, final=final)
+    sample = sample_at(poses, UTC0 + boot_ns, final=final)
     assert sample.pose is None
     return sample.status, sample.reasons
 
@@ -189,7 +191,7 @@ def test_stale_telemetry_in_a_gap_and_after_the_end():
 def test_below_the_minimum_height_there_is_a_pose_but_no_number():
     height = HeightSettings(order=(HeightSource.HOME,), min_m=21.0)
     poses = source(position(0, SECOND), gimbal(0, SECOND), height=height)
-    low, high = poses.sample_at(UTC0, final=False), poses.sample_at(UTC0 + 600 * MS, final=False)
+    low, high = sample_at(poses, UTC0, final=False), sample_at(poses, UTC0 + 600 * MS, final=False)
     assert (low.status, low.reasons) == (
         Status.BELOW_MIN_HEIGHT,
         ("home says 20.00 m, the minimum is 21 m",),
@@ -209,7 +211,7 @@ def test_a_tilted_rangefinder_is_corrected_by_the_vehicles_attitude():
     )
     tilted = vehicle(0, SECOND, pitch_rad=math.radians(-21.8))
     poses = source(slant, tilted, gimbal(0, SECOND), height=HeightSettings())
-    sample = poses.sample_at(UTC0 + 50 * MS, final=False)
+    sample = sample_at(poses, UTC0 + 50 * MS, final=False)
     assert sample.height_source is HeightSource.RANGEFINDER
     assert sample.pose.position_enu_m[2] == pytest.approx(53.6 * math.cos(math.radians(21.8)))
 
@@ -221,8 +223,8 @@ def test_the_height_falls_through_to_the_next_source_when_one_dies():
     )
     flight = (position(0, 8 * SECOND), gimbal(0, 8 * SECOND), vehicle(0, 8 * SECOND))
     poses = source(rangefinder, *flight, height=HeightSettings())
-    assert poses.sample_at(UTC0 + 500 * MS, final=False).height_source is HeightSource.RANGEFINDER
-    fallen = poses.sample_at(UTC0 + 2 * SECOND, final=False)
+    assert sample_at(poses, UTC0 + 500 * MS, final=False).height_source is HeightSource.RANGEFINDER
+    fallen = sample_at(poses, UTC0 + 2 * SECOND, final=False)
     assert fallen.height_source is HeightSource.HOME
     assert fallen.pose.position_enu_m[2] == pytest.approx(24.0)
 

@@ -14,6 +14,7 @@ from aerodft.model.telemetry import ReportFrame
 from aerodft.service.clock_ticks import Ticks
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from tests.one_image import sample_at
 
 from .gimbal_flights import MESSAGES, STEP_NS, UTC0_NS, Plan, made
 
@@ -29,7 +30,7 @@ def run(flight, every_s=1.0, parts_s=0.5, **attitude):
     samples, next_ns = [], UTC0_NS + round(every_s * 1e9)
     for tracks in flight.parts(seconds=parts_s):
         source.append(Ticks.one(tracks))
-        while (sample := source.sample_at(next_ns, final=False)) is not None:
+        while (sample := sample_at(source, next_ns, final=False)) is not None:
             samples.append(sample)
             next_ns += round(every_s * 1e9)
     (evidence,) = source.gimbal_frames().values()

@@ -20,6 +20,7 @@ from aerodft.model.telemetry import RawBlock, ReportFrame
 from aerodft.service.clock_ticks import Ticks
 from aerodft.service.poses import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from tests.one_image import sample_at
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 CONTROL, SERVO, QUAD = "sitl/brushless_ctl.tlog", "sitl/servo_consumer.tlog", "logs/dronekit_quad.tlog"
@@ -55,9 +56,9 @@ def flown(name, boots_ms=None, settings=SETTINGS, source=None):
                 arrived_ns = int(source.clock.host_to_utc(block.arrival_ns[start : start + 1])[0])
                 next_ns = next_ns or arrived_ns
                 if arrived_ns > next_ns + 3 * 10**9:
-                    samples.append(source.sample_at(next_ns, final=True))
+                    samples.append(sample_at(source, next_ns, final=True))
                     next_ns = arrived_ns
-            while wanted_ns and (sample := source.sample_at(wanted_ns[0] + offset, final=False)) is not None:
+            while wanted_ns and (sample := sample_at(source, wanted_ns[0] + offset, final=False)) is not None:
                 samples.append(sample)
                 wanted_ns.pop(0)
     return samples, source

@@ -24,7 +24,7 @@ from aerodft.model.probe import ProbeKind
 
 DRAWS: Final = 1024
 _SEED: Final = 20
-_RAYS_AT_ONCE: Final = 16
+_RAYS_AT_ONCE: Final = 32
 """So many rays' draws stay in the cache together."""
 
 

@@ -57,12 +57,7 @@ class Share:
 
 
 def variance_budgets(
-    by_shared: FloatArray,
-    pixel_var: FloatArray,
-    poses: PoseBatch,
-    shared_cov: FloatArray,
-    *,
-    only_largest: bool = False,
+    by_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray
 ) -> list[tuple[Share, ...]]:
     """The parts of the variances of scalars in ``r`` images, the largest first; empty where nothing is uncertain.
 
@@ -72,7 +67,6 @@ def variance_budgets(
         poses: The ``(r,)`` poses. Where a stated standard deviation does not reproduce the covariance (a calibration's
             full one), tilt, pan, roll and heading are given as one ``attitude``.
         shared_cov: ``(r, s, s)``.
-        only_largest: Give one part of each.
     """
     pose_cov = poses.pose.cov
     motion = np.concatenate([poses.pose.velocity_enu_mps, poses.pose.rate_cam_radps], axis=-1)
@@ -96,17 +90,14 @@ def variance_budgets(
     is_settled = np.sqrt(pose_cov[:, _TURNS, _TURNS]).max(axis=-1) <= _UNSETTLED_RAD
     variances = np.stack(list(columns.values()), axis=-1)
     return [
-        _shares(dict(zip(columns, row, strict=True)), whole, is_settled=settled, only_largest=only_largest)
+        _shares(dict(zip(columns, row, strict=True)), whole, is_settled=settled)
         for row, whole, settled in zip(variances.tolist(), total.tolist(), is_settled.tolist(), strict=True)
     ]
 
 
-def _shares(variances: dict[str, float], total: float, *, is_settled: bool, only_largest: bool) -> tuple[Share, ...]:
+def _shares(variances: dict[str, float], total: float, *, is_settled: bool) -> tuple[Share, ...]:
     if not total > 0:
         return ()
-    if only_largest:
-        largest = max(variances, key=variances.__getitem__)
-        variances = {largest: variances[largest]}
     parts = [
         Share(
             source,

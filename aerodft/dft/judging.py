@@ -124,7 +124,8 @@ class View:
             stds: ``(k,)`` of the elevations (m) and of the pixels (px).
             shared_cov: ``(n, s, s)`` where it is not that of the poses and the camera alone.
         """
-        zoom = np.where(np.isnan(poses.zoom), [1.0, 0.0], poses.zoom) if np.any(poses.zoom == poses.zoom) else None
+        is_unknown = np.isnan(poses.zoom)
+        zoom = None if is_unknown.all() else np.where(is_unknown, [1.0, 0.0], poses.zoom)
         magnification = None if zoom is None else zoom[:, 0]
         if shared_cov is None:
             shared_cov = shared_covariance(setup.camera, poses.pose, np.zeros(len(poses)), zoom)
@@ -409,8 +410,7 @@ class Judgement:
         worst = rows, members, index
         pixel_var = self._vars[1][members] * np.sum(np.square(self._range_by_px[worst]), axis=-1)
         poses = self._view.poses.rows(rows)
-        cov = self._cov_of(rows, members)
-        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, cov, only_largest=True)
+        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, self._cov_of(rows, members))
         numbers = (half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
         columns = [each.tolist() for each in (index, *numbers, poses.variant_index, poses.std)]
         for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):

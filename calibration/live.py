@@ -44,7 +44,8 @@ _FINEST_PX = 0.01
 
 _NEVER_NS = np.iinfo(np.int64).max  # no stamp is later
 _Known = tuple[FloatArray, FloatArray, FloatArray, int, str | None]
-"""Of the biases after an image: mean, covariance, that with the lens, the image's stamp, and a name; None for none."""
+"""The biases after an image: mean, covariance, covariance with the lens, the image's stamp, and the calibration's name,
+which is None before anything was learned."""
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
 
 
@@ -136,7 +137,7 @@ class BiasFilter:
     def biases(self, known: Sequence[_Known], which: IntArray, stamp_ns: IntArray) -> tuple[FloatArray, ...]:
         """The biases at stamps ``(n,)``: mean ``(n, k)``, covariance ``(n, k, k)``, that with the lens ``(n, k, m)``.
 
-        Each by one of what was ``known``; at a stamp before the last image's of then those of that image.
+        Each is told from ``which (n,)`` of the states ``known``; at a stamp before a state's image as at that image.
         """
         mean, cov, lens_cov, since_ns = (np.array([each[part] for each in known])[which] for part in range(4))
         left, returned = self._model.drifted(np.maximum(stamp_ns - since_ns, 0) / SECOND_NS)

@@ -1,10 +1,10 @@
 """Two recordings side by side: the same measurements, how far apart they are, and how far apart they may be.
 
 Differences of paired measurements are in units and in standard deviations. Combined standard deviations take two
-measurements as independent: the root of the sum of their variances. Two of the
-same pixels and telemetry are not: their errors are shared, and the same difference is more of a surprise than it says.
-There a second figure takes all that the surer one does not know as unknown to the other too (what a better calibration
-leaves open, the worse one did not know either): the variance of the difference is then the difference of variances.
+measurements as independent: the root of the sum of their variances. Two of the same pixels and telemetry are not: their
+errors are shared, and the same difference is more of a surprise than it says. There a second figure takes all that the
+surer one does not know as unknown to the other too (what a better calibration leaves open, the worse one did not know
+either): the variance of the difference is then the difference of variances.
 """
 
 import math

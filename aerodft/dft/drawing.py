@@ -321,8 +321,8 @@ def _outermost(rows: FloatArray, place: int, sign: float) -> FloatArray:
 def _scatters(points_m: FloatArray, middle_m: FloatArray) -> FloatArray:
     """Second moments ``(m, 3, 3)`` of draws ``(m, 3, d)`` about ``(m, 3)``, scaled so that 95 % ellipses hold 95 %.
 
-    Their shapes are those of the nearer 95 %: a few draws near the horizon would stretch them without bound. More than
-    that have a point wherever its range is known well enough.
+    Their shapes are those of the nearer 95 %: a few draws near the horizon would stretch them without bound. Of a point
+    whose range is known well enough, more draws than these meet the ground.
     """
     count = points_m.shape[-1]
     far = _squares(points_m, middle_m, np.tile(np.eye(2), (len(points_m), 1, 1)))

@@ -64,7 +64,15 @@ class ReadyWork:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """Images, or observations, ``(n,)`` in their places, to be refined by numbers of what is known, and measured."""
+    """Images, or observations, ``(n,)`` that are yet to be refined and measured.
+
+    Attributes:
+        tick: Of the step, on which each is answered.
+        order: Its place among the outputs of the step.
+        work: What is answered.
+        poses: As the telemetry has them.
+        known: Which of the calibrator's states in this step each is refined with.
+    """
 
     tick: IntArray
     order: IntArray
@@ -166,10 +174,10 @@ class Answering:
 
     def outputs(self) -> StepOutputs:
         """The outputs of a step: what was taken in, with what is measured in it."""
-        images = self._joined(self._images)
+        images = self._refined(self._images)
         if images is not None:
             self.last_pose = images.poses[len(images.tick) - 1]
-        observed = [(name, self._joined(parts)) for (name, _, _), parts in self._observed_parts.items()]
+        observed = [(name, self._refined(parts)) for (name, _, _), parts in self._observed_parts.items()]
         outputs = StepOutputs(
             images=() if images is None else (self._image_outputs(images),),
             observations=tuple(self._observation_outputs(name, part) for name, part in observed if part is not None),
@@ -189,13 +197,14 @@ class Answering:
         self._singles.append(SingleOutput(tick=tick, order=next(self._order), content=content))
 
     def refined(self, poses: PoseBatch, known: IntArray | None = None) -> PoseBatch:
-        """Poses with what the calibrator knows by now, or knew by the numbers ``(n,)`` in this step."""
+        """Poses as the calibrator corrects them by its newest state, or by those of this step ``known (n,)``."""
         if self._calibrator is None:
             return poses
         which = np.full(len(poses), len(self._known) - 1) if known is None else known
         return self._calibrator.refine(poses, self._known, which)
 
-    def _joined(self, parts: Sequence[_Measured]) -> _Measured | None:
+    def _refined(self, parts: Sequence[_Measured]) -> _Measured | None:
+        """Parts as one, with refined poses; None where there is nothing in them."""
         whole = _Measured.joined(parts)
         return None if whole is None else replace(whole, poses=self.refined(whole.poses, whole.known))
 
@@ -207,13 +216,14 @@ class Answering:
         """
         task, stamp_ns, group = ready.work.task, ready.work.stamp_ns, ready.group
         is_plain = ~np.isin(task, (Task.LEARN, Task.TRACK))
-        before = np.where(is_plain, np.arange(len(task)), len(task))
+        ahead_of = np.where(is_plain, np.arange(len(task)), len(task))  # the row that each is answered with or before
         for row in np.flatnonzero(task == Task.LEARN).tolist():
             later = np.flatnonzero(is_plain & (group == group[row]) & (stamp_ns > stamp_ns[row]))
-            before[row] = later[0] if len(later) else len(task)
-        order = np.lexsort((stamp_ns, np.where(is_plain, len(Task), task), before, group))
-        occasion = np.where(is_plain, -1, len(Task) * group + task)[order]
-        for rows in np.split(order, np.flatnonzero(np.diff(occasion)) + 1):
+            if len(later):  # else it is learned from at the end of its occasion
+                ahead_of[row] = later[0]
+        order = np.lexsort((stamp_ns, np.where(is_plain, len(Task), task), ahead_of, group))
+        segment = np.where(is_plain, -1, len(Task) * group + task)[order]
+        for rows in np.split(order, np.flatnonzero(np.diff(segment)) + 1):
             yield Task.IMAGE if is_plain[rows[0]] else Task(task[rows[0]]), rows
 
     def _learn(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:

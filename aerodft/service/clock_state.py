@@ -24,7 +24,7 @@ class ClockState:
         jumps_ns: By how much UTC jumped in earlier boots.
         stated_by_tick: ``stated`` at each tick of the newest step; None before the vehicle has said UTC.
         arrival_by_tick: ``host_minus_boot`` at each tick of the newest step; None before it is known.
-        host_by_tick: ``host_minus_utc`` likewise.
+        host_by_tick: ``host_minus_utc`` at each tick of the newest step; None before it is known.
     """
 
     def __init__(self) -> None:
@@ -73,8 +73,8 @@ class ClockState:
             last_boot_ns: Newest time since boot before them.
 
         Returns:
-            False where of several ticks one sees a clock jump, or be known for the first time: then they cannot be
-            learned from at once. Of one tick always true.
+            False where a clock jumps in one of several ticks, or is known from it on: then they cannot be learned from
+            at once. Of one tick always true.
         """
         self.keep(ticks.count)
         known = KnownRows.of(ticks)

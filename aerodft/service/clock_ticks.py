@@ -114,7 +114,7 @@ class LineTable:
         at_ns: ``(ticks,)`` as in ``Line``.
         offset_ns: Likewise.
         drift: Likewise.
-        off_ns: ``(ticks,)`` how far off it is what is heard, where it is not settled yet if that is right; else 0.
+        off_ns: ``(ticks,)`` how far what is heard lies off the line, while it is not settled which is right; else 0.
     """
 
     at_ns: IntArray
@@ -131,7 +131,7 @@ class LineTable:
         return cls(at_ns[which], offset_ns[which], drift[which], np.full(count, off_ns))
 
     def then(self, other: "LineTable", ticks: IntArray) -> "LineTable":
-        """Those of some ticks ``(n,)``, which are counted on from this table into another."""
+        """The lines at some ticks ``(n,)``, which are counted through this table and on through another."""
         pairs = ((getattr(each, name) for each in (self, other)) for name in self.__slots__)
         return LineTable(*(np.concatenate(list(pair))[ticks] for pair in pairs))
 

@@ -32,8 +32,8 @@ def encode_payloads(
     """The texts of ``n`` payloads, each as ``wire.dump`` writes it alone.
 
     Args:
-        kind: ``(n, k)`` integers; payloads whose rows are equal differ in numbers, and in which of them are None, and
-            in texts only.
+        kind: ``(n, k)`` integers; payloads whose rows are equal differ only in texts, in numbers, and in which of the
+            numbers are None.
         payload: Makes one of them, by its row.
         whole: ``(n,)`` the integers, or texts of such, that differ, by the payload's keys and in their order; they
             stand before all other numbers. A payload that says None there has none.
@@ -84,7 +84,7 @@ class Template:
         self.whole = [key for key in whole if payload[key] is not None]
         self.numbers: list[float] = []
         holes = {key: _QUOTED if isinstance(payload[key], str) else _WHOLE for key in self.whole}
-        hollow = wire.dump({**self._hollow(payload, fixed), **holes})
+        hollow = wire.dump({**self._hollow(payload, {*fixed, *_TEXTS}), **holes})
         text = hollow.replace(orjson.dumps(_QUOTED), b'"%b"' % orjson.dumps(_WHOLE))
         pieces = _HOLES.split(text)
         self._form = Form.of(pieces[::2], [int(each) for each in pieces[1::2]])
@@ -94,18 +94,16 @@ class Template:
         first, then = (orjson.dumps(each.ravel(), option=orjson.OPT_SERIALIZE_NUMPY) for each in (whole, numbers))
         return self._form.filled((first[1:-1], then[1:-1], texts), b",,\n", len(whole))
 
-    def _hollow(self, value: Any, fixed: Collection[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
-        """A value with holes for its numbers, which are noted in their order."""
+    def _hollow(self, value: Any, kept: Collection[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
+        """A value with holes for texts and for numbers, which are noted in their order; ``kept`` keys stay."""
         if isinstance(value, float):
             if math.isnan(value):
                 return None
             self.numbers.append(value)
             return _NUMBER
         if isinstance(value, dict):
-            return {
-                key: _TEXT if key in _TEXTS else each if key in fixed else self._hollow(each, fixed)
-                for key, each in value.items()
-            }
+            hollow = {key: each if key in kept else self._hollow(each, kept) for key, each in value.items()}
+            return hollow | dict.fromkeys(_TEXTS & value.keys(), _TEXT)
         if isinstance(value, np.ndarray):
             value = value.tolist()
-        return [self._hollow(each, fixed) for each in value] if isinstance(value, list | tuple) else value
+        return [self._hollow(each, kept) for each in value] if isinstance(value, list | tuple) else value

@@ -27,7 +27,7 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
-from calibration.biases import BiasedPoses, BiasModel, propagated, relocated, stds_of
+from calibration.flight.biases import BiasedPoses, BiasModel, propagated, relocated, stds_of
 
 _ITERATIONS = 6
 _CURVED = 0.01

@@ -7,7 +7,7 @@ from aerodft.dft.measure import measure as measure_batch
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
-from aerodft.service.poses import PoseSource
+from aerodft.service.pose.source import PoseSource
 from aerodft.service.streams import LAST
 
 

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from aerodft.adapters.codec import estimate, events, measurement, pose, status, steadiness, wire
+from aerodft.adapters.wire import camera_motion as steadiness
+from aerodft.adapters.wire import estimate, events, measurement, pose, status
+from aerodft.adapters.wire import payload as wire
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.arrays import read_only
 from aerodft.model.calibration import BiasValues, CalibrationEstimate, Innovation, Steadiness, SteadinessEstimate

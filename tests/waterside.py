@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.geometry.jit import njit, njit_inline
+from aerodft.jit import njit, njit_inline
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.sim.render import Renderer
 from aerodft.sim.shading import (

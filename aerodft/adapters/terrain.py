@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from pyproj import CRS, Transformer
 
-from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.file_kind import looks_like
 from aerodft.errors import InputError
 from aerodft.geometry.geodesy import east_north, lat_lon
 from aerodft.geometry.terrain import ElevationGrid, sample_all

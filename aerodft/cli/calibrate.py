@@ -9,10 +9,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aerodft.adapters.config.calibration import write_calibration
-from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
-from aerodft.adapters.config.fixed_pose import FixedPose
+from aerodft.adapters.config.camera.calibration import write_calibration
+from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.camera.fixed_pose import FixedPose
+from aerodft.adapters.config.evidence.files import EvidenceFile, check_against, load_evidence
 from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
 from aerodft.cli.calibrate_unknowns import check_unknowns, names_from, unstated
 from aerodft.cli.calibrate_words import document, print_result, provenance, refusal, sentences
@@ -22,8 +22,8 @@ from aerodft.errors import UsageError
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import PoseStd
-from calibration.result import Result, angles_deg
-from calibration.result import calibrate as solve_for
+from calibration.pose.result import Result, angles_deg
+from calibration.pose.result import calibrate as solve_for
 
 
 def calibrate(

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.adapters.config.evidence.files import EvidenceFile
 from aerodft.adapters.config.tables import LOCAL
 from aerodft.cli.calibrate_groups import group_error, unseen_error
 from aerodft.cli.calibrate_readings import Points, Reading, columns_swapped, readings
@@ -16,9 +16,9 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.residuals import OUT_OF_SIGHT
-from calibration.result import Result, angles_deg, calibrate, said
-from calibration.state import expanded
+from calibration.pose.residuals import OUT_OF_SIGHT
+from calibration.pose.result import Result, angles_deg, calibrate, said
+from calibration.pose.state import expanded
 
 _DOUBT: Final = 3.0  # how many times as large as stated residuals may be without a look for the cause
 _BETTER: Final = 4.0  # by how much another reading must fit better

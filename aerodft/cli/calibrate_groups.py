@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.adapters.config.evidence_checks import Stated
+from aerodft.adapters.config.evidence.cross_checks import Stated
+from aerodft.adapters.config.evidence.files import EvidenceFile
 from aerodft.dft.projection import project
 from aerodft.errors import InputError
 from aerodft.geometry.intrinsics import reproject
@@ -17,8 +17,8 @@ from aerodft.geometry.lens import rays_from_pixels
 from aerodft.model.arrays import FloatArray
 from aerodft.model.evidence import Evidence, GroundPoint, Landmark, SlantRange
 from aerodft.model.pose import Pose
-from calibration.result import Result
-from calibration.state import State
+from calibration.pose.result import Result
+from calibration.pose.state import State
 
 _LEAST_M: Final = 10.0  # by which datums differ at least, where it matters
 _SAME_M, _SAME = 2.0, 0.05  # how well the shifts of several landmarks agree

@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.adapters.config.evidence_frame import LocalFrame, takes_degrees
+from aerodft.adapters.config.evidence.files import EvidenceFile
+from aerodft.adapters.config.evidence.local_frame import LocalFrame, takes_degrees
 from aerodft.adapters.config.tables import GEO, LOCAL
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Evidence, EvidenceSet, Landmark
-from calibration.state import expanded
+from calibration.pose.state import expanded
 
 _EDGE_PX: Final = 0.5
 _MOST: Final = 60  # landmarks that a reading is tried with

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from aerodft import __version__
-from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.adapters.config.evidence_frame import takes_degrees
+from aerodft.adapters.config.evidence.files import EvidenceFile
+from aerodft.adapters.config.evidence.local_frame import takes_degrees
 from aerodft.adapters.images.pixels import StillPixels
 from aerodft.cli.calibrate_report_grid import axes_of, ground_grid
 from aerodft.cli.calibrate_report_image import Picture, draw_picture
@@ -28,9 +28,9 @@ from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Landmark
 from aerodft.model.measurement import ProjectionModel
-from calibration.images_result import ImagesResult
-from calibration.result import LIMIT, Result
-from calibration.state import coefficient_names
+from calibration.flight.result import ImagesResult
+from calibration.pose.result import LIMIT, Result
+from calibration.pose.state import coefficient_names
 
 _IMAGE, _RESIDUALS, _TABLE, _REPORT = "annotated.jpg", "residuals.png", "residuals.csv", "report.md"
 

@@ -26,10 +26,10 @@ from aerodft.model.evidence import (
 )
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from calibration.descent import Rows as Residuals
-from calibration.images_result import ImagesResult
-from calibration.result import Leftover, Result
-from calibration.state import State
+from calibration.flight.result import ImagesResult
+from calibration.pose.descent import Rows as Residuals
+from calibration.pose.result import Leftover, Result
+from calibration.pose.state import State
 
 _UP = np.array([0.0, 0.0, 1.0])
 

@@ -12,8 +12,8 @@ import numpy as np
 from aerodft.cli.calibrate_report_image import shortened
 from aerodft.cli.calibrate_report_marks import Row
 from aerodft.model.arrays import FloatArray
-from calibration.images_result import ImagesResult
-from calibration.result import Result, correlations
+from calibration.flight.result import ImagesResult
+from calibration.pose.result import Result, correlations
 
 mpl.use("Agg")
 from matplotlib.axes import Axes

@@ -10,8 +10,8 @@ from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet
 from aerodft.model.measurement import ProjectionModel
-from calibration.result import Result, possible_unknowns, said, unknowns_of
-from calibration.state import Unknowns, expanded
+from calibration.pose.result import Result, possible_unknowns, said, unknowns_of
+from calibration.pose.state import Unknowns, expanded
 
 _OPTION: Final = "--unknowns"
 _UNITS: Final = ("_agl_m", "_m", "_deg", "_px")

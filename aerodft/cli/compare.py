@@ -11,13 +11,13 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from aerodft.adapters.whole_file import whole_file
+from aerodft.adapters.atomic_file import whole_file
 from aerodft.cli.output import check_output, print_json, say, tables
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.arrays import FloatArray, IntArray
-from replay.compare import WITHIN_S, Comparing, Comparison, Difference, Pairs, parse_tolerance
-from replay.pairing import PairBy
+from replay.compare.comparison import WITHIN_S, Comparing, Comparison, Difference, Pairs, parse_tolerance
+from replay.compare.pairing import PairBy
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -15,10 +15,10 @@ from rich.table import Table
 
 from aerodft.model.arrays import FloatArray
 from aerodft.model.image import Image
-from replay.recording import Recording
-from replay.source import RecordingSource
-from replay.table import ExportFormat, export_text
-from replay.video import Overlay
+from replay.export.table import ExportFormat, export_text
+from replay.export.video import Overlay
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

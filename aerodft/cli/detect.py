@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.adapters.config.markers import MarkersFile, load_markers
+from aerodft.adapters.config.evidence.files import EvidenceFile
+from aerodft.adapters.config.evidence.markers import MarkersFile, load_markers
 from aerodft.adapters.images.gathering import Gathered, gather, image_files
 from aerodft.adapters.images.pixels import STILLS
 from aerodft.cli.calibrate_unknowns import check_unknowns
@@ -23,9 +23,9 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import Px
 from aerodft.model.marker import MarkerSighting, marker_name
 from aerodft.model.measurement import ProjectionModel
-from calibration.marker_geometry import Judgement, Miss, judge
-from calibration.markers import LEAST_SIDE_PX, find_markers, other_dictionary
-from calibration.result import calibrate
+from calibration.markers.detection import LEAST_SIDE_PX, find_markers, other_dictionary
+from calibration.markers.geometry import Judgement, Miss, judge
+from calibration.pose.result import calibrate
 
 _THOROUGH: Final = 3  # images that are looked into in every way; of a video, the others show the same
 _PROGRESS: Final = 1000

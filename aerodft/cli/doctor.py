@@ -10,20 +10,20 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.loading import load_station
-from aerodft.adapters.config.station import StationConfig
-from aerodft.adapters.mavlink.address import is_link, parse_address
-from aerodft.adapters.mavlink.composite import followed_by
-from aerodft.adapters.mavlink.findings import document, notes, problems
-from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.adapters.mavlink.survey import SurveyReport, ValueSource
+from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.station.loading import load_station
+from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.telemetry.log_formats import followed_by
+from aerodft.adapters.telemetry.mavlink.address import is_link, parse_address
+from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
 from aerodft.cli.option_values import MOST_SECONDS, TopicOption, parse_topics
 from aerodft.cli.output import tables
+from aerodft.diagnosis.findings import document, notes, problems
+from aerodft.diagnosis.survey import SurveyReport, ValueSource
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.gimbal_frame import FrameEvidence
+from aerodft.service.attitude.gimbal_frame import FrameEvidence
 
 
 def doctor(

@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from aerodft.adapters.config.inputs import Topics
-from aerodft.adapters.mavlink.address import parse_address
-from aerodft.adapters.mavlink.decoding import Followed
-from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.adapters.mavlink.requests import Outcome, ask
-from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.adapters.mavlink.survey import Survey, SurveyReport
+from aerodft.adapters.config.station.inputs import Topics
+from aerodft.adapters.telemetry.mavlink.address import parse_address
+from aerodft.adapters.telemetry.mavlink.decoding import Followed
+from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
+from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.cli.logs import open_telemetry_log
 from aerodft.cli.output import say
 from aerodft.cli.signed import opened_signing
 from aerodft.conventions import SECOND_NS
+from aerodft.diagnosis.message_requests import Outcome, ask
+from aerodft.diagnosis.survey import Survey, SurveyReport
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
-from aerodft.service.clock import WallClock
+from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
 from aerodft.service.settings import TelemetrySettings
 

@@ -6,15 +6,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from aerodft.adapters.codec.observations import load_observations
-from aerodft.adapters.config.inputs import Rate, Stills, VideoFile
-from aerodft.adapters.config.station import StationConfig
-from aerodft.adapters.images.clock import OnClock
+from aerodft.adapters.config.station.inputs import Rate, Stills, VideoFile
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.adapters.images.rate import RateSource
 from aerodft.adapters.images.stills import StillsFolderSource
-from aerodft.adapters.images.thinning import Thinned
-from aerodft.adapters.mavlink.composite import decoder_of
+from aerodft.adapters.recording.write.thinning import Thinned
+from aerodft.adapters.telemetry.log_formats import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.adapters.wire.observations import load_observations
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.logs import TelemetryLog, open_telemetry_log
 from aerodft.cli.looking import build_eyes
@@ -34,13 +33,14 @@ from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.service.clocks.camera_clock import OnClock
+from aerodft.service.clocks.log_span import LogSpan, survey_span
 from aerodft.service.feed import MergedFeed
-from aerodft.service.looking import LookedAt, Lookout
+from aerodft.service.observers import LookedAt, Lookout
 from aerodft.service.ports import Source
 from aerodft.service.settings import TelemetrySettings
-from aerodft.service.span import LogSpan, survey_span
-from replay.foreign import ForeignImages, ForeignRecording
-from replay.segments import is_mcap
+from replay.foreign.recordings import ForeignImages, ForeignRecording
+from replay.recordings.segments import is_mcap
 
 DEFAULT_RATE_HZ = 5.0
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.adapters.config.evidence_frame import LocalFrame
-from aerodft.adapters.config.evidence_images import Flight, GivenImage, StatedPose
-from aerodft.adapters.config.inputs import Device, Stills, Stream, VideoFile
+from aerodft.adapters.config.evidence.files import EvidenceFile
+from aerodft.adapters.config.evidence.images import Flight, GivenImage, StatedPose
+from aerodft.adapters.config.evidence.local_frame import LocalFrame
+from aerodft.adapters.config.station.inputs import Device, Stills, Stream, VideoFile
 from aerodft.adapters.config.tables import LOCAL
-from aerodft.adapters.mavlink.composite import decoder_of, open_log
+from aerodft.adapters.telemetry.log_formats import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError, UsageError
@@ -24,14 +24,14 @@ from aerodft.model.image import Image, StampClock
 from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock
-from aerodft.service.clock_ticks import Ticks
+from aerodft.service.clocks.log_span import LogSpan, survey_span
+from aerodft.service.clocks.ticks import Ticks
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
-from aerodft.service.poses import PoseSource
+from aerodft.service.pose.source import PoseSource
 from aerodft.service.settings import TelemetrySettings
-from aerodft.service.span import LogSpan, survey_span
 from aerodft.service.streams import LAST
-from calibration.images_state import PoseTrack, View, shared_and_new
+from calibration.flight.state import PoseTrack, View, shared_and_new
 
 _REACH_S, _LEAST_STEP_S, _STEPS, _STDS = 2.0, 0.05, 40, 4.0
 
@@ -223,14 +223,14 @@ def open_telemetry(
     Raises:
         InputError: It is missing, unreadable, or of a fixed camera.
     """
-    from replay.segments import is_mcap  # noqa: PLC0415 - what recordings need is slow to load
+    from replay.recordings.segments import is_mcap  # noqa: PLC0415 - what recordings need is slow to load
 
     if not is_mcap(path) and not path.is_dir():
         return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
     from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - as above
-    from replay.foreign import ForeignTelemetry, open_recording  # noqa: PLC0415 - as above
-    from replay.recording import Recording  # noqa: PLC0415 - as above
-    from replay.source import RecordingSource  # noqa: PLC0415 - as above
+    from replay.foreign.recordings import ForeignTelemetry, open_recording  # noqa: PLC0415 - as above
+    from replay.recordings.recording import Recording  # noqa: PLC0415 - as above
+    from replay.recordings.source import RecordingSource  # noqa: PLC0415 - as above
 
     recording = open_recording(path)
     if not isinstance(recording, Recording):

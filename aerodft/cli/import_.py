@@ -8,15 +8,15 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.config.inputs import ImageInput, Rate, Stills, VideoFile, stated_start_ns
-from aerodft.adapters.config.loading import load_station, refreshed, with_calibration
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.config.station.inputs import ImageInput, Rate, Stills, VideoFile, stated_start_ns
+from aerodft.adapters.config.station.loading import load_station, refreshed, with_calibration
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.cli.flight import measure_flight
 from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import say
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, UsageError
-from replay.segments import is_mcap
+from replay.recordings.segments import is_mcap
 
 _WHOLE_SECONDS_STD_S = 3**-0.5
 """How far, root mean square, a time is from itself cut to whole seconds."""

@@ -14,9 +14,9 @@ from PIL import Image as PillowImage
 from rich.table import Table
 
 from aerodft import __version__
-from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.atomic_file import write_whole
+from aerodft.adapters.config.camera.camera import camera_document
 from aerodft.adapters.images.gathering import Gathered, gather, image_files
-from aerodft.adapters.whole_file import write_whole
 from aerodft.cli.camera_mode import common_mode
 from aerodft.cli.output import progress_bar, say, tables
 from aerodft.errors import InputError, NoAnswerError

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from aerodft.adapters.config.inputs import Topics
-from aerodft.adapters.mavlink.composite import open_log
-from aerodft.adapters.mavlink.framing import FrameCounts
+from aerodft.adapters.config.station.inputs import Topics
+from aerodft.adapters.telemetry.log_formats import open_log
+from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
 from aerodft.model.batch import Event
 from aerodft.model.telemetry import RawBlock
-from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
-from replay.segments import is_mcap
-from replay.source import RecordingSource
+from replay.foreign.recordings import ForeignRecording, ForeignTelemetry, open_recording
+from replay.recordings.segments import is_mcap
+from replay.recordings.source import RecordingSource
 
 
 class TelemetryLog(Protocol):

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.model.probe import PixelSource
-from aerodft.service.looking import LookCounts, Lookout
+from aerodft.service.observers import LookCounts, Lookout
 from aerodft.service.pipeline import Pipeline
 
 

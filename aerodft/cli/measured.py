@@ -7,12 +7,12 @@ from typing import Any
 import typer
 from rich.table import Table
 
-from aerodft.adapters.codec.measurement import measurement_payload
+from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.cli.output import print_json, say, tables
 from aerodft.dft.budget import Share, advice
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.measure import explain as explain_request
-from aerodft.dft.models import ModelDifference, compare_models
+from aerodft.dft.model_comparison import ModelDifference, compare_models
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement

@@ -9,10 +9,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aerodft.adapters.config.calibration import CalibrationFile, load_calibration
-from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.camera.calibration import CalibrationFile, load_calibration
+from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.camera.fixed_pose import FixedPose, pose_sample
 from aerodft.adapters.config.covariance import load_covariance
-from aerodft.adapters.config.fixed_pose import FixedPose, pose_sample
 from aerodft.conventions import LARGEST
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError, UsageError
@@ -23,7 +23,7 @@ from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
-from calibration.biases import BiasCalibrator
+from calibration.flight.biases import BiasCalibrator
 
 CameraOption = Annotated[Path | None, typer.Option(help="Camera file (TOML).")]
 HeightOption = Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")]

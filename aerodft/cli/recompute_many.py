@@ -11,8 +11,8 @@ from pathlib import Path
 
 import typer
 
-from aerodft.adapters.codec.measurement import encode_measurement
-from aerodft.adapters.config.loading import resolved_toml
+from aerodft.adapters.config.station.loading import resolved_toml
+from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.cli.output import LOSS, gaps, print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.run_statistics import RunStatistics
@@ -20,9 +20,9 @@ from aerodft.cli.wiring import run
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs
-from replay.batch import Job, Outcome, State, jobs_of, run_batch
-from replay.dataset import Dataset, InputKey, input_key
-from replay.parquet import ParquetRows
+from replay.batch.cluster import Job, Outcome, State, jobs_of, run_batch
+from replay.batch.dataset import Dataset, InputKey, input_key
+from replay.export.parquet import ParquetRows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,18 +4,18 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from aerodft.adapters.config.loading import load_station, parse_station, with_calibration
-from aerodft.adapters.config.station import StationConfig
-from aerodft.adapters.images.clock import ImageClock
+from aerodft.adapters.config.station.loading import load_station, parse_station, with_calibration
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.cli.wiring import check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model.batch import Event
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
+from aerodft.service.clocks.camera_clock import ImageClock
 from aerodft.service.ports import Source
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 
 
 def recorded_station(recording: Recording) -> StationConfig:

@@ -10,7 +10,14 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.mcap.recovery import Loss, Recovery, SegmentRecovery, is_recording, recordings_in, recover_folder
+from aerodft.adapters.recording.recover.recovery import (
+    Loss,
+    Recovery,
+    SegmentRecovery,
+    is_recording,
+    recordings_in,
+    recover_folder,
+)
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.output import LOSS, print_json, say
 from aerodft.errors import InputError, NoAnswerError

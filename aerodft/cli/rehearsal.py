@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
 from aerodft.model.image import Image, StampClock

@@ -34,11 +34,11 @@ from aerodft.conventions import LARGEST
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.river import ReachView, RiverQuestion, find_river, measure_reach
-from aerodft.vision.river_status import NoRiver
-from aerodft.vision.water import WaterNetwork
-from aerodft.vision.water_features import WaterPlane
-from aerodft.vision.water_motion import LaterLook
+from aerodft.vision.river.observer import ReachView, RiverQuestion, find_river, measure_reach
+from aerodft.vision.river.status import NoRiver
+from aerodft.vision.river.water import WaterNetwork
+from aerodft.vision.river.water_features import WaterPlane
+from aerodft.vision.river.water_motion import LaterLook
 
 VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
 MOST_IMAGES: Final = 60

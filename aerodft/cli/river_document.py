@@ -8,14 +8,14 @@ import numpy as np
 
 from aerodft.cli.river_views import Views
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.river_widths import RiverWidths
+from aerodft.dft.river.widths import RiverWidths
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import BoolArray, FloatArray
 from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.river import Reach, River
-from aerodft.vision.river_banks import ONE_SIDED, Islands, hidden_per_metre
-from aerodft.vision.river_status import WHY, NoRiver, RiverStatus
-from aerodft.vision.water import WaterMask
+from aerodft.vision.river.banks import ONE_SIDED, Islands, hidden_per_metre
+from aerodft.vision.river.observer import Reach, River
+from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
+from aerodft.vision.river.water import WaterMask
 
 SCHEMA: Final = "aerodft.river/1"
 SIDES: Final = ("left", "right")

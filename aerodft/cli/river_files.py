@@ -21,8 +21,8 @@ from aerodft.dft.request import Setup
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.pose import PoseSample
-from aerodft.vision.river import Reach, River
-from aerodft.vision.water_features import WaterPlane, ground_of, water_likeness
+from aerodft.vision.river.observer import Reach, River
+from aerodft.vision.river.water_features import WaterPlane, ground_of, water_likeness
 
 COLUMNS: Final = (
     "station_m", "status", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "bound",

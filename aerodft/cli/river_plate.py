@@ -10,14 +10,14 @@ import numpy as np
 
 from aerodft.cli.river_document import SIDES, outline_confidence
 from aerodft.cli.river_views import Views
-from aerodft.dft.orthophoto import Sampling, TopView, top_view
+from aerodft.dft.maps.orthophoto import Sampling, TopView, top_view
 from aerodft.dft.request import Setup
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
 from aerodft.model.pose import PoseSample
-from aerodft.vision.river import Reach, River
-from aerodft.vision.river_status import RiverStatus
-from aerodft.vision.water_features import WaterPlane
-from replay.table import time_utc
+from aerodft.vision.river.observer import Reach, River
+from aerodft.vision.river.status import RiverStatus
+from aerodft.vision.river.water_features import WaterPlane
+from replay.export.table import time_utc
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

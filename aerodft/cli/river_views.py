@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.station import StationConfig
-from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.images.video import VideoFileSource, video_info
 from aerodft.cli.output import steps
 from aerodft.cli.recorded import reoffset, stations_of
@@ -25,9 +25,9 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source
-from aerodft.vision.water_motion import LATEST_S, SOONEST_S, motion_copy
-from replay.recording import Recording
-from replay.source import RecordingSource
+from aerodft.vision.river.water_motion import LATEST_S, SOONEST_S, motion_copy
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 
 _WANTED: Final = "an image, a fixed camera's video, or a recording"
 _LOGS: Final = {"a MAVLink .tlog": ".tlog", "an ArduPilot .bin log": ".bin"}

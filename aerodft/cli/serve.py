@@ -12,18 +12,18 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.codec.requests import MeasureRequest
-from aerodft.adapters.codec.status import StationStatus
-from aerodft.adapters.config.inputs import Device, Rate, Stills, Stream, VideoFile
-from aerodft.adapters.config.loading import load_station
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.bus.station import BusSettings, ZenohBus
+from aerodft.adapters.config.station.inputs import Device, Rate, Stills, Stream, VideoFile
+from aerodft.adapters.config.station.loading import load_station
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.adapters.images.rate import LiveRate
 from aerodft.adapters.images.stream import StreamReader
-from aerodft.adapters.mavlink.address import parse_address
-from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.adapters.mavlink.signing import signing_sentences
-from aerodft.adapters.mcap.recorder import McapRecorder
-from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
+from aerodft.adapters.recording.write.recorder import McapRecorder
+from aerodft.adapters.telemetry.mavlink.address import parse_address
+from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
+from aerodft.adapters.telemetry.signing import signing_sentences
+from aerodft.adapters.wire.requests import MeasureRequest
+from aerodft.adapters.wire.status import StationStatus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_eyes
 from aerodft.cli.option_values import MOST_SECONDS
@@ -39,9 +39,9 @@ from aerodft.dft.measure import Request
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.image import Image, VideoPacket
 from aerodft.model.measurement import Measurement
-from aerodft.service.clock import WallClock
+from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
-from aerodft.service.looking import LiveLook
+from aerodft.service.observers import LiveLook
 from aerodft.service.pipeline import Pipeline
 
 

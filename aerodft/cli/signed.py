@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from aerodft.adapters.mavlink.signing import SignatureCheck, open_signing
-from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.service.clock import WallClock
+from aerodft.adapters.telemetry.signing import SignatureCheck, open_signing
+from aerodft.adapters.telemetry.signing_settings import SigningSettings
+from aerodft.service.clocks.system_clock import WallClock
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import typer
 
-from aerodft.adapters.mcap.recorder import RecordingTotals
+from aerodft.adapters.recording.write.recorder import RecordingTotals
 from aerodft.cli.output import LOSS, end_with_gaps, print_json, say
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.conventions import SECOND_NS

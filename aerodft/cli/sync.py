@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.inputs import Topics, stated_start_ns
-from aerodft.adapters.config.loading import load_station
+from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.station.inputs import Topics, stated_start_ns
+from aerodft.adapters.config.station.loading import load_station
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import print_json

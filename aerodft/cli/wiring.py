@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.ground import COPY_NAME, TerrainGround, copy_terrain, travels
-from aerodft.adapters.config.loading import resolved_toml
-from aerodft.adapters.config.station import StationConfig
-from aerodft.adapters.mavlink.composite import decoder_of
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.config.station.ground import COPY_NAME, TerrainGround, copy_terrain, travels
+from aerodft.adapters.config.station.loading import resolved_toml
+from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.telemetry.log_formats import decoder_of
 from aerodft.cli.output import say
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.batch import Event
@@ -23,9 +23,9 @@ from aerodft.service.outputs import Sink
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.ports import Feed, ObjectTracker, Source
 from aerodft.service.settings import ObjectSettings
-from calibration.biases import BiasCalibrator
+from calibration.camera_motion import SteadyCalibrator
+from calibration.flight.biases import BiasCalibrator
 from calibration.live import LiveCalibrator
-from calibration.steadiness import SteadyCalibrator
 
 
 def build_pipeline(station: StationConfig) -> Pipeline:
@@ -46,7 +46,7 @@ def build_pipeline(station: StationConfig) -> Pipeline:
 
 
 def _tracker(settings: ObjectSettings) -> ObjectTracker:
-    from aerodft.vision.object_tracks import ObjectTracks  # noqa: PLC0415 - 24 MB of scipy, and few stations track
+    from aerodft.vision.objects.object_tracks import ObjectTracks  # noqa: PLC0415 - 24 MB of scipy, and few stations track
 
     return ObjectTracks(settings)
 

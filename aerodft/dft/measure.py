@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aerodft.dft.answer import Judgement, View
 from aerodft.dft.budget import Share, variance_budgets
-from aerodft.dft.judging import Judgement, View
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
 from aerodft.dft.points import places
 from aerodft.dft.projection import ELEVATION

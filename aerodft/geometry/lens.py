@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
-from aerodft.geometry.dense import brown, fisheye_angles, undistort
+from aerodft.geometry.kernels import brown, fisheye_angles, undistort
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera, LensModel
 

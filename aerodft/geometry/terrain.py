@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.geometry.ground import GroundHits, finite
-from aerodft.geometry.jit import njit
+from aerodft.jit import njit
 from aerodft.model.arrays import FloatArray, read_only
 from aerodft.model.status import CODE_OF, Status
 

@@ -19,11 +19,11 @@ from aerodft.model.pose import HeightSource, PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, takes_pixels
 from aerodft.model.status import Status
-from aerodft.service.outlined import can_answer, request_of, unseen
+from aerodft.service.outline_requests import can_answer, request_of, unseen
 from aerodft.service.outputs import Estimate, ImageOutputs, ObservationOutputs, SingleOutput, StepOutputs
+from aerodft.service.pending import Task, WorkList
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker
 from aerodft.service.settings import OBJECTS, PipelineSettings
-from aerodft.service.waiting import Task, WorkList
 
 _UNCERTAIN: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # enough to be drawn
 _LOOKING_DOWN: Final = PoseBatch.of([PoseSample(stamp_ns=0, status=Status.OK, pose=_UNCERTAIN)])

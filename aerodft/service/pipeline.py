@@ -26,13 +26,13 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.service.answering import Answering, Helpers, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of
-from aerodft.service.clock_ticks import Ticks
+from aerodft.service.clocks.ticks import Ticks
 from aerodft.service.outputs import StepOutputs
+from aerodft.service.pending import Occasions, RecentImages, Task, WorkList, answer_in_order
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, TelemetryDecoder
-from aerodft.service.poses import PoseSource
+from aerodft.service.pose.source import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.streams import LAST
-from aerodft.service.waiting import Occasions, RecentImages, Task, WorkList, answer_in_order
 
 _ANY_IMAGE: Final = np.iinfo(np.int64).min
 

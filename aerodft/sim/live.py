@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 
 import zenoh
 
-from aerodft.adapters.mavlink.signing import SignatureCheck, SigningState
-from aerodft.adapters.zenoh.session import session_on
+from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.telemetry.signing import SignatureCheck, SigningState
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError, UsageError
 from aerodft.service.ports import Clock

@@ -14,9 +14,9 @@ import numpy as np
 import orjson
 import tomli_w
 
-from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.logs import TlogSource
+from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry.geodesy import east_north, lat_lon

@@ -5,7 +5,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry.jit import njit, njit_inline
+from aerodft.jit import njit, njit_inline
 from aerodft.model.arrays import FloatArray, ImageArray, IntArray
 
 Rays: TypeAlias = npt.NDArray[np.float32]

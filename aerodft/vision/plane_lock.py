@@ -26,7 +26,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.probe import Probe
-from aerodft.vision.keyframes import (
+from aerodft.vision.common.keyframes import (
     FEWEST,
     FREE,
     LAND_AS_BEFORE,
@@ -50,7 +50,7 @@ from aerodft.vision.keyframes import (
     share_moving,
     shift_cov,
 )
-from aerodft.vision.tracking import StraightView, carried, followed
+from aerodft.vision.common.tracking import StraightView, carried, followed
 
 _STRAY_PX: Final = 1.0  # what is farther off moves by itself, or lies on something else
 _TOGETHER_PX: Final = 0.8

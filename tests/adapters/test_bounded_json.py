@@ -5,8 +5,8 @@ import tracemalloc
 import orjson
 import pytest
 
-from aerodft.adapters.bounded_json import MOST_JSON_BYTES, MOST_PICTURE_BYTES, loads
-from aerodft.adapters.codec.measurement import IMAGE_SCHEMA, split_measurements
+from aerodft.adapters.wire.bounded_json import MOST_JSON_BYTES, MOST_PICTURE_BYTES, loads
+from aerodft.adapters.wire.measurement import IMAGE_SCHEMA, split_measurements
 from aerodft.errors import InputError
 
 

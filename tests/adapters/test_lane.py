@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from aerodft.adapters.lane import Lane
+from aerodft.adapters.worker_queue import Lane
 
 
 def nothing() -> None:

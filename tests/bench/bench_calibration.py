@@ -22,10 +22,10 @@ from aerodft.geometry.lens import rays_from_pixels
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.residuals import Problem
-from calibration.result import calibrate
-from calibration.solve import solve
-from calibration.state import State, Unknowns
+from calibration.pose.residuals import Problem
+from calibration.pose.result import calibrate
+from calibration.pose.solve import solve
+from calibration.pose.state import State, Unknowns
 
 HERE = Path(__file__).parent
 CAMERA = Camera(name="bench", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1500.0, cx_px=959.5, cy_px=539.5)

@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.dft.ground_map import GroundMap
+from aerodft.dft.maps.ground_points import GroundMap
 from aerodft.dft.request import Request, Setup
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodft.dft.depth_map import depth_map
-from aerodft.dft.ground_map import GroundMap
+from aerodft.dft.maps.depth import depth_map
+from aerodft.dft.maps.ground_points import GroundMap
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose

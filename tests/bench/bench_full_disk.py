@@ -22,9 +22,9 @@ import orjson
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.adapters.mcap.recovery import recover_folder
-from aerodft.adapters.zenoh.session import session_on
-from replay.recording import Recording
+from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.recording.recover.recovery import recover_folder
+from replay.recordings.recording import Recording
 from tests.faults.live_flight import Flight
 from tests.ports import free_endpoint
 

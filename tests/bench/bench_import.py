@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from aerodft.adapters.config.loading import load_station
+from aerodft.adapters.config.station.loading import load_station
 from aerodft.cli.flight import open_flight
 from aerodft.cli.import_ import import_
 from aerodft.cli.recompute import recompute

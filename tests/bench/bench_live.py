@@ -9,10 +9,10 @@ from pathlib import Path
 
 from pymavlink import mavutil
 
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.link import MavlinkLink
+from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
 from aerodft.model.telemetry import VehicleTrack
-from aerodft.service.clock import WallClock
+from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox
 
 HOST = "127.0.0.1"

@@ -25,9 +25,9 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.config.loading import load_station
+from aerodft.adapters.config.station.loading import load_station
 from aerodft.adapters.images.rate import RateSource
-from aerodft.adapters.mavlink.logs import TlogSource
+from aerodft.adapters.telemetry.logs import TlogSource
 from aerodft.cli.recompute import recompute
 from aerodft.cli.wiring import Late, build_recorder
 from aerodft.model.camera import Camera

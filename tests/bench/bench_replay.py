@@ -18,19 +18,19 @@ from mcap.writer import CompressionType, Writer
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.adapters.codec import events, measurement
-from aerodft.adapters.codec.measurement import encode_measurement
-from aerodft.adapters.zenoh.session import session_on
+from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.wire import events, measurement
+from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement, ProjectionModel
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from replay.player import Player
-from replay.publish import Republisher, is_published
-from replay.recording import Recording
-from replay.timeline import timeline
+from replay.player.player import Player
+from replay.player.publish import Republisher, is_published
+from replay.player.timeline import timeline
+from replay.recordings.recording import Recording
 from tests.clock import VirtualClock
 
 START_NS, STEP_NS = 1_795_221_278_000_000_000, 5_000_000
@@ -38,9 +38,9 @@ FRAME_BYTES = 1200  # a frame among measurements; as noise, so that no compressi
 LAST_SECOND = """
 import resource, sys, time
 from pathlib import Path
-from replay.recording import Recording
-from replay.publish import is_published
-from replay.timeline import timeline
+from replay.recordings.recording import Recording
+from replay.player.publish import is_published
+from replay.player.timeline import timeline
 def chars(): return int(open("/proc/self/io").read().split()[1])
 before, start_s = chars(), time.process_time()
 recording = Recording(Path(sys.argv[1]))

@@ -18,7 +18,7 @@ from aerodft.model.pose import PoseStd
 from aerodft.sim.river import River as SimulatedRiver
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import furnished
-from aerodft.vision.river import River, RiverQuestion, find_river
+from aerodft.vision.river.observer import River, RiverQuestion, find_river
 from tests.waterside import Waterside, WatersideRenderer
 
 PARTS = {

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from pymavlink import mavutil
 
-from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
-from aerodft.adapters.mavlink.logs import TlogSource
+from aerodft.adapters.telemetry.log_formats import CompositeDecoder, open_log
+from aerodft.adapters.telemetry.logs import TlogSource
 from aerodft.model.telemetry import RawBlock
 
 SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"

@@ -26,11 +26,9 @@ from aerodft.sim.scenario import default_camera
 from aerodft.sim.trajectory import survey
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.sim.yard import YARD, yard_flight
-from aerodft.vision import (
-    moving,
-    plane_lock,
-    tracking,
-)
+from aerodft.vision import plane_lock
+from aerodft.vision.common import tracking
+from aerodft.vision.objects import moving
 
 CAMERA = default_camera(1920, 1080)
 _spent: Counter[str] = Counter()

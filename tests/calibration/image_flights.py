@@ -11,7 +11,7 @@ from aerodft.model.calibration import BIASES
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import Landmark, Prior
 from aerodft.model.pose import Pose
-from calibration.images_state import PoseTrack, View
+from calibration.flight.state import PoseTrack, View
 
 DEG = math.radians(1.0)
 CAMERA = Camera(

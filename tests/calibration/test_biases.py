@@ -14,7 +14,7 @@ from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.pose import PoseSample, PoseStd
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
-from calibration.biases import BiasCalibrator
+from calibration.flight.biases import BiasCalibrator
 
 DEG = math.pi / 180
 STD = PoseStd(

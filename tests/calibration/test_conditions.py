@@ -14,8 +14,8 @@ from aerodft.model.camera import Camera
 from aerodft.model.evidence import GroundPoint, KnownHeight, KnownLength, Landmark, SlantRange
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from calibration.residuals import Distances
-from calibration.state import State, Unknowns
+from calibration.pose.residuals import Distances
+from calibration.pose.state import State, Unknowns
 
 from .evidence_kinds import (
     KINDS,

@@ -7,10 +7,10 @@ from scipy.optimize import least_squares
 
 from aerodft.model.evidence import EvidenceSet
 from aerodft.model.measurement import ProjectionModel
-from calibration.descent import Loss, descend
-from calibration.residuals import Problem, Residuals
-from calibration.solve import ROBUST
-from calibration.state import Unknowns
+from calibration.pose.descent import Loss, descend
+from calibration.pose.residuals import Problem, Residuals
+from calibration.pose.solve import ROBUST
+from calibration.pose.state import Unknowns
 from tests.truth.calibration_sets import Task, drawn, landmarks, lengths, ranges, together
 
 OWNER = np.array([0, 0, 1, 2, 2, 2, -1])

@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 
 from aerodft.model.evidence import EvidenceSet
 from aerodft.model.measurement import ProjectionModel
-from calibration.residuals import Problem
-from calibration.result import ground_error_m, leftovers, rms_px, steps_without_each
-from calibration.solve import solve
-from calibration.state import Unknowns
+from calibration.pose.residuals import Problem
+from calibration.pose.result import ground_error_m, leftovers, rms_px, steps_without_each
+from calibration.pose.solve import solve
+from calibration.pose.state import Unknowns
 from tests.truth.calibration_sets import TASKS, Task, drawn, landmarks, ranges, solved
 from tests.truth.scenes import opencv_pixels, opencv_rays
 

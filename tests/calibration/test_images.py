@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from aerodft.model.calibration import BIASES
 from aerodft.model.evidence import Landmark, Prior, SlantRange
 from aerodft.model.measurement import ProjectionModel
-from calibration.descent import NormalEquations
-from calibration.images_result import ImagesProblem, calibrate_images, solve_images
-from calibration.images_state import OWN, ImagesState, SharedUnknowns
-from calibration.result import LIMIT, start_state
+from calibration.flight.result import ImagesProblem, calibrate_images, solve_images
+from calibration.flight.state import OWN, ImagesState, SharedUnknowns
+from calibration.pose.descent import NormalEquations
+from calibration.pose.result import LIMIT, start_state
 
 from .image_flights import CAMERA, DEG, NOISE, SHARE, STD, Flight, drawn
 
@@ -166,7 +166,7 @@ def test_without_an_observation_is_as_a_fit_that_never_saw_it():
     views = Flight(drawn(np.random.default_rng(1)), images=4, landmarks=4).views(np.random.default_rng(11))
     whole = calibrate_images(views, PRIORS, CAMERA, ASKED)
     less = (replace(views[0], evidence=views[0].evidence[1:]), *views[1:])
-    from calibration.result import ground_error_m  # noqa: PLC0415
+    from calibration.pose.result import ground_error_m  # noqa: PLC0415
 
     again = calibrate_images(less, PRIORS, CAMERA, ASKED)
     expected = ground_error_m(again.solution.cameras[0], views[0].evidence[0])

@@ -11,9 +11,9 @@ from aerodft.model.camera import CameraStd
 from aerodft.model.evidence import Prior
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from calibration.descent import descend
-from calibration.residuals import Problem
-from calibration.result import calibrate
+from calibration.pose.descent import descend
+from calibration.pose.residuals import Problem
+from calibration.pose.result import calibrate
 from tests.truth.calibration_sets import Task, drawn, heights, horizon, landmarks, together
 
 POSE = ("east", "north", "height", "tilt", "roll", "heading")

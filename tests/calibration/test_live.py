@@ -32,7 +32,7 @@ from aerodft.service.settings import (
     TelemetrySettings,
 )
 from aerodft.sim.scenario import default_camera
-from calibration.biases import BiasCalibrator
+from calibration.flight.biases import BiasCalibrator
 from calibration.live import BiasModel, LiveCalibrator
 
 DEG = math.pi / 180

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 
 from aerodft.model.evidence import EvidenceSet, Landmark, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.residuals import OUT_OF_SIGHT, Problem
-from calibration.state import Unknowns, coefficient_names
+from calibration.pose.residuals import OUT_OF_SIGHT, Problem
+from calibration.pose.state import Unknowns, coefficient_names
 from tests.truth.scenes import opencv_pixels
 
 from .evidence_kinds import KINDS, LENSES, central, nearby, off_by, scene, with_stds

@@ -13,9 +13,9 @@ from aerodft.model.camera import Camera, CameraMode, LensModel
 from aerodft.model.evidence import EvidenceSet, Horizon, Prior, Vertical
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import Pose
-from calibration.descent import descend
-from calibration.residuals import Problem
-from calibration.result import calibrate, unknowns_of
+from calibration.pose.descent import descend
+from calibration.pose.residuals import Problem
+from calibration.pose.result import calibrate, unknowns_of
 from tests.truth.calibration_scenes import World
 from tests.truth.calibration_sets import DEG, TASKS, Task, drawn, landmarks, ranges, together
 

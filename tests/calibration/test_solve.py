@@ -10,9 +10,9 @@ from scipy.stats import kstest
 
 from aerodft.model.evidence import EvidenceSet, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.residuals import Problem
-from calibration.solve import solve
-from calibration.state import Unknowns
+from calibration.pose.residuals import Problem
+from calibration.pose.solve import solve
+from calibration.pose.state import Unknowns
 from tests.truth.calibration_scenes import World
 from tests.truth.calibration_sets import (
     DEG,

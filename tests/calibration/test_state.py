@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from aerodft.geometry.rotation import camera_angles, inverse, multiply, to_rotation_vector
 from aerodft.model.camera import Camera
-from calibration.state import BOUNDS, State, Unknowns, coefficient_names, expanded
+from calibration.pose.state import BOUNDS, State, Unknowns, coefficient_names, expanded
 
 from .evidence_kinds import LENSES, central, turned
 

@@ -9,8 +9,8 @@ import pytest
 from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.geometry.poses import camera_pose
+from aerodft.geometry.relative_rotation import Turn, find_turn, turned
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
-from aerodft.geometry.turning import Turn, find_turn, turned
 from aerodft.model.calibration import STEADY, Steadiness
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.observation import Observation
@@ -19,7 +19,7 @@ from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import PipelineSettings, WatchSettings
-from calibration.steadiness import KnownTurn, Look, SteadyCalibrator, SteadyState, turned_pose
+from calibration.camera_motion import KnownTurn, Look, SteadyCalibrator, SteadyState, turned_pose
 from tests.one_image import measure
 
 CAMERA = Camera(

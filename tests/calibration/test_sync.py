@@ -9,12 +9,12 @@ from aerodft.errors import NoAnswerError
 from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.attitude_history import AttitudeHistory, AttitudeSeries
+from aerodft.service.attitude.history import AttitudeHistory, AttitudeSeries
 from aerodft.service.settings import AttitudeSettings, FixedMount
 from aerodft.sim.trajectory import heading_wxyz
-from aerodft.vision.rotation import PlaneMotion, Turns
-from calibration.sync import align
-from calibration.sync_motion import CameraMotion, followed_path
+from aerodft.vision.camera_motion.rotation import PlaneMotion, Turns
+from calibration.sync.alignment import align
+from calibration.sync.motion import CameraMotion, followed_path
 
 from .sync_flights import Clocks, hovering, wandering
 from .sync_views import reported, seen_flight

@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.calibration import load_calibration
+from aerodft.adapters.config.camera.calibration import load_calibration
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model.calibration import BIASES
 from aerodft.model.image import Image
@@ -19,8 +19,8 @@ from aerodft.sim.observations import pixels_of
 from aerodft.sim.scenario import Scenario, default_camera, generated, write_files
 from aerodft.sim.telemetry import Autopilot, Biases
 from aerodft.sim.world import DEFAULT_ORIGIN
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 
 REPOSITORY = Path(__file__).parents[2]
 SAMPLE = REPOSITORY / "configs/calibration/flight-images.toml"

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image as PillowImage
 
-from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.camera.camera import load_camera
 from calibration.lens.adjustment import intrinsics_of
 from calibration.lens.board import BoardFinder, parse_board
 from calibration.lens.solution import distortion_px

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.evidence_frame import LocalFrame
+from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.cli.calibrate_report_grid import GAP, ground_grid, horizon_px, map_axes
 from aerodft.cli.calibrate_report_marks import from_foot, mark_of, pixels_of
 from aerodft.dft import equations
@@ -26,7 +26,7 @@ from aerodft.model.evidence import (
     Vertical,
 )
 from aerodft.model.measurement import ProjectionModel
-from calibration.state import State
+from calibration.pose.state import State
 
 MICRO_PX, MILLIMETRE = 1e-6, 1e-3
 LENS = {

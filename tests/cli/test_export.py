@@ -9,8 +9,8 @@ import orjson
 import pyarrow.parquet as pq
 import pytest
 
-from replay.recording import Recording
-from replay.table import COLUMNS, ExportFormat, Kind, export_text, positions
+from replay.export.table import COLUMNS, ExportFormat, Kind, export_text, positions
+from replay.recordings.recording import Recording
 
 
 def rows_of_csv(text):

@@ -9,9 +9,9 @@ import pytest
 from mcap.reader import make_reader
 
 from aerodft.model.image import Image
-from replay.recording import Recording
-from replay.source import RecordingSource
-from replay.video import Overlay, label_of
+from replay.export.video import Overlay, label_of
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 
 
 def messages(path):

@@ -14,10 +14,10 @@ from pathlib import Path
 import orjson
 import pytest
 
-from aerodft.adapters.mcap.recovery import recover_folder
+from aerodft.adapters.recording.recover.recovery import recover_folder
 from aerodft.model.image import Image
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 from tests.ports import free_endpoint
 
 FROZEN = Path(__file__).parent / "frozen-0.1"

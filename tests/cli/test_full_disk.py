@@ -6,7 +6,7 @@ import sys
 
 LIMITED = """
 import resource
-from aerodft.adapters.mcap.recorder import McapRecorder
+from aerodft.adapters.recording.write.recorder import McapRecorder
 from aerodft.cli.main import main
 begin = McapRecorder.__init__
 def begin_and_fill_up(*arguments, **options):

@@ -7,8 +7,8 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.codec.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
-from replay.recording import Recording
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
+from replay.recordings.recording import Recording
 from tests.payloads import decode_observation
 
 UTC0_NS = 1_795_221_168_000_000_000

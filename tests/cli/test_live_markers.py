@@ -12,13 +12,13 @@ import orjson
 import pytest
 import tomli_w
 
-from aerodft.adapters.codec.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
-from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
 from aerodft.model.image import StampClock
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Biases
-from replay.compare import Comparing, Tolerance
-from replay.recording import Recording
+from replay.compare.comparison import Comparing, Tolerance
+from replay.recordings.recording import Recording
 from tests.payloads import decode_observation
 from tests.ports import free_endpoint, free_udp_port
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.camera.camera import load_camera
 from aerodft.cli.measure import cautions
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.pose import PoseSample

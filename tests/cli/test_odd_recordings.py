@@ -9,8 +9,8 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from aerodft.adapters.mcap.layout import MAGIC, RECORD_HEAD
-from aerodft.adapters.whole_file import whole_file
+from aerodft.adapters.atomic_file import whole_file
+from aerodft.adapters.recording.layout import MAGIC, RECORD_HEAD
 from aerodft.errors import InputError
 from tests.ports import free_endpoint
 

@@ -6,11 +6,11 @@ import shutil
 import orjson
 import pytest
 
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 
 CALIBRATION = """
 [bias]

@@ -10,9 +10,9 @@ import pyarrow.dataset as ds
 import pytest
 
 from aerodft.cli.recompute_many import Many, recompute_rows
-from replay.batch import Job, State
-from replay.dataset import Dataset
-from replay.recording import Recording
+from replay.batch.cluster import Job, State
+from replay.batch.dataset import Dataset
+from replay.recordings.recording import Recording
 
 
 def many(*arguments):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.config.camera.camera import camera_document
 from aerodft.cli.river_document import scatter_remarks
 from aerodft.cli.river_files import COLUMNS
 from aerodft.geometry.geodesy import east_north

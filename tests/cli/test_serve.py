@@ -13,14 +13,14 @@ import jsonschema
 import pytest
 import tomli_w
 
-from aerodft.adapters.codec.schemas import SCHEMAS
-from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.zenoh.session import session_on
+from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.model.image import Image
 from aerodft.sim.scenario import default_camera
-from replay.compare import Comparing, Tolerance
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.compare.comparison import Comparing, Tolerance
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 from tests.ports import free_endpoint, free_udp_port
 
 PATIENCE_S = 60.0

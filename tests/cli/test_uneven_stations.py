@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pyproj import Geod
 
-from aerodft.adapters.codec.pose import SCHEMA
+from aerodft.adapters.wire.pose import SCHEMA
 from aerodft.cli import wiring
 from aerodft.model.status import Status
-from replay.recording import Recording
+from replay.recordings.recording import Recording
 from tests.payloads import decode_pose
 
 UTC0_NS = 1_795_221_168_000_000_000

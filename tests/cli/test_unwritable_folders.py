@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.mcap import series
+from aerodft.adapters.recording.write import segmented_writer as series
 from aerodft.service.pipeline import Pipeline
-from replay.recording import Recording
+from replay.recordings.recording import Recording
 
 FROZEN = Path(__file__).parent / "frozen-0.1"
 READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,bind,ro "$0" || exit 77; exec "$@"'

@@ -12,8 +12,8 @@ import orjson
 import pytest
 import tomli_w
 
-from aerodft.adapters.codec import steadiness
-from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply
@@ -21,7 +21,7 @@ from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
-from replay.recording import Recording
+from replay.recordings.recording import Recording
 from tests.one_image import measure
 from tests.payloads import decode_steadiness
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.depth_map import depth_map
-from aerodft.dft.ground_map import GroundMap
+from aerodft.dft.maps.depth import depth_map
+from aerodft.dft.maps.ground_points import GroundMap
 from aerodft.dft.points import to_ground_frame
 from aerodft.dft.projection import project
 from aerodft.geometry.ground import Plane

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.depth_map import depth_map, measured_plane
-from aerodft.dft.depth_spread import range_std
+from aerodft.dft.covariance import shared_covariance
+from aerodft.dft.maps.depth import depth_map, measured_plane
+from aerodft.dft.maps.depth_std import range_std
 from aerodft.dft.projection import POSITION, project
-from aerodft.dft.uncertainty import shared_covariance
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix

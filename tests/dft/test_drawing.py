@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aerodft.dft.drawing import DRAWS, standard_draws
+from aerodft.dft.monte_carlo import DRAWS, standard_draws
 
 
 @pytest.mark.parametrize("dimensions", [1, 13, 64, 65, 139])

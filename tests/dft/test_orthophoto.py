@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.dft.depth_map import depth_map
-from aerodft.dft.orthophoto import COARSEST, Sampling, top_view
+from aerodft.dft.maps.depth import depth_map
+from aerodft.dft.maps.orthophoto import COARSEST, Sampling, top_view
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix

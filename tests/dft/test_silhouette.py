@@ -14,7 +14,7 @@ from aerodft.geometry.rotation import inverse, matrix
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
 from aerodft.model.pose import Pose
-from aerodft.vision.moving import outlines_of
+from aerodft.vision.objects.moving import outlines_of
 
 HALF_PIXEL = 0.5
 CAMERA = Camera(

@@ -10,14 +10,14 @@ import zstandard
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
-from aerodft.adapters.mcap.scanning import scan_segment
+from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.camera import Camera
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.feed import MergedFeed, block_of
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
@@ -27,7 +27,7 @@ CAMERA = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad
 def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     folder = tmp_path_factory.mktemp("r") / "r"
     patch = pytest.MonkeyPatch()
-    patch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
+    patch.setattr("aerodft.adapters.recording.write.segmented_writer.FLUSH_S", 0.0)
     recorder = McapRecorder(folder, RecorderSettings(station="s", camera=CAMERA, lossless=True), started_ns=1)
     noise = np.random.default_rng(7)
     for step in range(1, 60):

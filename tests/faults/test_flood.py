@@ -7,8 +7,8 @@ from contextlib import ExitStack
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.service.clock import WallClock
+from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
+from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox
 
 SHOUTERS = 150  # more than a link keeps framers for

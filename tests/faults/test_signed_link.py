@@ -9,10 +9,10 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.link import MavlinkLink
-from aerodft.adapters.mavlink.signing import open_signing, signing_time
-from aerodft.adapters.mavlink.signing_settings import SigningSettings
-from aerodft.service.clock import WallClock
+from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
+from aerodft.adapters.telemetry.signing import open_signing, signing_time
+from aerodft.adapters.telemetry.signing_settings import SigningSettings
+from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox
 
 KEY = bytes(range(100, 132))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.geometry.dense import brown, normalise, undistort
+from aerodft.geometry.kernels import brown, normalise, undistort
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.camera import Camera
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.depth_map import depth_map
+from aerodft.dft.maps.depth import depth_map
+from aerodft.geometry.footprint import footprint, horizon_line, ring_area
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.outline import footprint, horizon_line, ring_area
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix
 from aerodft.geometry.terrain import ElevationGrid, Terrain

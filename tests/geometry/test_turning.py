@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from aerodft.geometry.relative_rotation import find_turn, turned
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
-from aerodft.geometry.turning import find_turn, turned
 from aerodft.model.camera import Camera, CameraStd, LensModel
 
 BROWN = Camera(

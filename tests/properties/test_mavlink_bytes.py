@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder
-from aerodft.adapters.mavlink.decoding import WANTED, MavlinkDecoder
-from aerodft.adapters.mavlink.framing import StreamFramer, headers
-from aerodft.adapters.mavlink.logs import DataflashSource
+from aerodft.adapters.telemetry.dataflash import DataflashDecoder
+from aerodft.adapters.telemetry.logs import DataflashSource
+from aerodft.adapters.telemetry.mavlink.decoding import WANTED, MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink.framing import StreamFramer, headers
 from aerodft.errors import InputError
 from aerodft.model.camera import ZoomSource
 from aerodft.model.health import GpsTrack

@@ -10,16 +10,16 @@ import pyarrow.dataset as ds
 import pytest
 
 from aerodft.errors import InputError
-from replay.batch import jobs_of
-from replay.dataset import Dataset, input_key
-from replay.parquet import ParquetRows
+from replay.batch.cluster import jobs_of
+from replay.batch.dataset import Dataset, input_key
+from replay.export.parquet import ParquetRows
 
 MORTAL = """
 import os, signal, sys
 from pathlib import Path
 import dask, orjson
 from distributed import LocalCluster
-from replay.batch import Job, Outcome, State, run_batch
+from replay.batch.cluster import Job, Outcome, State, run_batch
 
 def work(job):
     with open(job.folder / job.recording, "a") as tries:

@@ -6,11 +6,11 @@ from pathlib import Path
 import orjson
 import pytest
 
-from aerodft.adapters.codec import events, measurement
+from aerodft.adapters.wire import events, measurement
 from aerodft.errors import InputError
-from replay.recording import Recording
-from replay.series import _row_of_payload
-from replay.table import parsed, row_of
+from replay.compare.probe_series import _row_of_payload
+from replay.export.table import parsed, row_of
+from replay.recordings.recording import Recording
 from tests.payloads import decode_observation
 
 FROZEN = Path(__file__).parents[1] / "cli/frozen-0.1"

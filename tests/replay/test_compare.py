@@ -7,9 +7,9 @@ import pytest
 
 from aerodft.errors import UsageError
 from aerodft.model.status import CODE_OF, Status
-from replay.compare import Tolerance, apart_of_places, apart_of_values, paired, parse_tolerance, summarise
-from replay.pairing import PairBy, Pairing, pairing
-from replay.series import NO_IMAGE, ProbeKey, Series, Side
+from replay.compare.comparison import Tolerance, apart_of_places, apart_of_values, paired, parse_tolerance, summarise
+from replay.compare.pairing import PairBy, Pairing, pairing
+from replay.compare.probe_series import NO_IMAGE, ProbeKey, Series, Side
 
 KEY = ProbeKey("w", "distance", "m")
 BY_STAMP = Pairing(by=PairBy.STAMP, is_same_input=False, within_ns=10)

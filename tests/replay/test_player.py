@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from aerodft.adapters.mcap.channels import Channel
-from aerodft.adapters.mcap.reading import ReadMessage
-from replay.player import Controls, Player
-from replay.timeline import Item
+from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording.read.messages import ReadMessage
+from replay.player.player import Controls, Player
+from replay.player.timeline import Item
 from tests.clock import VirtualClock
 
 CHANNEL = Channel(topic="/t", encoding="json", schema="")

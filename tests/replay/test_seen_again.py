@@ -8,8 +8,8 @@ from aerodft.model.batch import Event
 from aerodft.model.calibration import STEADY
 from aerodft.model.image import Image
 from aerodft.model.observation import VISION, Observation
-from aerodft.service.looking import Lookout
-from replay.seen_again import SeenAgain
+from aerodft.service.observers import Lookout
+from replay.recordings.redetection import SeenAgain
 
 
 def image(index: int, *, pixels: bool = True) -> Image:

@@ -8,9 +8,9 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from aerodft.adapters.codec.schemas import schema_text
-from aerodft.adapters.mcap.channels import Channel
-from replay.publish import shift_of, shifted
+from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.wire.schemas import schema_text
+from replay.player.publish import shift_of, shifted
 
 STAMP_NS, HOUR_NS = 1_795_221_278_868_833_001, 3_600_000_000_000
 

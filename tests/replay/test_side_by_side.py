@@ -13,9 +13,9 @@ import orjson
 import pytest
 from mcap.writer import Writer
 
-from aerodft.adapters.codec.measurement import SCHEMA, encode_measurement
-from aerodft.adapters.codec.schemas import schema_text
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.wire.measurement import SCHEMA, encode_measurement
+from aerodft.adapters.wire.schemas import schema_text
 from aerodft.cli.main import main
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
@@ -23,9 +23,9 @@ from aerodft.model.measurement import GeoPoint, Measurement, ProjectionModel
 from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
-from replay.compare import Comparing, Comparison, Tolerance, parse_tolerance
-from replay.recording import Recording
-from replay.table import ExportFormat, export_text
+from replay.compare.comparison import Comparing, Comparison, Tolerance, parse_tolerance
+from replay.export.table import ExportFormat, export_text
+from replay.recordings.recording import Recording
 from tests.batches import one_tick, take
 
 START_NS = 1_795_221_278_000_000_000

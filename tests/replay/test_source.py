@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from aerodft.adapters.codec.events import encode_image, encode_observation
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.wire.events import encode_image, encode_observation
 from aerodft.model.batch import Arrival
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, ImageRows, StampClock
@@ -11,8 +11,8 @@ from aerodft.model.observation import Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import first_arrival_ns
 from aerodft.service.feed import block_of
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)

@@ -12,9 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.codec import events, measurement, pose, schemas, status, wire
-from aerodft.adapters.codec.measurement import encode_measurement
-from aerodft.adapters.codec.pose import camera_angles_deg
+from aerodft.adapters.wire import events, measurement, pose, schemas, status
+from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.measurement import encode_measurement
+from aerodft.adapters.wire.pose import camera_angles_deg
 from aerodft.errors import InputError
 from aerodft.geometry.rotation import camera_angles, camera_attitude
 from aerodft.model.image import Image, StampClock

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.codec import estimate, wire
-from aerodft.adapters.codec.schemas import SCHEMAS
+from aerodft.adapters.wire import estimate
+from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.model.calibration import BiasValues, CalibrationEstimate, Innovation
 from aerodft.model.pose import HeightSource
 from tests.payloads import decode_estimate

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.codec import steadiness
-from aerodft.adapters.codec.schemas import SCHEMAS
+from aerodft.adapters.wire import camera_motion as steadiness
+from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.model.calibration import Steadiness, SteadinessEstimate
 from tests.payloads import decode_steadiness
 

@@ -7,11 +7,11 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.codec.estimate import encode_estimate
-from aerodft.adapters.codec.events import encode_observation
-from aerodft.adapters.codec.height import encode_height_switch
-from aerodft.adapters.codec.measurement import encode_measurements
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.wire.estimate import encode_estimate
+from aerodft.adapters.wire.events import encode_observation
+from aerodft.adapters.wire.height import encode_height_switch
+from aerodft.adapters.wire.measurement import encode_measurements
 from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.camera import Camera
 from aerodft.model.height import HeightSwitch

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.service.height import DATUM, SOURCES, HeightSources
+from aerodft.service.pose.height_sources import DATUM, SOURCES, HeightSources
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import LAST, Missing
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from aerodft.model.pose import GimbalSource
 from aerodft.model.telemetry import GimbalTrack, ReportFrame, VehicleTrack
-from aerodft.service.attitude import AttitudeSources
+from aerodft.service.attitude.sources import AttitudeSources
 from aerodft.service.settings import AttitudeSettings, FixedMount
 from aerodft.service.streams import END_OF_TIME, LAST, Missing
 

@@ -16,7 +16,7 @@ from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service import feed
 from aerodft.service.arrivals import first_arrival_ns
 from aerodft.service.batches import Batches
-from aerodft.service.clock import WallClock
+from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of, tick_after
 from tests.answers import one_by_one
 from tests.batches import one_tick

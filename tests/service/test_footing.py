@@ -16,9 +16,9 @@ from aerodft.geometry.terrain import ElevationGrid, Terrain
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseStd
 from aerodft.model.status import CODE_OF, Status
 from aerodft.model.telemetry import ClockTrack, GimbalTrack, HeightTrack, PositionTrack, VehicleTrack
-from aerodft.service.clock_ticks import Ticks
-from aerodft.service.footing import footing, raised
-from aerodft.service.poses import PoseSource
+from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.pose.ground_below import footing, raised
+from aerodft.service.pose.source import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 from tests.one_image import sample_at
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry.rotation import from_yaw_pitch_roll
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.gimbal_frame import LAGS_NS, PRIOR_BODY, FrameDetector, Moment, Moments, moments
+from aerodft.service.attitude.gimbal_frame import LAGS_NS, PRIOR_BODY, FrameDetector, Moment, Moments, moments
 from aerodft.service.streams import Stream
 
 STEP_NS = 100_000_000

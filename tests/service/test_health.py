@@ -12,7 +12,7 @@ from aerodft.model.health import EstimatorTrack, GpsTrack
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
-from aerodft.service.health import HealthSources
+from aerodft.service.health.sources import HealthSources
 from aerodft.service.settings import HealthSettings
 from tests.payloads import encode_pose
 

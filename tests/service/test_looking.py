@@ -13,7 +13,7 @@ from aerodft.errors import InputError
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
 from aerodft.service.feed import Inbox, MergedFeed
-from aerodft.service.looking import LiveLook, LookedAt, Lookout
+from aerodft.service.observers import LiveLook, LookedAt, Lookout
 from tests.clock import VirtualClock
 
 PATIENCE_S = 30.0

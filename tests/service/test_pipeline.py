@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.dft.drawing import standard_draws
+from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
 from aerodft.dft.measure import Request
+from aerodft.dft.monte_carlo import standard_draws
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.height import HeightSwitch
@@ -20,7 +20,7 @@ from aerodft.model.status import Status
 from aerodft.service.batches import Batches
 from aerodft.service.feed import tick_after
 from aerodft.service.pipeline import Pipeline
-from calibration.biases import BiasCalibrator
+from calibration.flight.biases import BiasCalibrator
 from tests.answers import ImageAnswer, ObservationAnswer, in_order, timed
 from tests.batches import one_tick
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
 from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.image import StampClock
 from aerodft.model.probe import PixelSource, Probe, ProbeKind

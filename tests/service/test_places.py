@@ -7,7 +7,7 @@ import pytest
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.telemetry import PositionTrack
-from aerodft.service.places import Places
+from aerodft.service.pose.vehicle_position import Places
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, LAST, Missing
 

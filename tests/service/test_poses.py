@@ -15,8 +15,8 @@ from aerodft.geometry.rotation import camera_angles, from_yaw_pitch_roll
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, GimbalTrack, HeightTrack, PositionTrack, VehicleTrack
-from aerodft.service.clock_ticks import Ticks
-from aerodft.service.poses import PoseSource
+from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.pose.source import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 from tests.one_image import sample_at
 

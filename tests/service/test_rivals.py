@@ -6,7 +6,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.decoding import Followed, MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink.decoding import Followed, MavlinkDecoder
 from aerodft.model.status import Status
 from aerodft.service.pipeline import Pipeline
 

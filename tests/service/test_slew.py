@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry.interpolation import brackets
 from aerodft.geometry.rotation import slerp
-from aerodft.service.slew import demands_before, lag_std
+from aerodft.service.attitude.slew import demands_before, lag_std
 
 MS, SECOND = 1_000_000, 1_000_000_000
 LAG_NS, SLEW = 300 * MS, math.radians(60)

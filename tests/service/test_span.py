@@ -13,8 +13,8 @@ from aerodft.model.telemetry import (
     VehicleTrack,
     WireProtocol,
 )
+from aerodft.service.clocks.log_span import survey_span
 from aerodft.service.feed import block_of
-from aerodft.service.span import survey_span
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.composite import CompositeDecoder
-from aerodft.adapters.mavlink.findings import problems
-from aerodft.adapters.mavlink.framing import FrameCounts
-from aerodft.adapters.mavlink.survey import Survey
+from aerodft.adapters.telemetry.log_formats import CompositeDecoder
+from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
+from aerodft.diagnosis.findings import problems
+from aerodft.diagnosis.survey import Survey
 from aerodft.service.pipeline import Pipeline
 from aerodft.service.settings import TelemetrySettings
 

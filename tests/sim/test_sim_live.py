@@ -13,7 +13,7 @@ import pytest
 import zenoh
 
 from aerodft.errors import LinkError, UsageError
-from aerodft.service.clock import WallClock
+from aerodft.service.clocks.system_clock import WallClock
 from aerodft.sim.live import Outlets, encoded, observation_publisher, parse_udp, perform, udp_sender
 from aerodft.sim.scenario import Scenario, default_camera, generated
 from aerodft.sim.telemetry import datagrams

@@ -17,7 +17,7 @@ from aerodft.model.evidence import (
     SlantRange,
     Vertical,
 )
-from calibration.state import State
+from calibration.pose.state import State
 
 from .scenes import camera_axes, depression_rad, opencv_pixels, opencv_rays
 

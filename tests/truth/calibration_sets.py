@@ -8,9 +8,9 @@ import numpy as np
 
 from aerodft.model.evidence import EvidenceSet, Prior
 from aerodft.model.measurement import ProjectionModel
-from calibration.residuals import Problem
-from calibration.solve import solve
-from calibration.state import State, Unknowns
+from calibration.pose.residuals import Problem
+from calibration.pose.solve import solve
+from calibration.pose.state import State, Unknowns
 
 from .calibration_scenes import HEIGHT_PX, WIDTH_PX, ImpossibleError, World
 

@@ -9,7 +9,7 @@ import pytest
 
 from aerodft.model.camera import Camera
 from aerodft.model.evidence import EvidenceSet, Landmark, SlantRange
-from calibration.result import calibrate
+from calibration.pose.result import calibrate
 
 from .calibration_files import aerodft, tables, write_camera, write_evidence
 from .calibration_scenes import World

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from aerodft.adapters.mavlink.composite import CompositeDecoder
+from aerodft.adapters.telemetry.log_formats import CompositeDecoder
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix

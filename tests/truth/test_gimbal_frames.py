@@ -11,8 +11,8 @@ from aerodft.geometry.rotation import camera_from_gimbal
 from aerodft.model.pose import HeightSource, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.clock_ticks import Ticks
-from aerodft.service.poses import PoseSource
+from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.pose.source import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 from tests.one_image import sample_at
 

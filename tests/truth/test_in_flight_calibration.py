@@ -9,8 +9,8 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.codec import estimate, pose
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.adapters.wire import estimate, pose
 from aerodft.cli.main import main
 from aerodft.cli.recorded_pose import Instead, recorded_setup
 from aerodft.conventions import SECOND_NS
@@ -18,7 +18,7 @@ from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.sim.scenario import default_camera, generated, write_files
 from aerodft.sim.telemetry import Autopilot, Biases
-from replay.recording import Recording
+from replay.recordings.recording import Recording
 from tests.payloads import decode_estimate, decode_pose, encode_pose
 
 from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory

@@ -12,9 +12,9 @@ import orjson
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.codec.pose import SCHEMA as POSE_SCHEMA
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.adapters.wire.pose import SCHEMA as POSE_SCHEMA
 from aerodft.dft.measure import Request, Setup
 from aerodft.geometry.rotation import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
 from aerodft.model.camera import Camera
@@ -25,8 +25,8 @@ from aerodft.model.status import Status
 from aerodft.sim.river import River
 from aerodft.sim.scenario import Scenario, default_camera, recorded, write_files
 from aerodft.sim.trajectory import Trajectory
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 from tests.commands import run_aerodft
 from tests.one_image import measure
 

@@ -10,15 +10,15 @@ import pytest
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.mavlink.composite import CompositeDecoder, open_log
+from aerodft.adapters.telemetry.log_formats import CompositeDecoder, open_log
 from aerodft.geometry.geodesy import east_north
 from aerodft.geometry.rotation import camera_angles, camera_from_gimbal, matrix
 from aerodft.geometry.terrain import ElevationGrid, Terrain
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseStd
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock, ReportFrame
-from aerodft.service.clock_ticks import Ticks
-from aerodft.service.poses import PoseSource
+from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.pose.source import PoseSource
 from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
 from tests.one_image import sample_at
 

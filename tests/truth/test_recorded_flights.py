@@ -10,10 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 from pymavlink import mavutil
 
-from aerodft.adapters.codec.pose import SCHEMA
+from aerodft.adapters.wire.pose import SCHEMA
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.status import Status
-from replay.recording import Recording
+from replay.recordings.recording import Recording
 from tests.commands import run_aerodft
 from tests.payloads import decode_pose
 

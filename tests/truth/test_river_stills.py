@@ -15,10 +15,10 @@ from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.model.pose import PoseStd
 from aerodft.sim.render import Imaging
 from aerodft.sim.scenario import default_camera
-from aerodft.vision.river import River, RiverQuestion, channel_of, find_river, oriented, river_across
-from aerodft.vision.river_status import RiverStatus
-from aerodft.vision.water_features import WaterPlane
-from aerodft.vision.waterway import centreline
+from aerodft.vision.river.centreline import centreline
+from aerodft.vision.river.observer import River, RiverQuestion, channel_of, find_river, oriented, river_across
+from aerodft.vision.river.status import RiverStatus
+from aerodft.vision.river.water_features import WaterPlane
 from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing
 from tests.waterside import Waterside, WatersideRenderer
 

@@ -15,8 +15,8 @@ from aerodft.model.pose import PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import OBJECTS, ObjectSettings
-from aerodft.vision.moving import MovingObjects
-from aerodft.vision.object_tracks import ObjectTracks
+from aerodft.vision.objects.moving import MovingObjects
+from aerodft.vision.objects.object_tracks import ObjectTracks
 from tests.truth import walkers as yard
 
 PIXEL = 1.0

@@ -16,8 +16,8 @@ from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import ObjectSettings
 from aerodft.sim.world import Post
-from aerodft.vision.moving import MovingOverGround
-from aerodft.vision.object_tracks import ObjectTracks
+from aerodft.vision.objects.moving import MovingOverGround
+from aerodft.vision.objects.object_tracks import ObjectTracks
 from tests.truth import walkers_from_above as flown
 
 PIXEL = 1.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aerodft.vision.ground_tracks import begun, distance2, predicted, updated
+from aerodft.vision.objects.ground_tracks import begun, distance2, predicted, updated
 
 CHI2_4D_95 = 9.487729036781154
 

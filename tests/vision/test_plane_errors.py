@@ -8,7 +8,7 @@ import pytest
 
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix
-from aerodft.vision.keyframes import (
+from aerodft.vision.common.keyframes import (
     FREE,
     Standpoint,
     by_elements,
@@ -18,8 +18,8 @@ from aerodft.vision.keyframes import (
     moved_on,
     place_cov_px2,
 )
+from aerodft.vision.common.tracking import carried
 from aerodft.vision.plane_lock import Matched, groups_of
-from aerodft.vision.tracking import carried
 
 UNIT = np.array([[520.0, 0, 319.5], [0, 530.0, 179.5], [0, 0, 1]])
 LENS = np.array([[700.0, 0, 319.5], [0, 714.0, 179.5], [0, 0, 1]])  # zoomed

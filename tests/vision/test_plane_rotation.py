@@ -11,7 +11,14 @@ from aerodft.sim.river import River
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.trajectory import Waypoint, fly
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
-from aerodft.vision.rotation import ImagePair, PlaneMotion, PlaneTracker, layered_motion, plane_motion, turns_over_plane
+from aerodft.vision.camera_motion.rotation import (
+    ImagePair,
+    PlaneMotion,
+    PlaneTracker,
+    layered_motion,
+    plane_motion,
+    turns_over_plane,
+)
 
 from ..calibration.sync_views import seen_pair  # noqa: TID252 - test folders are no packages that could be named
 

@@ -11,12 +11,12 @@ from aerodft.sim.river import Island
 from aerodft.sim.river import River as SimulatedRiver
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import furnished
-from aerodft.vision.river import River, RiverQuestion, find_river
-from aerodft.vision.river_checks import otherwise_m
-from aerodft.vision.river_status import NoRiver, RiverStatus
-from aerodft.vision.water import WaterMask
-from aerodft.vision.water_features import WaterFeatures, WaterPlane
-from aerodft.vision.waterway import Centreline
+from aerodft.vision.river.centreline import Centreline
+from aerodft.vision.river.checks import otherwise_m
+from aerodft.vision.river.observer import River, RiverQuestion, find_river
+from aerodft.vision.river.status import NoRiver, RiverStatus
+from aerodft.vision.river.water import WaterMask
+from aerodft.vision.river.water_features import WaterFeatures, WaterPlane
 from tests.vision.painted_rivers import CAMERA, PaintedRiver
 
 

@@ -8,8 +8,16 @@ import numpy as np
 
 from aerodft.dft.request import Setup
 from aerodft.sim.scenario import default_camera
-from aerodft.vision.river import Reach, ReachView, River, RiverQuestion, common_islands, find_river, measure_reach
-from aerodft.vision.river_banks import Islands
+from aerodft.vision.river.banks import Islands
+from aerodft.vision.river.observer import (
+    Reach,
+    ReachView,
+    River,
+    RiverQuestion,
+    common_islands,
+    find_river,
+    measure_reach,
+)
 from tests.vision.river_scenes import picture, river_scene
 
 HALF_PERCENT = 0.005

@@ -11,8 +11,8 @@ from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River as SimulatedRiver
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, World
-from aerodft.vision.river import River, RiverQuestion, find_river
-from aerodft.vision.river_status import NoRiver, RiverStatus
+from aerodft.vision.river.observer import River, RiverQuestion, find_river
+from aerodft.vision.river.status import NoRiver, RiverStatus
 
 CAMERA = default_camera(960, 540)
 MIDDLE = (480.0, 270.0)

@@ -7,8 +7,8 @@ import pytest
 
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError
-from aerodft.vision.river import River, RiverQuestion, find_river
-from aerodft.vision.water import WaterNetwork
+from aerodft.vision.river.observer import River, RiverQuestion, find_river
+from aerodft.vision.river.water import WaterNetwork
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 BLUER_THAN_GREEN = (0.0, -40.0, 40.0)

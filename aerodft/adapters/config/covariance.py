@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from aerodft.adapters.filetype import content_looks_like, looks_like
+from aerodft.adapters.file_kind import content_looks_like, looks_like
 from aerodft.conventions import LARGEST
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.arrays import FloatArray

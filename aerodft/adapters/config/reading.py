@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from aerodft.adapters.config.tables import Table
-from aerodft.adapters.filetype import content_looks_like, looks_like
+from aerodft.adapters.file_kind import content_looks_like, looks_like
 from aerodft.errors import ConfigError
 
 TableT = TypeVar("TableT", bound=Table)

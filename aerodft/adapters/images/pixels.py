@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from aerodft.adapters.filetype import looks_like
+from aerodft.adapters.file_kind import looks_like
 from aerodft.errors import InputError
 from aerodft.model.arrays import ImageArray
 from aerodft.model.camera import Camera

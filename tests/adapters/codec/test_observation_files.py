@@ -5,8 +5,8 @@ from pathlib import Path
 import orjson
 import pytest
 
-from aerodft.adapters.codec.events import encode_observation
-from aerodft.adapters.codec.observations import load_observations, parse_observation
+from aerodft.adapters.wire.events import encode_observation
+from aerodft.adapters.wire.observations import load_observations, parse_observation
 from aerodft.errors import InputError
 from aerodft.model.image import StampClock
 from tests.payloads import decode_observation

@@ -7,11 +7,11 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.codec import wire
-from aerodft.adapters.codec.events import decode_images, encode_image, encode_images
-from aerodft.adapters.codec.measurement import IMAGE_SCHEMA, encode_batch, encode_measurement
-from aerodft.adapters.codec.pose import encode_poses
-from aerodft.adapters.codec.template import encode_payloads
+from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.events import decode_images, encode_image, encode_images
+from aerodft.adapters.wire.measurement import IMAGE_SCHEMA, encode_batch, encode_measurement
+from aerodft.adapters.wire.pose import encode_poses
+from aerodft.adapters.wire.template import encode_payloads
 from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.measurement_batch import NO_IMAGE
 from aerodft.dft.request import linked

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from pyproj import CRS, Geod, Proj, Transformer
 
-from aerodft.adapters.config.evidence import load_evidence
-from aerodft.adapters.config.evidence_frame import LocalFrame
+from aerodft.adapters.config.evidence.files import load_evidence
+from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.geometry.geodesy import east_north
 from aerodft.model.pose import GeoOrigin
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.evidence import check_against, load_evidence
+from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.evidence.files import check_against, load_evidence
 from aerodft.errors import AerodftError, ConfigError
 from aerodft.model.camera import Camera
 

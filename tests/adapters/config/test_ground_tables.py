@@ -11,7 +11,13 @@ import tomli_w
 from numpy.testing import assert_allclose, assert_array_equal
 from pyproj import Geod
 
-from aerodft.adapters.config.loading import parse_station, refreshed, resolved_toml, station_document, with_calibration
+from aerodft.adapters.config.station.loading import (
+    parse_station,
+    refreshed,
+    resolved_toml,
+    station_document,
+    with_calibration,
+)
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry.terrain import STANDARD_REFRACTION, Terrain
 from aerodft.model.probe import ProbeKind

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from aerodft.adapters.config.station.telemetry_tables import HealthTable, ZoomTable
 from aerodft.adapters.config.tables import keys_of, value_of
-from aerodft.adapters.config.telemetry_tables import HealthTable, ZoomTable
 from aerodft.service.settings import HealthSettings, ZoomSettings
 
 percents = st.decimals(0, 100, places=3).map(float)

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from pyproj import Geod
 
-from aerodft.adapters.config.loading import parse_station, resolved_toml
+from aerodft.adapters.config.station.loading import parse_station, resolved_toml
 from aerodft.errors import ConfigError
 from aerodft.service.settings import DRIFT
 

@@ -8,7 +8,7 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.config.camera import camera_document, load_camera
+from aerodft.adapters.config.camera.camera import camera_document, load_camera
 from aerodft.errors import ConfigError
 from aerodft.model.camera import Camera, CameraStd, LensModel
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from aerodft.adapters.config.calibration import load_calibration
-from aerodft.adapters.config.inputs import Device, Link, Rate, Stills, Stream, VideoFile
-from aerodft.adapters.config.loading import load_station, parse_station, with_calibration
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.config.camera.calibration import load_calibration
+from aerodft.adapters.config.station.inputs import Device, Link, Rate, Stills, Stream, VideoFile
+from aerodft.adapters.config.station.loading import load_station, parse_station, with_calibration
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.errors import ConfigError
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pyproj import Transformer
 
-from aerodft.adapters.config.markers import load_markers
+from aerodft.adapters.config.evidence.markers import load_markers
 from aerodft.errors import ConfigError
 from aerodft.model.evidence import Landmark, Prior
 from aerodft.model.marker import MarkerSighting

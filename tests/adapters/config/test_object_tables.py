@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.config.loading import parse_station, resolved_toml
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.config.station.loading import parse_station, resolved_toml
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.errors import ConfigError
 from aerodft.model.probe import PixelSource
 from aerodft.service.settings import ObjectSettings

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.images.clock import ImageClock, OnClock
 from aerodft.model.image import Image
 from aerodft.model.telemetry import WireProtocol
+from aerodft.service.clocks.camera_clock import ImageClock, OnClock
 from aerodft.service.feed import block_of
 
 NOW_NS = 1_795_221_278_000_000_000

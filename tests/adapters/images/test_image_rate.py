@@ -6,7 +6,7 @@ import pytest
 
 from aerodft.adapters.images.rate import LiveRate, RateSource
 from aerodft.model.image import Image, StampClock
-from aerodft.service.clock import WallClock
+from aerodft.service.clocks.system_clock import WallClock
 
 START_NS = 1_795_226_246_000_000_007
 

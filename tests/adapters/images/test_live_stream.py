@@ -14,7 +14,7 @@ import pytest
 from aerodft.adapters.images.stream import StreamReader, UdpFile
 from aerodft.errors import ConfigError, LinkError
 from aerodft.model.image import Image, StampClock
-from aerodft.service.clock import WallClock
+from aerodft.service.clocks.system_clock import WallClock
 
 RATE_HZ = 30
 CLOCK = WallClock()

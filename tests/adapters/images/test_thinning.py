@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.thinning import Thinned, is_due
+from aerodft.adapters.recording.write.thinning import Thinned, is_due
 from aerodft.model.arrays import ImageArray
 from aerodft.model.batch import Event
 from aerodft.model.image import Image, StampClock

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.mavlink.findings import clock_document, clock_sentences
-from aerodft.adapters.mavlink.flight_survey import HeightPairs
-from aerodft.adapters.mavlink.survey import ClockSummary
+from aerodft.diagnosis.findings import clock_document, clock_sentences
+from aerodft.diagnosis.flight import HeightPairs
+from aerodft.diagnosis.survey import ClockSummary
 from aerodft.model.height import HeightDifference
 from aerodft.model.pose import HeightSource
-from aerodft.service.timing import ClockHealth
+from aerodft.service.clocks.clock_map import ClockHealth
 
 SECOND = 1_000_000_000
 QUIET = ClockHealth(drift=2.5e-6, restarts=0, wraps=0, jumps_s=(), left_out=0, rivals=False)

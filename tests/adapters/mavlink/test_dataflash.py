@@ -9,9 +9,9 @@ import pytest
 from pymavlink import DFReader
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.mavlink.composite import CompositeDecoder
-from aerodft.adapters.mavlink.dataflash_decoding import DataflashDecoder, gps_to_unix_ns
-from aerodft.adapters.mavlink.logs import DataflashSource
+from aerodft.adapters.telemetry.dataflash import DataflashDecoder, gps_to_unix_ns
+from aerodft.adapters.telemetry.log_formats import CompositeDecoder
+from aerodft.adapters.telemetry.logs import DataflashSource
 from aerodft.model.telemetry import (
     ClockTrack,
     GimbalTrack,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.adapters.mavlink.health_survey import HealthSurvey
+from aerodft.diagnosis.vehicle_health import HealthSurvey
 from aerodft.model.camera import Camera, ZoomSource
 from aerodft.model.telemetry import NO_BOOT_TIME, CameraTrack
 from aerodft.service.settings import TelemetrySettings, ZoomSettings

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
 from aerodft.model.health import HeartbeatTrack, LinkTrack
 from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
 

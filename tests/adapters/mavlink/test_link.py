@@ -12,8 +12,8 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.address import LinkKind, is_link, parse_address
-from aerodft.adapters.mavlink.link import MavlinkLink
+from aerodft.adapters.telemetry.mavlink.address import LinkKind, is_link, parse_address
+from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
 from aerodft.errors import LinkError
 from aerodft.model.telemetry import WireProtocol
 

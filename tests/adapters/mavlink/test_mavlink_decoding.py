@@ -7,8 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.mavlink.decoding import Followed, MavlinkDecoder
-from aerodft.adapters.mavlink.framing import headers
+from aerodft.adapters.telemetry.mavlink.decoding import Followed, MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink.framing import headers
 from aerodft.model.health import HeartbeatTrack, LinkTrack, RivalTrack
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.telemetry import (

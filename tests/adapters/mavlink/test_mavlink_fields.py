@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 
-from aerodft.adapters.mavlink.decoding import WANTED
-from aerodft.adapters.mavlink.dialect import frame_table, message_name, payload_dtype
-from aerodft.adapters.mavlink.kernels import gather, read_headers
-from aerodft.adapters.mavlink.logs import TlogSource
+from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.telemetry.mavlink.decoding import WANTED
+from aerodft.adapters.telemetry.mavlink.dialect import frame_table, message_name, payload_dtype
+from aerodft.adapters.telemetry.mavlink.kernels import gather, read_headers
 from aerodft.model.telemetry import RawBlock
 
 LOGS = [

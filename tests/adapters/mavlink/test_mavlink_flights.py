@@ -11,8 +11,8 @@ import pytest
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.mavlink.logs import TlogSource
+from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
 from aerodft.model.telemetry import (
     NO_BOOT_TIME,
     ClockTrack,

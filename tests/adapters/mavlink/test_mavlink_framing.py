@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.mavlink.dialect import MESSAGES, frame_table, message_name, payload_dtype
-from aerodft.adapters.mavlink.framing import StreamFramer
-from aerodft.adapters.mavlink.kernels import checksum
+from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES, frame_table, message_name, payload_dtype
+from aerodft.adapters.telemetry.mavlink.framing import StreamFramer
+from aerodft.adapters.telemetry.mavlink.kernels import checksum
 
 
 @settings(deadline=None)  # the first call compiles

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.requests import ARDUPILOT, OFF, PX4, MessageRequest, wanted, wanted_of_cameras
-from aerodft.adapters.mavlink.streams import Parameters, Stream
+from aerodft.diagnosis.message_requests import ARDUPILOT, OFF, PX4, MessageRequest, wanted, wanted_of_cameras
+from aerodft.diagnosis.streams import Parameters, Stream
 from aerodft.model.camera import ZoomSource
 from aerodft.service.settings import ZoomSettings
 

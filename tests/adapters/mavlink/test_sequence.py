@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.mavlink.decoding import SequenceWatch
+from aerodft.adapters.telemetry.mavlink.decoding import SequenceWatch
 
 WINDOW = 64
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.mavlink.framing import StreamFramer
-from aerodft.adapters.mavlink.signing import (
+from aerodft.adapters.telemetry.mavlink.framing import StreamFramer
+from aerodft.adapters.telemetry.signing import (
     FUTURE,
     OLD,
     REPLAYED,
@@ -24,7 +24,7 @@ from aerodft.adapters.mavlink.signing import (
     sign,
     signing_time,
 )
-from aerodft.adapters.mavlink.signing_settings import SigningSettings
+from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.errors import ConfigError, InputError
 
 KEY = bytes(range(32))

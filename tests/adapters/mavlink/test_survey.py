@@ -9,24 +9,24 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink.composite import open_log
-from aerodft.adapters.mavlink.decoding import Followed
-from aerodft.adapters.mavlink.findings import document, notes, problems
-from aerodft.adapters.mavlink.flight_survey import PoseSurvey
-from aerodft.adapters.mavlink.framing import FrameCounts
-from aerodft.adapters.mavlink.signing import sign
-from aerodft.adapters.mavlink.survey import Survey, SurveyReport
+from aerodft.adapters.telemetry.log_formats import open_log
+from aerodft.adapters.telemetry.mavlink.decoding import Followed
+from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
+from aerodft.adapters.telemetry.signing import sign
 from aerodft.conventions import SECOND_NS
+from aerodft.diagnosis.findings import document, notes, problems
+from aerodft.diagnosis.flight import PoseSurvey
+from aerodft.diagnosis.survey import Survey, SurveyReport
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.pose import PoseSample
 from aerodft.model.pose_batch import PoseBatch
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.clocks.clock_map import ClockMap
 from aerodft.service.feed import block_of
-from aerodft.service.timing import ClockMap
 
 if TYPE_CHECKING:
-    from aerodft.service.poses import PoseSource
+    from aerodft.service.pose.source import PoseSource
 
 MakeBlock = Callable[[list[bytes]], RawBlock]
 

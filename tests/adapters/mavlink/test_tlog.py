@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.mavlink import logs
-from aerodft.adapters.mavlink.composite import open_log
-from aerodft.adapters.mavlink.logs import BLOCK_FRAMES, PIECE_BYTES, DataflashSource, TlogSource
+from aerodft.adapters.telemetry import logs
+from aerodft.adapters.telemetry.log_formats import open_log
+from aerodft.adapters.telemetry.logs import BLOCK_FRAMES, PIECE_BYTES, DataflashSource, TlogSource
 from aerodft.errors import InputError
 from aerodft.model.telemetry import RawBlock
 

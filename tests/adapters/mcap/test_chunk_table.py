@@ -6,9 +6,9 @@ from itertools import chain, takewhile
 
 import pytest
 
-from aerodft.adapters.mcap import reading
-from aerodft.adapters.mcap.chunks import records_in
-from aerodft.adapters.mcap.reading import message_table, record_tables
+from aerodft.adapters.recording.read import messages as reading
+from aerodft.adapters.recording.read.chunks import records_in
+from aerodft.adapters.recording.read.messages import message_table, record_tables
 
 MESSAGE, FEW = 5, 64
 KNOWN = dict.fromkeys(range(40_000))

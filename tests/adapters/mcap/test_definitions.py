@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from mcap.records import Channel, Schema
 
-from aerodft.adapters.mcap import salvage
-from aerodft.adapters.mcap.channels import MOST_DEFINED_BYTES, Channels, Definitions, TooMuchDefinedError
-from aerodft.adapters.mcap.layout import ChunkBuffer, encoded
-from aerodft.adapters.mcap.reading import ChunkReader
-from aerodft.adapters.mcap.recovery import recover_folder
-from aerodft.adapters.mcap.scanning import scan_segment
-from aerodft.adapters.mcap.segment import METADATA_NAME, PROFILE, Summary
+from aerodft.adapters.recording.channels import MOST_DEFINED_BYTES, Channels, Definitions, TooMuchDefinedError
+from aerodft.adapters.recording.layout import ChunkBuffer, encoded
+from aerodft.adapters.recording.read.messages import ChunkReader
+from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.recording.recover import chunk_scanner as salvage
+from aerodft.adapters.recording.recover.recovery import recover_folder
+from aerodft.adapters.recording.write.segment import METADATA_NAME, PROFILE, Summary
 
 BIG = MOST_DEFINED_BYTES // 3
 

@@ -14,10 +14,10 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from aerodft.adapters.codec.events import decode_image
-from aerodft.adapters.codec.measurement import split_measurements
-from aerodft.adapters.codec.schemas import SCHEMAS
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.wire.events import decode_image
+from aerodft.adapters.wire.measurement import split_measurements
+from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.camera import Camera, LensModel
@@ -30,8 +30,8 @@ from aerodft.model.status import Status
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.batches import Batches
 from aerodft.service.feed import MergedFeed, block_of
-from replay.recording import Recording
-from replay.source import RecordingSource
+from replay.recordings.recording import Recording
+from replay.recordings.source import RecordingSource
 from tests.batches import one_tick, take
 from tests.payloads import decode_observation, decode_pose, decode_status
 
@@ -193,7 +193,7 @@ def test_a_part_of_a_recording_can_be_read(tmp_path: Path) -> None:
 
 
 def test_segments_roll_over_and_read_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
+    monkeypatch.setattr("aerodft.adapters.recording.write.segmented_writer.FLUSH_S", 0.0)
     record(tmp_path / "r", segment_bytes=20_000)
     recording = Recording(tmp_path / "r")
     assert len(recording.data) > 1
@@ -205,9 +205,9 @@ def test_a_segment_ends_before_its_index_is_more_than_readers_believe(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A station may ask for one segment a day, of 350,000 chunks: without its index only the first are found."""
-    monkeypatch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
+    monkeypatch.setattr("aerodft.adapters.recording.write.segmented_writer.FLUSH_S", 0.0)
     most = 250
-    monkeypatch.setattr("aerodft.adapters.mcap.segment.MOST_INDEX_BYTES", most)
+    monkeypatch.setattr("aerodft.adapters.recording.write.segment.MOST_INDEX_BYTES", most)
     record(tmp_path / "r", segment_s=86_400.0)
     recording = Recording(tmp_path / "r")
     assert len(recording.data) > 1
@@ -332,7 +332,7 @@ def cut_copy(source: Path, target: Path, size: int) -> Recording:
 def test_a_cut_recording_is_read_as_far_as_it_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
+    monkeypatch.setattr("aerodft.adapters.recording.write.segmented_writer.FLUSH_S", 0.0)
     record(tmp_path / "r")
     whole = [message.data for message in Recording(tmp_path / "r").messages()]
     size = (tmp_path / "r" / "data_000.mcap").stat().st_size
@@ -352,7 +352,7 @@ def test_a_cut_recording_is_read_as_far_as_it_is_whole(
 def test_a_damaged_chunk_is_left_out_and_never_read_wrongly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("aerodft.adapters.mcap.series.FLUSH_S", 0.0)
+    monkeypatch.setattr("aerodft.adapters.recording.write.segmented_writer.FLUSH_S", 0.0)
     record(tmp_path / "r", steps=30)
     whole = [message.data for message in Recording(tmp_path / "r").messages()]
     chunks = Recording(tmp_path / "r").data[0].chunks
@@ -375,8 +375,8 @@ WRITE_FOREVER = """
     import sys
     from pathlib import Path
     import numpy as np
-    from aerodft.adapters.mcap.recorder import McapRecorder
-    from aerodft.adapters.mcap.recorder import RecorderSettings
+    from aerodft.adapters.recording.write.recorder import McapRecorder
+    from aerodft.adapters.recording.write.recorder import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches
@@ -416,9 +416,9 @@ FULL_DISK = """
     import os, resource, signal, sys, time
     from pathlib import Path
     import numpy as np
-    import aerodft.adapters.mcap.series as series
-    from aerodft.adapters.mcap.recorder import McapRecorder
-    from aerodft.adapters.mcap.recorder import RecorderSettings
+    import aerodft.adapters.recording.write.segmented_writer as series
+    from aerodft.adapters.recording.write.recorder import McapRecorder
+    from aerodft.adapters.recording.write.recorder import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodft.adapters.mcap.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.batch import Event
 from aerodft.model.calibration import CalibrationEstimate
@@ -23,7 +23,7 @@ from aerodft.model.telemetry import WireProtocol
 from aerodft.service.batches import Batches
 from aerodft.service.feed import block_of
 from aerodft.service.outputs import ImageOutputs, StepOutputs
-from replay.recording import Recording
+from replay.recordings.recording import Recording
 from tests.batches import Content, measurement_batch, step_outputs
 
 START_NS, TICK_NS, TICKS = 1_795_221_278_000_000_000, 50_000_000, 300

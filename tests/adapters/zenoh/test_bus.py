@@ -17,11 +17,11 @@ import pytest
 import zenoh
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.codec.requests import MeasureRequest
-from aerodft.adapters.codec.schemas import SCHEMAS
-from aerodft.adapters.codec.status import StationStatus
-from aerodft.adapters.zenoh.bus import BusSettings, ZenohBus
-from aerodft.adapters.zenoh.session import open_session, session_on
+from aerodft.adapters.bus.session import open_session, session_on
+from aerodft.adapters.bus.station import BusSettings, ZenohBus
+from aerodft.adapters.wire.requests import MeasureRequest
+from aerodft.adapters.wire.schemas import SCHEMAS
+from aerodft.adapters.wire.status import StationStatus
 from aerodft.errors import InputError, LinkError
 from aerodft.geometry.rotation import camera_attitude
 from aerodft.model.calibration import CalibrationEstimate

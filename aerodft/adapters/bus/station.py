@@ -1,0 +1,301 @@
+"""One station on the bus: a ``Sink`` that publishes, and the queries and observations that come in."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import NamedTuple, TypeAlias
+
+import zenoh
+
+from aerodft.adapters.bus.session import DEFAULT_LISTEN, close_session, open_session
+from aerodft.adapters.images.jpeg import encode_jpeg
+from aerodft.adapters.wire import events
+from aerodft.adapters.wire.camera_motion import encode_steadiness
+from aerodft.adapters.wire.estimate import encode_estimate
+from aerodft.adapters.wire.height import encode_height_switch
+from aerodft.adapters.wire.keys import Keys
+from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
+from aerodft.adapters.wire.observations import parse_observation
+from aerodft.adapters.wire.pose import encode_poses
+from aerodft.adapters.wire.requests import (
+    MeasureRequest,
+    encode_error,
+    encode_probes,
+    parse_history_request,
+    parse_measure_request,
+)
+from aerodft.adapters.wire.status import StationStatus, encode_status
+from aerodft.adapters.worker_queue import Lane
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import AerodftError, InputError
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
+from aerodft.model.height import HeightSwitch
+from aerodft.model.image import Image
+from aerodft.model.measurement import Measurement
+from aerodft.model.observation import Observation
+from aerodft.model.probe import Probe
+from aerodft.service.batches import Batches
+from aerodft.service.outputs import StepOutputs
+
+_QUEUED_TICKS = 256
+_LOG_EVERY = 1000
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusSettings:
+    """How a station is on the bus.
+
+    Attributes:
+        station: Name in key expressions.
+        listen: Endpoint; None to listen nowhere.
+        connect: Endpoints of others.
+        max_image_hz: Images per second that are published; 0 for none.
+        jpeg_quality: 0 to 100.
+        history: Measurements that ``history`` queries can ask for.
+    """
+
+    station: str
+    listen: str | None = DEFAULT_LISTEN
+    connect: tuple[str, ...] = ()
+    max_image_hz: float = 2.0
+    jpeg_quality: int = 75
+    history: int = 1000
+
+
+def _as_it_is(image: Image) -> Image:
+    return image
+
+
+class _Payload(NamedTuple):
+    """What is published: its place among all of some ticks, the probe of a measurement, the key, the JSON."""
+
+    order: int
+    name: str | None
+    key: str
+    payload: bytes
+
+
+_Work: TypeAlias = StepOutputs | StationStatus
+_Answer: TypeAlias = Callable[[bytes], bytes]
+
+
+class ZenohBus:
+    """Publishes what a pipeline makes, answers ``measure``, ``probes`` and ``history``, and takes observations.
+
+    Publishing drops what a slow subscriber does not take, and never waits for one.
+
+    Args:
+        settings: How.
+        probes: What ``probes`` queries show.
+        on_measure: Answers ``measure`` queries, in a thread of the bus.
+        on_observation: Takes observations (their arrival is to be set), in a thread of the bus.
+        in_utc: Puts an image's stamp into UTC before it is published, so that an observer's answer is in UTC too.
+
+    Raises:
+        LinkError: An endpoint is busy or makes no sense.
+    """
+
+    def __init__(
+        self,
+        settings: BusSettings,
+        *,
+        probes: Sequence[Probe] = (),
+        on_measure: Callable[[MeasureRequest], list[Measurement]] | None = None,
+        on_observation: Callable[[Observation], None] | None = None,
+        in_utc: Callable[[Image], Image] = _as_it_is,
+    ) -> None:
+        self._settings = settings
+        self._keys = Keys(settings.station)
+        self._history: deque[_Payload] = deque(maxlen=settings.history)
+        self._history_lock = threading.Lock()
+        self._last_image_ns: int | None = None
+        self._in_utc = in_utc
+        self._malformed = self._shed_images = self._shed_outputs = 0
+        self._session = open_session(settings.listen, settings.connect)
+        self._publishers = _Publishers(self._session)
+        self._lane: Lane[_Work] = Lane("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
+        self._image_lane: Lane[Image] = Lane("publish-images", self._publish_image, _nothing, capacity=2)
+        self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
+            self._session.liveliness().declare_token(self._keys.alive),
+            *self._answers(tuple(probes), on_measure),
+        ]
+        if on_observation is not None:
+            self._declared.append(self._observations(on_observation))
+
+    @property
+    def malformed(self) -> int:
+        """Observations that came in and were none."""
+        return self._malformed
+
+    @property
+    def shed(self) -> int:
+        """Ticks and images that were not published because publishing was too slow."""
+        return self._shed_outputs + self._shed_images
+
+    def take(self, batches: Batches, outputs: StepOutputs) -> None:
+        """Publish poses, measurements and estimates of some ticks, and of their images as many as the rate allows."""
+        for image in batches.images:
+            if image.pixels is not None and self._is_due(image):
+                self._last_image_ns = image.arrival_ns
+                self._shed_images += not self._image_lane.put(self._in_utc(image))
+        is_all_observed = all(isinstance(each.content, Observation) for each in outputs.singles)
+        if outputs.images or outputs.observations or not is_all_observed:
+            self._shed_outputs += not self._lane.put(outputs)
+
+    def status(self, value: StationStatus) -> None:
+        """Publish the station's state."""
+        self._lane.put(value)
+
+    def close(self) -> None:
+        """Publish what is left, withdraw, and close the session."""
+        with ExitStack() as stack:  # whatever one of them raises, the others are closed; last in, first out
+            stack.callback(close_session, self._session)
+            stack.callback(self._publishers.close)
+            for declared in self._declared:
+                stack.callback(declared.undeclare)
+            stack.callback(self._lane.close)
+            stack.callback(self._image_lane.close)
+
+    def _publish(self, work: _Work) -> None:
+        if isinstance(work, StationStatus):
+            self._publishers.json(self._keys.status, encode_status(work))
+            return
+        for each in sorted(self._payloads(work), key=attrgetter("order")):
+            if each.name is not None:
+                with self._history_lock:
+                    self._history.append(each)
+            self._publishers.json(each.key, each.payload)
+
+    def _payloads(self, outputs: StepOutputs) -> Iterator[_Payload]:
+        """What is published of some ticks; of an image first its pose."""
+        for block in outputs.images:
+            for order, payload in zip(block.order.tolist(), encode_poses(block.poses).each(), strict=True):
+                yield _Payload(order, None, self._keys.pose, payload)
+        for _, places, batch in outputs.measured():
+            for order, measurements in zip(places.tolist(), batch, strict=True):
+                for each in measurements:
+                    yield _Payload(order, each.name, self._keys.measurement(each.name), encode_measurement(each))
+        for single in outputs.singles:
+            match single.content:
+                case HeightSwitch():
+                    yield _Payload(single.order, None, self._keys.height, encode_height_switch(single.content))
+                case CalibrationEstimate():
+                    yield _Payload(single.order, None, self._keys.calibration, encode_estimate(single.content))
+                case SteadinessEstimate():
+                    yield _Payload(single.order, None, self._keys.steadiness, encode_steadiness(single.content))
+
+    def _publish_image(self, image: Image) -> None:
+        try:
+            jpeg = encode_jpeg(image, self._settings.jpeg_quality)
+        except (AerodftError, OSError, ValueError) as error:
+            _log.debug("image %d cannot be published: %s", image.index, error)
+            return
+        self._publishers.jpeg(self._keys.image, jpeg, events.encode_image(image))
+
+    def _is_due(self, image: Image) -> bool:
+        rate_hz = self._settings.max_image_hz
+        if rate_hz <= 0 or self._last_image_ns is None:
+            return rate_hz > 0
+        return image.arrival_ns - self._last_image_ns >= 0.9 * SECOND_NS / rate_hz
+
+    def _answers(
+        self, probes: tuple[Probe, ...], on_measure: Callable[[MeasureRequest], list[Measurement]] | None
+    ) -> "list[zenoh.Queryable[None]]":
+        answers: list[tuple[str, _Answer]] = [
+            (self._keys.probes, lambda _: encode_probes(probes)),
+            (self._keys.history, self._answer_history),
+        ]
+        if on_measure is not None:
+            answers.append(
+                (self._keys.measure, lambda data: encode_measurements(on_measure(parse_measure_request(data))))
+            )
+        return [_declare_answer(self._session, key, answer) for key, answer in answers]
+
+    def _answer_history(self, data: bytes) -> bytes:
+        last, name = parse_history_request(data)
+        with self._history_lock:
+            found = [item.payload for item in self._history if name is None or item.name == name]
+        return b"[" + b",".join(found[max(len(found) - last, 0) :]) + b"]"
+
+    def _observations(self, on_observation: Callable[[Observation], None]) -> "zenoh.Subscriber[None]":
+        def take(sample: zenoh.Sample) -> None:
+            key = str(sample.key_expr)
+            name = self._keys.observed_probe(key)
+            try:
+                seen = parse_observation(sample.payload.to_bytes(), name=name, arrival_ns=0, source=key)
+            except InputError as error:
+                if self._malformed % _LOG_EVERY == 0:
+                    _log.warning("observation left out: %s", error)
+                self._malformed += 1
+            else:
+                on_observation(seen)
+
+        return self._session.declare_subscriber(self._keys.observations, take)
+
+
+def _nothing() -> None:
+    """Publishing needs no tending."""
+
+
+class _Publishers:
+    """The publishers of one session; used by several threads, each with keys of its own."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._declared: dict[str, zenoh.Publisher] = {}
+
+    def json(self, key: str, payload: bytes) -> None:
+        """Publish a JSON payload."""
+        self._publisher(key, zenoh.Encoding.APPLICATION_JSON).put(payload)
+
+    def jpeg(self, key: str, payload: bytes, attachment: bytes) -> None:
+        """Publish a JPEG, with the JSON of its image attached."""
+        self._publisher(key, zenoh.Encoding.IMAGE_JPEG, zenoh.Priority.DATA_LOW).put(payload, attachment=attachment)
+
+    def close(self) -> None:
+        """Withdraw all publishers."""
+        for publisher in self._declared.values():
+            publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+        self._declared.clear()
+
+    def _publisher(
+        self, key: str, encoding: zenoh.Encoding, priority: zenoh.Priority = zenoh.Priority.DATA
+    ) -> zenoh.Publisher:
+        publisher = self._declared.get(key)
+        if publisher is None:
+            publisher = self._session.declare_publisher(
+                key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP, priority=priority
+            )
+            self._declared[key] = publisher
+        return publisher
+
+
+def _declare_answer(session: zenoh.Session, key: str, answer: _Answer) -> "zenoh.Queryable[None]":
+    """Answer queries on ``key`` with JSON: what ``answer`` makes of the payload, or ``{"error": sentence}``."""
+
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            payload = query.payload
+            query.reply(
+                key,
+                _answer(answer, b"" if payload is None else payload.to_bytes(), key),
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+            )
+
+    return session.declare_queryable(key, reply, complete=True)
+
+
+def _answer(answer: _Answer, payload: bytes, key: str) -> bytes:
+    try:
+        return answer(payload)
+    except AerodftError as error:
+        return encode_error(str(error))
+    except Exception as error:  # noqa: BLE001 - whatever it is, the client must hear of it
+        _log.exception("%s: the question could not be answered", key)
+        return encode_error(f"{key}: internal error: {type(error).__name__}: {error}")

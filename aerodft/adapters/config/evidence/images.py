@@ -1,0 +1,247 @@
+"""The tables of many images in one file of evidence: where telemetry says that each was taken, and how well."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, model_validator
+
+from aerodft.adapters.config.evidence.local_frame import LocalFrame
+from aerodft.adapters.config.evidence.tables import CameraPriorTable, Known, camera_priors, check_size
+from aerodft.adapters.config.reading import validated
+from aerodft.adapters.config.station.live_tables import ErrorStdTable, errors_from
+from aerodft.adapters.config.station.tables import OriginTable
+from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
+from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, value_of
+from aerodft.adapters.timestamps import iso_to_unix_ns
+from aerodft.errors import ConfigError
+from aerodft.model.evidence import Evidence, Prior
+from aerodft.model.pose import GeoOrigin
+from aerodft.service.settings import ErrorStd, TelemetrySettings
+
+_POSE = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg", "position_m", "lat_deg", "velocity_mps", "rates_dps")
+_LIVE = ("connection", "baud", "wait_s", "calibration", "bias")
+_OWN = ("log", "origin", "time_offset_s", "noise_share", "noise")
+Vector = Annotated[tuple[Real, Real, Real], Field(strict=False)]
+
+
+class ImageEntry(CameraPriorTable):
+    """One image: its pose by telemetry as it is written here, or a stamp at which to look the pose up."""
+
+    name: Text
+    file: Text | None = None
+    width_px: Count | None = None
+    height_px: Count | None = None
+    velocity_mps: Vector | None = None
+    rates_dps: Vector | None = None
+    utc: Text | None = None
+    index: Annotated[int, Field(ge=0)] | None = None
+
+    @property
+    def is_stamped(self) -> bool:
+        """Its pose is to be looked up."""
+        return self.utc is not None or self.index is not None
+
+    @property
+    def stamp_ns(self) -> int | None:
+        """UTC; None for an index."""
+        return None if self.utc is None else iso_to_unix_ns(self.utc)
+
+    @model_validator(mode="after")
+    def _one_pose(self) -> Self:
+        if self.focal_px is not None:
+            raise impossible("focal_px", got="it in an image", expected="it in [camera]: all images share the lens")
+        if self.utc is not None:
+            try:
+                iso_to_unix_ns(self.utc)
+            except ValueError as error:
+                raise impossible("utc", got=str(error), expected="UTC like 2026-11-21T01:57:26.5Z") from None
+        check_size(self.width_px, self.height_px)
+        stated = [key for key in _POSE if key in self.model_fields_set]
+        stamps = [key for key in ("utc", "index") if getattr(self, key) is not None]
+        if len(stamps) > 1 or (stamps and stated):
+            other = stamps[1] if len(stamps) > 1 else stated[0]
+            raise impossible(other, got=f"it beside {stamps[0]}", expected="a pose, or one stamp to look it up at")
+        if not stamps:
+            has_height = self.height_agl_m is not None or len(self.place or ()) > 2  # noqa: PLR2004 - a height
+            missing = "height_agl_m" if not has_height else "tilt_deg"
+            if not has_height or self.tilt_deg is None:
+                expected = "height_agl_m and tilt_deg by telemetry, or utc or index to look them up"
+                raise impossible(missing, got="nothing", expected=expected)
+        return self
+
+
+class FlightTable(TelemetryTable):
+    """The images' telemetry: where it is, how it becomes a pose as in a station's file, and how well it is known."""
+
+    log: Text | None = None
+    origin: OriginTable | None = None
+    time_offset_s: Known[TimeOffset] | None = None
+    noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    noise: ErrorStdTable = ErrorStdTable()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lift(cls, given: object) -> object:
+        return {"log": given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _is_recorded(self) -> Self:
+        for key in _LIVE:
+            if key in self.model_fields_set:
+                raise impossible(key, got="it beside [[image]]", expected="telemetry as it was recorded")
+        return self
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatedPose:
+    """A pose as it stands in the file, in its local frame: value and std, None where no std is stated.
+
+    Attributes:
+        known: By the names of unknowns; metres, radians.
+        velocity_mps: East, north, up.
+        rate_cam_radps: About the camera's x, y and z axes.
+    """
+
+    known: dict[str, tuple[float, float | None]]
+    velocity_mps: tuple[float, float, float]
+    rate_cam_radps: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GivenImage:
+    """One image of a file of evidence.
+
+    Attributes:
+        name: Of the image.
+        file: Its file, as stated.
+        evidence: What is known in it.
+        pose: As stated; None where it is to be looked up.
+        stamp_ns: UTC to look it up at, or None.
+        index: Of the image in a recording, or None.
+    """
+
+    name: str
+    file: str | None
+    evidence: tuple[Evidence, ...]
+    pose: StatedPose | None
+    stamp_ns: int | None
+    index: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flight:
+    """Many images and their telemetry.
+
+    Attributes:
+        images: In the order of the file.
+        log: Log or recording that stamps are looked up in; None where the file names none.
+        settings: How telemetry becomes a pose, and its standard deviations.
+        says_settings: The file states some of them, else they are defaults.
+        noise_share: Share of each standard deviation that is new in every image.
+        noise: The same for single errors, in their own units.
+        time: What is known of the time offset beforehand.
+        origin: Where the zero of local coordinates is.
+    """
+
+    images: tuple[GivenImage, ...]
+    log: Path | None
+    settings: TelemetrySettings
+    says_settings: bool
+    noise_share: float
+    noise: ErrorStd
+    time: Prior | None
+    origin: GeoOrigin | None
+
+
+@dataclass(frozen=True, slots=True)
+class FlightTables:
+    """What a file says of its images."""
+
+    entries: tuple[ImageEntry, ...]
+    telemetry: FlightTable
+
+    @property
+    def sizes_px(self) -> tuple[tuple[int, int], ...]:
+        """Width and height of those that state them."""
+        sizes = ((entry.width_px, entry.height_px) for entry in self.entries)
+        return tuple((width, height) for width, height in sizes if width is not None and height is not None)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the images."""
+        return tuple(entry.name for entry in self.entries)
+
+
+def flight_tables(document: dict[str, Any], where: str) -> tuple[FlightTables | None, dict[str, Any]]:
+    """The tables of many images, and the rest of the document; None for a file of one image.
+
+    Raises:
+        ConfigError: A table is wrong, or two images have one name.
+    """
+    rows = document.get("image")
+    if not isinstance(rows, list):
+        if "telemetry" in document:
+            expected = "[[image]] tables, each with a name and utc or index"
+            raise ConfigError("telemetry", where=where, got="it without [[image]]", expected=expected)
+        return None, document
+    entries = tuple(validated(ImageEntry, row, where, f"image[{index}].") for index, row in enumerate(rows))
+    first: dict[str, int] = {}
+    for index, entry in enumerate(entries):
+        if first.setdefault(entry.name, index) != index:
+            got = f'"{entry.name}", which image[{first[entry.name]}] has'
+            raise ConfigError(f"image[{index}].name", where=where, got=got, expected="a name of its own")
+    tables = FlightTables(entries, validated(FlightTable, document.get("telemetry", {}), where, "telemetry."))
+    if len(sizes := dict.fromkeys(tables.sizes_px)) > 1:
+        (width, height), (other_width, other_height), *_ = sizes
+        got = f"{width} x {height} and {other_width} x {other_height} pixels"
+        raise ConfigError("image", where=where, got=got, expected="images of one size: one camera in one mode")
+    rest = {key: value for key, value in document.items() if key not in ("image", "telemetry")}
+    camera = rest.get("camera", {})
+    more = [key for key in camera if key != "focal_px"] if isinstance(camera, dict) else []
+    if more:
+        raise ConfigError(f"camera.{more[0]}", where=where, got="it beside [[image]]", expected="it in the images")
+    return tables, rest
+
+
+def flight_from(tables: FlightTables, evidence: dict[str, list[Evidence]], frame: LocalFrame, path: Path) -> Flight:
+    """The images with their evidence.
+
+    Args:
+        tables: What the file says.
+        evidence: By image.
+        frame: The frame that the evidence is in.
+        path: The file; the log's path is relative to it.
+
+    Raises:
+        ConfigError: Nothing is known in an image.
+    """
+    telemetry = tables.telemetry
+    for index, name in enumerate(tables.names):
+        if not evidence.get(name):
+            expected, hint = f'an observation with image = "{name}"', "or remove it"
+            raise ConfigError(f"image[{index}]", where=path, got="no observation in it", expected=expected, hint=hint)
+    offset = telemetry.time_offset_s
+    return Flight(
+        images=tuple(_image(entry, tuple(evidence[entry.name]), frame) for entry in tables.entries),
+        log=None if telemetry.log is None else path.parent / telemetry.log,
+        settings=telemetry_from(telemetry),
+        says_settings=bool(telemetry.model_fields_set - set(_OWN)),
+        noise_share=telemetry.noise_share,
+        noise=errors_from(telemetry.noise, ErrorStd()),
+        time=None if offset is None else Prior(value=offset.value, std=offset.std or 0.0),
+        origin=None if telemetry.origin is None else value_of(telemetry.origin, GeoOrigin),
+    )
+
+
+def _image(entry: ImageEntry, evidence: tuple[Evidence, ...], frame: LocalFrame) -> GivenImage:
+    pose = None
+    if not entry.is_stamped:
+        x, y, z = entry.rates_dps or (0.0, 0.0, 0.0)
+        rates = (math.radians(x), math.radians(y), math.radians(z))
+        velocity = entry.velocity_mps or (0.0, 0.0, 0.0)
+        pose = StatedPose(known=camera_priors(entry, frame), velocity_mps=velocity, rate_cam_radps=rates)
+    return GivenImage(
+        name=entry.name, file=entry.file, evidence=evidence, pose=pose, stamp_ns=entry.stamp_ns, index=entry.index
+    )

@@ -1,0 +1,1 @@
+"""Station files: the telemetry, images, probes and outputs of one station."""

@@ -1,0 +1,261 @@
+"""The tables of a live calibration: surveyed landmarks and markers, and how the telemetry's errors behave."""
+
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from aerodft.adapters.config.reading import validated
+from aerodft.adapters.config.station.station import MarkerSettings
+from aerodft.adapters.config.tables import (
+    LOCAL,
+    Duration,
+    Latitude,
+    Longitude,
+    Means,
+    NonNegative,
+    Positive,
+    Real,
+    Slug,
+    Table,
+    Text,
+    impossible,
+    keys_of,
+    repeated,
+    value_of,
+)
+from aerodft.errors import ConfigError
+from aerodft.geometry.geodesy import east_north
+from aerodft.model.arrays import FloatArray
+from aerodft.model.marker import MarkerSurvey, SurveyedLandmark, SurveyedMarker
+from aerodft.model.pose import GeoOrigin
+from aerodft.service.settings import DRIFT, ErrorStd, LiveCalibration
+
+if TYPE_CHECKING:
+    from aerodft.adapters.config.evidence.markers import MarkersFile
+
+_FARTHEST_M = 1e5  # of a marker from the station's origin
+AngleStd = Annotated[float, Field(ge=0, le=180)]
+Place = Annotated[tuple[Real, Real, Real], Field(strict=False)]
+PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], repeated(3), Field(strict=False)]
+
+
+class LandmarkTable(Table):
+    """A surveyed point: on the map, or in metres east, north and up of the station's origin."""
+
+    name: Slug
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    alt_msl_m: Real | None = None
+    position_m: Annotated[Place | None, Means("position_enu_m")] = None
+    std_m: PlaceStd = (0.0, 0.0, 0.0)
+    std_px: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        on_map = {key: getattr(self, key) for key in ("lat_deg", "lon_deg", "alt_msl_m")}
+        stated = [key for key, value in on_map.items() if value is not None]
+        if self.position_m is not None and stated:
+            raise impossible(stated[0], got="it beside position_m", expected="one of the two")
+        if self.position_m is None and len(stated) < len(on_map):
+            missing = next(key for key, value in on_map.items() if value is None)
+            raise impossible(missing, got="nothing", expected="lat_deg, lon_deg and alt_msl_m, or position_m")
+        return self
+
+
+class ErrorStdTable(Table):
+    """Standard deviations of the telemetry's errors; a default applies to what is left out."""
+
+    height_m: NonNegative | None = None
+    horizontal_m: NonNegative | None = None
+    tilt_deg: AngleStd | None = None
+    pan_deg: AngleStd | None = None
+    roll_deg: AngleStd | None = None
+    heading_deg: AngleStd | None = None
+
+
+class LiveTable(Table):
+    """How biases are estimated from landmarks."""
+
+    noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    noise: ErrorStdTable = ErrorStdTable()
+    initial: ErrorStdTable = ErrorStdTable()
+    drift: ErrorStdTable = ErrorStdTable()
+    gate_probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.999
+    outlier_share: Annotated[float, Field(ge=0, le=0.5)] = 0.1
+
+
+def live_from(
+    table: LiveTable,
+    landmarks: tuple[LandmarkTable, ...],
+    markers: tuple[SurveyedLandmark, ...],
+    origin: GeoOrigin | None,
+    where: str,
+) -> LiveCalibration | None:
+    """The live calibration; None without landmarks.
+
+    Args:
+        table: How errors behave.
+        landmarks: Those of the file itself.
+        markers: Those that markers are.
+        origin: The station's.
+        where: The file's name in messages.
+
+    Raises:
+        ConfigError: A name twice, or nobody knows where the landmarks are against the station.
+    """
+    if not landmarks and not markers:
+        return None
+    names, taken = [each.name for each in landmarks], {each.name for each in markers}
+    for index, name in enumerate(names):
+        if name in names[:index] or name in taken:
+            raise ConfigError(
+                f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
+            )
+    origin = needed_origin(origin, "[[landmark]]", where)
+    return value_of(
+        table,
+        LiveCalibration,
+        landmarks=(*(_landmark(each, origin, where) for each in landmarks), *markers),
+        drift=errors_from(table.drift, DRIFT),
+    )
+
+
+def needed_origin(origin: GeoOrigin | None, beside: str, where: str) -> GeoOrigin:
+    """The station's origin, without which nobody knows where landmarks are.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    if origin is None:
+        expected = "{ lat_deg, lon_deg, alt_msl_m } of a point of the measured plane, from which landmarks are counted"
+        raise ConfigError("station.origin", where=where, got=f"nothing beside {beside}", expected=expected)
+    return origin
+
+
+def live_document(live: LiveCalibration, markers: frozenset[str] = frozenset()) -> dict[str, Any]:
+    """The tables ``landmark`` and ``calibration`` as TOML keys; reading them gives the same settings.
+
+    Args:
+        live: The settings.
+        markers: Names of the landmarks that are markers', which have a table of their own.
+    """
+    landmarks = [keys_of(LandmarkTable, each) for each in live.landmarks if each.name not in markers]
+    return {"landmark": landmarks, "calibration": keys_of(LiveTable, live)}
+
+
+def _landmark(table: LandmarkTable, origin: GeoOrigin, where: str) -> SurveyedLandmark:
+    place = _on_map(table, origin, where) if table.position_m is None else table.position_m
+    return value_of(table, SurveyedLandmark, position_enu_m=place)
+
+
+def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float, float, float]:
+    if origin.alt_msl_m is None:
+        expected = f'metres, because landmark "{table.name}" has alt_msl_m'
+        raise ConfigError("station.origin.alt_msl_m", where=where, got="nothing", expected=expected)
+    lat_rad, lon_rad = math.radians(table.lat_deg or 0.0), math.radians(table.lon_deg or 0.0)
+    east_m, north_m = east_north(origin, lat_rad, lon_rad).tolist()
+    return east_m, north_m, (table.alt_msl_m or 0.0) - origin.alt_msl_m
+
+
+def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
+    """The errors that a validated table describes; ``default`` applies to what it leaves out."""
+    given = asdict(value_of(table, ErrorStd))
+    return replace(default, **{name: value for name, value in given.items() if value is not None})
+
+
+class _RateTable(Table):
+    every_s: Duration = 0.1
+
+
+class _FileTable(_RateTable):
+    file: Text
+
+
+def marker_settings(
+    document: dict[str, Any] | None, origin: GeoOrigin | None, where: str, folder: Path
+) -> MarkerSettings | None:
+    """The markers of a station; None without the table.
+
+    Args:
+        document: The table: ``file``, or what such a file would hold; and ``every_s``.
+        origin: The station's.
+        where: The station file's name in messages.
+        folder: What a relative ``file`` starts from.
+
+    Raises:
+        ConfigError: As ``markers.load_markers``; or nobody knows where the markers are against the station.
+    """
+    if document is None:
+        return None
+    from aerodft.adapters.config.evidence.markers import load_markers, markers_from  # noqa: PLC0415 - 15 MB that few need
+
+    origin = needed_origin(origin, "[markers]", where)
+    if "file" in document:
+        table = validated(_FileTable, document, where, "markers.")
+        file, every_s = load_markers(folder / table.file), table.every_s
+    else:
+        rest = {key: value for key, value in document.items() if key != "every_s"}
+        rate = {key: value for key, value in document.items() if key == "every_s"}
+        every_s = validated(_RateTable, rate, where, "markers.").every_s
+        file = markers_from(rest, Path(f"{where} [markers]"))
+    return MarkerSettings(survey=_placed(file, origin, where), ignore=file.ignore, every_s=every_s)
+
+
+def _placed(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
+    """The survey in metres from the station's origin."""
+    markers = []
+    for each in file.survey.markers:
+        points_m = _from_origin_m(file, np.array(each.points_m), origin, where)
+        if np.max(np.abs(points_m)) > _FARTHEST_M:
+            away_km = float(np.max(np.linalg.norm(points_m, axis=-1))) / 1000
+            hint = 'local places count from station.origin; others need their crs, "geo" or an EPSG code'
+            got = f"{away_km:.0f} km from the station's origin"
+            raise ConfigError(f"marker {each.id}", where=file.path, got=got, expected="at most 100 km", hint=hint)
+        placed = tuple((float(east), float(north), float(up)) for east, north, up in points_m)
+        markers.append(SurveyedMarker(id=each.id, points_m=placed, std_m=each.std_m, side_m=each.side_m))
+    return MarkerSurvey(dictionary=file.survey.dictionary, markers=tuple(markers))
+
+
+def _from_origin_m(file: "MarkersFile", points_m: FloatArray, origin: GeoOrigin, where: str) -> FloatArray:
+    """East, north, up ``(n, 3)`` of the station's origin, of points ``(n, 3)`` of the file's frame."""
+    on_map = file.frame.wgs84(points_m)
+    if on_map is None:
+        return points_m + [file.frame.origin[0], file.frame.origin[1], 0.0]
+    if origin.alt_msl_m is None:
+        expected = f"metres, because the markers of {file.path} have heights"
+        raise ConfigError("station.origin.alt_msl_m", where=where, got="nothing", expected=expected)
+    up_m = on_map[:, 2:] - origin.alt_msl_m
+    return np.hstack([east_north(origin, on_map[:, 0], on_map[:, 1]), up_m])
+
+
+def marker_landmarks(settings: MarkerSettings | None) -> tuple[SurveyedLandmark, ...]:
+    """What the markers are to a live calibration: a landmark for each surveyed point."""
+    if settings is None:
+        return ()
+    return tuple(
+        SurveyedLandmark(name=name, position_enu_m=point_m, std_m=marker.std_m)
+        for marker in settings.survey.markers
+        for name, point_m in zip(marker.point_names, marker.points_m, strict=True)
+    )
+
+
+def markers_document(settings: MarkerSettings) -> dict[str, Any]:
+    """The table as TOML keys, complete in itself; reading it gives the same settings."""
+    document: dict[str, Any] = {
+        "dictionary": settings.survey.dictionary,
+        "crs": LOCAL,
+        "every_s": settings.every_s,
+        "marker": [_marker_document(each) for each in settings.survey.markers],
+    }
+    return {**document, "ignore": sorted(settings.ignore)} if settings.ignore else document
+
+
+def _marker_document(marker: SurveyedMarker) -> dict[str, Any]:
+    points_m = [list(point) for point in marker.points_m]
+    place = {"position_m": points_m[0]} if len(points_m) == 1 else {"corners_m": points_m}
+    side = {} if marker.side_m is None else {"side_m": marker.side_m}
+    return {"id": marker.id, **place, **side, "std_m": list(marker.std_m)}

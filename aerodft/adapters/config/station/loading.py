@@ -1,0 +1,414 @@
+"""Station files: TOML to :class:`StationConfig`, and back to one self-contained text.
+
+Also the id of what a station's numbers depend on.
+"""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from aerodft.adapters.config.camera.bias_tables import bias_document, biases_from
+from aerodft.adapters.config.camera.calibration import load_calibration
+from aerodft.adapters.config.camera.camera import CameraTable, camera_document, camera_from, load_camera
+from aerodft.adapters.config.camera.fixed_pose import FixedPose, placed, pose_sample
+from aerodft.adapters.config.camera.pose_tables import PoseTable, fixed_pose_from
+from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
+from aerodft.adapters.config.station.ground import (
+    GroundShape,
+    TerrainGround,
+    ground_document,
+    ground_from,
+    made_ground,
+    needs_place,
+)
+from aerodft.adapters.config.station.inputs import (
+    Device,
+    ImageSettings,
+    Link,
+    ObservationSettings,
+    Stills,
+    Stream,
+    Topics,
+    VideoFile,
+)
+from aerodft.adapters.config.station.live_tables import (
+    live_document,
+    live_from,
+    marker_landmarks,
+    marker_settings,
+    markers_document,
+)
+from aerodft.adapters.config.station.observer_tables import (
+    NOT_OF_THE_NUMBERS,
+    ObjectsTable,
+    RiverTable,
+    objects_from,
+    refuse_beside_paper,
+    river_from,
+    watch_document,
+    watch_from,
+)
+from aerodft.adapters.config.station.station import MarkerSettings, RecordSettings, StationConfig, ZenohSettings
+from aerodft.adapters.config.station.tables import (
+    ConfigTable,
+    ImagesTable,
+    LimitsTable,
+    ObservationsTable,
+    OriginTable,
+    ProbeTable,
+    RecordTable,
+    ZenohTable,
+    images_from,
+    probes_from,
+    topics_from,
+)
+from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
+from aerodft.adapters.config.tables import Table, Text, keys_of, value_of
+from aerodft.adapters.config.units import to_ns, to_s
+from aerodft.errors import ConfigError
+from aerodft.model.calibration import Calibration
+from aerodft.model.camera import Camera
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import GeoOrigin
+from aerodft.model.probe import Probe
+from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
+
+
+class _CameraFile(Table):
+    file: Text
+
+
+def load_station(path: Path) -> StationConfig:
+    """Read a station's configuration.
+
+    Args:
+        path: A TOML file; camera, calibration, terrain, marker, reference, video and observation files in it are
+            relative to its folder.
+
+    Raises:
+        ConfigError: Missing file, TOML syntax, unknown key, impossible value, here or in a file that it refers to.
+        InputError: The elevation model cannot be used.
+    """
+    return parse_station(read_bytes(path), where=str(path), folder=path.parent)
+
+
+def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
+    """As :func:`load_station`, from a file's bytes.
+
+    Args:
+        data: The TOML text.
+        where: The file's name in messages.
+        folder: What relative paths in it start from.
+
+    Raises:
+        ConfigError: As :func:`load_station`.
+    """
+    table = validated(ConfigTable, parse_toml(data, where), where)
+    telemetry = table.telemetry
+    ground = ground_from(table.ground, where, folder)
+    pipeline = _pipeline(table, where, folder)
+    _check_ground(ground, pipeline.model, table.pose, where)
+    markers = marker_settings(table.markers, pipeline.origin, where, folder)
+    return refreshed(
+        StationConfig(
+            pipeline=pipeline,
+            link=_link(telemetry, folder),
+            images=images_from(table.images, folder),
+            observations=value_of(table.observations, ObservationSettings, folder),
+            zenoh=value_of(table.zenoh, ZenohSettings),
+            record=value_of(table.record, RecordSettings),
+            fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
+            ground=ground,
+            calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
+            live=_live(table, pipeline, markers, where),
+            markers=markers,
+            watch=watch_from(table.watch, pipeline.model, pipeline.probes, where, folder),
+            objects=objects_from(table.objects, pipeline.model, pipeline.probes, where),
+            river=river_from(table.river, pipeline.model, pipeline.probes, where),
+            topics=topics_from(table.topics),
+        ),
+        where,
+    )
+
+
+def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: PoseTable | None, where: str) -> None:
+    if ground is not None:
+        refuse_beside_paper("ground", model, where, know="level ground only")
+    stated = pose is not None and pose.calibration is None
+    if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
+        expected = "degrees from north, because the ground is laid out on the map"
+        raise ConfigError("pose.heading_deg", where=where, got="nothing", expected=expected)
+
+
+def _live(
+    table: ConfigTable, pipeline: PipelineSettings, markers: MarkerSettings | None, where: str
+) -> LiveCalibration | None:
+    if table.landmark:
+        refuse_beside_paper("landmark", pipeline.model, where, shown="[[landmark]]")
+    if markers:
+        refuse_beside_paper("markers", pipeline.model, where)
+    return live_from(table.calibration, table.landmark, marker_landmarks(markers), pipeline.origin, where)
+
+
+def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
+    """What the table says of the pipeline; the fixed pose and the id come with ``refreshed``."""
+    camera, model = _camera(table.camera, where, folder)
+    if table.pose is not None and table.pose.calibration:
+        camera = _calibrated_camera(folder / table.pose.calibration, camera, model)
+    if table.telemetry is not None and table.telemetry.calibration:
+        camera = _refined_camera(folder / table.telemetry.calibration, camera, model)
+    return PipelineSettings(
+        station=table.station.name,
+        camera=camera,
+        probes=probes_from(table.probe, camera, where),
+        model=model,
+        telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
+        origin=None if table.station.origin is None else value_of(table.station.origin, GeoOrigin),
+        max_range_m=table.limits.max_range_m,
+        time_std_s=table.images.time_std_s,
+        match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
+        tick_ns=table.station.tick_ms * 1_000_000,
+    )
+
+
+def with_calibration(station: StationConfig, path: Path) -> StationConfig:
+    """The same station with another calibration: a fixed camera takes its pose, a moving one its biases.
+
+    Args:
+        station: The station.
+        path: A calibration file.
+
+    Raises:
+        ConfigError: As :func:`load_calibration`, or the file lacks what it takes.
+    """
+    if station.fixed_pose is not None:
+        camera = _calibrated_camera(path, station.pipeline.camera, station.pipeline.model)
+        pipeline = replace(station.pipeline, camera=camera)
+        return refreshed(replace(station, pipeline=pipeline, fixed_pose=_calibrated_pose(path)), str(path))
+    camera = _refined_camera(path, station.pipeline.camera, station.pipeline.model)
+    pipeline = replace(station.pipeline, camera=camera)
+    return refreshed(replace(station, pipeline=pipeline, calibration=_biases(path)), str(path))
+
+
+def _camera(document: dict[str, Any], where: str, folder: Path) -> tuple[Camera, ProjectionModel]:
+    rest = dict(document)
+    name = rest.pop("model", ProjectionModel.PINHOLE)
+    try:
+        model = ProjectionModel(name)
+    except ValueError:
+        expected = " or ".join(f'"{known}"' for known in ProjectionModel)
+        raise ConfigError("camera.model", where=where, got=repr(name), expected=expected) from None
+    if "file" in rest:
+        return load_camera(folder / validated(_CameraFile, rest, where, "camera.").file), model
+    return camera_from(validated(CameraTable, rest, where, "camera."), where, "camera."), model
+
+
+def _fixed_pose(table: PoseTable, where: str, folder: Path) -> FixedPose:
+    return _calibrated_pose(folder / table.calibration) if table.calibration else fixed_pose_from(table, where)
+
+
+def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
+    """The calibration's camera where it has one, else the station's."""
+    found = load_calibration(path)
+    if found.model is not model:
+        hint = f'set camera.model = "{found.model}", or calibrate with --model {model}'
+        raise ConfigError("a calibration of another model", where=path, got=found.model, expected=model, hint=hint)
+    return found.camera or camera
+
+
+def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
+    """The same for biases, which hold in both models where the lens was not found with them."""
+    return camera if load_calibration(path).camera is None else _calibrated_camera(path, camera, model)
+
+
+def _calibrated_pose(path: Path) -> FixedPose:
+    pose = load_calibration(path).pose
+    if pose is None:
+        raise ConfigError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
+    return pose
+
+
+def _telemetry_calibration(table: TelemetryTable, where: str, folder: Path) -> Calibration | None:
+    if table.calibration:
+        return _biases(folder / table.calibration)
+    if table.bias is None:
+        return None
+    own = hashlib.sha256(table.bias.model_dump_json(exclude={"calibration_id"}).encode()).hexdigest()
+    return biases_from(table.bias, table.bias.calibration_id or f"sha256:{own}", where)
+
+
+def _biases(path: Path) -> Calibration:
+    found = load_calibration(path)
+    if found.pose is not None:
+        raise ConfigError(
+            "a fixed camera's calibration",
+            where=path,
+            got="[pose]",
+            expected="[bias] alone for a station with telemetry",
+        )
+    return found.biases
+
+
+def _link(table: TelemetryTable | None, folder: Path) -> Link | None:
+    if table is None or table.connection is None:
+        return None
+    return value_of(table, Link, folder)
+
+
+def refreshed(station: StationConfig, where: str = "") -> StationConfig:
+    """The station with ``pipeline.ground``, ``.fixed_pose`` and ``.config_id`` made anew from the rest.
+
+    Args:
+        station: The station.
+        where: File that it is from, for messages.
+
+    Raises:
+        ConfigError: The ground lies on the map, and no one says where the station is; or it ends before the camera.
+        InputError: The elevation model cannot be used.
+    """
+    pose, origin = station.fixed_pose, station.pipeline.origin
+    place, *foot_m = (origin, 0.0, 0.0) if pose is None else placed(pose, origin)
+    if needs_place(station.ground) and place is None:
+        key = "ground.terrain" if isinstance(station.ground, TerrainGround) else "ground.point"
+        expected = "station.origin = { lat_deg, lon_deg }" if pose is None else "pose.lat_deg and pose.lon_deg"
+        raise ConfigError(key, where=where, got="no place on the map for the station", expected=expected)
+    ground = made_ground(station.ground, place, (foot_m[0], foot_m[1]))
+    fixed = None if pose is None else pose_sample(pose, origin, ground, where)
+    current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed, ground=ground))
+    return replace(current, pipeline=replace(current.pipeline, config_id=config_id(current)))
+
+
+def config_id(station: StationConfig) -> str:
+    """``sha256:...`` of what the numbers depend on: not of ports, folders, or where input comes from.
+
+    A telemetry calibration is left out too: a measurement names it by its own id. An elevation model counts with the
+    hash of its bytes.
+    """
+    document = station_document(station)
+    for key in ("zenoh", "record", "topics", "river"):
+        document.pop(key, None)
+    document["station"].pop("name")
+    timing = ("time_offset_s", "time_drift", "time_reference", "time_std_s")
+    document["images"] = {key: value for key, value in document["images"].items() if key in timing}
+    for key in ("files", "topic"):
+        document["observations"].pop(key, None)
+    for key in ("connection", "baud", "signing", "bias"):
+        document.get("telemetry", {}).pop(key, None)
+    document.get("ground", {}).pop("terrain", None)
+    document.get("markers", {}).pop("every_s", None)
+    for table, keys in NOT_OF_THE_NUMBERS.items():
+        for key in keys:
+            document.get(table, {}).pop(key, None)
+    text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+
+
+def _as_numbers(value: Any) -> Any:  # noqa: ANN401 (whatever TOML can hold)
+    """Every number as the float that equals it: 50 m and 50.0 m are one height, and so are 0.0 and -0.0."""
+    if isinstance(value, dict):
+        return {key: _as_numbers(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_as_numbers(each) for each in value]
+    return value + 0.0 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def resolved_toml(station: StationConfig, *, terrain_file: str | None = None) -> str:
+    """One TOML text with camera, calibration and every default written out.
+
+    Reading it with :func:`parse_station` gives the same settings to the last bit.
+
+    Args:
+        station: The station.
+        terrain_file: What an elevation model's file is called beside the text; None for where it is now.
+    """
+    return tomli_w.dumps(station_document(station, terrain_file))
+
+
+def station_document(station: StationConfig, terrain_file: str | None = None) -> dict[str, Any]:
+    """The station as TOML keys; what is None is left out. ``terrain_file`` as in :func:`resolved_toml`."""
+    pipeline = station.pipeline
+    document: dict[str, Any] = {
+        "station": {"name": pipeline.station, "tick_ms": pipeline.tick_ns // 1_000_000},
+        "camera": {**camera_document(pipeline.camera), "model": str(pipeline.model)},
+    }
+    if pipeline.origin is not None:
+        document["station"]["origin"] = keys_of(OriginTable, pipeline.origin)
+    if pipeline.telemetry is not None:
+        document["telemetry"] = _telemetry(pipeline.telemetry, station)
+    if station.fixed_pose is not None:
+        document["pose"] = _pose(station.fixed_pose)
+    if station.ground is not None:
+        document["ground"] = ground_document(station.ground, terrain_file)
+    document["images"] = {**_images(station.images), "time_std_s": pipeline.time_std_s}
+    tolerance = {"match_tolerance_s": to_s(pipeline.match_tolerance_ns)}
+    document["observations"] = keys_of(ObservationsTable, station.observations) | tolerance
+    document["limits"] = keys_of(LimitsTable, pipeline)
+    document["zenoh"] = keys_of(ZenohTable, station.zenoh)
+    document["record"] = keys_of(RecordTable, station.record)
+    if topics := _topics(station.topics):
+        document["topics"] = topics
+    document["probe"] = [_probe(probe) for probe in pipeline.probes]
+    if station.live is not None:
+        document |= live_document(station.live, frozenset(each.name for each in marker_landmarks(station.markers)))
+    return document | _looked_for(station)
+
+
+def _looked_for(station: StationConfig) -> dict[str, Any]:
+    """The tables of what is looked for in the images."""
+    document: dict[str, Any] = {}
+    if station.markers is not None:
+        document["markers"] = markers_document(station.markers)
+    if station.watch is not None:
+        document["watch"] = watch_document(station.watch)
+    if station.objects is not None:
+        document["objects"] = keys_of(ObjectsTable, station.objects)
+    if station.river is not None:
+        document["river"] = keys_of(RiverTable, station.river)
+    return document
+
+
+def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str, Any]:
+    link = {} if station.link is None else keys_of(TelemetryTable, station.link)
+    document = link | keys_of(TelemetryTable, settings)
+    if station.calibration is None:
+        return document
+    return document | {"bias": {"calibration_id": station.calibration.id, **bias_document(station.calibration)}}
+
+
+def _pose(fixed: FixedPose) -> dict[str, Any]:
+    document = keys_of(PoseTable, fixed)
+    if fixed.covariance:
+        del document["std"]
+    return document
+
+
+def _images(settings: ImageSettings) -> dict[str, Any]:
+    match settings.source:
+        case VideoFile(path=path):
+            document = {"video": str(path.absolute())}
+        case Stills(folder=folder):
+            document = {"stills": str(folder.absolute())}
+        case Stream(url=url):
+            document = {"stream": url}
+        case Device(path=device):
+            document = {"device": device}
+        case _:
+            document = {}
+    document |= keys_of(ImagesTable, settings.source) | keys_of(ImagesTable, settings)
+    return document | {"time_offset_s": "auto"} if settings.is_auto else document
+
+
+def _topics(topics: Topics) -> dict[str, Any]:
+    stated = {"images": topics.images, "camera": topics.camera}
+    named = {key: found[0] for key, found in stated.items() if found}
+    return {"mavlink": list(topics.mavlink), **named} if topics.mavlink else named
+
+
+def _probe(probe: Probe) -> dict[str, Any]:
+    document = keys_of(ProbeTable, probe)
+    elevation = () if probe.on_top_of is None else ("elevation_m", "elevation_std_m")
+    return {key: value for key, value in document.items() if key not in elevation}

@@ -1,0 +1,154 @@
+"""The tables ``[watch]``, ``[objects]`` and ``[river]``: what is looked for in a station's images."""
+
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import Field
+
+from aerodft.adapters.config.station.station import Watch
+from aerodft.adapters.config.tables import (
+    Duration,
+    Many,
+    Means,
+    NonNegative,
+    Pixel,
+    Positive,
+    Table,
+    Text,
+    keys_of,
+    value_of,
+)
+from aerodft.errors import ConfigError
+from aerodft.model.calibration import STEADY
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.probe import PixelSource, Probe, ProbeKind
+from aerodft.service.settings import OBJECTS, ObjectSettings, WatchSettings
+from aerodft.vision.river.status import RiverLook
+
+Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
+
+
+class WatchTable(Table):
+    """How a fixed camera is watched for bumps: what it is held against, and what counts as moved."""
+
+    limit_deg: Annotated[float, Field(ge=0.01, le=45)] = 0.2
+    every_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
+    confirm: Annotated[int, Field(ge=1, le=100)] = 3
+    lever_arm_m: NonNegative = 0.2
+    ignore: Many[Polygon] = ()
+    reference: Text | None = None
+
+
+class ObjectsTable(Table):
+    """How moving objects are looked for and followed over the ground; the defaults are those of ``ObjectSettings``."""
+
+    detect: bool = True
+    every_s: Duration = 0.0
+    shadows: bool = True
+    least_px: Annotated[int, Field(ge=1, le=10_000_000)] = 60
+    ignore: Many[Polygon] = ()
+    std_px: Positive = 2.0
+    speed_mps: Positive = 3.0
+    acceleration_mps2: Positive = 0.5
+    confirm: Annotated[int, Field(ge=1, le=1000)] = 3
+    forget_s: Duration = 5.0
+    distances_within_m: NonNegative = 0.0
+
+
+class RiverTable(Table):
+    """How banks are looked for, for probes of kind ``river``; the defaults are those of ``RiverLook``."""
+
+    every_s: Duration = 1.0
+    spacing_m: Positive = 1.0
+    seed: Annotated[Pixel | None, Means("seed_px")] = None
+    max_range_m: Positive | None = None
+
+
+NOT_OF_THE_NUMBERS: Final = {
+    "watch": ("every_s", "ignore", "reference"),
+    "objects": ("every_s", "shadows", "least_px", "ignore"),
+}
+"""What decides only which points or outlines are looked for: numbers depend on those that were found."""
+
+
+def watch_from(
+    table: WatchTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str, folder: Path
+) -> Watch | None:
+    """How the camera is watched; None without the table.
+
+    Raises:
+        ConfigError: The equations of the paper are to be used, or a probe takes the name of the steady points.
+    """
+    if table is None:
+        return None
+    refuse_beside_paper("watch", model, where)
+    if any(probe.name == STEADY for probe in probes):
+        got, expected = f'"{STEADY}", beside [watch]', "another name: the points that stand still have this one"
+        raise ConfigError("probe.name", where=where, got=got, expected=expected)
+    reference = None if table.reference is None else folder / table.reference
+    return Watch(settings=value_of(table, WatchSettings), reference=reference)
+
+
+def objects_from(
+    table: ObjectsTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str
+) -> ObjectSettings | None:
+    """How objects are followed; None without the table.
+
+    Raises:
+        ConfigError: The equations of the paper are to be used, or a probe takes an object's name.
+    """
+    if table is None:
+        return None
+    refuse_beside_paper("objects", model, where)
+    taken = next((probe.name for probe in probes if probe.name == OBJECTS or probe.name.startswith("object-")), None)
+    if taken is not None:
+        got, expected = f'"{taken}", beside [objects]', "another name: objects that move have such names"
+        raise ConfigError("probe.name", where=where, got=got, expected=expected)
+    return value_of(table, ObjectSettings)
+
+
+def river_from(
+    table: RiverTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str
+) -> RiverLook | None:
+    """How banks are looked for; None without the table.
+
+    Raises:
+        ConfigError: The equations of the paper are to be used, or no probe is measured from banks.
+    """
+    if table is None:
+        return None
+    refuse_beside_paper("river", model, where)
+    if not river_probes(probes):
+        expected = 'a [[probe]] with kind = "river" and observed = true'
+        raise ConfigError("river", where=where, got="no probe that is measured from banks", expected=expected)
+    return value_of(table, RiverLook)
+
+
+def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
+    """The probes whose banks may be looked for."""
+    return tuple(each for each in probes if each.kind is ProbeKind.RIVER and each.source is PixelSource.OBSERVED)
+
+
+def refuse_beside_paper(
+    key: str, model: ProjectionModel, where: str, *, shown: str = "", know: str = "no roll"
+) -> None:
+    """Refuse a table that the equations of the paper have no place for.
+
+    Args:
+        key: The table's.
+        model: Of the station.
+        where: The station file's name in messages.
+        shown: The table as files have it; empty for ``[key]``.
+        know: What they know.
+
+    Raises:
+        ConfigError: The station measures with these equations.
+    """
+    if model is ProjectionModel.DFT:
+        got, expected = 'it beside camera.model = "dft"', f'"pinhole", or no {shown or f"[{key}]"}'
+        raise ConfigError(key, where=where, got=got, expected=expected, hint=f"the equations of the paper know {know}")
+
+
+def watch_document(watch: Watch) -> dict[str, Any]:
+    """The table as TOML keys; reading them gives the same settings."""
+    return keys_of(WatchTable, watch.settings) | keys_of(WatchTable, watch)

@@ -1,0 +1,129 @@
+"""A station as it is configured: the pipeline's settings, and where its input and output are."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from aerodft.adapters.config.camera.fixed_pose import FixedPose
+from aerodft.adapters.config.station.ground import GroundShape
+from aerodft.adapters.config.station.inputs import ImageSettings, Link, ObservationSettings, Topics
+from aerodft.conventions import SECOND_NS
+from aerodft.model.calibration import Calibration
+from aerodft.model.marker import MarkerSurvey
+from aerodft.service.clocks.camera_clock import ImageClock
+from aerodft.service.settings import LiveCalibration, ObjectSettings, PipelineSettings, WatchSettings
+from aerodft.vision.river.status import RiverLook
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZenohSettings:
+    """The bus: loopback only and no multicast, unless somebody writes otherwise."""
+
+    enabled: bool = True
+    listen: str = "tcp/127.0.0.1:7447"
+    connect: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordSettings:
+    """The recorder.
+
+    Attributes:
+        folder: Against the current directory.
+        image_hz: JPEGs per second that are kept; 0 records no images at all.
+        video: Whether the packets of an H.264 stream are kept as they come, in place of JPEGs.
+        jpeg_quality: 1 to 100.
+        segment_s: A new file begins after this time ...
+        segment_mb: ... or at this size.
+    """
+
+    folder: Path = Path("recordings")
+    image_hz: float = 1.0
+    video: bool = True
+    jpeg_quality: int = 80
+    segment_s: float = 900.0
+    segment_mb: float = 2000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerSettings:
+    """Markers that are looked for in the station's images, each a landmark of its live calibration.
+
+    Attributes:
+        survey: The markers, in metres east, north and up of the station's origin.
+        ignore: Ids that are there too, and that nobody has surveyed.
+        every_s: Least time between two images that are looked at; 0 for all of them.
+    """
+
+    survey: MarkerSurvey
+    ignore: frozenset[int] = frozenset()
+    every_s: float = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Watch:
+    """A fixed camera that is watched for bumps.
+
+    Attributes:
+        settings: What counts as moved.
+        reference: The image that its pose is the pose of; None for the first good one.
+    """
+
+    settings: WatchSettings
+    reference: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StationConfig:
+    """One station, from one file.
+
+    ``pipeline.fixed_pose``, ``.ground`` and ``.config_id`` follow from the rest: after a ``dataclasses.replace`` that
+    touches what numbers depend on, pass the result through :func:`aerodft.adapters.config.station.loading.refreshed`.
+
+    Attributes:
+        pipeline: What the numbers depend on.
+        link: None where the file names no connection.
+        images: Image input.
+        observations: Observation input.
+        zenoh: The bus.
+        record: The recorder.
+        fixed_pose: What ``pipeline.fixed_pose`` was made of; None where telemetry gives the pose.
+        ground: What ``pipeline.ground`` was made of; None for level ground.
+        calibration: Biases to correct the telemetry with.
+        live: Landmarks that refine them while the station measures, those of markers included; None where there are
+            none.
+        markers: Markers that are looked for in the images; None where there are none.
+        watch: How a fixed camera is watched for bumps; None where it is not.
+        objects: How what moves is followed; None where it is not.
+        river: How banks are looked for; None where they are not.
+        topics: Of other tools' recordings.
+    """
+
+    pipeline: PipelineSettings
+    link: Link | None = None
+    images: ImageSettings = field(default_factory=ImageSettings)
+    observations: ObservationSettings = field(default_factory=ObservationSettings)
+    zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    record: RecordSettings = field(default_factory=RecordSettings)
+    fixed_pose: FixedPose | None = None
+    ground: GroundShape | None = None
+    calibration: Calibration | None = None
+    live: LiveCalibration | None = None
+    markers: MarkerSettings | None = None
+    watch: Watch | None = None
+    objects: ObjectSettings | None = None
+    river: RiverLook | None = None
+    topics: Topics = field(default_factory=Topics)
+
+    @property
+    def image_offset_s(self) -> float:
+        """What is added to the stamps of the image source: as configured, and as the calibration found it."""
+        return self.images.time_offset_s + (0.0 if self.calibration is None else self.calibration.bias.time_s)
+
+    @property
+    def image_clock(self) -> ImageClock:
+        """How stamps of the image source become UTC."""
+        return ImageClock(
+            offset_ns=round(self.image_offset_s * SECOND_NS),
+            drift=self.images.time_drift,
+            reference_ns=self.images.time_reference_ns or 0,
+        )

@@ -1,0 +1,332 @@
+"""The tables of a station's configuration file, with their defaults and checks; and its probes and inputs from them."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from aerodft.adapters.config.camera.pose_tables import PoseTable
+from aerodft.adapters.config.station.ground import GroundTable
+from aerodft.adapters.config.station.inputs import (
+    Device,
+    ImageInput,
+    ImageSettings,
+    Rate,
+    Stills,
+    Stream,
+    Topics,
+    VideoFile,
+)
+from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveTable
+from aerodft.adapters.config.station.observer_tables import ObjectsTable, RiverTable, WatchTable
+from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
+from aerodft.adapters.config.tables import (
+    Duration,
+    Latitude,
+    Longitude,
+    Many,
+    Means,
+    NonNegative,
+    Pixel,
+    Positive,
+    Real,
+    Slug,
+    Table,
+    Text,
+    TimeOffset,
+    impossible,
+    matching,
+    value_of,
+)
+from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
+from aerodft.errors import ConfigError
+from aerodft.model.camera import Camera
+from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, ProbeKind, pixels_wanted, takes_pixels
+
+_EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
+_ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
+
+
+def _instant(value: object) -> object:
+    """Text or a TOML date and time to UTC nanoseconds; an integer is that already."""
+    if isinstance(value, datetime):
+        if value.tzinfo is None:
+            raise impossible("", got=value.isoformat(), expected="an offset from UTC", hint="end it with Z or +01:00")
+        return datetime_to_unix_ns(value)
+    if isinstance(value, str):
+        try:
+            return iso_to_unix_ns(value)
+        except ValueError as error:
+            raise impossible("", got=f'"{value}"', expected='like "2026-11-21T01:57:26.5Z"', hint=str(error)) from None
+    return value
+
+
+def _iso(stamp_ns: int | None) -> str | None:
+    return None if stamp_ns is None else unix_ns_to_iso(stamp_ns)
+
+
+def _seconds_or_auto(value: object) -> object:
+    """A number as it is; None for ``auto``."""
+    if value == "auto":
+        return None
+    if isinstance(value, str):
+        raise impossible("", got=f'"{value}"', expected='a number of seconds, or "auto"')
+    return value
+
+
+def _offset(value: str) -> str:
+    try:
+        parse_offset(value)
+    except ValueError:
+        raise impossible("", got=f'"{value}"', expected='an offset from UTC like "+02:00"') from None
+    return value
+
+
+class OriginTable(Table):
+    """A point of the measured plane."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    alt_msl_m: Real | None = None
+
+
+class StationTable(Table):
+    """Who measures."""
+
+    name: Slug
+    origin: OriginTable | None = None
+    tick_ms: Annotated[int, Field(ge=1, le=1000)] = 50
+
+
+class ImagesTable(Table):
+    """Where images come from; at most one of the five inputs."""
+
+    video: Text | None = None
+    start: Annotated[int | None, BeforeValidator(_instant), Means("start_ns", out=_iso)] = None
+    stills: Text | None = None
+    pattern: Text | None = None
+    utc_offset: Annotated[str, AfterValidator(_offset)] | None = None
+    stream: Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')] | None = None
+    device: Text | None = None
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
+    time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto)] = 0.0
+    time_drift: Annotated[float, Field(ge=-0.5, le=0.5), Means(out=lambda drift: drift or None)] = 0.0
+    time_reference: Annotated[int | None, BeforeValidator(_instant), Means("time_reference_ns", out=_iso)] = None
+    time_std_s: Duration = 0.0
+
+    @model_validator(mode="after")
+    def _one_input(self) -> Self:
+        given = [key for key in _ONE_INPUT if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise impossible(given[1], got=f"it beside {given[0]}", expected=f"one of {', '.join(_ONE_INPUT)}")
+        for key, owner in (("start", "video"), ("pattern", "stills"), ("utc_offset", "stills")):
+            if getattr(self, key) is not None and getattr(self, owner) is None:
+                raise impossible(key, got=f"it without {owner}", expected=f"{owner} beside it")
+        if self.time_drift and self.time_reference is None:
+            expected = "time_reference beside it, the instant of the camera's clock at which time_offset_s holds"
+            raise impossible("time_drift", got="it without time_reference", expected=expected)
+        if self.time_offset_s is None and (self.time_drift or self.time_reference is not None):
+            raise impossible("time_offset_s", got='"auto" beside a drift', expected="a number, or no drift")
+        return self
+
+
+class ObservationsTable(Table):
+    """Where observed pixels come from."""
+
+    files: Many[Text] = ()
+    topic: bool = True
+    time_offset_s: TimeOffset = 0.0
+    match_tolerance_s: Duration = 0.02
+
+
+class LimitsTable(Table):
+    """What is not believed."""
+
+    max_range_m: Positive | None = None
+
+
+Endpoint = Annotated[str, matching(r"(tcp|udp|tls|quic|ws)/\S+:\d+", 'like "tcp/127.0.0.1:7447"')]
+
+
+class ZenohTable(Table):
+    """The bus."""
+
+    enabled: bool = True
+    listen: Endpoint = "tcp/127.0.0.1:7447"
+    connect: Many[Endpoint] = ()
+
+
+class RecordTable(Table):
+    """The recorder."""
+
+    folder: Annotated[Text, Means(into=Path, out=str)] = "recordings"
+    image_hz: NonNegative = 1.0
+    video: bool = True
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
+    segment_s: Annotated[float, Field(ge=1, le=86_400)] = 900.0
+    segment_mb: Annotated[float, Field(ge=1, le=100_000)] = 2000.0
+
+
+class TopicsTable(Table):
+    """Which topic is what in another tool's recording, where its channels do not tell."""
+
+    mavlink: Many[Text] | Text = ()
+    images: Text | None = None
+    camera: Text | None = None
+
+
+def _asked(kind: ProbeKind) -> ProbeKind:
+    if kind not in ASKED_KINDS:
+        hint = "what moves is followed with [objects]"
+        raise impossible("", got=f'"{kind}"', expected=", ".join(ASKED_KINDS), hint=hint)
+    return kind
+
+
+class ProbeTable(Table):
+    """One thing to measure."""
+
+    name: Slug
+    kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
+    pixels: Annotated[Many[Pixel] | None, Means(out=lambda pixels: [list(pixel) for pixel in pixels] or None)] = None
+    observed: Annotated[bool, Means("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
+    tracked: Annotated[bool, Means("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
+    at: Annotated[Annotated[int, BeforeValidator(_instant)] | None, Means("at_ns", out=_iso)] = None
+    std_px: NonNegative = 1.0
+    elevation_m: Real = 0.0
+    elevation_std_m: NonNegative = 0.0
+    on_top_of: Slug | None = None
+
+    @model_validator(mode="after")
+    def _fixed_or_observed(self) -> Self:
+        if self.observed and self.pixels is not None:
+            raise impossible("pixels", got="it beside observed = true", expected="one of the two")
+        if self.observed and self.tracked:
+            raise impossible("tracked", got="it beside observed = true", expected="one of the two")
+        if self.at is not None and not self.tracked:
+            raise impossible("at", got="it without tracked = true", expected="the time of the image of tracked pixels")
+        if not self.observed and self.pixels is None:
+            raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
+        if self.pixels is not None and not takes_pixels(self.kind, len(self.pixels)):
+            raise impossible(
+                "pixels", got=f"{len(self.pixels)} of them", expected=f"{pixels_wanted(self.kind)} for {self.kind}"
+            )
+        elevation = sorted(self.model_fields_set & {"elevation_m", "elevation_std_m"})
+        if self.on_top_of is not None and elevation:
+            raise impossible(elevation[0], got="it beside on_top_of", expected="one of the two")
+        return self
+
+
+class ConfigTable(Table):
+    """A station's whole file; ``camera`` and ``markers`` are validated once it is known whether a file has them."""
+
+    station: StationTable
+    camera: dict[str, Any]
+    telemetry: TelemetryTable | None = None
+    pose: PoseTable | None = None
+    images: ImagesTable = ImagesTable()
+    observations: ObservationsTable = ObservationsTable()
+    limits: LimitsTable = LimitsTable()
+    ground: GroundTable | None = None
+    zenoh: ZenohTable = ZenohTable()
+    record: RecordTable = RecordTable()
+    probe: Many[ProbeTable] = ()
+    landmark: Many[LandmarkTable] = ()
+    markers: dict[str, Any] | None = None
+    calibration: LiveTable = LiveTable()
+    watch: WatchTable | None = None
+    objects: ObjectsTable | None = None
+    river: RiverTable | None = None
+    topics: TopicsTable = TopicsTable()
+
+    @model_validator(mode="after")
+    def _telemetry_or_pose(self) -> Self:
+        if (self.telemetry is None) == (self.pose is None):
+            got = "neither of them" if self.pose is None else "both of them"
+            raise impossible("", got=got, expected="either [telemetry] or [pose]", hint="[pose] is for a fixed camera")
+        if self.watch is not None and self.pose is None:
+            hint = "a camera that moves has no image to be held against"
+            raise impossible("watch", got="it beside [telemetry]", expected="[pose]", hint=hint)
+        if self.pose is not None and (tracked := next((each.name for each in self.probe if each.tracked), None)):
+            got, hint = f'tracked = true of "{tracked}" beside [pose]', "a fixed camera's pixels stay where they are"
+            raise impossible("probe", got=got, expected="[telemetry]", hint=hint)
+        for key in ("landmark", "markers"):
+            if getattr(self, key) and self.telemetry is None:
+                hint = "find a fixed camera's pose with aerodft calibrate"
+                raise impossible(key, got="it beside [pose]", expected="[telemetry]", hint=hint)
+        return self
+
+
+def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> tuple[Probe, ...]:
+    """The configured probes.
+
+    Raises:
+        ConfigError: A name twice, a fixed pixel outside the camera's image, or a probe on top of what is no height.
+    """
+    names = [table.name for table in tables]
+    right_px, bottom_px = camera.width_px + _EDGE_PX, camera.height_px + _EDGE_PX
+    for index, table in enumerate(tables):
+        if table.name in names[:index]:
+            raise ConfigError(
+                f"probe[{index}].name", where=where, got=f'"{table.name}" again', expected="a name of its own"
+            )
+        for u, v in table.pixels or ():
+            if not (_EDGE_PX <= u <= right_px and _EDGE_PX <= v <= bottom_px):
+                raise ConfigError(
+                    f'probe "{table.name}" lies outside the image',
+                    where=where,
+                    got=f"pixel ({u:g}, {v:g})",
+                    expected=f"within (-0.5, -0.5) to ({right_px:g}, {bottom_px:g}) of {camera.name}",
+                )
+        if table.on_top_of is not None:
+            _check_object(table.on_top_of, tables, f"{where}: probe[{index}].on_top_of")
+    return tuple(value_of(table, Probe, source=_source(table), pixels=table.pixels or ()) for table in tables)
+
+
+def _source(table: ProbeTable) -> PixelSource:
+    if table.tracked:
+        return PixelSource.TRACKED
+    return PixelSource.OBSERVED if table.observed else PixelSource.FIXED
+
+
+def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None:
+    """Refuse to lie on top of anything but an object that stands on the ground, seen in fixed pixels."""
+    found = next((table for table in tables if table.name == name), None)
+    if found is None:
+        got = f'"{name}", which is not there'
+    elif found.kind is not ProbeKind.HEIGHT:
+        got = f'"{name}", which measures a {found.kind}'
+    elif found.observed or found.tracked:
+        got = f'"{name}", of which the pixels are {_source(found)}'
+    elif found.on_top_of is not None:
+        got = f'"{name}", which lies on top of "{found.on_top_of}"'
+    else:
+        return
+    raise ConfigError("no object", where=where, got=got, expected="a height on the ground with pixels of its own")
+
+
+def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
+    """Where images come from; relative paths start from ``folder``."""
+    offset_s, source = table.time_offset_s, _image_input(table, folder)
+    return value_of(table, ImageSettings, source=source, time_offset_s=offset_s or 0.0, is_auto=offset_s is None)
+
+
+def _image_input(table: ImagesTable, folder: Path) -> ImageInput | None:
+    if table.video is not None:
+        return VideoFile(path=folder / table.video, start_ns=table.start)
+    if table.stills is not None:
+        return Stills(folder=folder / table.stills, pattern=table.pattern, utc_offset=table.utc_offset)
+    if table.stream is not None:
+        return Stream(url=table.stream)
+    if table.device is not None:
+        return Device(path=table.device)
+    return None if table.rate_hz is None else Rate(rate_hz=table.rate_hz)
+
+
+def topics_from(table: TopicsTable) -> Topics:
+    """What the topics of other tools' recordings are."""
+    return Topics(
+        mavlink=(table.mavlink,) if isinstance(table.mavlink, str) else table.mavlink,
+        images=() if table.images is None else (table.images,),
+        camera=() if table.camera is None else (table.camera,),
+    )

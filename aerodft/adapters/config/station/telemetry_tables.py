@@ -1,0 +1,220 @@
+"""The table ``[telemetry]``: the vehicle, and how its telemetry becomes a pose, a height and a camera's view."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from aerodft.adapters.config.camera.bias_tables import BiasTable
+from aerodft.adapters.config.tables import (
+    AS_SHARE,
+    Count,
+    Duration,
+    FieldOfViewDeg,
+    Gap,
+    HeadingDeg,
+    Many,
+    Means,
+    NonNegative,
+    Order,
+    Positive,
+    Real,
+    RollDeg,
+    Table,
+    Text,
+    impossible,
+    matching,
+    value_of,
+)
+from aerodft.adapters.config.units import to_percent, to_s
+from aerodft.adapters.telemetry.signing_settings import RADIO_STATUS
+from aerodft.model.pose import HeightSource
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.settings import HeightSettings, TelemetrySettings
+
+_FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
+_IS_DEMAND = {"auto": None, "measured": False, "demand": True}
+HeightName = Literal["rangefinder", "terrain", "home", "manual"]
+AttitudeName = Literal["GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "fixed"]
+ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
+PitchDeg = Annotated[float, Field(ge=-180, le=180)]
+Percent = Annotated[float, Field(ge=0, le=100)]
+ZoomPoint = Annotated[tuple[Percent, Positive], Field(strict=False)]
+
+
+class HeightStdTable(Table):
+    """Standard deviation of each height source, metres."""
+
+    rangefinder: NonNegative = 0.2
+    terrain: NonNegative = 3.0
+    home: NonNegative = 1.0
+    manual: NonNegative = 0.5
+
+
+class HeightTable(Table):
+    """Which height is believed; without an order a manual one is the last."""
+
+    order: Order[HeightName] | None = None
+    home_above_plane_m: Real = 0.0
+    manual_m: Positive | None = None
+    min_m: NonNegative = 1.0
+    max_gap_s: Gap = 2.0
+    rangefinder_gap_s: Gap = 1.0
+    terrain_gap_s: Gap = 5.0
+    terrain_max_distance_m: Positive = 150.0
+    lean_std_deg: Annotated[float, Field(ge=0, le=45)] = 0.2
+    std_m: Annotated[
+        HeightStdTable,
+        Means(
+            into=lambda table: {HeightSource(name): std_m for name, std_m in table.model_dump().items()},
+            out=lambda stds_m: {str(source): std_m for source, std_m in stds_m.items()},
+        ),
+    ] = HeightStdTable()
+
+    @model_validator(mode="after")
+    def _manual_height_is_there(self) -> Self:
+        if "manual" in (self.order or ()) and self.manual_m is None:
+            raise impossible("manual_m", got="nothing", expected='metres, because "manual" is in order')
+        return self
+
+
+class FixedMountTable(Table):
+    """A camera bolted to the vehicle: yaw, pitch (0 forward, -90 straight down), roll against its body."""
+
+    yaw_deg: HeadingDeg = 0.0
+    pitch_deg: PitchDeg
+    roll_deg: RollDeg = 0.0
+
+
+class CameraOnGimbalTable(FixedMountTable):
+    """How the camera sits on its gimbal: yaw, pitch (negative: it looks lower than the gimbal says), roll."""
+
+    pitch_deg: PitchDeg = 0.0
+
+
+class AttitudeTable(Table):
+    """Which attitude is believed, how a gimbal's reports are read, and how well they are known."""
+
+    order: Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
+    fixed_mount: FixedMountTable | None = None
+    camera_on_gimbal: CameraOnGimbalTable | None = None
+    frame: Annotated[
+        Literal["auto", "earth", "body"],
+        Means(into=_FRAMES.get, out=lambda frame: None if frame is None else str(frame)),
+    ] = "auto"
+    feedback: Annotated[
+        Literal["auto", "measured", "demand"],
+        Means("is_demand", into=_IS_DEMAND.get, out={True: "demand", False: "measured"}.get),
+    ] = "auto"
+    delay_s: Annotated[Duration, Means(out=lambda delay_ns: to_s(delay_ns) or None)] = 0.0
+    lag_s: Duration = 0.3
+    slew_dps: Positive = 60.0
+    max_gap_s: Gap = 1.0
+    tilt_std_deg: Annotated[NonNegative, Means("std.tilt_deg")] = 1.0
+    pan_std_deg: Annotated[NonNegative, Means("std.pan_deg")] = 1.0
+    roll_std_deg: Annotated[NonNegative, Means("std.roll_deg")] = 1.0
+    heading_std_deg: Annotated[NonNegative, Means("std.heading_deg")] = 2.0
+
+    @model_validator(mode="after")
+    def _fixed_mount_is_there(self) -> Self:
+        if "fixed" in self.order and self.fixed_mount is None:
+            raise impossible("fixed_mount", got="nothing", expected='a table, because "fixed" is in order')
+        return self
+
+
+class HealthTable(Table):
+    """What a vehicle may say of itself before its telemetry is not believed."""
+
+    heartbeat_s: Gap = 5.0
+    max_test_ratio: Annotated[Positive, Means("max_ratio")] = 1.0
+    gps_s: Gap = 4.0
+    gps_horizontal_std_m: Annotated[Positive, Means("horizontal_std_m")] = 3.0
+    gps_vertical_std_m: Annotated[Positive, Means("vertical_std_m")] = 5.0
+    max_loss_percent: Annotated[Percent, Means("loss_share", *AS_SHARE)] = 10.0
+
+
+def _curve_from(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    return tuple((AS_SHARE[0](percent), times) for percent, times in points)
+
+
+def _curve_keys(curve: tuple[tuple[float, float], ...]) -> list[list[float]] | None:
+    return [[to_percent(level), times] for level, times in curve] or None
+
+
+class ZoomTable(Table):
+    """How reports of the camera's view are read; the camera file is the reference."""
+
+    order: Many[ZoomName] = ("CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION")
+    at_percent: Annotated[Percent, Means("level", *AS_SHARE)] = 0.0
+    curve: Annotated[Many[ZoomPoint], Means(into=_curve_from, out=_curve_keys)] = ()
+    reported_hfov_deg: FieldOfViewDeg | None = None
+    hfov_std_deg: NonNegative = 0.5
+    std_percent_per_doubling: Annotated[NonNegative, Means("std_per_doubling", *AS_SHARE)] = 2.0
+    camera: Annotated[int, Field(ge=1, le=255)] | None = None
+    stream: Annotated[int, Field(ge=0, le=255)] | None = None
+    max_gap_s: Gap = 2.0
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        if len(self.curve) == 1 or any(after[0] <= before[0] for before, after in pairwise(self.curve)):
+            expected = "two or more [percent, times], percent ascending, like [[0, 1.0], [100, 6.0]]"
+            raise impossible("curve", got=f"{[list(point) for point in self.curve]}", expected=expected)
+        return self
+
+
+class TelemetryBiasTable(BiasTable):
+    """Biases written into the station's own file, with the id of the calibration that they came from."""
+
+    calibration_id: Text | None = None
+
+
+class SigningTable(Table):
+    """The key of a signed link."""
+
+    key_file: Text
+    state_file: Text | None = None
+    link_id: Annotated[int, Field(ge=0, le=255)] = 0
+    accept_unsigned: Many[Annotated[str, matching(r"[A-Z][A-Z0-9_]*", 'a message like "RADIO_STATUS"')]] = (
+        RADIO_STATUS,
+    )
+
+
+class TelemetryTable(Table):
+    """The vehicle, and how its telemetry becomes a pose."""
+
+    connection: Text | None = None
+    baud: Count = 57600
+    signing: SigningTable | None = None
+    system: Annotated[int, Field(ge=1, le=255)] | None = None
+    component: Annotated[int, Field(ge=1, le=255)] | None = None
+    gimbal: Annotated[int, Field(ge=1, le=255)] | None = None
+    wait_s: Duration = 2.0
+    horizontal_std_m: Annotated[NonNegative, Means("attitude.std.horizontal_m")] = 2.0
+    height: HeightTable = HeightTable()
+    attitude: AttitudeTable = AttitudeTable()
+    health: HealthTable = HealthTable()
+    zoom: ZoomTable = ZoomTable()
+    calibration: Text | None = None
+    bias: TelemetryBiasTable | None = None
+
+    @model_validator(mode="after")
+    def _one_calibration(self) -> Self:
+        if self.calibration and self.bias:
+            raise impossible("bias", got="it beside calibration", expected="one of the two")
+        return self
+
+    @model_validator(mode="after")
+    def _a_link_to_sign(self) -> Self:
+        if self.signing is not None and self.connection is None:
+            raise impossible("signing", got="it without connection", expected="connection beside it")
+        return self
+
+
+def telemetry_from(table: TelemetryTable) -> TelemetrySettings:
+    """How telemetry becomes a pose."""
+    order, height = HeightSettings().order, value_of(table.height, HeightSettings)
+    if table.height.order is None:
+        by_default = order if table.height.manual_m is None else (*order, HeightSource.MANUAL)
+        height = replace(height, order=by_default)
+    return value_of(table, TelemetrySettings, height=height)

@@ -1,1 +1,0 @@
-"""Messages that other tools record: raw MAVLink in its wrappings, compressed images and video, cameras, places."""

@@ -1,1 +1,0 @@
-"""MAVLink and DataFlash: bytes from links and logs, framed strictly, decoded to telemetry tracks."""

@@ -1,0 +1,202 @@
+"""The channels of recordings: those that are written, and those that a file defines.
+
+Whatever a file claims, no more of its schemas and channels is kept than is believed.
+"""
+
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, Final, TypeVar
+
+from google.protobuf.message import Message
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Schema
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from aerodft.adapters.wire.schemas import schema_text
+from aerodft.model.telemetry import WireProtocol
+
+SENDER_KEY = "sender"
+STATION_KEY = "station"
+DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
+"""What records of a schema and of a channel begin with."""
+
+MOST_DEFINED_BYTES: Final = 16 << 20
+"""Of a file's schemas and channels: those of a large robot take one; some kilobytes of zstd can claim gigabytes."""
+
+_Value = TypeVar("_Value")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """One MCAP channel.
+
+    Attributes:
+        topic: Its name; for what is also on the bus, the same key expression.
+        encoding: Of its messages: ``json``, ``protobuf``, ``mavlink``, ``dataflash``; others' ``cdr``, ``ros1``, ...
+        schema: The schema's name; empty where there is none.
+        schema_encoding: ``jsonschema``, ``protobuf``, ``ros2msg``, ...
+        schema_data: The schema itself.
+        metadata: Key and value pairs; of a channel that was read in order of the keys.
+    """
+
+    topic: str
+    encoding: str
+    schema: str = ""
+    schema_encoding: str = ""
+    schema_data: bytes = b""
+    metadata: tuple[tuple[str, str], ...] = ()
+
+
+def raw_channel(protocol: WireProtocol, sender: str) -> Channel:
+    """Raw telemetry frames of one sender, each a message as it came."""
+    return Channel(topic=protocol.value, encoding=protocol.value, metadata=((SENDER_KEY, sender),))
+
+
+def json_channel(topic: str, schema: str) -> Channel:
+    """Payloads of one of the published JSON Schemas."""
+    return Channel(
+        topic=topic,
+        encoding="json",
+        schema=schema,
+        schema_encoding="jsonschema",
+        schema_data=schema_text(schema),
+    )
+
+
+def protobuf_channel(topic: str, message: type[Message]) -> Channel:
+    """Messages of one protobuf type."""
+    return Channel(
+        topic=topic,
+        encoding="protobuf",
+        schema=message.DESCRIPTOR.full_name,
+        schema_encoding="protobuf",
+        schema_data=build_file_descriptor_set(message).SerializeToString(),
+    )
+
+
+class TooMuchDefinedError(ValueError):
+    """Schemas and channels of more than ``MOST_DEFINED_BYTES``."""
+
+
+@dataclass(slots=True)
+class Ledger:
+    """What a file's definitions take, and which are of the chunk in progress: to undo it costs no more than it."""
+
+    _bytes: int = 0
+    _bytes_before: int = 0
+    _changes: list[tuple[dict[int, Any], int, Any]] = field(default_factory=list)
+
+    def begin(self) -> None:
+        """Another chunk begins."""
+        self._bytes_before = self._bytes
+        self._changes.clear()
+
+    def put(self, known: dict[int, _Value], value: _Value, record: Schema | ChannelRecord) -> None:
+        """Have a definition known by its id; of one that is replaced the bytes are not given back.
+
+        Raises:
+            TooMuchDefinedError: It is one too many.
+        """
+        self._bytes += _size_of(record)
+        if self._bytes > MOST_DEFINED_BYTES:
+            raise TooMuchDefinedError(f"schemas and channels of more than {MOST_DEFINED_BYTES >> 20} MB in the file")
+        self._changes.append((known, record.id, known.get(record.id)))
+        known[record.id] = value
+
+    def copy(self) -> "Ledger":
+        """The same, with nothing to be undone."""
+        return Ledger(self._bytes)
+
+    def undo(self) -> None:
+        """Take back what the chunk defined."""
+        for known, identity, before in reversed(self._changes):
+            if before is None:
+                del known[identity]
+            else:
+                known[identity] = before
+        self._bytes = self._bytes_before
+        self._changes.clear()
+
+
+@dataclass(slots=True)
+class Definitions:
+    """Schemas and channels by id.
+
+    Attributes:
+        ledger: Of what they take.
+    """
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, ChannelRecord] = field(default_factory=dict)
+    ledger: Ledger = field(default_factory=Ledger)
+
+    def add(self, record: Schema | ChannelRecord) -> None:
+        """Take a schema or a channel.
+
+        Raises:
+            TooMuchDefinedError: It is one too many.
+        """
+        if isinstance(record, Schema):
+            if record != self.schemas.get(record.id):
+                self.ledger.put(self.schemas, record, record)
+        elif record != self.channels.get(record.id):
+            self.ledger.put(self.channels, record, record)
+
+
+def _size_of(record: Schema | ChannelRecord) -> int:
+    if isinstance(record, Schema):
+        return len(record.name) + len(record.encoding) + len(record.data)
+    return sum(map(len, (record.topic, record.message_encoding, *record.metadata, *record.metadata.values())))
+
+
+@dataclass(slots=True)
+class Channels:
+    """The channels of one file, as its schema and channel records make them known.
+
+    Attributes:
+        by_id: So far.
+        ledger: Of what they take.
+    """
+
+    by_id: dict[int, Channel] = field(default_factory=dict)
+    ledger: Ledger = field(default_factory=Ledger)
+    _schemas: dict[int, Schema] = field(default_factory=dict)
+
+    def add(self, record: Schema | ChannelRecord) -> None:
+        """Take a schema or a channel, whose schema came before it.
+
+        Raises:
+            TooMuchDefinedError: It is one too many.
+        """
+        if isinstance(record, Schema):
+            if record != self._schemas.get(record.id):
+                self.ledger.put(self._schemas, record, record)
+            return
+        schema = self._schemas.get(record.schema_id)
+        found = Channel(
+            topic=record.topic,
+            encoding=record.message_encoding,
+            schema="" if schema is None else schema.name,
+            schema_encoding="" if schema is None else schema.encoding,
+            schema_data=b"" if schema is None else schema.data,
+            metadata=tuple(sorted(record.metadata.items())),
+        )
+        if found != self.by_id.get(record.id):
+            self.ledger.put(self.by_id, found, record)
+
+    def copy(self) -> "Channels":
+        """The same, to be added to."""
+        return Channels(dict(self.by_id), self.ledger.copy(), dict(self._schemas))
+
+
+def definition(opcode: int, content: bytes) -> Schema | ChannelRecord:
+    """A schema or a channel from its record.
+
+    Raises:
+        ValueError: It is damaged; others as the library has them.
+    """
+    stream = ReadDataStream(BytesIO(content))
+    found: Schema | ChannelRecord = (Schema if opcode == Opcode.SCHEMA else ChannelRecord).read(stream)
+    return found

@@ -1,0 +1,1 @@
+"""Messages out of MCAP segments, as far as these are whole."""

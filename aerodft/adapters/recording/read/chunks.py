@@ -1,0 +1,168 @@
+"""Chunk records, checked to the last byte before any of one is believed; and what attachments say of themselves."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Final, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.records import Attachment
+
+from aerodft.adapters.recording.layout import CHUNK_HEAD, NO_OPCODE, RECORD_HEAD
+
+MAX_CHUNK_BYTES = 32 << 20
+"""A few kilobytes of zstd can claim gigabytes; the recorder's own chunks are of a megabyte, or of one image."""
+
+_COUNT = struct.Struct("<I")
+_SIZE = struct.Struct("<Q")
+_LONGEST_NAME = 8
+LEAST_CHUNK_BYTES = CHUNK_HEAD.size + _COUNT.size + _SIZE.size
+HEAD_BYTES = LEAST_CHUNK_BYTES + _LONGEST_NAME
+
+
+class ChunkHead(NamedTuple):
+    """What a chunk record says of its content.
+
+    Attributes:
+        start_ns: Earliest log time.
+        end_ns: Latest.
+        content_bytes: Uncompressed.
+        crc: Of the content; 0 for none.
+        compression: Its name.
+        data_at: Where the content begins in the record.
+        data_bytes: Of the content as it is stored.
+    """
+
+    start_ns: int
+    end_ns: int
+    content_bytes: int
+    crc: int
+    compression: bytes
+    data_at: int
+    data_bytes: int
+
+
+def chunk_head(data: bytes, length: int) -> ChunkHead:
+    """The head of a chunk record.
+
+    Args:
+        data: The record's beginning, ``HEAD_BYTES`` of it where it has so many.
+        length: Of the whole record.
+
+    Raises:
+        ValueError: It is none, or claims more than is believed.
+    """
+    if len(data) < min(HEAD_BYTES, LEAST_CHUNK_BYTES, length):
+        raise ValueError("too short for a chunk")
+    try:
+        start_ns, end_ns, content_bytes, crc = CHUNK_HEAD.unpack_from(data)
+        (name_bytes,) = _COUNT.unpack_from(data, CHUNK_HEAD.size)
+        name_at = CHUNK_HEAD.size + _COUNT.size
+        if name_bytes > _LONGEST_NAME:
+            raise ValueError("names no compression")
+        (data_bytes,) = _SIZE.unpack_from(data, name_at + name_bytes)
+    except struct.error:
+        raise ValueError("too short for a chunk") from None
+    data_at = name_at + name_bytes + _SIZE.size
+    if data_at + data_bytes != length:
+        raise ValueError("claims another size than it has")
+    if max(content_bytes, data_bytes) > MAX_CHUNK_BYTES:
+        raise ValueError(f"claims {max(content_bytes, data_bytes)} bytes")
+    return ChunkHead(start_ns, end_ns, content_bytes, crc, data[name_at : name_at + name_bytes], data_at, data_bytes)
+
+
+def chunk_content(head: ChunkHead, data: bytes) -> bytes:
+    """A chunk's records, uncompressed and checked.
+
+    Args:
+        head: What the record says.
+        data: The content as it is stored.
+
+    Raises:
+        ValueError: It is damaged, or of a compression that is not known.
+    """
+    try:
+        content = _uncompressed(head, data)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise ValueError(str(error)) from error
+    if len(content) != head.content_bytes or (head.crc and zlib.crc32(content) != head.crc):
+        raise ValueError("checksum or size differs")
+    return content
+
+
+def _uncompressed(head: ChunkHead, data: bytes) -> bytes:
+    if head.compression == b"":
+        return data
+    if head.compression == b"zstd":
+        claimed = zstandard.get_frame_parameters(data).content_size
+        if claimed not in {head.content_bytes, zstandard.CONTENTSIZE_UNKNOWN}:
+            raise ValueError("claims two sizes")
+        return zstandard.decompress(data, head.content_bytes)
+    if head.compression == b"lz4":
+        # One byte more than claimed: a frame that goes on is told from one that ends there.
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, head.content_bytes + 1))
+    raise ValueError(f"compression {head.compression!r} is not known")
+
+
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record of a chunk's content.
+
+    Raises:
+        ValueError: A record ends outside of it, or is none.
+    """
+    position, end = 0, len(content)
+    while position < end:
+        if position + RECORD_HEAD.size > end:
+            raise ValueError("ends within a record")
+        opcode, length = RECORD_HEAD.unpack_from(content, position)
+        position += RECORD_HEAD.size
+        if opcode == NO_OPCODE:
+            raise ValueError("a record of no kind")
+        if position + length > end:
+            raise ValueError("ends within a record")
+        yield opcode, position, position + length
+        position += length
+
+
+ATTACHMENT_HEAD_BYTES: Final = 1 << 16
+"""All but an attachment's data, which may be of any size, is shorter."""
+CRC_BYTES: Final = 4
+MOST_ATTACHMENTS: Final = 10_000
+"""Of a file: they are held by what they say of themselves."""
+
+
+class AttachmentHead(NamedTuple):
+    """What a record says.
+
+    Attributes:
+        about: Name and times, without the data.
+        data_at: Where the data begins in the record's content.
+        data_bytes: Of it.
+    """
+
+    about: Attachment
+    data_at: int
+    data_bytes: int
+
+
+def attachment_head(data: bytes, length: int) -> AttachmentHead:
+    """The head of an attachment record.
+
+    Args:
+        data: The content's beginning, ``ATTACHMENT_HEAD_BYTES`` of it where it has so many.
+        length: Of the whole content.
+
+    Raises:
+        ValueError: It is damaged; others as the library has them.
+    """
+    stream = ReadDataStream(BytesIO(data))
+    log_ns, create_ns = stream.read8(), stream.read8()
+    name, kind = stream.read_prefixed_string(), stream.read_prefixed_string()
+    data_bytes = stream.read8()
+    if stream.count + data_bytes + CRC_BYTES != length:
+        raise ValueError("claims another size than it has")
+    about = Attachment(create_time=create_ns, log_time=log_ns, name=name, media_type=kind, data=b"")
+    return AttachmentHead(about, stream.count, data_bytes)

@@ -1,0 +1,1 @@
+"""Damaged and unfinished recordings made whole in place."""

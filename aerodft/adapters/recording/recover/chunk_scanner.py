@@ -1,0 +1,312 @@
+"""What a damaged or unfinished segment still holds, read strictly from its beginning to its end.
+
+Nothing that a record claims is believed before it fits: sizes against the file and a limit, chunks against their
+checksum. Where the bytes make no sense the next chunk that does is looked for. So a flipped bit costs one chunk.
+"""
+
+import os
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Footer, Header, Metadata, Statistics
+
+from aerodft.adapters.recording.channels import DEFINITIONS, Definitions, definition
+from aerodft.adapters.recording.layout import (
+    CHUNK_HEAD,
+    MAGIC,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    BuiltChunk,
+    built_chunk,
+    index_entry,
+)
+from aerodft.adapters.recording.read.chunks import (
+    ATTACHMENT_HEAD_BYTES,
+    CRC_BYTES,
+    HEAD_BYTES,
+    MOST_ATTACHMENTS,
+    AttachmentHead,
+    ChunkHead,
+    attachment_head,
+    chunk_content,
+    chunk_head,
+    records_in,
+)
+from aerodft.adapters.recording.write.segment import MOST_INDEX_BYTES, index_bytes, pieces
+
+_MAX_SMALL_BYTES, _MAX_SUMMARY_BYTES = 4 << 20, 16 << 20
+_WINDOW_BYTES = 1 << 20
+_CHUNK = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # shorter than a terabyte
+_CANDIDATE_BYTES = RECORD_HEAD.size + HEAD_BYTES
+_DATA_END_BYTES = RECORD_HEAD.size + 4
+_FOOTER_CHECKED_BYTES = RECORD_HEAD.size + 16
+_TAIL_BYTES = _FOOTER_CHECKED_BYTES + 4 + len(MAGIC)
+_UNREADABLE = (McapError, struct.error, UnicodeDecodeError, OverflowError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoodChunk:
+    """A chunk that is whole.
+
+    Attributes:
+        offset: Of the record.
+        built: It, with the times and the message indexes that its messages give.
+        content: Its records.
+        defines: Ids of the channels that it defines.
+        is_as_built: Whether the file has the same bytes there, indexes included.
+    """
+
+    offset: int
+    built: BuiltChunk
+    content: bytes
+    defines: frozenset[int]
+    is_as_built: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BadBytes:
+    """Bytes that are no whole record.
+
+    Attributes:
+        offset: Where.
+        length: How many.
+        why: What is wrong with them.
+        is_chunk: Whether a chunk was there, known to be damaged.
+        is_torn: Whether the file ends in them.
+    """
+
+    offset: int
+    length: int
+    why: str
+    is_chunk: bool = False
+    is_torn: bool = False
+
+
+class Salvage:
+    """Walks through one file.
+
+    Attributes:
+        header: The file's; None where it is missing or damaged.
+        metadata: Names and values.
+        attachments: Those that are whole: where their records are, and what they say.
+        definitions: By the chunks so far, and from the beginning by the summary, if its checksum is right.
+        stated_messages: How many messages there are by the summary; None likewise.
+        has_end: Whether the data is known to end where the file says so.
+        is_whole: Whether the file ends as it should, with a sound summary and nothing behind it.
+
+    Args:
+        descriptor: Open for reading.
+
+    Raises:
+        OSError: From all methods: the file cannot be read.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._size = os.fstat(descriptor).st_size
+        self.header: Header | None = None
+        self.metadata: list[Metadata] = []
+        self.attachments: list[tuple[int, AttachmentHead]] = []
+        self.definitions = Definitions()
+        self._metadata_bytes = self._index_bytes = 0
+        self._most_index_bytes = MOST_INDEX_BYTES * 3 // 2  # a segment may have to go on to the next key image
+        self.stated_messages: int | None = None
+        self._position = 0
+        summary_start = self._summary_start()
+        self.has_end = self.is_whole = summary_start is not None
+        self._end = self._size
+        if summary_start is not None:  # it was found to be within its limit
+            self._end, self._most_index_bytes = summary_start - _DATA_END_BYTES, 2 * _MAX_SUMMARY_BYTES
+
+    def items(self) -> Iterator[GoodChunk | BadBytes]:
+        """All chunks that are whole, and what lies between them, in order; attributes are final afterwards."""
+        magic = self._read(0, len(MAGIC))
+        self._position = len(MAGIC)
+        if magic != MAGIC:
+            yield BadBytes(offset=0, length=len(magic), why="no MCAP file", is_torn=MAGIC.startswith(magic))
+        while self._position < self._end and self._index_bytes <= self._most_index_bytes:
+            item = self._next()
+            if item is not None:
+                yield item
+        if self._position < self._end:
+            length = self._end - self._position
+            yield BadBytes(offset=self._position, length=length, why="more chunks than a file's index may have")
+            self._position = self._end
+        if not self.is_whole and self._position < self._size:
+            why = "no sound index"
+            yield BadBytes(offset=self._position, length=self._size - self._position, why=why, is_torn=True)
+
+    def _next(self) -> GoodChunk | BadBytes | None:
+        start = self._position
+        head = self._read(start, RECORD_HEAD.size)
+        if len(head) < RECORD_HEAD.size:
+            return self._lost(start, "ends within a record")
+        opcode, length = RECORD_HEAD.unpack(head)
+        end = start + RECORD_HEAD.size + length
+        if opcode == Opcode.CHUNK:
+            return self._chunk(start, length, end)
+        is_attached = opcode == Opcode.ATTACHMENT and end <= self._end and self._take_attachment(start, length)
+        if not is_attached and (end > self._end or length > _MAX_SMALL_BYTES):
+            return self._lost(start, "a record that claims more than there is")
+        if opcode == Opcode.DATA_END and end - start == _DATA_END_BYTES:
+            self.has_end, self._end = True, end
+        elif opcode in {Opcode.HEADER, Opcode.METADATA}:
+            if not self._take(opcode, self._read(start + RECORD_HEAD.size, length)):
+                return self._lost(start, "a damaged record")
+        elif opcode != Opcode.MESSAGE_INDEX and not is_attached:
+            return self._lost(start, "no record of a recording")
+        self._position = end
+        return None
+
+    def _take_attachment(self, start: int, length: int) -> bool:
+        """Take note of an attachment; False where it is damaged."""
+        if len(self.attachments) == MOST_ATTACHMENTS:
+            return False
+        at, end = start + RECORD_HEAD.size, start + RECORD_HEAD.size + length - CRC_BYTES
+        try:
+            head = attachment_head(self._read(at, min(ATTACHMENT_HEAD_BYTES, length)), length)
+        except (*_UNREADABLE, ValueError):
+            return False
+        crc = 0
+        for piece in pieces(self._descriptor, at, end - at):
+            crc = zlib.crc32(piece, crc)
+        if int.from_bytes(self._read(end, CRC_BYTES), "little") not in {0, crc}:
+            return False
+        self.attachments.append((start, head))
+        return True
+
+    def _take(self, opcode: int, content: bytes) -> bool:
+        stream = ReadDataStream(BytesIO(content))
+        try:
+            if opcode == Opcode.HEADER:
+                self.header = Header.read(stream)
+            elif (total := self._metadata_bytes + len(content)) <= _MAX_SMALL_BYTES:
+                self.metadata.append(Metadata.read(stream))
+                self._metadata_bytes = total
+            else:
+                return False
+        except _UNREADABLE:
+            return False
+        return stream.count == len(content)
+
+    def _chunk(self, start: int, length: int, end: int) -> GoodChunk | BadBytes:
+        at = start + RECORD_HEAD.size
+        try:
+            head = chunk_head(self._read(at, min(HEAD_BYTES, length)), length)
+        except ValueError as error:
+            return self._lost(start, str(error))
+        if end > self._end:
+            return self._lost(start, "ends within a chunk")
+        self._position = end
+        data = self._read(at + head.data_at, head.data_bytes)
+        try:
+            content = chunk_content(head, data)
+            built = _rebuilt(head, data, content)
+            defines = self._define(content)
+        except ValueError as error:
+            return BadBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
+        is_as_built = self._read(start, len(built.head)) == built.head
+        if self._read(end, len(built.indexes)) == built.indexes:
+            self._position += len(built.indexes)
+        else:
+            is_as_built = False
+        self._index_bytes += index_bytes(built)
+        return GoodChunk(offset=start, built=built, content=content, defines=defines, is_as_built=is_as_built)
+
+    def _define(self, content: bytes) -> frozenset[int]:
+        """Take a chunk's schemas and channels, all or none; returns the ids of the channels.
+
+        Raises:
+            ValueError: One is damaged, or they are too much.
+        """
+        ids: set[int] = set()
+        self.definitions.ledger.begin()
+        try:
+            for opcode, begin, end in records_in(content):
+                if opcode in DEFINITIONS:
+                    record = definition(opcode, content[begin:end])
+                    self.definitions.add(record)
+                    if opcode == Opcode.CHANNEL:
+                        ids.add(record.id)
+        except _UNREADABLE as error:
+            self.definitions.ledger.undo()
+            raise ValueError("a damaged definition") from error
+        except ValueError:
+            self.definitions.ledger.undo()
+            raise
+        return frozenset(ids)
+
+    def _lost(self, start: int, why: str) -> BadBytes:
+        """Go on where something makes sense again."""
+        position = start + 1
+        while position < self._end:
+            window = self._read(position, _WINDOW_BYTES + _CANDIDATE_BYTES)
+            for found in _CHUNK.finditer(window):
+                at = position + found.start()
+                if found.start() < _WINDOW_BYTES and self._makes_sense(at, window[at - position :][:_CANDIDATE_BYTES]):
+                    self._position = at
+                    return BadBytes(offset=start, length=at - start, why=why)
+            position += _WINDOW_BYTES
+        self._position = self._end
+        return BadBytes(offset=start, length=self._end - start, why=why, is_torn=not self.has_end)
+
+    def _makes_sense(self, at: int, data: bytes) -> bool:
+        """Whether there is a chunk, as far as its sizes tell."""
+        _, length = RECORD_HEAD.unpack_from(data)
+        try:
+            chunk_head(data[RECORD_HEAD.size :], length)
+        except ValueError:
+            return False
+        return bool(at + RECORD_HEAD.size + length <= self._end)
+
+    def _summary_start(self) -> int | None:
+        """Where the summary begins, its definitions read; None where the file has no sound one at its end."""
+        tail = self._read(max(self._size - _TAIL_BYTES, 0), _TAIL_BYTES)
+        if len(tail) < _TAIL_BYTES or not tail.endswith(MAGIC):
+            return None
+        try:
+            footer = Footer.read(ReadDataStream(BytesIO(tail[RECORD_HEAD.size :])))
+            start, size = footer.summary_start, self._size - _TAIL_BYTES - footer.summary_start
+            if not 0 <= size <= _MAX_SUMMARY_BYTES or start < len(MAGIC) + _DATA_END_BYTES:
+                return None
+            data = self._read(start, size)
+            if zlib.crc32(tail[:_FOOTER_CHECKED_BYTES], zlib.crc32(data)) != footer.summary_crc:
+                return None
+            self._define(data)
+            for opcode, begin, end in records_in(data):
+                if opcode == Opcode.STATISTICS:
+                    self.stated_messages = Statistics.read(ReadDataStream(BytesIO(data[begin:end]))).message_count
+        except (*_UNREADABLE, ValueError):
+            return None
+        return int(start)
+
+    def _read(self, offset: int, length: int) -> bytes:
+        return os.pread(self._descriptor, length, offset)
+
+
+def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
+    """A chunk with the times and the indexes that its messages give.
+
+    Raises:
+        ValueError: Its content is no sequence of whole records.
+    """
+    indexes: dict[int, bytearray] = {}
+    start_ns = end_ns = 0
+    for opcode, begin, end in records_in(content):
+        if opcode != Opcode.MESSAGE:
+            continue
+        if end - begin < MESSAGE_HEAD.size:
+            raise ValueError("ends within a message")
+        channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, begin)
+        start_ns = min(start_ns, log_ns) if indexes else log_ns
+        end_ns = max(end_ns, log_ns)
+        indexes.setdefault(channel_id, bytearray()).extend(index_entry(log_ns, begin - RECORD_HEAD.size))
+    times = CHUNK_HEAD.pack(start_ns, end_ns, head.content_bytes, head.crc)
+    return built_chunk(times, head.compression, data, indexes)

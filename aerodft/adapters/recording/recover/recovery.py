@@ -1,0 +1,480 @@
+"""A recording whose recorder was killed, or whose files were damaged: its segments made whole in place.
+
+A segment is copied as far as it is whole, the copy is read back, and only then takes the segment's name. What is sound
+is not touched, and neither is what a recorder is writing.
+"""
+
+import fcntl
+import logging
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from mcap.opcode import Opcode
+
+from aerodft.adapters.file_kind import check_is_no_pipe
+from aerodft.adapters.recording.channels import Definitions
+from aerodft.adapters.recording.layout import (
+    MAGIC,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    BuiltChunk,
+    ChunkBuffer,
+    compressor,
+    encoded,
+)
+from aerodft.adapters.recording.read.chunks import CRC_BYTES, records_in
+from aerodft.adapters.recording.read.messages import ChunkReader
+from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.recording.recover.chunk_scanner import BadBytes, GoodChunk, Salvage
+from aerodft.adapters.recording.write.segment import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
+from aerodft.adapters.wire.payload import SOFTWARE
+from aerodft.errors import InputError
+
+SERIES = ("data", "images")
+_BEGINNING_BYTES = 1 << 20
+_NUMBER = re.compile(r"_(\d+)\.mcap$")
+_RECOVERED_NAME = "recovered"
+_UNFINISHED = "it was not finished: what came last is missing, half a second at most"
+_OWN_TOPICS = ("aerodft/", "mavlink", "dataflash")
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loss:
+    """Something that is not in a recording.
+
+    Attributes:
+        what: In words.
+        from_ns: After this log time; None where nothing came before it.
+        to_ns: Before this log time; None where nothing came after it.
+        offset: Where it was in the file; None where it was in none.
+        length: How many bytes that were.
+        messages: How many messages that were; None where nobody knows.
+        is_torn: Whether it is the end of a file that was not written to its end.
+    """
+
+    what: str
+    from_ns: int | None = None
+    to_ns: int | None = None
+    offset: int | None = None
+    length: int = 0
+    messages: int | None = None
+    is_torn: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SegmentRecovery:
+    """What became of one segment.
+
+    Attributes:
+        name: Of the file.
+        state: ``sound`` (not touched), ``completed`` (now ends as it should), ``unfinished`` (not touched: its
+            messages are in no chunks), ``unreadable`` (not touched) or ``missing``.
+        messages: In it now.
+        start_ns: Earliest log time; None where there is no message.
+        end_ns: Latest.
+        losses: What was in it, or should have been, and is not.
+    """
+
+    name: str
+    state: str
+    messages: int = 0
+    start_ns: int | None = None
+    end_ns: int | None = None
+    losses: tuple[Loss, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recovery:
+    """What became of a recording."""
+
+    folder: Path
+    segments: tuple[SegmentRecovery, ...]
+
+    @property
+    def messages(self) -> int:
+        """In all segments."""
+        return sum(segment.messages for segment in self.segments)
+
+    @property
+    def is_lossy(self) -> bool:
+        """Whether anything is lost."""
+        return any(segment.losses for segment in self.segments)
+
+
+def recover_folder(folder: Path) -> Recovery:
+    """Make a recording's segments whole.
+
+    Raises:
+        InputError: There is no recording, a recorder still writes it, another tool made it, or it cannot be read or
+            written; the segments that were not whole are then as they were.
+    """
+    try:
+        paths = {stem: _numbered(folder, stem) for stem in SERIES}
+        if not paths["data"] and not paths["images"]:
+            got = "a file" if folder.is_file() else "no data_*.mcap" if folder.is_dir() else "nothing"
+            raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
+        segments = [each for stem in SERIES for each in _recover_series(stem, paths[stem])]
+    except OSError as error:
+        where = error.filename or folder
+        raise InputError("the recording cannot be recovered", where=where, got=error.strerror) from error
+    return Recovery(folder=folder, segments=tuple(segments))
+
+
+def is_recording(folder: Path) -> bool:
+    """Whether there are segments in a folder."""
+    return any(True for stem in SERIES for _ in folder.glob(f"{stem}_*.mcap"))
+
+
+def recordings_in(root: Path) -> dict[Path, bool]:
+    """The recordings right below a folder, by name, and whether all of their segments end as they should.
+
+    Raises:
+        InputError: The folder cannot be read.
+    """
+    found: dict[Path, bool] = {}
+    try:
+        for folder in sorted(root.iterdir()) if root.is_dir() else []:
+            segments = [path for stem in SERIES for path in folder.glob(f"{stem}_*.mcap")]
+            if segments:
+                found[folder] = all(map(_ends, segments))
+    except OSError as error:
+        raise InputError("the folder cannot be read", where=root, got=error.strerror) from error
+    return found
+
+
+def _ends(path: Path) -> bool:
+    check_is_no_pipe(path)
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - len(MAGIC), 0))
+        return size > len(MAGIC) and file.read() == MAGIC
+
+
+def _numbered(folder: Path, stem: str) -> list[tuple[int, Path]]:
+    """The segments of a series by number; a copy of one with another name is none.
+
+    Raises:
+        OSError: One of them is no file.
+    """
+    found = [(_NUMBER.search(path.name), path) for path in folder.glob(f"{stem}_*.mcap")]
+    for _, path in found:
+        check_is_no_pipe(path)
+    return sorted((int(match[1]), path) for match, path in found if match is not None)
+
+
+def _recover_series(stem: str, paths: list[tuple[int, Path]]) -> Iterator[SegmentRecovery]:
+    expected, last_ns = 0, None
+    for number, path in paths:
+        segment = _recover_segment(path)
+        for missing in range(expected, number):
+            loss = Loss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
+            yield SegmentRecovery(name=f"{stem}_{missing:03d}.mcap", state="missing", losses=(loss,))
+        yield segment
+        expected, last_ns = number + 1, segment.end_ns or last_ns
+
+
+def _recover_segment(path: Path) -> SegmentRecovery:
+    with _locked(path) as descriptor:
+        found = _survey(descriptor)
+        if found.is_sound:
+            return _outcome(path, "sound", found)
+        if not found.is_own and (found.chunks or found.library):
+            made_by = f"one made by {found.library or 'another tool'}"
+            expected = "a recording of aerodft"
+            raise InputError("the file cannot be recovered", where=path, got=made_by, expected=expected)
+        if not found.chunks and (bare := _without_chunks(path)) is not None:
+            return bare
+        lost_bytes = sum(loss.length for loss in found.losses)
+        if not found.chunks and not (_is_beginning(descriptor) and lost_bytes <= _BEGINNING_BYTES):
+            loss = Loss(what="nothing in it can be read", offset=0, length=os.fstat(descriptor).st_size)
+            return SegmentRecovery(name=path.name, state="unreadable", losses=(loss,))
+        _replace(path, descriptor, found)
+        return _outcome(path, "completed", found)
+
+
+def _without_chunks(path: Path) -> SegmentRecovery | None:
+    """A segment that another tool wrote again without chunks, as it is; None where no message stands outside of one.
+
+    There is no checksum that tells a damaged message from a sound one: it is read as far as it is whole, not rewritten.
+    """
+    try:
+        scan = scan_segment(path)
+    except InputError:  # not even its first bytes are those of one
+        return None
+    bare = [place for place in scan.chunks if place.is_bare]
+    messages = sum(1 for _ in ChunkReader(scan.channels.copy()).messages(bare))
+    if not messages:
+        return None
+    end_ns = max(place.end_ns for place in bare)
+    read_to = bare[-1].offset + bare[-1].length
+    torn = Loss(
+        what="it does not end as it should; without chunks there is nothing to make whole",
+        from_ns=end_ns,
+        offset=read_to,
+        length=path.stat().st_size - read_to,
+    )
+    return SegmentRecovery(
+        name=path.name,
+        state="sound" if scan.is_whole else "unfinished",
+        messages=messages,
+        start_ns=min(place.start_ns for place in bare),
+        end_ns=end_ns,
+        losses=() if scan.is_whole else (torn,),
+    )
+
+
+def _is_beginning(descriptor: int) -> bool:
+    """Whether this is the beginning of an MCAP file: one that was just made as the machine died."""
+    return MAGIC.startswith(os.pread(descriptor, len(MAGIC), 0))
+
+
+def _replace(path: Path, descriptor: int, found: "_Survey") -> None:
+    partial = path.with_name(f".{path.name}.recovering")
+    partial.unlink(missing_ok=True)  # of a recovery that was killed: the lock says that nobody writes it
+    try:
+        _write_whole(descriptor, found, partial)
+        with _opened(partial) as copy:
+            again = _survey(copy)
+        if not again.is_sound or again.messages != found.messages:
+            raise InputError("what was written does not read back", where=partial, hint="the segment is as it was")
+        _keep_dropped(path, descriptor, found)
+        partial.replace(path)
+        sync_folder(path.parent)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _keep_dropped(path: Path, descriptor: int, found: "_Survey") -> None:
+    """Put damaged bytes into a file beside the segment: somebody may be able to read more of them."""
+    damaged = [loss for loss in found.losses if loss.offset is not None and not (loss.is_torn and loss.to_ns is None)]
+    if damaged:
+        with path.with_name(f"{path.name}.dropped").open("ab") as file:
+            for loss in damaged:
+                file.writelines(pieces(descriptor, loss.offset or 0, loss.length))
+            file.flush()
+            os.fsync(file.fileno())
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[int]:
+    """A segment, open for reading, that no recorder and no other recovery has.
+
+    Raises:
+        InputError: One has.
+    """
+    with _opened(path) as descriptor:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            hint = "stop the recorder first"
+            raise InputError("the recording is still being written", where=path, hint=hint) from None
+        except OSError:
+            _log.debug("%s: no locks on this file system", path)
+        if os.fstat(descriptor).st_ino != path.stat().st_ino:
+            raise InputError("the recording is being recovered by somebody else", where=path, hint="try again")
+        yield descriptor
+
+
+def _outcome(path: Path, state: str, found: "_Survey") -> SegmentRecovery:
+    return SegmentRecovery(
+        name=path.name,
+        state=state,
+        messages=found.messages,
+        start_ns=found.start_ns,
+        end_ns=found.end_ns,
+        losses=tuple(found.losses),
+    )
+
+
+@dataclass(slots=True)
+class _Survey:
+    """What one segment holds, and what it lacks.
+
+    Attributes:
+        messages: In chunks that are whole, on channels that are defined.
+        chunks: How many these are.
+        start_ns: Earliest log time; None where there is no message.
+        end_ns: Latest.
+        losses: In the order of the file.
+        is_sound: Whether nothing needs to be done.
+        is_own: Whether aerodft made it.
+        library: Who did, in its own words; empty where that is not known.
+        metadata: Names and values.
+        definitions: Of all channels.
+        lacks_definitions: Whether channels are used before they are defined.
+        undefined: Ids of channels that are defined nowhere.
+    """
+
+    messages: int = 0
+    chunks: int = 0
+    start_ns: int | None = None
+    end_ns: int | None = None
+    losses: list[Loss] = field(default_factory=list)
+    is_sound: bool = True
+    is_own: bool = False
+    library: str = ""
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    definitions: Definitions = field(default_factory=Definitions)
+    lacks_definitions: bool = False
+    undefined: set[int] = field(default_factory=set)
+
+
+def _survey(descriptor: int) -> _Survey:
+    """Read a segment from its beginning to its end.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    salvage, found = Salvage(descriptor), _Survey()
+    used: Counter[int] = Counter()
+    defined: set[int] = set()
+    for item in salvage.items():
+        if isinstance(item, GoodChunk):
+            _add(found, item, used, defined)
+            continue
+        found.is_sound = False
+        is_beginning = item.offset == 0 and not item.is_torn
+        if not (is_beginning or (item.is_torn and salvage.has_end)):
+            place = {"offset": item.offset, "length": item.length}
+            found.losses.append(Loss(what=_words(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
+    if not salvage.has_end and not any(loss.to_ns is None for loss in found.losses):
+        found.losses.append(Loss(what=_UNFINISHED, from_ns=found.end_ns))
+    found.definitions = salvage.definitions
+    if salvage.stated_messages is not None:
+        found.losses = _counted(found.losses, salvage.stated_messages - found.messages)
+    _leave_undefined(found, used)
+    found.is_sound &= salvage.is_whole and not found.lacks_definitions
+    _tell_maker(found, salvage)
+    return found
+
+
+def _words(bad: BadBytes) -> str:
+    if bad.is_torn:
+        return f"{_UNFINISHED}; a torn end was cut off"
+    return f"a damaged chunk ({bad.why})" if bad.is_chunk else f"damaged bytes ({bad.why})"
+
+
+def _add(found: _Survey, item: GoodChunk, used: Counter[int], defined: set[int]) -> None:
+    built = item.built
+    defined |= item.defines
+    found.lacks_definitions |= not built.counts.keys() <= defined
+    found.is_sound &= item.is_as_built
+    found.messages += built.messages
+    found.chunks += 1
+    used.update(built.counts)
+    if built.counts:
+        found.losses = [_before(loss, built.start_ns) for loss in found.losses]
+        found.start_ns = built.start_ns if found.start_ns is None else min(found.start_ns, built.start_ns)
+        found.end_ns = built.end_ns if found.end_ns is None else max(found.end_ns, built.end_ns)
+
+
+def _before(loss: Loss, start_ns: int) -> Loss:
+    """A loss whose end is known, now that something comes behind it."""
+    return loss if loss.to_ns is not None else replace(loss, to_ns=start_ns)
+
+
+def _counted(losses: list[Loss], missing: int) -> list[Loss]:
+    """The losses of a file that says how many messages it had."""
+    if missing <= 0:  # what is damaged held none: indexes, or what the file says of itself
+        return [replace(loss, messages=0) for loss in losses if loss.from_ns is None]
+    return [replace(loss, messages=missing) for loss in losses] if len(losses) == 1 else losses
+
+
+def _leave_undefined(found: _Survey, used: Counter[int]) -> None:
+    """Count messages of channels that nothing defines as lost: no reader can tell what they are."""
+    found.undefined = used.keys() - found.definitions.channels.keys()
+    if found.undefined:
+        messages = sum(used[identity] for identity in found.undefined)
+        found.messages -= messages
+        what = f"messages of {len(found.undefined)} channels whose definitions are lost"
+        found.losses.append(Loss(what=what, from_ns=found.start_ns, to_ns=found.end_ns, messages=messages))
+
+
+def _tell_maker(found: _Survey, salvage: Salvage) -> None:
+    found.metadata = [(each.name, each.metadata) for each in salvage.metadata]
+    if salvage.header is not None:
+        found.is_own, found.library = salvage.header.profile == PROFILE, salvage.header.library
+    if not found.is_own:  # the header may be what is damaged
+        topics = [channel.topic for channel in found.definitions.channels.values()]
+        by_topics = salvage.header is None and bool(topics) and all(each.startswith(_OWN_TOPICS) for each in topics)
+        found.is_own = by_topics or any(name == METADATA_NAME for name, _ in found.metadata)
+
+
+def _write_whole(descriptor: int, found: _Survey, path: Path) -> None:
+    """Write what a segment still holds into a new file that ends as it should, and wait until the disk has it.
+
+    Args:
+        descriptor: The segment.
+        found: What ``_survey`` said of it.
+        path: The new file; deleted again where it cannot be written.
+
+    Raises:
+        OSError: The segment cannot be read, or the new file cannot be written.
+    """
+    file = SegmentFile(path)
+    try:
+        file.allow(os.fstat(descriptor).st_mode)
+        _write(file, descriptor, found)
+        file.sync(size=True)
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
+    finally:
+        file.close()
+
+
+def _write(file: SegmentFile, descriptor: int, found: _Survey) -> None:
+    definitions = found.definitions
+    metadata = list(found.metadata)
+    if found.losses:
+        said = {f"loss {number}": loss.what for number, loss in enumerate(found.losses)}
+        metadata.append((_RECOVERED_NAME, {"software": SOFTWARE, **said}))
+    summary = Summary(PROFILE, found.library or SOFTWARE, metadata, definitions.schemas, definitions.channels)
+    file.write(summary.beginning)
+    front = encoded(*definitions.schemas.values(), *definitions.channels.values()) if found.lacks_definitions else b""
+    salvage = Salvage(descriptor)
+    for item in salvage.items():
+        if isinstance(item, BadBytes):
+            continue
+        chunk = item.built
+        if front or not found.undefined.isdisjoint(chunk.counts):
+            chunk, front = _built_again(item, front, found.undefined), b""
+        offset = file.size
+        for part in (chunk.head, chunk.content, chunk.indexes):
+            file.write(part)
+        summary.add(offset, chunk)
+    for start, head in salvage.attachments:
+        offset, length = file.size, RECORD_HEAD.size + head.data_at + head.data_bytes + CRC_BYTES
+        for piece in pieces(descriptor, start, length):
+            file.write(piece)
+        summary.attach(offset, length, head.about, head.data_bytes)
+    file.write(summary.ending(file.size))
+
+
+def _built_again(item: GoodChunk, front: bytes, undefined: set[int]) -> BuiltChunk:
+    """A chunk with definitions in front, and without the messages of undefined channels."""
+    buffer, content = ChunkBuffer(front), item.content
+    for opcode, begin, end in records_in(content):
+        if opcode != Opcode.MESSAGE:
+            buffer.define(content[begin - RECORD_HEAD.size : end])
+            continue
+        channel_id, sequence, log_ns, _ = MESSAGE_HEAD.unpack_from(content, begin)
+        if channel_id not in undefined:
+            buffer.add(channel_id, log_ns, content[begin + MESSAGE_HEAD.size : end], sequence)
+    return buffer.built(compressor() if item.built.compression else None)

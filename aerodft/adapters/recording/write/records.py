@@ -1,0 +1,267 @@
+"""Inputs and outputs as the messages of a recording's data file; many of them as columns, laid into a chunk at once."""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from mcap.opcode import Opcode
+
+from aerodft.adapters.recording.channels import Channel, json_channel, protobuf_channel, raw_channel
+from aerodft.adapters.recording.layout import MESSAGE_HEAD, RECORD_HEAD, ChunkBuffer
+from aerodft.adapters.recording.write.foxglove import location_fix
+from aerodft.adapters.wire import camera_motion as steadiness
+from aerodft.adapters.wire import estimate, events, height, measurement, pose, status
+from aerodft.adapters.wire.keys import Keys
+from aerodft.adapters.wire.packed_bytes import Form, Texts
+from aerodft.conventions import SECOND_NS
+from aerodft.jit import njit
+from aerodft.model.arrays import ImageArray, IntArray
+from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
+from aerodft.model.height import HeightSwitch
+from aerodft.model.image import image_indices
+from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.telemetry import WireProtocol
+from aerodft.service.batches import Batches
+from aerodft.service.outputs import StepOutputs
+
+_RECORD_HEAD, _MESSAGE_HEAD = RECORD_HEAD.size, MESSAGE_HEAD.size
+_OPCODE = int(Opcode.MESSAGE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MessageRows:
+    """``n`` messages in the order in which they are written.
+
+    Attributes:
+        channels: Theirs.
+        channel: ``(n,)`` which of these.
+        log_ns: ``(n,)``.
+        sequence: ``(n,)``.
+        texts: ``(n,)`` payloads.
+    """
+
+    channels: tuple[Channel, ...]
+    channel: IntArray
+    log_ns: IntArray
+    sequence: IntArray
+    texts: Texts
+
+    def __len__(self) -> int:
+        return len(self.channel)
+
+    @property
+    def sizes(self) -> IntArray:
+        """``(n,)`` bytes of the payloads."""
+        return self.texts.stop - self.texts.start
+
+    def message(self, row: int) -> tuple[Channel, int, bytes, int]:
+        """One of them: channel, log time, payload, sequence."""
+        return self.channels[self.channel[row]], int(self.log_ns[row]), self.texts.text(row), int(self.sequence[row])
+
+    def lay(self, first: int, stop: int, ids: IntArray, buffer: ChunkBuffer) -> None:
+        """Add some of them to a chunk, by the channels' ids ``(channels,)``."""
+        rows = slice(first, stop)
+        sizes, channel_ids, log_ns = self.sizes[rows], ids[self.channel[rows]], self.log_ns[rows]
+        begin = buffer.content_bytes
+        out = buffer.more(int(sizes.sum()) + (_RECORD_HEAD + _MESSAGE_HEAD) * len(sizes))
+        offset = np.empty(len(sizes), dtype=np.int64)
+        heads = np.stack([channel_ids, self.sequence[rows], log_ns, self.texts.start[rows], sizes])
+        _lay(np.frombuffer(self.texts.data, dtype=np.uint8), heads, np.frombuffer(out, dtype=np.uint8), offset)
+        buffer.add_rows(channel_ids, log_ns, begin + offset)
+
+
+def warm_up() -> None:
+    """Compile now what would hold up the first messages of something live."""
+    made = Form.of([b"[", b",", b",", b"]"], range(3)).filled((b"1", b"2", b"3"), b",,,", 1)
+    one = np.ones(1, dtype=np.int64)
+    for texts in (made, Texts(bytes(made.data), made.start, made.stop)):  # as they are made, and as they came
+        MessageRows((raw_channel(WireProtocol.MAVLINK, ""),), one - 1, one, one, texts).lay(0, 1, one, ChunkBuffer())
+
+
+@njit
+def _lay(data: ImageArray, heads: IntArray, out: ImageArray, offset: IntArray) -> None:
+    """Write message records; ``heads (5, n)`` are channel ids, sequences, log times, payloads' beginnings and sizes."""
+    position = 0
+    for row in range(len(offset)):
+        offset[row] = position
+        channel, sequence, log_ns = heads[0, row], heads[1, row], heads[2, row]
+        start, size = heads[3, row], heads[4, row]
+        out[position] = _OPCODE
+        _put(out, position + 1, 8, size + _MESSAGE_HEAD)
+        at = position + _RECORD_HEAD
+        _put(out, at, 2, channel)
+        _put(out, at + 2, 4, sequence)
+        _put(out, at + 6, 8, log_ns)
+        _put(out, at + 14, 8, log_ns)
+        at += _MESSAGE_HEAD
+        payload, text = out[at : at + size], data[start : start + size]
+        for k in range(size):  # in a tenth of the time that one part takes for the other
+            payload[k] = text[k]
+        position = at + size
+
+
+@njit
+def _put(out: ImageArray, at: int, size: int, value: int) -> None:
+    """A whole number, the lowest byte first."""
+    for k in range(size):
+        out[at + k] = (value >> (8 * k)) & 0xFF
+
+
+_FIX_PERIOD_NS: Final = SECOND_NS // 5
+_SEQUENCE_MASK: Final = 0xFFFFFFFF
+_PER_IMAGE: Final = 3  # messages at most: pose, position, measurements
+
+
+def image_sequence(index: int) -> int:
+    """The message sequence of an image's stamps and of its JPEG, by which the two find each other."""
+    return index & _SEQUENCE_MASK
+
+
+class Record(NamedTuple):
+    """One message to be written."""
+
+    log_ns: int
+    channel: Channel
+    data: bytes
+    sequence: int = 0
+
+
+class Records:
+    """Makes records; remembers the channels of senders and observed probes. Used by one thread."""
+
+    def __init__(self, keys: Keys, frame: str) -> None:
+        self._keys = keys
+        self._frame = frame
+        self._senders: dict[tuple[str, str], Channel] = {}
+        self._observed: dict[str, Channel] = {}
+        self._measured = json_channel(keys.measurements, measurement.IMAGE_SCHEMA)
+        self._image = json_channel(keys.image, events.IMAGE_SCHEMA)
+        self._pose = json_channel(keys.pose, pose.SCHEMA)
+        self._calibration = json_channel(keys.calibration, estimate.SCHEMA)
+        self._steadiness = json_channel(keys.steadiness, steadiness.SCHEMA)
+        self._height = json_channel(keys.height, height.SCHEMA)
+        self._status = json_channel(keys.status, status.SCHEMA)
+        self._location = protobuf_channel(keys.location, LocationFix)
+        self._fixed_ns = 0
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels that every data file has from the start."""
+        return self._image, self._pose, self._measured, self._status, self._location
+
+    def of_step(self, batches: Batches, outputs: StepOutputs) -> MessageRows:
+        """The messages of some ticks: of each tick the inputs in order of arrival, then the outputs in their order."""
+        rows = _TickRows(batches.now_ns)
+        self._add_inputs(rows, batches)
+        self._add_outputs(rows, outputs)
+        return rows.sorted()
+
+    def of_status(self, value: status.StationStatus) -> Record:
+        """A station's state."""
+        return Record(value.stamp_ns, self._status, status.encode_status(value))
+
+    def _add_inputs(self, rows: "_TickRows", batches: Batches) -> None:
+        """What arrived at the very same time comes in this order: frames, the stamps of images, observations."""
+        for block in sorted(batches.raw, key=lambda block: (block.protocol, block.sender)):
+            sender = (block.protocol, block.sender)
+            channel = self._senders.setdefault(sender, raw_channel(*sender))
+            tick = np.searchsorted(batches.now_ns, block.arrival_ns)
+            first_ns = block.arrival_ns[np.searchsorted(tick, tick)]  # of this sender in each tick: who was there first
+            texts = Texts(block.data, block.offset, block.offset + block.length)
+            rows.add_inputs(channel, tick, block.arrival_ns, first_ns - block.arrival_ns, texts)
+        images, observations = batches.images, batches.observations
+        if images:
+            sequence = image_indices(images) & _SEQUENCE_MASK
+            order = np.ones_like(sequence)
+            texts = events.encode_images(images)
+            rows.add_inputs(self._image, batches.image_tick, batches.image_arrival_ns, order, texts, sequence)
+        for name in dict.fromkeys(observation.name for observation in observations):
+            if name not in self._observed:
+                self._observed[name] = json_channel(self._keys.observation(name), events.OBSERVATION_SCHEMA)
+            own = np.array([row for row, observation in enumerate(observations) if observation.name == name])
+            texts = Texts.of([events.encode_observation(observations[row]) for row in own.tolist()])
+            arrival_ns = np.array([observations[row].arrival_ns for row in own.tolist()])
+            rows.add_inputs(self._observed[name], batches.observation_tick[own], arrival_ns, 2 + own, texts)
+
+    def _add_outputs(self, rows: "_TickRows", outputs: StepOutputs) -> None:
+        if outputs.images:
+            poses = PoseBatch.joined([block.poses for block in outputs.images])
+            tick = np.concatenate([block.tick for block in outputs.images])
+            order = _PER_IMAGE * np.concatenate([block.order for block in outputs.images])
+            rows.add_outputs(self._pose, tick, order, pose.encode_poses(poses))
+            fixed = self._fixes_due(poses, rows.now_ns[tick], order)
+            fixes = Texts.of([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
+            rows.add_outputs(self._location, tick[fixed], order[fixed] + 1, fixes)
+        for tick, order, batch in outputs.measured():
+            rows.add_outputs(self._measured, tick, _PER_IMAGE * order + 2, measurement.encode_batch(batch))
+        for single in outputs.singles:
+            match single.content:
+                case HeightSwitch():
+                    channel, data = self._height, height.encode_height_switch(single.content)
+                case SteadinessEstimate():
+                    channel, data = self._steadiness, steadiness.encode_steadiness(single.content)
+                case CalibrationEstimate():
+                    channel, data = self._calibration, estimate.encode_estimate(single.content)
+                case _:  # an observation is recorded as it came
+                    continue
+            tick, order = np.array([[single.tick], [_PER_IMAGE * single.order]])
+            rows.add_outputs(channel, tick, order, Texts.of([data]))
+
+    def _fixes_due(self, poses: PoseBatch, now_ns: IntArray, order: IntArray) -> IntArray:
+        """Which of the poses ``(n,)`` are shown on maps: a few times a second one whose place is known."""
+        rows = np.argsort(order)
+        rows = rows[~np.isnan(poses.lat_lon_alt[rows, :2]).any(axis=1)]
+        due = []
+        for row, at_ns in zip(rows.tolist(), now_ns[rows].tolist(), strict=True):
+            if abs(at_ns - self._fixed_ns) >= _FIX_PERIOD_NS:
+                self._fixed_ns = at_ns
+                due.append(row)
+        return np.array(due, dtype=np.int64)
+
+
+class _TickRows:
+    """Messages of some ticks, gathered in any order.
+
+    Args:
+        now_ns: ``(n,)`` when the ticks end.
+    """
+
+    def __init__(self, now_ns: IntArray) -> None:
+        self.now_ns = now_ns
+        self._channels: dict[Channel, int] = {}
+        self._heads: list[IntArray] = [np.empty((5, 0), dtype=np.int64)]
+        self._texts: list[Texts] = [Texts.of([])]
+
+    def add_inputs(
+        self,
+        channel: Channel,
+        tick: IntArray,
+        arrival_ns: IntArray,
+        order: IntArray,
+        texts: Texts,
+        sequence: IntArray | int = 0,
+    ) -> None:
+        """Add messages ``(m,)`` of one channel, logged at their arrival; ``order`` is among those of the same time."""
+        self._add(channel, texts, (2 * tick, arrival_ns, order), sequence)
+
+    def add_outputs(self, channel: Channel, tick: IntArray, order: IntArray, texts: Texts) -> None:
+        """Add messages ``(m,)`` of one channel, logged at their ticks; ``order`` is among all outputs."""
+        self._add(channel, texts, (2 * tick + 1, self.now_ns[tick], order), 0)
+
+    def sorted(self) -> MessageRows:
+        """All messages: by tick, inputs before outputs, then by log time, then in their order."""
+        heads = np.concatenate(self._heads, axis=1)
+        rows = np.lexsort((heads[2], heads[1], heads[0]))
+        _, log_ns, _, channel, sequence = heads[:, rows]
+        return MessageRows(tuple(self._channels), channel, log_ns, sequence, Texts.joined(self._texts, rows))
+
+    def _add(
+        self, channel: Channel, texts: Texts, keys: tuple[IntArray, IntArray, IntArray], sequence: IntArray | int
+    ) -> None:
+        """Add messages with what is put into order by: part of a tick, log time, order."""
+        heads = np.empty((5, len(texts)), dtype=np.int64)
+        heads[:3], heads[4] = keys, sequence
+        heads[3] = self._channels.setdefault(channel, len(self._channels))
+        self._heads.append(heads)
+        self._texts.append(texts)

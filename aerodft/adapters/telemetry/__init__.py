@@ -1,0 +1,1 @@
+"""Telemetry logs and links, whatever their format, decoded to tracks in SI units."""

@@ -1,0 +1,329 @@
+"""ArduPilot's self-describing log format, and its messages to telemetry tracks.
+
+A FMT message names the fields of every other message.
+"""
+
+import math
+import re
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable
+from functools import lru_cache, partial
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.telemetry import tracks as to
+from aerodft.adapters.telemetry.mavlink.decoding import ORIENTATION_DOWN
+from aerodft.adapters.telemetry.mavlink.framing import payload_rows
+from aerodft.adapters.telemetry.mavlink.kernels import MAX_STAMP_US
+from aerodft.geometry.rotation import from_yaw_pitch_roll
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.telemetry import (
+    ClockTrack,
+    PositionTrack,
+    RawBlock,
+    Track,
+    VehicleTrack,
+    WireProtocol,
+)
+
+HEAD: Final = (0xA3, 0x95)
+HEAD_SIZE: Final = 3
+FMT_TYPE: Final = 128
+FMT_SIZE: Final = 89
+_FMT_DTYPE: Final = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
+_CODES: Final = {
+    "a": ("<i2", (32,), 1.0),
+    "b": ("i1", (), 1.0),
+    "B": ("u1", (), 1.0),
+    "g": ("<f2", (), 1.0),
+    "h": ("<i2", (), 1.0),
+    "H": ("<u2", (), 1.0),
+    "i": ("<i4", (), 1.0),
+    "I": ("<u4", (), 1.0),
+    "f": ("<f4", (), 1.0),
+    "n": ("S4", (), 1.0),
+    "N": ("S16", (), 1.0),
+    "Z": ("S64", (), 1.0),
+    "c": ("<i2", (), 0.01),
+    "C": ("<u2", (), 0.01),
+    "e": ("<i4", (), 0.01),
+    "E": ("<u4", (), 0.01),
+    "L": ("<i4", (), 1e-7),
+    "d": ("<f8", (), 1.0),
+    "M": ("u1", (), 1.0),
+    "q": ("<i8", (), 1.0),
+    "Q": ("<u8", (), 1.0),
+}
+# ArduPilot's AP_RangeFinder_Params: RNGFND1_MIN and _MAX in metres, before 4.7 RNGFND1_MIN_CM and _MAX_CM. The sensor
+# is counted from 1 there, in hexadecimal; from 0 in RFND.
+_LIMIT: Final = re.compile(r"RNGFND([1-9A-F])_(MIN|MAX)(_CM)?")
+_UNIT_M: Final = {None: 1.0, "_CM": 0.01}
+_EPOCH_NS: Final = 315_964_800 * 10**9  # 1980-01-06 as Unix time
+_WEEK_NS: Final = 604_800 * 10**9
+# From each Unix time on: GPS minus UTC in seconds (leap seconds that autopilot logs can meet).
+_LEAPS: Final = ((1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18))
+_GPS_FIX_3D: Final = 3
+_WEEK_MS: Final = 7 * 86_400_000
+_MAX_WEEK: Final = 11_480  # in the year 2200
+_RANGEFINDER_GOOD: Final = 4
+_TERRAIN_OK: Final = 2
+_NUMBERS: Final = ("i", "u", "f")
+_MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
+_DEG: Final = math.radians(1)
+
+
+class MessageFormat:
+    """One message's layout.
+
+    Attributes:
+        name: For instance ``GPS``.
+        dtype: The structured type of a message without its three-byte head.
+        scale: What a field's integer is multiplied by.
+    """
+
+    def __init__(self, name: str, codes: str, columns: list[str]) -> None:
+        self.name = name
+        self.dtype = np.dtype([(column, *_CODES[code][:2]) for code, column in zip(codes, columns, strict=True)])
+        self.scale = {column: _CODES[code][2] for code, column in zip(codes, columns, strict=True)}
+
+
+@lru_cache(maxsize=1024)  # every log declares the same few hundred, and is read more than once
+def parse_format(message: bytes) -> tuple[int, MessageFormat] | None:
+    """The type number and layout that a FMT message declares.
+
+    Args:
+        message: The whole message, head included.
+
+    Returns:
+        None where it contradicts itself or uses an unknown code.
+    """
+    if len(message) != FMT_SIZE:
+        return None
+    fmt = np.frombuffer(message, dtype=_FMT_DTYPE, offset=HEAD_SIZE)[0]
+    name, codes, columns = (fmt[key].decode("ascii", "replace") for key in ("name", "format", "columns"))
+    names = columns.split(",") if columns else []
+    if len(names) != len(codes) or len(set(names)) != len(names) or not set(codes) <= _CODES.keys():
+        return None
+    layout = MessageFormat(name, codes, names)
+    return (int(fmt["type"]), layout) if layout.dtype.itemsize + HEAD_SIZE == int(fmt["length"]) else None
+
+
+class Rangefinders:
+    """What the log has said of its rangefinders so far."""
+
+    def __init__(self) -> None:
+        self._limits: dict[tuple[int, str], list[tuple[int, float]]] = defaultdict(list)
+        self._followed: float | None = None
+
+    def learn(self, names: Iterable[str], values: Iterable[float], boot_ns: Iterable[int]) -> None:
+        """Take in parameters in the order of the log; those that are no limit of a rangefinder change nothing."""
+        for name, value, at_ns in zip(names, values, boot_ns, strict=True):
+            found = _LIMIT.fullmatch(name)
+            if found and np.isfinite(value):
+                changes = self._limits[int(found[1], 16) - 1, found[2]]
+                while changes and changes[-1][0] > at_ns:  # a damaged time: the log goes on before it
+                    changes.pop()
+                changes.append((at_ns, value * _UNIT_M[found[3]]))
+
+    def limit_m(self, bound: str, sensor: FloatArray, boot_ns: IntArray) -> FloatArray:
+        """The limit of each reading ``(n,)``, NaN where none was known by then.
+
+        Args:
+            bound: ``MIN`` or ``MAX``.
+            sensor: ``(n,)`` counted from 0.
+            boot_ns: ``(n,)``.
+        """
+        limit_m = np.full(len(sensor), np.nan)
+        for (number, kind), changes in self._limits.items():
+            own = sensor == number
+            if kind == bound and own.any():
+                times_ns, values_m = zip(*changes, strict=True)
+                limit_m[own] = np.array([np.nan, *values_m])[np.searchsorted(times_ns, boot_ns[own], side="right")]
+        return limit_m
+
+    def others(self, sensor: FloatArray, good: BoolArray) -> dict[str, BoolArray]:
+        """A fault for the readings ``(n,)`` of other sensors than the first that gave a good one."""
+        if self._followed is None and good.any():
+            self._followed = float(sensor[np.argmax(good)])
+        if self._followed is None:
+            return {}
+        return {f"of another sensor than number {self._followed:g}": sensor != self._followed}
+
+
+def gps_to_unix_ns(week: IntArray, week_ms: IntArray) -> IntArray:
+    """UTC as Unix ns from GPS week and milliseconds of the week, shapes ``(n,)``; leap seconds taken off."""
+    gps_ns = _EPOCH_NS + week.astype(np.int64) * _WEEK_NS + week_ms.astype(np.int64) * 1_000_000
+    starts_ns = np.array([start * 10**9 for start, _ in _LEAPS[1:]])
+    leaps_ns = np.array([leap * 10**9 for _, leap in _LEAPS])
+    leap_ns: IntArray = leaps_ns[np.searchsorted(starts_ns, gps_ns - leaps_ns[-1], side="right")]
+    return gps_ns - leap_ns
+
+
+def _kind(dtype: np.dtype[np.void], column: str) -> str | None:
+    """The letter of numpy for what a field holds (arrays are V); None where there is no such field."""
+    return dtype[column].kind if column in (dtype.names or ()) else None
+
+
+def _has(rows: to.Rows, *columns: str) -> bool:
+    """Whether the log's version of the message has these fields, as numbers."""
+    return all(_kind(rows.payload.dtype, column) in _NUMBERS for column in columns)
+
+
+def _another_instance(rows: to.Rows) -> dict[str, BoolArray]:
+    """Rows of a second receiver or mount."""
+    return {"another instance": rows.payload["I"] != 0} if _has(rows, "I") else {}
+
+
+def _gps(rows: to.Rows, rejected: Counter[str]) -> Track:
+    no_fix = rows.payload["Status"] < _GPS_FIX_3D
+    faults = {
+        **_another_instance(rows),
+        "no UTC yet": no_fix | (rows.payload["GWk"] == 0),
+        "GMS is no time of a week": rows.payload["GMS"] >= _WEEK_MS,
+        "impossible year": rows.payload["GWk"] >= _MAX_WEEK,
+    }
+    good = rows.kept(rejected, faults)
+    return ClockTrack(unix_ns=gps_to_unix_ns(good.payload["GWk"], good.payload["GMS"]), **good.stamps())
+
+
+def _wxyz(rows: to.Rows, yaw: str) -> FloatArray:
+    angles_rad = (np.radians(rows.column(column)) for column in (yaw, "Pitch", "Roll"))
+    return from_yaw_pitch_roll(*angles_rad)
+
+
+def _att(rows: to.Rows, rejected: Counter[str]) -> Track:
+    good = rows.kept(rejected, to.no_angle(rows, "Roll", "Pitch", "Yaw", unit_rad=_DEG))
+    return VehicleTrack(wxyz=_wxyz(good, "Yaw"), **good.stamps())
+
+
+def _mnt(rows: to.Rows, rejected: Counter[str]) -> Track:
+    no_angle = to.no_angle(rows, "Roll", "Pitch", "YawB", unit_rad=_DEG)
+    good = rows.kept(rejected, {**_another_instance(rows), **no_angle})
+    return to.vehicle_yaw_track(GimbalSource.DATAFLASH_MNT, good, _wxyz(good, "YawB"))
+
+
+def _pos(rows: to.Rows, rejected: Counter[str]) -> Track:
+    nowhere = (rows.payload["Lat"] == 0) & (rows.payload["Lng"] == 0)
+    faults = {
+        "no position yet": nowhere,
+        "Lat is no latitude": to.beyond(rows.column("Lat"), _MAX_LAT_DEG),
+        "Lng is no longitude": to.beyond(rows.column("Lng"), _MAX_LON_DEG),
+        **to.no_height(rows, "Alt", "RelHomeAlt"),
+    }
+    good = rows.kept(rejected, faults)
+    return PositionTrack(
+        lat_rad=np.radians(good.column("Lat")),
+        lon_rad=np.radians(good.column("Lng")),
+        alt_msl_m=good.column("Alt"),
+        height_home_m=good.column("RelHomeAlt"),
+        **good.stamps(),
+    )
+
+
+def _rfnd(sensors: Rangefinders, rows: to.Rows, rejected: Counter[str]) -> Track:
+    payload = rows.payload
+    sensor = rows.column("Instance") if _has(rows, "Instance") else np.zeros(len(payload))
+    looks_away, is_bad = payload["Orient"] != ORIENTATION_DOWN, payload["Stat"] != _RANGEFINDER_GOOD
+    distance_m = rows.column("Dist")
+    least_m, most_m = (sensors.limit_m(bound, sensor, rows.boot_ns) for bound in ("MIN", "MAX"))
+    faults = {
+        "does not look down": looks_away,
+        "status is not good": is_bad,
+        **sensors.others(sensor, ~looks_away & ~is_bad),
+        **to.no_height(rows, "Dist"),
+        "below the sensor's minimum": distance_m < least_m,
+        "at the sensor's maximum or above": (most_m > 0) & (distance_m >= most_m),
+    }
+    good = rows.kept(rejected, faults)
+    return to.height_track(HeightSource.RANGEFINDER, good, good.column("Dist"), slant=True)
+
+
+def _parm(sensors: Rangefinders, rows: to.Rows, _rejected: Counter[str]) -> Track | None:
+    if _kind(rows.payload.dtype, "Name") == "S":
+        names = (value.decode("ascii", "replace") for value in rows.payload["Name"].tolist())
+        sensors.learn(names, rows.column("Value").tolist(), rows.boot_ns.tolist())
+    return None
+
+
+def _terr(rows: to.Rows, rejected: Counter[str]) -> Track:
+    faults = {
+        "spacing is 0": rows.payload["Spacing"] == 0,
+        "status is not good": rows.payload["Status"] != _TERRAIN_OK,
+        **to.no_height(rows, "CHeight"),
+    }
+    good = rows.kept(rejected, faults)
+    return to.height_track(HeightSource.TERRAIN, good, good.column("CHeight"), slant=False)
+
+
+_Maker = Callable[[to.Rows, Counter[str]], Track | None]
+_PARAMETER: Final = "PARM"
+# By message the fields that it must have, and what makes a track of them.
+_MAKERS: Final[dict[str, tuple[tuple[str, ...], _Maker]]] = {
+    "GPS": (("Status", "GMS", "GWk"), _gps),
+    "ATT": (("Roll", "Pitch", "Yaw"), _att),
+    "MNT": (("Roll", "Pitch", "YawB"), _mnt),
+    "POS": (("Lat", "Lng", "Alt", "RelHomeAlt"), _pos),
+    "TERR": (("Status", "Spacing", "CHeight"), _terr),
+}
+
+
+class DataflashDecoder:
+    """Decodes an ArduPilot log's messages; learns their formats on the way. A ``service.ports.TelemetryDecoder``.
+
+    Attributes:
+        rejected: Rows left out, by ``MESSAGE: reason``.
+        formats: What the log has declared so far, by type number.
+    """
+
+    def __init__(self) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.formats: dict[int, MessageFormat] = {}
+        sensors = Rangefinders()
+        self._makers: dict[str, tuple[tuple[str, ...], _Maker]] = {
+            **_MAKERS,
+            _PARAMETER: (("Value",), partial(_parm, sensors)),
+            "RFND": (("Dist", "Stat", "Orient"), partial(_rfnd, sensors)),
+        }
+
+    def decode(self, block: RawBlock) -> tuple[Track, ...]:
+        """The tracks of this block's messages, at most one a message; no message is an error.
+
+        Raises:
+            ValueError: The block is not DataFlash.
+        """
+        if block.protocol is not WireProtocol.DATAFLASH:
+            raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.DATAFLASH}")
+        data = np.frombuffer(block.data, dtype=np.uint8)
+        whole = (block.offset >= 0) & (block.length >= HEAD_SIZE) & (block.offset + block.length <= len(data))
+        kinds = np.full(len(whole), -1, dtype=np.int16)
+        kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
+        self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
+        wanted = sorted(kind for kind, layout in self.formats.items() if layout.name in self._makers)
+        wanted.sort(key=lambda kind: self.formats[kind].name != _PARAMETER)  # those of a block hold for its readings
+        tracks = (self._track(kind, np.flatnonzero(kinds == kind), block) for kind in wanted)
+        return tuple(track for track in tracks if track is not None)
+
+    def _learn(self, block: RawBlock, index: IntArray) -> None:
+        for offset, length in zip(block.offset[index].tolist(), block.length[index].tolist(), strict=True):
+            declared = parse_format(block.data[offset : offset + length])
+            if declared is not None:
+                self.formats[declared[0]] = declared[1]
+
+    def _track(self, kind: int, index: IntArray, block: RawBlock) -> Track | None:
+        """The track of one message's rows."""
+        layout = self.formats[kind]
+        if not len(index) or _kind(layout.dtype, "TimeUS") != "u":
+            return None
+        places = np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE])
+        payload = payload_rows(block, places, layout.dtype)
+        late = payload["TimeUS"] >= MAX_STAMP_US
+        boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
+        rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale)
+        rows = rows.kept(self.rejected, {"impossible time": late})
+        columns, make = self._makers[layout.name]
+        if not len(rows.payload) or not _has(rows, *columns):
+            return None
+        track = make(rows, self.rejected)
+        return track if track is not None and len(track.arrival_ns) else None

@@ -1,0 +1,1 @@
+"""MAVLink: bytes framed strictly, messages decoded, links opened."""

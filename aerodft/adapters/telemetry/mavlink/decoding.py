@@ -1,0 +1,525 @@
+"""MAVLink frames to telemetry tracks: which are decoded, whose they are, and what of them was lost.
+
+The rules of selection that depend on what came before live in one sequential kernel, so that the outcome does not
+depend on how the frames were cut into blocks.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from aerodft.adapters.telemetry import tracks as to
+from aerodft.adapters.telemetry.mavlink.dialect import TABLE_IDS, message_name, payload_dtype
+from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
+from aerodft.adapters.telemetry.mavlink.kernels import V2_HEAD, Bytes
+from aerodft.conventions import SECOND_NS
+from aerodft.jit import njit
+from aerodft.model.arrays import BoolArray, IntArray
+from aerodft.model.health import LinkTrack, RivalTrack
+from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
+
+HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
+ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
+GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
+CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
+TIMESYNC = 111
+OF_POSES: Final = (
+    SYSTEM_TIME,
+    ATTITUDE,
+    GLOBAL_POSITION_INT,
+    DISTANCE_SENSOR,
+    TERRAIN_REPORT,
+    ALTITUDE,
+    MOUNT_STATUS,
+    RANGEFINDER,
+    MOUNT_ORIENTATION,
+    GIMBAL_DEVICE_ATTITUDE_STATUS,
+)
+_OF_HEALTH: Final = (GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS)
+OF_AUTOPILOT: Final = (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, *_OF_HEALTH, TIMESYNC)
+OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS)
+WANTED: Final = (HEARTBEAT, *OF_POSES, *_OF_HEALTH, *OF_CAMERAS, TIMESYNC)
+# The selection's state: what was decided so far, then each wanted message's component.
+SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, OTHER_GIMBALS = 0, 1, 2, 3, 4
+ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 5, 6, 7, 8, 9
+ORIENTATION_DOWN = 25
+
+_UNDECIDED = -1
+_TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # structured: it has fields
+_AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
+_ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
+_DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
+_SPACING_AT = payload_dtype(TERRAIN_REPORT).fields["spacing"][1]  # type: ignore[index] # as above
+_SENSOR_AT = payload_dtype(DISTANCE_SENSOR).fields["id"][1]  # type: ignore[index] # as above
+_DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
+_TYPE_GCS, _AUTOPILOT_NONE = 6, 8
+# A gimbal's number: up to 6 one that an autopilot speaks for, from 7 on the component that it is itself.
+_FIRST_GIMBAL_COMPONENT = 7
+# Cameras, gimbals, planners and companion computers send the vehicle's messages about themselves.
+_CAMERA_FIRST, _CAMERA_LAST, _GIMBAL, _OTHER_FIRST, _OTHER_LAST = 100, 105, 154, 171, 199
+OF_ANOTHER_ADDRESS: Final = "frames: with the autopilot's ids, from another address"
+_SILENCE_NS: Final = SECOND_NS  # of the followed address, before another one is taken for its successor
+_OF_VEHICLES: Final = (ATTITUDE, GLOBAL_POSITION_INT)
+_OF_GIMBALS: Final = (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS)
+_V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
+_MODULUS: Final = 256
+_WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew
+_MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track]]] = {
+    SYSTEM_TIME: to.clock_track,
+    ATTITUDE: to.vehicle_track,
+    GLOBAL_POSITION_INT: to.position_track,
+    DISTANCE_SENSOR: to.distance_sensor_track,
+    TERRAIN_REPORT: to.terrain_track,
+    ALTITUDE: to.altitude_track,
+    MOUNT_STATUS: to.mount_status_track,
+    RANGEFINDER: to.rangefinder_track,
+    MOUNT_ORIENTATION: to.mount_orientation_track,
+    GIMBAL_DEVICE_ATTITUDE_STATUS: to.gimbal_device_track,
+    TIMESYNC: to.sync_track,
+    HEARTBEAT: to.heartbeat_track,
+    GPS_RAW_INT: to.gps_track,
+    EKF_STATUS_REPORT: to.ekf_track,
+    ESTIMATOR_STATUS: to.estimator_track,
+    CAMERA_SETTINGS: to.settings_track,
+    VIDEO_STREAM_INFORMATION: to.video_stream_track,
+    CAMERA_FOV_STATUS: to.fov_track,
+}
+_DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
+
+
+def _slots() -> npt.NDArray[np.int16]:
+    """``(65536,)`` index into ``WANTED`` by message id, -1 for the rest."""
+    slots = np.full(TABLE_IDS, -1, dtype=np.int16)
+    slots[list(WANTED)] = np.arange(len(WANTED))
+    slots.setflags(write=False)
+    return slots
+
+
+SLOTS: Final = _slots()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Followed:
+    """Who is listened to; None for whoever is heard first.
+
+    Attributes:
+        system: MAVLink system id of the vehicle.
+        component: Component id of its autopilot.
+        gimbal: Up to 6 the number of a gimbal that the autopilot speaks for, from 7 on a gimbal's component id.
+    """
+
+    system: int | None = None
+    component: int | None = None
+    gimbal: int | None = None
+
+
+def fresh_state(followed: Followed) -> IntArray:
+    """The state before the first frame."""
+    state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
+    state[SENSOR_SEEN:ASKED_COMPONENT] = state[OTHER_SENSORS:LOCKS] = 0
+    asked = ((SYSTEM, followed.system), (ASKED_COMPONENT, followed.component), (ASKED_GIMBAL, followed.gimbal))
+    for place, value in asked:
+        state[place] = _UNDECIDED if value is None else value
+    return state
+
+
+@njit
+def is_peripheral(component: int) -> bool:
+    """Whether a component is a camera, a gimbal or another companion: what it says of attitude is its own."""
+    return (
+        _CAMERA_FIRST <= component <= _CAMERA_LAST or component == _GIMBAL or _OTHER_FIRST <= component <= _OTHER_LAST
+    )
+
+
+def device_of(state: IntArray, slot: int) -> int:
+    """The gimbal's or sensor's number at that component; 0 where the component is the gimbal."""
+    if state[LOCKS + slot] == _UNDECIDED:
+        return max(int(state[ASKED_GIMBAL]), 0)
+    return int(state[LOCKS + slot]) >> _DEVICE_BITS
+
+
+@njit
+def _byte(data: Bytes, payload_at: int, length: int, index: int) -> int:
+    """One payload byte; what MAVLink 2 cut off is zero."""
+    return int(data[payload_at + index]) if index < length else 0
+
+
+@njit
+def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, length: int) -> bool:
+    """Whether this frame could only come from an autopilot."""
+    if message_id == HEARTBEAT:
+        kind = _byte(data, payload_at, length, _TYPE_AT)
+        return kind != _TYPE_GCS and _byte(data, payload_at, length, _AUTOPILOT_AT) != _AUTOPILOT_NONE
+    return not is_peripheral(component) and message_id in (ATTITUDE, GLOBAL_POSITION_INT)
+
+
+@njit
+def _asked_for(state: IntArray, message_id: int, component: int, device: int) -> bool:
+    """Whether a message comes from the gimbal that is asked for, or from no gimbal at all."""
+    asked = state[ASKED_GIMBAL]
+    if asked == _UNDECIDED or message_id not in (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS):
+        return True
+    if asked >= _FIRST_GIMBAL_COMPONENT:
+        return bool(component == asked)
+    if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS and device != asked:
+        state[OTHER_GIMBALS] += 1
+        return False
+    return True
+
+
+@njit
+def _admit(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
+    """Whether a message of the followed system comes from the component that is listened to for it.
+
+    The clock, the attitude, the position and the vehicle's health come from the autopilot, reports of cameras from all
+    of them (``service.zoom`` chooses); anything else from whoever sent it first, and of several gimbals or
+    sensors that one component speaks for from the first.
+    """
+    if message_id in OF_AUTOPILOT:
+        return bool(component == state[COMPONENT])
+    if message_id in OF_CAMERAS:
+        return True
+    if not _asked_for(state, message_id, component, device):
+        return False
+    sender = component | device << _DEVICE_BITS
+    if state[LOCKS + slot] == _UNDECIDED:
+        state[LOCKS + slot] = sender
+    if component == state[LOCKS + slot] & _COMPONENT_MASK and sender != state[LOCKS + slot]:
+        state[OTHER_SENSORS if message_id == DISTANCE_SENSOR else OTHER_GIMBALS] += 1
+    return bool(sender == state[LOCKS + slot])
+
+
+@njit
+def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
+    """The number of the gimbal or sensor that a message is of; -1 of a sensor that does not look down."""
+    if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
+        return _byte(data, payload_at, length, _DEVICE_AT)
+    if message_id == DISTANCE_SENSOR:
+        looks_down = _byte(data, payload_at, length, _ORIENTATION_AT) == ORIENTATION_DOWN
+        return _byte(data, payload_at, length, _SENSOR_AT) if looks_down else -1
+    return 0
+
+
+@njit
+def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
+    """Whether a better message of the same height is known (notes it where this is the one).
+
+    A sensor that sees nothing still speaks for RANGEFINDER, which does not say so; a terrain report without a database,
+    of ``spacing`` 0, speaks for nobody.
+    """
+    if message_id == DISTANCE_SENSOR:
+        state[SENSOR_SEEN] = 1
+    elif message_id == TERRAIN_REPORT and spacing != 0:
+        state[TERRAIN_SEEN] = 1
+    return (message_id == RANGEFINDER and state[SENSOR_SEEN] == 1) or (
+        message_id == ALTITUDE and state[TERRAIN_SEEN] == 1
+    )
+
+
+@njit
+def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: IntArray, rows: IntArray) -> None:
+    """Find what is to be decoded.
+
+    Args:
+        data: The block's bytes.
+        heads: ``(5, n)`` from ``kernels.read_headers``.
+        slots: ``SLOTS``.
+        state: From ``fresh_state``, updated.
+        rows: ``(n,)`` filled with the index into ``WANTED``, -1 for what is not decoded.
+    """
+    for k in range(heads.shape[1]):
+        rows[k] = -1
+        message_id, system, component, payload_at, length = heads[:, k]
+        slot = slots[message_id] if 0 <= message_id < TABLE_IDS else -1
+        if slot < 0:
+            continue
+        if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, payload_at, length):
+            if state[SYSTEM] == _UNDECIDED:
+                state[SYSTEM] = system
+            if state[SYSTEM] == system and state[ASKED_COMPONENT] in (_UNDECIDED, component):
+                state[COMPONENT] = component
+        if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM]:
+            continue
+        device = _device(data, message_id, payload_at, length)
+        if device < 0:
+            state[LOOKS_ASIDE] += 1
+            continue
+        spacing = _byte(data, payload_at, length, _SPACING_AT) | _byte(data, payload_at, length, _SPACING_AT + 1)
+        if _admit(state, message_id, slot, component, device) and not _superseded(state, message_id, spacing):
+            rows[k] = slot
+
+
+class OneAddress:
+    """Leaves out what a second address says in the name of the autopilot, while the first goes on.
+
+    Addresses that follow each other are one sender: a bridge that reconnects, or that opens a port for every datagram
+    and so never speaks twice from the same. A gimbal or a camera may have an address of its own.
+    """
+
+    def __init__(self) -> None:
+        self._followed: str | None = None
+        self._last_ns = 0
+        self._spoke_again = False
+
+    def kept(
+        self, block: RawBlock, heads: IntArray, state: IntArray, rejected: Counter[str]
+    ) -> tuple[RawBlock, IntArray]:
+        """A block and its headers ``(5, n)``, without what is of somebody else.
+
+        Args:
+            block: Frames of one sender.
+            heads: From ``kernels.read_headers``.
+            state: Of the selection, which knows the autopilot.
+            rejected: Counts what is left out.
+        """
+        if state[COMPONENT] < 0:
+            return block, heads
+        own = (heads[0] >= 0) & (heads[1] == state[SYSTEM]) & (heads[2] == state[COMPONENT])
+        if not own.any() or self._admits(block.sender, block.arrival_ns[own]):
+            return block, heads
+        rejected[f"{OF_ANOTHER_ADDRESS} than {self._followed}"] += int(own.sum())
+        rows = {name: getattr(block, name)[~own] for name in ("arrival_ns", "offset", "length")}
+        return replace(block, **rows), np.ascontiguousarray(heads[:, ~own])
+
+    def _admits(self, sender: str, arrival_ns: IntArray) -> bool:
+        if sender == self._followed:
+            self._spoke_again = True
+        elif self._spoke_again and int(arrival_ns[0]) - self._last_ns <= _SILENCE_NS:
+            return False
+        else:
+            self._followed, self._spoke_again = sender, False
+        self._last_ns = int(arrival_ns[-1])
+        return True
+
+
+def _table() -> BoolArray:
+    """``(65536,)`` by message id: whether a message that was left out may be of a rival."""
+    table = np.zeros(TABLE_IDS, dtype=np.bool_)
+    table[[*_OF_VEHICLES, *_OF_GIMBALS]] = True
+    return table
+
+
+_TELLS: Final = _table()
+
+
+class Rivals:
+    """Names whoever else could have been followed: other vehicles, autopilots and gimbals.
+
+    Args:
+        followed: What was chosen; of that there are no rivals.
+    """
+
+    def __init__(self, followed: Followed) -> None:
+        self._followed = followed
+
+    def tracks(self, block: RawBlock, heads: IntArray, slots: IntArray, state: IntArray) -> Iterator[RivalTrack]:
+        """One track for each of them that spoke in a block.
+
+        Args:
+            block: The frames.
+            heads: ``(5, n)`` their headers.
+            slots: ``(n,)`` which were selected: -1 for what was left out.
+            state: Of the selection, which knows who is followed.
+        """
+        if state[COMPONENT] < 0:
+            return
+        aside = np.flatnonzero(slots < 0)
+        aside = aside[_TELLS[np.clip(heads[0, aside], 0, TABLE_IDS - 1)]]
+        if not len(aside):
+            return
+        who, member = np.unique(heads[:3, aside], axis=1, return_inverse=True)
+        for number, (message_id, system, component) in enumerate(who.T.tolist()):
+            what = self._sentence(message_id, system, component, state)
+            if what is not None:
+                rows = aside[member.ravel() == number]
+                none = np.full(len(rows), NO_BOOT_TIME, dtype=np.int64)
+                yield RivalTrack(arrival_ns=block.arrival_ns[rows], boot_ns=none, what=what)
+
+    def _sentence(self, message_id: int, system: int, component: int, state: IntArray) -> str | None:
+        """Who sent a message that was left out; None where it is nobody who could have been meant."""
+        own_system, own_component = int(state[SYSTEM]), int(state[COMPONENT])
+        if system != own_system:
+            is_rival = self._followed.system is None and not self._is_of_gimbal(message_id, component)
+            other, own, key = f"system {system}", f"system {own_system}", "system"
+            return _heard_too(f"{other} is on the link too", own, key) if is_rival else None
+        if message_id in _OF_GIMBALS:
+            return None if self._followed.gimbal is not None else _gimbal(message_id, component, state)
+        is_rival = component != own_component and self._followed.component is None and not is_peripheral(component)
+        what = f"component {component} of system {system} is an autopilot too"
+        return _heard_too(what, f"component {own_component}", "component") if is_rival else None
+
+    def _is_of_gimbal(self, message_id: int, component: int) -> bool:
+        return message_id in _OF_GIMBALS or is_peripheral(component)
+
+
+def _gimbal(message_id: int, component: int, state: IntArray) -> str | None:
+    """Which gimbal a message is of, beside the one that is followed."""
+    slot = WANTED.index(message_id)
+    sender = int(state[LOCKS + slot])
+    if sender < 0:
+        return None
+    name, own = message_name(message_id), sender & 0xFF
+    if component == own:
+        what = f"{name} of component {component} is of several gimbals"
+        return _heard_too(what, f"number {device_of(state, slot)}", "gimbal")
+    return _heard_too(f"{name} comes from component {component} too", f"component {own}", "gimbal")
+
+
+def _heard_too(what: str, own: str, key: str) -> str:
+    return f"{what}: {own} was heard first and is followed; choose with telemetry.{key}"
+
+
+class SequenceWatch:
+    """Follows the autopilot's sequence numbers; one that is missing still is lost once 64 later ones were sent.
+
+    A frame that is late, or comes twice, is no loss; nor is a counter that starts anew.
+    """
+
+    def __init__(self) -> None:
+        self._numbers: IntArray | None = None
+        self._came = np.ones(_WINDOW, dtype=np.bool_)  # which of the highest numbers came, by their remainders
+
+    def track(self, block: RawBlock, data: Bytes, heads: IntArray, state: IntArray) -> LinkTrack | None:
+        """What was found to be lost at each of the autopilot's frames in a block.
+
+        Args:
+            block: The frames.
+            data: Its bytes.
+            heads: ``(5, n)`` from ``kernels.read_headers``.
+            state: Of the selection, which knows the autopilot.
+
+        Returns:
+            None where the block has no frame of it.
+        """
+        if state[COMPONENT] < 0:
+            return None
+        is_own = (heads[0] >= 0) & (heads[1] == state[SYSTEM]) & (heads[2] == state[COMPONENT])
+        if not is_own.any():
+            return None
+        own = slice(None) if is_own.all() else np.flatnonzero(is_own)
+        start, arrival_ns = block.offset[own], block.arrival_ns[own]
+        at = start + np.where(heads[3, own] - start == V2_HEAD, _V2_SEQUENCE_AT, _V1_SEQUENCE_AT)
+        boot_ns = np.full(len(start), NO_BOOT_TIME, dtype=np.int64)
+        return LinkTrack(arrival_ns=arrival_ns, boot_ns=boot_ns, lost=self.lost(data[at]))
+
+    def lost(self, sequence: Bytes) -> IntArray:
+        """How many frames are known to be lost at each of the next ones, by their numbers ``(n,)``."""
+        if self._numbers is None:
+            self._numbers = np.full(2, int(sequence[0]) - 1, dtype=np.int64)
+        lost = np.zeros(len(sequence), dtype=np.int64)
+        _follow(sequence, self._numbers, self._came, lost)
+        return lost
+
+
+@njit
+def _follow(sequence: Bytes, numbers: IntArray, came: BoolArray, lost: IntArray) -> None:
+    """``SequenceWatch.lost``; ``numbers`` are without the wrap that of the frame before, and the highest so far."""
+    before, top = numbers
+    for k in range(len(sequence)):
+        step = (np.int64(sequence[k]) - before) % _MODULUS
+        before += step if step < _MODULUS // 2 else step - _MODULUS
+        if top - before >= _WINDOW:  # starts anew
+            top = before - 1
+            came[:] = True
+        while top < before:
+            top += 1
+            lost[k] += not came[top % _WINDOW]
+            came[top % _WINDOW] = False
+        came[before % _WINDOW] = True
+    numbers[0], numbers[1] = before, top
+
+
+class MavlinkDecoder:
+    """Decodes the wanted messages of one vehicle; a ``service.ports.TelemetryDecoder``.
+
+    Frames before the vehicle was first heard are left out. A gimbal or sensor with a clock of its own (another
+    component) gets ``NO_BOOT_TIME``: its time since boot is not the vehicle's.
+
+    Args:
+        followed: The vehicle to follow; what it does not say is the first from which an autopilot's HEARTBEAT, an
+            ATTITUDE or a GLOBAL_POSITION_INT comes.
+
+    Attributes:
+        rejected: Rows left out, by ``MESSAGE: reason``.
+    """
+
+    def __init__(self, followed: Followed | None = None) -> None:
+        followed = followed or Followed()
+        self._state = fresh_state(followed)
+        self._rivals = Rivals(followed)
+        self.rejected: Counter[str] = Counter()
+        self._address = OneAddress()
+        self._sequence = SequenceWatch()
+
+    @property
+    def system(self) -> int | None:
+        """The system that is followed; None until one was heard."""
+        system = int(self._state[SYSTEM])
+        return None if system < 0 else system
+
+    @property
+    def component(self) -> int | None:
+        """The autopilot's component that is followed; None until one was heard."""
+        component = int(self._state[COMPONENT])
+        return None if component < 0 else component
+
+    def decode(self, block: RawBlock) -> tuple[Track, ...]:
+        """The tracks of this block's frames, at most one a message, one a rival or failure, one of the link.
+
+        A frame that is damaged, or not wanted, is no error.
+
+        Raises:
+            ValueError: The block is not MAVLink.
+        """
+        if block.protocol is not WireProtocol.MAVLINK:
+            raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.MAVLINK}")
+        data = np.frombuffer(block.data, dtype=np.uint8)
+        block, heads = self._address.kept(block, headers(block), self._state, self.rejected)
+        slots = np.empty(heads.shape[1], dtype=np.int64)
+        before = self._state.copy()
+        select(data, heads, SLOTS, self._state, slots)
+        self._note_others(before)
+        order = np.argsort(slots.astype(np.int8), kind="stable")  # of few values, which is fast
+        ends = np.cumsum(np.bincount(slots + 1, minlength=len(WANTED) + 1))
+        tracks = (
+            track
+            for slot, (start, stop) in enumerate(pairwise(ends.tolist()))
+            if stop > start
+            for track in self._tracks(slot, order[start:stop], heads, block)
+            if len(track.arrival_ns)
+        )
+        link = self._sequence.track(block, data, heads, self._state)
+        rivals = self._rivals.tracks(block, heads, slots, self._state)
+        return (*tracks, *rivals) if link is None else (*tracks, link, *rivals)
+
+    def _note_others(self, before: IntArray) -> None:
+        """Count what came of other gimbals and sensors, and of those that look elsewhere, since the state was that."""
+        aside = int(self._state[LOOKS_ASIDE] - before[LOOKS_ASIDE])
+        if aside:
+            self.rejected[f"{message_name(DISTANCE_SENSOR)}: does not look down"] += aside
+        for counter, message_id, what in (
+            (OTHER_GIMBALS, GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal"),
+            (OTHER_SENSORS, DISTANCE_SENSOR, "sensor"),
+        ):
+            count = int(self._state[counter] - before[counter])
+            if count:
+                number = device_of(self._state, WANTED.index(message_id))
+                self.rejected[f"{message_name(message_id)}: of another {what} than number {number}"] += count
+
+    def _tracks(self, slot: int, index: IntArray, heads: IntArray, block: RawBlock) -> Iterator[Track]:
+        """The tracks of one message's rows."""
+        message_id = WANTED[slot]
+        payload = payload_rows(block, heads[3:, index], _DTYPES[message_id])
+        component = heads[2, index]
+        boot_ns = np.where(component == self._state[COMPONENT], to.boot_ns_of(payload), NO_BOOT_TIME)
+        if message_id in OF_CAMERAS:
+            to.number_cameras(payload, component)
+        rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns, {})
+        yield _MAKERS[message_id](rows, self.rejected)
+        if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
+            yield from to.gimbal_failure_tracks(rows)

@@ -1,0 +1,474 @@
+"""What a live link reads from and writes to: UDP and TCP sockets, serial devices; and how one is opened.
+
+Each gives ``(sender, bytes)`` and takes bytes to send. Many datagrams are read with one call to the system, so that a
+flood does not starve who sends among it: read one by one, each datagram hands the interpreter over to whichever thread
+computes, and a flood overruns the socket meanwhile.
+"""
+
+import contextlib
+import ctypes
+import errno
+import logging
+import mmap
+import os
+import selectors
+import socket
+import struct
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Final, TypeAlias
+
+import numpy as np
+import serial
+
+from aerodft.adapters.telemetry.mavlink.address import LinkAddress, LinkKind
+from aerodft.errors import LinkError
+
+BATCH: Final = 1024
+_SLOT: Final = 1 << 16
+_NAME: Final = 28  # sockaddr_in6
+_NAME_V4: Final = 8  # sockaddr_in without its padding
+_MOST_NAMES: Final = 4096
+_GATHER_S: Final = 0.004
+_CROWD: Final = range(8, BATCH // 4)  # so many at once: more than 2000 messages a second, and no flood
+_HARMLESS: Final = {errno.EAGAIN, errno.EINTR, errno.ECONNREFUSED}
+
+Reads = list[tuple[str, bytes]]
+_LOG: Final = logging.getLogger(__name__)
+_RECEIVE_BUFFER: Final = 16 << 20
+_READ: Final = 1 << 16
+_SMALL_BUFFER: Final = 1 << 20
+_RECEIVE_BUFFER_FORCE: Final = 33  # Linux: beyond what the system allows everybody, for who may
+_CONNECT_S: Final = 0.25
+
+_Read = Callable[[], Reads]
+
+
+class _IoVec(ctypes.Structure):
+    _fields_ = (("base", ctypes.c_void_p), ("size", ctypes.c_size_t))
+
+
+class _Head(ctypes.Structure):
+    """``struct msghdr``."""
+
+    _fields_ = (
+        ("name", ctypes.c_void_p),
+        ("name_size", ctypes.c_uint32),
+        ("iov", ctypes.c_void_p),
+        ("iov_count", ctypes.c_size_t),
+        ("control", ctypes.c_void_p),
+        ("control_size", ctypes.c_size_t),
+        ("flags", ctypes.c_int),
+    )
+
+
+class _Message(ctypes.Structure):
+    """``struct mmsghdr``."""
+
+    _fields_ = (("head", _Head), ("size", ctypes.c_uint))
+
+
+def sender_name(place: tuple[object, ...]) -> str:
+    """``host:port`` of a socket address."""
+    return f"{place[0]}:{place[1]}"
+
+
+def read_each(sock: socket.socket) -> Reads:
+    """The same one by one, for systems that cannot do better."""
+    reads: Reads = []
+    # A refused datagram (nobody listens there yet) is reported on the next read: no fault of this link.
+    with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+        while len(reads) < BATCH:
+            data, place = sock.recvfrom(_SLOT)
+            if data:
+                reads.append((sender_name(place), data))
+    return reads
+
+
+class BatchReader:
+    """Reads a UDP socket that does not block.
+
+    Args:
+        sock: The socket; it stays the caller's.
+
+    Raises:
+        AttributeError: The system has no ``recvmmsg``.
+    """
+
+    def __init__(self, sock: socket.socket) -> None:
+        self._receive = ctypes.CDLL(None, use_errno=True).recvmmsg
+        self._socket = sock
+        self._place_size = _NAME if sock.family == socket.AF_INET6 else _NAME_V4
+        self._data = mmap.mmap(-1, BATCH * _SLOT)  # takes memory only where a datagram came to lie
+        self._places = bytearray(BATCH * _NAME)
+        data = ctypes.addressof(ctypes.c_char.from_buffer(self._data))
+        places = ctypes.addressof(ctypes.c_char.from_buffer(self._places))
+        self._vectors = (_IoVec * BATCH)(*[_IoVec(data + k * _SLOT, _SLOT) for k in range(BATCH)])
+        first, size = ctypes.addressof(self._vectors), ctypes.sizeof(_IoVec)
+        heads = [_Head(places + k * _NAME, _NAME, first + k * size, 1) for k in range(BATCH)]
+        self._messages = (_Message * BATCH)(*[_Message(head) for head in heads])
+        table = np.frombuffer(memoryview(self._messages), dtype=np.dtype(_Message))
+        self._sizes, self._place_sizes = table["size"], table["head"]["name_size"]
+        rows = np.frombuffer(self._places, dtype=np.uint8).reshape(BATCH, _NAME)
+        self._places_by_row = rows[:, : self._place_size]
+        self._names: dict[bytes, str] = {}
+        self._is_crowded = False
+
+    def read(self) -> Reads:
+        """What has arrived, at most ``BATCH`` datagrams; those of one sender together, in their order.
+
+        Where they come thick and fast it gathers them for 4 ms first: that takes a quarter of the time.
+
+        Raises:
+            OSError: The socket is broken.
+        """
+        if self._is_crowded:
+            time.sleep(_GATHER_S)
+        self._place_sizes[:] = _NAME
+        count = self._receive(self._socket.fileno(), self._messages, BATCH, socket.MSG_DONTWAIT, None)
+        self._is_crowded = count in _CROWD
+        if count < 0:
+            code = ctypes.get_errno()
+            if code in _HARMLESS:
+                return []
+            raise OSError(code, os.strerror(code))
+        data, places = memoryview(self._data), self._places_by_row[:count]
+        parts = [data[k * _SLOT : k * _SLOT + size] for k, size in enumerate(self._sizes[:count].tolist())]
+        if not count or (places == places[0]).all():  # of one sender, as nearly always
+            of_senders = {places[0].tobytes(): parts} if count else {}
+        else:
+            of_senders = {}
+            for place, part in zip(map(bytes, places), parts, strict=True):
+                of_senders.setdefault(place, []).append(part)
+        joined = ((place, b"".join(pieces)) for place, pieces in of_senders.items())
+        return [(self._name(place), whole) for place, whole in joined if whole]
+
+    def _name(self, place: bytes) -> str:
+        name = self._names.get(place)
+        if name is None:
+            if len(self._names) >= _MOST_NAMES:
+                self._names.clear()
+            self._names[place] = name = _numeric(place)
+        return name
+
+
+def _numeric(place: bytes) -> str:
+    """A ``sockaddr`` as ``host:port``."""
+    (family,) = struct.unpack_from("=H", place)
+    (port,) = struct.unpack_from("!H", place, 2)
+    host = place[8:24] if family == socket.AF_INET6 else place[4:8]
+    return sender_name((socket.inet_ntop(family, host), port))
+
+
+def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[socket.AddressFamily, tuple[str, int]]:
+    """Family and numeric address of the host, IPv4 first."""
+    found = socket.getaddrinfo(address.host, address.port, type=kind)
+    family, _, _, _, place = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    return family, (str(place[0]), int(place[1]))
+
+
+def _widen(sock: socket.socket, text: str) -> None:
+    """Ask for a receive buffer that bursts and floods fit into; say where the system does not give it."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+    if sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < _RECEIVE_BUFFER:
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _RECEIVE_BUFFER_FORCE, _RECEIVE_BUFFER)
+    size = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    if size < _SMALL_BUFFER:
+        hint = f"sysctl -w net.core.rmem_max={_RECEIVE_BUFFER}"
+        _LOG.warning("%s: the system gives a receive buffer of %d KiB, bursts may be lost; %s", text, size >> 10, hint)
+
+
+class UdpTransport:
+    """Datagrams from any number of senders (``udpin``), or to and from one peer (``udpout``).
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        family, place = _resolve(address, socket.SOCK_DGRAM)
+        self._peer = place if address.kind is LinkKind.UDP_OUT else None
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            _widen(self._socket, address.text)
+            self._socket.setblocking(False)
+            # No SO_REUSEADDR: on Linux two programs would then share the port, and one of them would hear nothing.
+            if self._peer is None:
+                self._socket.bind(place)
+        except OSError:
+            self._socket.close()
+            raise
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._socket, selectors.EVENT_READ)
+        try:
+            self._read: _Read = BatchReader(self._socket).read
+        except AttributeError:
+            self._read = partial(read_each, self._socket)
+
+    @property
+    def local(self) -> tuple[str, int]:
+        """Own address."""
+        host, port = self._socket.getsockname()[:2]
+        return str(host), int(port)
+
+    def read(self, timeout_s: float) -> Reads:
+        """What has arrived, at most 1024 datagrams at once."""
+        # Waiting costs a turn of the interpreter, which a flood does not leave time for: only where nothing is there.
+        return self._read() or (self._read() if self._selector.select(timeout_s) else [])
+
+    def write(self, data: bytes) -> None:
+        """Send to the peer; a listening link only listens."""
+        if self._peer is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, self._peer)
+
+    def write_to(self, sender: str, data: bytes) -> None:
+        """Send to one of the senders, also on a listening link."""
+        host, _, port = sender.rpartition(":")
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, (host, int(port)))
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._selector.close()
+        self._socket.close()
+
+
+class _TcpPeers:
+    """Connected sockets, read together and written to."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._names: dict[socket.socket, str] = {}
+
+    def _add(self, peer: socket.socket, name: str) -> None:
+        """Take over a connected socket."""
+        peer.setblocking(False)
+        self._names[peer] = name
+        self._selector.register(peer, selectors.EVENT_READ)
+
+    def _drop(self, peer: socket.socket) -> None:
+        """Forget a peer that has gone."""
+        if self._names.pop(peer, None) is not None:
+            self._selector.unregister(peer)
+            peer.close()
+
+    def _read_from(self, peer: socket.socket) -> tuple[str, bytes]:
+        """One read; empty bytes where the peer has gone."""
+        name = self._names[peer]
+        try:
+            data = peer.recv(_READ)
+        except OSError:
+            data = b""
+        if not data:
+            _LOG.warning("%s has closed the connection", name)
+            self._drop(peer)
+        return name, data
+
+    def write(self, data: bytes) -> None:
+        """Send to all; one that does not take it is dropped."""
+        for peer in tuple(self._names):
+            self._send(peer, data)
+
+    def write_to(self, sender: str, data: bytes) -> None:
+        """Send to one; where it does not take it, it is dropped."""
+        for peer in [each for each, name in self._names.items() if name == sender]:
+            self._send(peer, data)
+
+    def _send(self, peer: socket.socket, data: bytes) -> None:
+        try:
+            peer.send(data)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(peer)
+
+    def close(self) -> None:
+        """Close all."""
+        for peer in tuple(self._names):
+            self._drop(peer)
+        self._selector.close()
+
+
+class TcpListener(_TcpPeers):
+    """Waits for peers to connect (``tcpin``).
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        family, place = _resolve(address, socket.SOCK_STREAM)
+        self._listener = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            self._listener.bind(place)
+            self._listener.listen()
+            self._listener.setblocking(False)
+        except OSError:
+            self._listener.close()
+            raise
+        super().__init__()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+
+    @property
+    def local(self) -> tuple[str, int]:
+        """Own address."""
+        host, port = self._listener.getsockname()[:2]
+        return str(host), int(port)
+
+    def read(self, timeout_s: float) -> Reads:
+        """What the peers have sent; takes in new ones."""
+        reads: Reads = []
+        for key, _ in self._selector.select(timeout_s):
+            if key.fileobj is self._listener:
+                with contextlib.suppress(OSError):
+                    peer, place = self._listener.accept()
+                    self._add(peer, sender_name(place))
+                    _LOG.info("%s has connected", sender_name(place))
+            elif isinstance(key.fileobj, socket.socket):
+                reads.append(self._read_from(key.fileobj))
+        return reads
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._selector.unregister(self._listener)
+        self._listener.close()
+        super().close()
+
+
+class TcpClient(_TcpPeers):
+    """Connects to a peer (``tcp``), and again whenever the connection is lost.
+
+    Raises:
+        OSError: The host is unknown.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        self._family, self._place = _resolve(address, socket.SOCK_STREAM)
+        super().__init__()
+        self._complained = False
+
+    def read(self, timeout_s: float) -> Reads:
+        """What the peer has sent; tries to connect where nobody is connected."""
+        if not self._names and not self._connect():
+            self._selector.select(timeout_s)
+            return []
+        return [
+            self._read_from(key.fileobj)
+            for key, _ in self._selector.select(timeout_s)
+            if isinstance(key.fileobj, socket.socket)
+        ]
+
+    def _connect(self) -> bool:
+        peer = socket.socket(self._family, socket.SOCK_STREAM)
+        try:
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            peer.settimeout(_CONNECT_S)
+            peer.connect(self._place)
+        except OSError as error:
+            peer.close()
+            if not self._complained:
+                _LOG.warning("%s does not answer (%s); trying again", sender_name(self._place), error.strerror or error)
+                self._complained = True
+            return False
+        self._complained = False
+        self._add(peer, sender_name(self._place))
+        _LOG.info("connected to %s", sender_name(self._place))
+        return True
+
+
+class SerialTransport:
+    """A serial device; comes back by itself after it was unplugged.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        self._device, self._baud = address.host, address.port
+        self._port: serial.Serial | None = self._open()
+
+    def _open(self) -> serial.Serial:
+        return serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
+
+    def read(self, timeout_s: float) -> Reads:
+        """What has arrived; tries to open the device again where it was lost."""
+        if self._port is None:
+            with contextlib.suppress(OSError):
+                self._port = self._open()
+                _LOG.info("%s is back", self._device)
+        if self._port is None:
+            with selectors.DefaultSelector() as selector:
+                selector.select(timeout_s)
+            return []
+        try:
+            self._port.timeout = timeout_s
+            data = self._port.read(1)
+            data += self._port.read(self._port.in_waiting)
+        except OSError as error:
+            _LOG.warning("%s is lost (%s); trying again", self._device, error.strerror or error)
+            self.close()
+            return [(self._device, b"")]
+        return [(self._device, data)] if data else []
+
+    def write(self, data: bytes) -> None:
+        """Send, if the device is there."""
+        if self._port is not None:
+            with contextlib.suppress(OSError):
+                self._port.write(data)
+
+    def write_to(self, sender: str, data: bytes) -> None:  # noqa: ARG002 - there is but one at the other end
+        """Send, if the device is there."""
+        self.write(data)
+
+    def close(self) -> None:
+        """Give the device back."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+
+Transport: TypeAlias = UdpTransport | TcpListener | TcpClient | SerialTransport
+"""One open link.
+
+``read`` gives what has arrived, each with its sender, empty after ``timeout_s`` without any; empty bytes say that their
+sender has gone. ``write`` sends to whoever is at the other end, if anybody is; ``write_to`` to one of those that
+``read`` named, if it is still there.
+"""
+
+
+def open_transport(address: LinkAddress) -> Transport:
+    """Open a link; an outgoing TCP link comes up by itself later where nobody listens yet.
+
+    Raises:
+        LinkError: The port is busy, the host unknown, the device missing or not allowed.
+    """
+    try:
+        if address.kind is LinkKind.SERIAL:
+            return SerialTransport(address)
+        if address.kind in {LinkKind.UDP_IN, LinkKind.UDP_OUT}:
+            return UdpTransport(address)
+        return TcpListener(address) if address.kind is LinkKind.TCP_IN else TcpClient(address)
+    except OSError as error:
+        raise _refusal(address, error) from error
+    except ValueError as error:
+        raise LinkError("impossible baud rate", where=address.text, got=address.port, hint=str(error)) from error
+
+
+def _refusal(address: LinkAddress, error: OSError) -> LinkError:
+    if isinstance(error, socket.gaierror):
+        return LinkError(
+            "unknown host", where=address.text, got=address.host, hint="check the name, or give the address"
+        )
+    if error.errno == errno.EADDRINUSE:
+        return LinkError(
+            "the port is busy", where=address.text, hint="close the other program on it, or take another port"
+        )
+    if error.errno == errno.EADDRNOTAVAIL:
+        return LinkError("not an address of this machine", where=address.text, got=address.host)
+    what = "the device cannot be opened" if address.kind is LinkKind.SERIAL else "cannot be opened"
+    return LinkError(what, where=address.text, got=error.strerror or error)

@@ -1,0 +1,1 @@
+"""JSON payloads with their schemas, one module a payload."""

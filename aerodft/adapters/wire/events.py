@@ -1,0 +1,151 @@
+"""``aerodft.image/1`` and ``aerodft.observation/1``: inputs as they are recorded, exact in every field."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.packed_bytes import Texts
+from aerodft.adapters.wire.template import encode_payloads
+from aerodft.conventions import LARGEST
+from aerodft.model.image import Image, ImageRows, StampClock
+from aerodft.model.observation import Box, Observation
+
+IMAGE_SCHEMA = "aerodft.image/1"
+OBSERVATION_SCHEMA = "aerodft.observation/1"
+
+_CLOCKS: Final = {clock.value: clock for clock in StampClock}
+
+
+def encode_image(image: Image) -> bytes:
+    """An image's index, stamps and size as ``aerodft.image/1``; its pixels travel as JPEG elsewhere."""
+    return wire.dump(_image_payload(image))
+
+
+def encode_images(images: Sequence[Image]) -> Texts:
+    """Each of some images as ``aerodft.image/1``."""
+    if isinstance(images, ImageRows):
+        kind = np.zeros(len(images), dtype=np.int64)
+        columns = np.stack([images.indices, images.stamp_ns, images.arrival_ns])
+    else:
+        found: dict[tuple[StampClock, int | None, int | None], int] = {}
+        kinds = [found.setdefault((image.clock, image.width_px, image.height_px), len(found)) for image in images]
+        kind = np.array(kinds, dtype=np.int64)
+        values = [(image.index, image.stamp_ns, image.arrival_ns) for image in images]
+        columns = np.array(values, dtype=np.int64).reshape(-1, 3).T
+    whole = dict(zip(("index", "stamp_ns", "arrival_ns"), columns, strict=True))
+    return encode_payloads(kind[:, None], lambda row: _image_payload(images[row]), whole, np.empty((len(images), 0)))
+
+
+def _image_payload(image: Image) -> wire.Json:
+    return {
+        "schema": IMAGE_SCHEMA,
+        "index": image.index,
+        "stamp_ns": str(image.stamp_ns),
+        "arrival_ns": str(image.arrival_ns),
+        "clock": image.clock,
+        "width_px": image.width_px,
+        "height_px": image.height_px,
+        "software": wire.SOFTWARE,
+    }
+
+
+def decode_image(data: bytes) -> Image:
+    """``aerodft.image/1`` to an image without pixels.
+
+    Raises:
+        InputError: The payload is not of that schema.
+    """
+    return wire.load(data, IMAGE_SCHEMA, _image)
+
+
+def decode_images(data: Sequence[bytes]) -> Sequence[Image]:
+    """The same of many: ``ImageRows`` where they can be."""
+    return wire.load_all(data, IMAGE_SCHEMA, _image, _image_rows)
+
+
+def _image(payload: wire.Json) -> Image:
+    index, stamp_ns, arrival_ns = wire.whole(payload["index"], payload["stamp_ns"], payload["arrival_ns"])
+    return Image(
+        index=index,
+        stamp_ns=stamp_ns,
+        arrival_ns=arrival_ns,
+        clock=_CLOCKS[payload["clock"]],
+        width_px=payload["width_px"],
+        height_px=payload["height_px"],
+    )
+
+
+def _image_rows(payloads: Sequence[wire.Json]) -> ImageRows | None:
+    """The same of many; None where they differ in more than whole numbers, or do not come in order of arrival."""
+    common = {(each["clock"], each["width_px"], each["height_px"]) for each in payloads}
+    kinds = {(type(each["width_px"]), type(each["height_px"])) for each in payloads}  # 1 and 1.0 are equal
+    if len(common) != 1 or len(kinds) != 1:
+        return None
+    names = ("index", "stamp_ns", "arrival_ns")
+    columns = [wire.whole(*(each[name] for each in payloads)) for name in names]
+    indices, stamp_ns, arrival_ns = np.array(columns, dtype=np.int64)
+    clock, width_px, height_px = common.pop()
+    if np.any(arrival_ns[1:] < arrival_ns[:-1]):
+        return None
+    return ImageRows(indices, stamp_ns, arrival_ns, _CLOCKS[clock], width_px, height_px)
+
+
+def encode_observation(observation: Observation) -> bytes:
+    """An observation as ``aerodft.observation/1``."""
+    return wire.dump(
+        {
+            "schema": OBSERVATION_SCHEMA,
+            "name": observation.name,
+            "stamp_ns": str(observation.stamp_ns),
+            "arrival_ns": str(observation.arrival_ns),
+            "clock": observation.clock,
+            "pixels": observation.pixels,
+            "box": observation.box,
+            "contour": observation.contour or None,
+            "unseen": observation.unseen or None,
+            "std_px": observation.std_px,
+            "image": observation.image,
+            "source": observation.source,
+            "software": wire.SOFTWARE,
+        }
+    )
+
+
+def decode_observations(data: Sequence[bytes]) -> Sequence[Observation]:
+    """The same of many."""
+    return wire.load_all(data, OBSERVATION_SCHEMA, _observation)
+
+
+def _observation(payload: wire.Json) -> Observation:
+    stamp_ns, arrival_ns = wire.whole(payload["stamp_ns"], payload["arrival_ns"])
+    image, std_px = payload["image"], payload["std_px"]
+    if std_px is not None and not 0 <= std_px <= LARGEST:
+        raise ValueError(f"std_px {std_px!r:.60}")
+    return Observation(
+        name=_text(payload["name"]),
+        stamp_ns=stamp_ns,
+        arrival_ns=arrival_ns,
+        pixels=wire.pixel_pairs(payload["pixels"]),
+        std_px=std_px,
+        clock=StampClock(payload["clock"]),
+        image=None if image is None else wire.whole(image)[0],
+        source=_text(payload["source"]),
+        box=_box(payload.get("box")),  # recordings of old have none of these
+        contour=wire.pixel_pairs(payload.get("contour") or ()),
+        unseen=_text(payload.get("unseen") or ""),
+    )
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r:.60} is no text")
+    return value
+
+
+def _box(values: list[float] | None) -> Box | None:
+    if values is None:
+        return None
+    (left, top), (right, bottom) = wire.pixel_pairs((values[:2], values[2:]))
+    return left, top, right, bottom

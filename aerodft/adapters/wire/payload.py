@@ -1,0 +1,126 @@
+"""What all payloads share: JSON with every key present, stamps as decimal strings, null for what is not known.
+
+Angles are degrees on the wire. A double survives JSON exactly; degrees and back cost up to ``DEGREES_RTOL``.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from typing import Any, Final, NoReturn, TypeVar
+
+import orjson
+
+from aerodft import __version__
+from aerodft.adapters.wire import bounded_json
+from aerodft.conventions import LARGEST
+from aerodft.errors import InputError
+
+SOFTWARE = f"aerodft {__version__}"
+DEGREES_RTOL = 4.5e-16  # two roundings: an angle comes back within two units in the last place
+
+LATEST_NS = 2**63 - 1
+"""Stamps are 64 bits with a sign."""
+
+_WRONG: Final = (KeyError, TypeError, ValueError, IndexError, AttributeError)
+
+T = TypeVar("T")
+Json = dict[str, Any]
+
+
+def dump(payload: Json) -> bytes:
+    """Payload to bytes; numpy arrays become lists, non-finite numbers null."""
+    return orjson.dumps(payload, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
+    """Bytes to a value.
+
+    Args:
+        data: The payload.
+        schema: What its ``schema`` key must say.
+        build: Makes the value from the parsed object.
+
+    Raises:
+        InputError: Not JSON, another schema, a key missing or of the wrong type.
+    """
+    try:
+        payload = bounded_json.loads(data)
+    except orjson.JSONDecodeError as error:
+        _refuse(schema, data, error)
+    if not isinstance(payload, dict) or payload.get("schema") != schema:
+        _refuse(schema, data)
+    return _built(schema, payload, build)
+
+
+def load_all(
+    data: Sequence[bytes],
+    schema: str,
+    build: Callable[[Json], T],
+    build_all: Callable[[Sequence[Json]], Sequence[T] | None] = lambda _: None,
+) -> Sequence[T]:
+    """The values of many bytes, each as ``load`` tells it.
+
+    Args:
+        data: The payloads.
+        schema: As in ``load``.
+        build: Likewise.
+        build_all: Makes all values at once; gives None, or fails, where that cannot be done.
+    """
+    try:
+        payloads = bounded_json.loads(b"[%b]" % b",".join(data))
+    except orjson.JSONDecodeError:
+        payloads = []
+    if len(payloads) != len(data) or not all(
+        isinstance(each, dict) and each.get("schema") == schema for each in payloads
+    ):
+        return [load(each, schema, build) for each in data]  # one of them says what it is
+    with suppress(*_WRONG):
+        found = build_all(payloads)
+        if found is not None:
+            return found
+    return [_built(schema, each, build) for each in payloads]
+
+
+def _built(schema: str, payload: Json, build: Callable[[Json], T]) -> T:
+    try:
+        return build(payload)
+    except _WRONG as error:
+        raise InputError(f"{schema} payload is incomplete or wrong", got=f"{type(error).__name__}: {error}") from error
+
+
+def _refuse(schema: str, data: bytes, error: Exception | None = None) -> NoReturn:
+    raise InputError("payload is of another kind", got=repr(bytes(data[:60])), expected=schema) from error
+
+
+def whole(*values: int | str) -> list[int]:
+    """Whole numbers, or texts of such.
+
+    Raises:
+        ValueError: One is none, or takes more than 64 bits.
+    """
+    found = list(map(int, values)) if set(map(type, values)) <= {int, str} else []
+    if not found or not -LATEST_NS <= min(found) <= max(found) <= LATEST_NS:
+        raise ValueError(f"{values!r:.60}: not whole numbers of 64 bits")
+    return found
+
+
+def degrees(angle_rad: float | None) -> float | None:
+    """Radians to degrees; None stays None."""
+    return None if angle_rad is None else math.degrees(angle_rad)
+
+
+def number(value: float | None) -> float:
+    """A number where JSON had null for a non-finite one."""
+    return math.nan if value is None else float(value)
+
+
+def pixel_pairs(values: Iterable[Sequence[float | None]]) -> tuple[tuple[float, float], ...]:
+    """Pixels ``((u, v), ...)``.
+
+    Raises:
+        ValueError: A pixel without exactly two coordinates, or one that nothing can be calculated with.
+    """
+    pixels = tuple((number(u), number(v)) for u, v in values)
+    if any(abs(u) > LARGEST or abs(v) > LARGEST for u, v in pixels):
+        raise ValueError("pixels beyond all images")
+    return pixels

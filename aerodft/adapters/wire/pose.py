@@ -1,0 +1,128 @@
+"""``aerodft.pose/1``: a pose sample with its full covariance; and the shorter pose that stands in a measurement."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.packed_bytes import Texts
+from aerodft.adapters.wire.template import encode_payloads, flat
+from aerodft.conventions import NADIR_TILT_RAD
+from aerodft.model.arrays import FloatArray
+from aerodft.model.camera import Zoom
+from aerodft.model.pose import GeoOrigin, PoseSample
+from aerodft.model.pose_batch import HORIZONTAL, TIME, PoseBatch
+
+SCHEMA = "aerodft.pose/1"
+
+_ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
+
+
+def encode_poses(poses: PoseBatch) -> Texts:
+    """Each of some poses as ``aerodft.pose/1``."""
+    pose = poses.pose
+    parts = [flat(getattr(pose, name)) for name in _ARRAYS]
+    parts.append(np.broadcast_to(pose.time_std_s, len(poses))[:, None])
+    arrays = np.where(poses.has_pose[:, None], np.concatenate(parts, axis=1), np.nan)
+    others = (poses.std[:, [HORIZONTAL, TIME]], poses.lat_lon_alt[:, 2:], poses.zoom)
+    return encode_payloads(
+        poses.kind_index[:, None],
+        lambda row: _payload(poses[row]),
+        {"stamp_ns": poses.stamp_ns},
+        np.concatenate([summary_numbers(poses), *others, arrays], axis=1),
+        [[like.reasons, like.calibration] for like in poses.variant_of_each],
+        fixed={"origin"},
+    )
+
+
+def _payload(sample: PoseSample) -> wire.Json:
+    pose, origin, summary = sample.pose, sample.origin, summary_payload(sample)
+    return {
+        "schema": SCHEMA,
+        "stamp_ns": str(sample.stamp_ns),
+        "status": sample.status,
+        "reasons": sample.reasons,
+        **summary,
+        "std": {**summary["std"], "horizontal_m": sample.std.horizontal_m, "time_s": sample.std.time_s},
+        "alt_msl_m": sample.alt_msl_m,
+        "attitude_source": sample.attitude_source,
+        "calibration": sample.calibration,
+        "zoom": None if sample.zoom is None else _zoom_payload(sample.zoom),
+        **{name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s")},
+        "origin": None if origin is None else _origin_payload(origin),
+        "software": wire.SOFTWARE,
+    }
+
+
+def summary_payload(sample: PoseSample) -> wire.Json:
+    """Height, angles, position, age and their standard deviations, as a measurement shows them."""
+    pose, std = sample.pose, sample.std
+    tilt_deg = roll_deg = heading_deg = height_m = None
+    if pose is not None:
+        tilt_deg, roll_deg, heading_deg = camera_angles_deg(*pose.wxyz.tolist())
+        height_m = float(pose.position_enu_m[2]) - sample.datum_enu_m
+    return {
+        "height_agl_m": height_m,
+        "height_source": sample.height_source,
+        "height_datum": sample.height_datum,
+        "height_age_s": sample.height_age_s,
+        "tilt_deg": tilt_deg,
+        "roll_deg": roll_deg,
+        "heading_deg": heading_deg,
+        "lat": wire.degrees(sample.lat_rad),
+        "lon": wire.degrees(sample.lon_rad),
+        "telemetry_age_s": sample.telemetry_age_s,
+        "std": {
+            "height_agl_m": std.height_agl_m,
+            "tilt_deg": math.degrees(std.tilt_rad),
+            "pan_deg": math.degrees(std.pan_rad),
+            "roll_deg": math.degrees(std.roll_rad),
+            "heading_deg": math.degrees(std.heading_rad),
+        },
+    }
+
+
+def summary_numbers(poses: PoseBatch) -> FloatArray:
+    """The numbers ``(n, 13)`` of the poses' summaries in their order, NaN for what is not known."""
+    angles_deg = np.array([camera_angles_deg(*wxyz) for wxyz in poses.pose.wxyz.tolist()]).reshape(-1, 3)
+    height_m = poses.pose.position_enu_m[:, 2] - poses.datum_enu_m
+    places_deg = np.degrees(poses.lat_lon_alt[:, :2])
+    height_std_m, _, *stds_rad, _ = poses.std.T
+    parts = (height_m, poses.height_age_s, *angles_deg.T, *places_deg.T, poses.telemetry_age_s)
+    return np.stack([*parts, height_std_m, *np.degrees(stds_rad)], axis=1)
+
+
+def camera_angles_deg(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Tilt, roll, heading in degrees of a unit quaternion ``enu_SO3_cam``, as ``geometry.rotation.camera_angles``.
+
+    In plain floats: for a single attitude the array form costs twenty times as much.
+    At nadir and zenith the roll is 0 and the heading is that of the image's up direction.
+    """
+    axis_east, axis_north = 2 * (x * z + w * y), 2 * (y * z - w * x)
+    horizontal = math.hypot(axis_east, axis_north)
+    tilt_rad = math.atan2(horizontal, 2 * (x * x + y * y) - 1)
+    if horizontal > NADIR_TILT_RAD:
+        ahead_east, ahead_north = axis_east, axis_north
+    else:
+        ahead_east, ahead_north = 2 * (w * z - x * y), 2 * (x * x + z * z) - 1
+    heading_rad = math.atan2(ahead_east, ahead_north) % math.tau
+    right_east, right_north = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z)
+    right_up = 2 * (x * z - w * y)
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    along_right = right_east * cosine - right_north * sine
+    ahead = right_east * sine + right_north * cosine
+    along_down = -ahead * math.cos(tilt_rad) - right_up * math.sin(tilt_rad)
+    return math.degrees(tilt_rad), math.degrees(math.atan2(along_down, along_right)), math.degrees(heading_rad)
+
+
+def _zoom_payload(zoom: Zoom) -> wire.Json:
+    return {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source}
+
+
+def _origin_payload(origin: GeoOrigin) -> wire.Json:
+    return {
+        "lat": math.degrees(origin.lat_rad),
+        "lon": math.degrees(origin.lon_rad),
+        "alt_msl_m": origin.alt_msl_m,
+    }

@@ -1,0 +1,285 @@
+"""The JSON Schemas (draft 2020-12) of all payloads; ``docs/schema`` holds them as files, MCAP channels carry them."""
+
+from typing import Final
+
+import orjson
+
+from aerodft.adapters.wire import camera_motion as steadiness
+from aerodft.adapters.wire import estimate, events, height, measurement, pose, status
+from aerodft.adapters.wire.schema_parts import (
+    INTEGER,
+    NUMBER,
+    STAMP,
+    STAMP_OR_NULL,
+    TEXT,
+    TEXT_OR_NULL,
+    Schema,
+    document,
+    list_of,
+    object_of,
+    one_of,
+    or_null,
+    said,
+)
+from aerodft.model.calibration import Steadiness
+from aerodft.model.camera import ZoomSource
+from aerodft.model.image import StampClock
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import Status
+
+_PIXELS = said(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
+_POINTS = or_null(list_of(list_of(NUMBER, length=3)))
+_GEO = {"lat": NUMBER, "lon": NUMBER, "alt_msl_m": NUMBER}
+_SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), NUMBER)
+_SUMMARY = {
+    "height_agl_m": said(
+        NUMBER, "Above what height_datum says: the measured plane, or the ground right below the camera"
+    ),
+    "height_source": or_null(one_of(HeightSource)),
+    "height_datum": TEXT_OR_NULL,
+    "height_age_s": said(NUMBER, "From the stamp to the nearest sample of that source"),
+    "tilt_deg": said(NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
+    "roll_deg": said(NUMBER, "About the optical axis; above 0 with the camera's right side down"),
+    "heading_deg": said(NUMBER, "Clockwise from true north"),
+    "lat": NUMBER,
+    "lon": NUMBER,
+    "telemetry_age_s": NUMBER,
+}
+
+_OWN: Final[dict[str, Schema]] = {
+    "name": said(TEXT, "The probe"),
+    "kind": one_of(ProbeKind),
+    "value": said(NUMBER, "Null unless the status is ok"),
+    "unit": TEXT,
+    "std": NUMBER,
+    "ci95": or_null(list_of(NUMBER, length=2)),
+    "ellipse95": or_null(object_of({"semi_major_m": NUMBER, "semi_minor_m": NUMBER, "azimuth_deg": NUMBER})),
+    "status": one_of(Status),
+    "reasons": list_of(TEXT),
+    "pixels": _PIXELS,
+    "std_px": NUMBER,
+    "ground_m": said(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
+    "enu_m": said(_POINTS, "East, north, up of the station's origin"),
+    "cov_enu_m2": said(or_null(list_of(list_of(NUMBER, length=3), length=3)), "Of the first point"),
+    "geo": or_null(list_of(object_of(_GEO))),
+    "range_m": or_null(list_of(NUMBER)),
+}
+_OF_IMAGE: Final[dict[str, Schema]] = {
+    "stamp_ns": STAMP,
+    "image": INTEGER,
+    "model": one_of(ProjectionModel),
+    "camera": TEXT,
+    "calibration": TEXT_OR_NULL,
+    "config": TEXT_OR_NULL,
+    "pose": object_of({**_SUMMARY, "std": object_of(_SUMMARY_STD)}),
+}
+
+MEASUREMENT: Final = document(measurement.SCHEMA, "One measurement, or why there is none", {**_OWN, **_OF_IMAGE})
+
+MEASUREMENTS: Final = document(
+    measurement.IMAGE_SCHEMA,
+    "All measurements of one image, as a recording has them: what they share, and a list",
+    {**_OF_IMAGE, "measurements": list_of(object_of(_OWN))},
+)
+
+POSE: Final = document(
+    pose.SCHEMA,
+    "The camera's pose at one stamp, or why there is none",
+    {
+        "stamp_ns": STAMP,
+        "status": one_of(Status),
+        "reasons": list_of(TEXT),
+        **_SUMMARY,
+        "std": object_of({**_SUMMARY_STD, "horizontal_m": NUMBER, "time_s": NUMBER}),
+        "alt_msl_m": NUMBER,
+        "attitude_source": or_null(one_of(GimbalSource)),
+        "calibration": TEXT_OR_NULL,
+        "zoom": said(
+            or_null(object_of({"magnification": NUMBER, "std": NUMBER, "source": one_of(ZoomSource)})),
+            "Focal length over that of the camera file, where the vehicle's reports are followed",
+        ),
+        "position_enu_m": or_null(list_of(NUMBER, length=3)),
+        "wxyz": said(or_null(list_of(NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
+        "cov": said(
+            or_null(list_of(list_of(NUMBER, length=6), length=6)),
+            "Position (ENU, m^2), then a small rotation in camera axes (rad^2)",
+        ),
+        "velocity_enu_mps": or_null(list_of(NUMBER, length=3)),
+        "rate_cam_radps": or_null(list_of(NUMBER, length=3)),
+        "time_std_s": NUMBER,
+        "origin": or_null(object_of(_GEO)),
+    },
+)
+
+IMAGE: Final = document(
+    events.IMAGE_SCHEMA,
+    "An image's stamps and size",
+    {
+        "index": {"type": "integer"},
+        "stamp_ns": STAMP,
+        "arrival_ns": STAMP,
+        "clock": said(one_of(StampClock), "Whose clock the stamp is from"),
+        "width_px": INTEGER,
+        "height_px": INTEGER,
+    },
+)
+
+OBSERVATION: Final = document(
+    events.OBSERVATION_SCHEMA,
+    "One probe's pixels, or the outline of what it measures, at one stamp",
+    {
+        "name": said(TEXT, "The probe"),
+        "stamp_ns": STAMP,
+        "arrival_ns": STAMP,
+        "clock": one_of(StampClock),
+        "pixels": _PIXELS,
+        "box": said(or_null(list_of(NUMBER, length=4)), "Left, top, right, bottom limit of an object, in pixels"),
+        "contour": said(or_null(list_of(list_of(NUMBER, length=2))), "Corners of an object's outline, in pixels"),
+        "unseen": said(or_null(TEXT), "Why there are no pixels: it was looked for, and not seen"),
+        "std_px": NUMBER,
+        "image": INTEGER,
+        "source": TEXT,
+    },
+)
+
+_BIAS = object_of({"value": NUMBER, "std": NUMBER})
+_PAIR = or_null(list_of(NUMBER, length=2))
+
+CALIBRATION_ESTIMATE: Final = document(
+    estimate.SCHEMA,
+    "What is to be added to the telemetry, after the landmarks of one image",
+    {
+        "stamp_ns": said(STAMP, "Of the image that they were seen in"),
+        "calibration": said(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+        "height_source": or_null(one_of(HeightSource)),
+        "bias": object_of(
+            {
+                "height_m": said(_BIAS, "Of the height source in use"),
+                "east_m": _BIAS,
+                "north_m": _BIAS,
+                "tilt_deg": said(_BIAS, "About the camera's x axis; raises the tilt"),
+                "pan_deg": said(_BIAS, "About its y axis"),
+                "roll_deg": said(_BIAS, "About its z axis"),
+                "heading_deg": said(_BIAS, "About the vertical, clockwise"),
+                "time_s": said(_BIAS, "Of the images' stamps"),
+            }
+        ),
+        "innovations": list_of(
+            object_of(
+                {
+                    "name": said(TEXT, "The landmark"),
+                    "px": said(_PAIR, "Observed minus expected pixel"),
+                    "sigma_px": said(_PAIR, "Standard deviations of the two"),
+                    "chi2": said(NUMBER, "Squared distance in standard deviations, of two degrees of freedom"),
+                    "accepted": {"type": "boolean"},
+                    "reason": said(TEXT_OR_NULL, "Why it was refused"),
+                }
+            )
+        ),
+        "updates": said({"type": "integer"}, "Landmarks used since the start"),
+        "refused": said({"type": "integer"}, "Landmarks refused since the start"),
+        "restarts": said({"type": "integer"}, "How often nearly all were refused, and the estimate began anew"),
+    },
+)
+
+_TURN = {
+    "tilt_deg": "About the camera's x axis now; raises the view",
+    "pan_deg": "About its y axis; to the right",
+    "roll_deg": "About its z axis; clockwise, seen from behind",
+}
+
+STEADINESS: Final = document(
+    steadiness.SCHEMA,
+    "Whether a fixed camera still looks where it looked, after one look at its steady points",
+    {
+        "stamp_ns": said(STAMP, "Of the image that was looked at"),
+        "state": one_of(Steadiness),
+        "since_ns": said(STAMP, "The first look in this state"),
+        "moved_ns": said(STAMP_OR_NULL, "The first look that saw the camera where it rests by now, beyond the limit"),
+        "angle_deg": said(NUMBER, "By how much it has turned, about whichever axis"),
+        "turn": object_of({name: said(_BIAS, what) for name, what in _TURN.items()}),
+        "look": said(or_null(object_of(dict.fromkeys(_TURN, NUMBER))), "This look alone; null where it did not tell"),
+        "points": said({"type": "integer"}, "Found again"),
+        "agreeing": said({"type": "integer"}, "Those that the turn explains"),
+        "std_px": said(NUMBER, "Of one coordinate of these"),
+        "calibration": said(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+    },
+)
+
+_NUMBERS: Final[Schema] = {"type": "object", "additionalProperties": NUMBER}
+_HEALTH = object_of(
+    {
+        "heartbeat_age_s": NUMBER,
+        "gps": object_of(
+            {
+                "fix": said(INTEGER, "GPS_FIX_TYPE: 3 and more are three-dimensional"),
+                "age_s": NUMBER,
+                "satellites": INTEGER,
+                "horizontal_std_m": NUMBER,
+                "vertical_std_m": NUMBER,
+            }
+        ),
+        "estimator": object_of(
+            {
+                "has_attitude": {"type": ["boolean", "null"]},
+                "test_ratios": said(_NUMBERS, "Innovations over their gates: from 1 on the estimator refuses them"),
+            }
+        ),
+        "link": said(
+            object_of({"received": {"type": "integer"}, "lost": {"type": "integer"}}),
+            "The autopilot's frames over the last 10 s",
+        ),
+        "ages_s": said(_NUMBERS, "Since the newest telemetry of each kind"),
+    }
+)
+
+HEIGHT_SWITCH: Final = document(
+    height.SCHEMA,
+    "From this stamp on heights are of another source",
+    {
+        "stamp_ns": said(STAMP, "Of the first pose with the new source"),
+        "before": one_of(HeightSource),
+        "after": one_of(HeightSource),
+        "step_m": said(NUMBER, "The new source minus the old one; null where they never spoke at one time"),
+        "std_m": said(NUMBER, "Of the step, by what is stated of the two"),
+        "before_m": said(NUMBER, "What the old source said then"),
+        "after_m": said(NUMBER, "What the new source said then"),
+        "compared_ns": said(STAMP_OR_NULL, "When the two were compared: the last time that the old one spoke"),
+    },
+)
+
+STATUS: Final = document(
+    status.SCHEMA,
+    "What a station is doing",
+    {
+        "station": TEXT,
+        "stamp_ns": STAMP,
+        "state": {"enum": list(status.STATES)},
+        "text": TEXT,
+        "counts": {"type": "object", "additionalProperties": {"type": "integer"}},
+        "health": said(or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
+        "rejected": said(
+            {"type": "object", "additionalProperties": {"type": "integer"}},
+            "Telemetry that held no value since the start (NaN, impossible, of somebody else), by MESSAGE: reason",
+        ),
+    },
+)
+
+SCHEMAS: Final[dict[str, Schema]] = {
+    measurement.SCHEMA: MEASUREMENT,
+    measurement.IMAGE_SCHEMA: MEASUREMENTS,
+    pose.SCHEMA: POSE,
+    events.IMAGE_SCHEMA: IMAGE,
+    events.OBSERVATION_SCHEMA: OBSERVATION,
+    height.SCHEMA: HEIGHT_SWITCH,
+    estimate.SCHEMA: CALIBRATION_ESTIMATE,
+    steadiness.SCHEMA: STEADINESS,
+    status.SCHEMA: STATUS,
+}
+
+
+def schema_text(name: str) -> bytes:
+    """A schema as its file holds it."""
+    return orjson.dumps(SCHEMAS[name], option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)

@@ -1,0 +1,471 @@
+"""What requests of one kind come to in many images: the one place where a status is decided.
+
+Numbers are by first order where that is enough, drawn where it is not: as long as no point's slant range is less
+certain than ``FIRST_ORDER_LIMIT``; over 5 % the ground runs away from the ray too fast for a straight line. The dft
+model has first order only.
+
+``n`` images, ``g`` requests of a kind with ``q`` pixels each, ``s`` shared errors as in ``projection``.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from aerodft.dft.budget import STD_NAMES, Share, variance_budgets
+from aerodft.dft.covariance import (
+    Z95,
+    dependence,
+    ellipses95,
+    point_covariances,
+    scalars,
+    shared_covariance,
+    standard_deviations,
+)
+from aerodft.dft.monte_carlo import Drawn, Interval, Uncertain, draw, draw_ranges
+from aerodft.dft.projection import (
+    ELEVATION,
+    POSITION,
+    Codes,
+    Directions,
+    GroundPoints,
+    PixelRays,
+    pixel_directions,
+    pixel_rays,
+    project,
+)
+from aerodft.dft.quantities import (
+    KINDS,
+    Sight,
+    beside,
+    crosses_itself,
+    foot_distance,
+)
+from aerodft.dft.request import Setup
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import PoseSample
+from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.probe import ProbeKind
+from aerodft.model.status import CODE_OF, CODES, Status
+
+FIRST_ORDER_LIMIT: Final = 0.05
+"""Relative standard deviation of a slant range above which errors are drawn."""
+
+MAX_RELATIVE_RANGE_STD: Final = 0.3
+"""A point whose slant range is less certain than this is ``ILL_CONDITIONED``."""
+
+MAX_BEARING_STD_RAD: Final = 0.3
+"""A direction that is less certain than this is ``ILL_CONDITIONED``; over a third of it, errors are drawn."""
+
+NEAR_FOOT: Final = 0.1
+"""An object's height is drawn where its distance from the camera's foot is less certain than this share of it."""
+
+LEANING_STDS: Final = 6.0
+"""What leans by more than 45 degrees, and by more than so many standard deviations, is no upright object."""
+
+_NO_RAY: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS_MODEL])
+"""A pixel without a ray has no answer of any kind."""
+
+_OK: Final = CODE_OF[Status.OK]
+_STATED: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "heading")}
+_EDGE, _QUICK = 0.25, 4  # 256 draws tell their 95 % within a tenth
+_GRAZING_RAD: Final = math.radians(15)  # below the horizon: from here on, small angles are large errors
+_NO_DIRECTIONS: Final = np.empty((0, 3))
+
+Say: TypeAlias = Callable[[IntArray, IntArray], Iterable[tuple[str, ...]]]
+"""The reasons of refused requests: of images ``(r,)`` and requests ``(r,)``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """``k`` pixels of each of ``n`` images, and the ground that they show.
+
+    Attributes:
+        setup: What all share.
+        poses: The images' ``(n,)`` poses, all of which are ok.
+        pixels_px: ``(k, 2)`` that all images share, or ``(n, k, 2)``.
+        elevation_m: ``(n, k)`` of the measured surface.
+        elevation_std_m: ``(k,)``, in addition to what ``shared_cov`` says.
+        std_px: ``(k,)`` of each pixel coordinate.
+        shared_cov: ``(n, s, s)``, see ``shared_covariance``.
+        ground: The ``(n, k)`` points.
+        rays: The pixels' rays.
+    """
+
+    setup: Setup
+    poses: PoseBatch
+    pixels_px: FloatArray
+    elevation_m: FloatArray
+    elevation_std_m: FloatArray
+    std_px: FloatArray
+    shared_cov: FloatArray
+    ground: GroundPoints
+    rays: PixelRays
+
+    @staticmethod
+    def of(
+        setup: Setup,
+        poses: PoseBatch,
+        pixels_px: FloatArray,
+        elevation_m: FloatArray,
+        stds: tuple[FloatArray, FloatArray],
+        shared_cov: FloatArray | None = None,
+    ) -> "View":
+        """The ground that pixels show.
+
+        Args:
+            setup: What all share.
+            poses: The images'.
+            pixels_px: ``(k, 2)`` or ``(n, k, 2)``.
+            elevation_m: ``(k,)`` or ``(n, k)``.
+            stds: ``(k,)`` of the elevations (m) and of the pixels (px).
+            shared_cov: ``(n, s, s)`` where it is not that of the poses and the camera alone.
+        """
+        is_unknown = np.isnan(poses.zoom)
+        zoom = None if is_unknown.all() else np.where(is_unknown, [1.0, 0.0], poses.zoom)
+        magnification = None if zoom is None else zoom[:, 0]
+        if shared_cov is None:
+            shared_cov = shared_covariance(setup.camera, poses.pose, np.zeros(len(poses)), zoom)
+        ground = project(setup.camera, poses.pose, pixels_px, elevation_m, setup.model, setup.ground, magnification)
+        elevation_m = np.broadcast_to(elevation_m, ground.status.shape)
+        rays = pixel_rays(setup.camera, pixels_px, magnification)
+        return View(setup, poses, pixels_px, elevation_m, *stds, shared_cov, ground, rays)
+
+
+class Judgement:
+    """What requests of one kind come to in all images of a view.
+
+    Attributes:
+        kind: The kind.
+        code: ``(n, g)`` indices into ``CODES``.
+        reasons: Of each request, by image, where they are not those of the image's pose.
+        is_blocked: ``(n, g)`` whether there can be no answer, however small the errors.
+        value: ``(n, g)`` in SI units; NaN for a position.
+        by_shared: ``(n, g, s)`` derivatives of the values.
+        by_px: ``(n, g, q, 2)`` derivatives of the values by the pixels.
+        std_px: ``(g,)`` of each pixel coordinate.
+
+    Args:
+        view: The view.
+        kind: What is measured.
+        columns: ``(g, q)`` which of the view's pixels.
+    """
+
+    def __init__(self, view: View, kind: ProbeKind, columns: IntArray) -> None:
+        self.kind = kind
+        self._traits = KINDS[kind]
+        self._view, self._columns = view, columns
+        first = columns[:, 0]
+        self._elevation_std_m, self.std_px = view.elevation_std_m[first], view.std_px[first]
+        self._vars = np.square(self._elevation_std_m), np.square(self.std_px)
+        self._ground = view.ground.of_images(columns)
+        self._camera_m = view.poses.pose.position_enu_m[:, None]
+        count = columns.shape[1]
+        self._is_pinhole = view.setup.model is ProjectionModel.PINHOLE
+        self._on_ground = self._traits.on_ground(count) if self._is_pinhole else count
+        self.code = np.full(self._ground.status.shape[:2], _OK, dtype=np.int64)
+        self.reasons: list[dict[int, tuple[str, ...]]] = [{} for _ in columns]
+        self._find_ranges()
+        self._block()
+        self.is_blocked = self.code != _OK
+        self._measure()
+        self._draw()
+        if kind is ProbeKind.HEIGHT:
+            self._refuse_heights()
+        elif kind is ProbeKind.BEARING:
+            self._refuse(~(self.std <= MAX_BEARING_STD_RAD), Status.ILL_CONDITIONED, self._say_bearing)
+
+    @property
+    def is_open(self) -> BoolArray:
+        """``(n, g)`` where nothing was refused so far."""
+        return np.asarray(self.code == _OK)
+
+    def shown_m(self) -> FloatArray:
+        """``(n, g, q, 3)`` the points in ENU that come with the values; none of a ray's bearing."""
+        enu_m = self._ground.points_enu_m
+        if self.kind is ProbeKind.BEARING and enu_m.shape[2] == 1:
+            return enu_m[:, :, :0]  # a ray has a bearing whether it meets the ground or not
+        if self.kind is ProbeKind.HEIGHT:
+            enu_m = np.stack([enu_m[..., 0, :]] * 2, axis=-2)  # the top above the base
+            enu_m[..., 1, 2] += self.value
+        return enu_m
+
+    def numbers(self, places: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        """The numbers of a ``MeasurementColumn``, ``(n, g, ...)``, with those of the places of ``shown_m``."""
+        numbers: dict[str, FloatArray] = {}
+        if self._traits.scalar is not None:
+            ends = np.stack([self._ends.low, self._ends.high], axis=-1)
+            scale = self._traits.scale
+            numbers |= {"value": scale * self.value, "std": scale * self.std, "ci95": scale * ends}
+        else:
+            numbers["ellipse95"] = ellipses95(self._cov)
+        if places["enu_m"].shape[2]:
+            numbers |= {**places, "cov_enu_m2": self._cov}
+        missing = ~self.is_open
+        if missing.any():
+            for name, values in numbers.items():
+                numbers[name] = np.where(missing.reshape(*missing.shape, *[1] * (values.ndim - 2)), np.nan, values)
+        return numbers
+
+    def explained(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What one request's variance in each image follows from: ``by_shared``, what pixels add, the covariance."""
+        pixel_var = self._vars[1][member] * np.sum(np.square(self.by_px[:, member]), axis=(1, 2))
+        rows = np.arange(len(self.code))
+        return self.by_shared[:, member], pixel_var, self._cov_of(rows, np.full(len(rows), member))
+
+    def base_up(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Height of one request's first point ``(n,)``; by the shared errors ``(n, s)``; by its pixel ``(n, 2)``."""
+        ground = self._ground
+        return ground.points_enu_m[:, member, 0, 2], ground.jac_shared[:, member, 0, 2], ground.jac_px[:, member, 0, 2]
+
+    def _find_ranges(self) -> None:
+        """Slant ranges ``(n, g, k)`` of the points that have to lie on the ground, and how well each is known."""
+        ground = self._ground[:, :, : self._on_ground]
+        away = ground.points_enu_m - self._camera_m[:, :, None]
+        self._range_m = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
+        unit = away / self._range_m[..., None]
+        self._range_by_shared = np.einsum("ngqi,ngqis->ngqs", unit, ground.jac_shared)
+        self._range_by_shared[..., POSITION] -= unit
+        self._range_by_px = np.einsum("ngqi,ngqij->ngqj", unit, ground.jac_px)
+        shape = self._range_m.shape
+        vars_ = [np.repeat(each, shape[2]) for each in self._vars]
+        by = [each.reshape(shape[0], -1, each.shape[-1]) for each in (self._range_by_shared, self._range_by_px)]
+        self._range_std_m = standard_deviations(by[0], by[1], self._view.shared_cov, *vars_).reshape(shape)
+
+    def _block(self) -> None:
+        """Refuse what can have no answer, whatever the uncertainty."""
+        status = self._ground.status
+        bad = np.logical_or.reduce([status == code for code in _NO_RAY])
+        bad[..., : self._on_ground] |= status[..., : self._on_ground] != _OK
+        if bad.any():
+            first = np.argmax(bad, axis=-1)
+            codes = np.take_along_axis(status, first[..., None], axis=-1)[..., 0]
+            self._refuse(np.any(bad, axis=-1), codes, lambda *rows: self._say_no_ground(first, *rows))
+        limit = self._view.setup.max_range_m
+        if limit is not None:
+            self._refuse(np.any(self._range_m > limit, axis=-1), Status.BEYOND_RANGE, self._say_beyond)
+        if self.kind is ProbeKind.AREA:
+            crossed, is_open = np.zeros(self.code.shape, dtype=np.bool_), self.is_open
+            crossed[is_open] = crosses_itself(self._ground.points_enu_m[is_open])
+            sentence = "the polygon crosses or touches itself; name its corners in order, each once"
+            self._refuse(crossed, Status.SELF_CROSSING, _always(sentence))
+
+    def _measure(self) -> None:
+        """Values, standard deviations and 95 % by first order."""
+        shape = self.code.shape
+        self._rays: Directions | None = None
+        self._sight = Sight(self._camera_m, _NO_DIRECTIONS, self._ground.points_enu_m)
+        first = (slice(None), slice(None), 0)
+        jac = self._ground.jac_shared[first], self._ground.jac_px[first]
+        self._cov = point_covariances(*jac, self._view.shared_cov, *self._vars)
+        if self._traits.scalar is None:
+            self.value = self.std = np.full(shape, np.nan)
+            self._ends = Interval(self.value, self.value)
+            return
+        if self._traits.sees_rays and self._is_pinhole:
+            self._rays = _directions(self._view.rays, self._columns, self._view.poses)
+            self._sight = Sight(self._camera_m, self._rays.directions_enu, self._ground.points_enu_m)
+        elevation = self._view.elevation_m[:, self._columns[:, 0]]
+        self.value, by = scalars(self.kind, self._view.setup.model, self._sight, self._view.poses.pose, elevation)
+        self.by_shared, self.by_px = dependence(by, self._ground, self._rays)
+        self.std = self._std(self.by_shared, self.by_px)
+        low = self.value - Z95 * self.std
+        self._ends = Interval(low if self._traits.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
+
+    def _std(self, by_shared: FloatArray, by_px: FloatArray) -> FloatArray:
+        own = by_px.reshape(*by_px.shape[:2], -1)
+        return standard_deviations(by_shared, own, self._view.shared_cov, *self._vars)
+
+    def _draw(self) -> None:
+        """Draw what first order is not enough for; refuse what is not known well enough for an answer."""
+        worst = np.max(self._range_std_m / self._range_m, axis=-1, initial=0.0)
+        if not self._is_pinhole:
+            half = Z95 * self._range_std_m
+            self._refuse(worst > MAX_RELATIVE_RANGE_STD, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
+            return
+        needed = worst > FIRST_ORDER_LIMIT
+        if self.kind is ProbeKind.HEIGHT:
+            # From nearly above, the base may be on either side of the camera's foot.
+            away, by = foot_distance(self._sight)
+            needed |= self._std(*dependence(by, self._ground, self._rays)) > NEAR_FOOT * away
+        surface = self._view.setup.ground
+        if surface is not None and surface.has_edges and self._on_ground:
+            needed |= self._has_edge(self.is_open & ~needed)
+        if self.kind is ProbeKind.BEARING:
+            needed |= ~(self.std <= MAX_BEARING_STD_RAD / 3)
+        needed &= self.is_open
+        if needed.any():
+            self._redo(*np.nonzero(needed))
+
+    def _redo(self, rows: IntArray, members: IntArray) -> None:
+        """Answer from drawn errors, or refuse as they justify."""
+        first_m = self._ground.points_enu_m[rows, members, 0]
+        most_half_m = Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[rows, members]
+        found: Drawn = draw(self._uncertain(rows, members), most_half_m, self.value[rows, members], first_m)
+        half = np.full(self._range_m.shape, np.nan)
+        half[rows, members] = found.ranges.half
+        refused = np.zeros(self.code.shape, dtype=np.bool_)
+        refused[rows, members] = ~found.is_known
+        if self._on_ground and self.kind is not ProbeKind.HEIGHT and self._traits.scalar is not None:
+            # A height may be infinite where its base is known: from above.
+            refused[rows, members] |= ~np.isfinite(found.scalar.high)
+        self._refuse(refused, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
+        self._cov[rows, members] = found.cov_enu_m2
+        if self._traits.scalar is not None:
+            self._ends.low[rows, members], self._ends.high[rows, members] = found.scalar.low, found.scalar.high
+            self.std[rows, members] = (found.scalar.high - found.scalar.low) / (2 * Z95)
+
+    def _has_edge(self, asked: BoolArray) -> BoolArray:
+        """Whether the ground's shape makes more, or less, of the errors than its slope where it is met says."""
+        found = np.zeros(self.code.shape, dtype=np.bool_)
+        rows, members = np.nonzero(asked)
+        if len(rows):
+            ranges = draw_ranges(self._uncertain(rows, members), self._on_ground, _QUICK)
+            wanted = 2 * Z95 * self._range_std_m[rows, members]
+            found[rows, members] = np.any(np.abs(2 * ranges.half - wanted) > _EDGE * wanted, axis=-1)
+        return found
+
+    def _uncertain(self, rows: IntArray, members: IntArray) -> Uncertain:
+        view = self._view
+        return Uncertain(
+            kind=self.kind,
+            pose=view.poses.pose,
+            shared_cov=view.shared_cov,
+            rays=_picked(view.rays, rows[:, None], self._columns[members]),
+            surface=view.setup.ground,
+            image=rows,
+            elevation_m=view.elevation_m[rows, self._columns[members, 0]],
+            elevation_std_m=self._elevation_std_m[members],
+            std_px=self.std_px[members],
+        )
+
+    def _refuse_heights(self) -> None:
+        """Refuse what is not base and top of an upright object whose height can be told."""
+        value, size = np.abs(self.value), self._camera_m[..., 2] - self._ground.points_enu_m[..., 0, 2]
+        uncertain = ~(self.std <= MAX_RELATIVE_RANGE_STD * np.fmax(size, value)) | ~np.isfinite(self.value)
+        sentence = "the object is seen from above: its height may be anything"
+        self._refuse(uncertain, Status.ILL_CONDITIONED, _always(sentence))
+        self._refuse(~(self._ends.high >= 0), Status.NOT_UPRIGHT, self._say_below)
+        if self._is_pinhole:  # Eq. 8 does not look at columns
+            aside, by = beside(self._sight)
+            most = np.maximum(value, LEANING_STDS * self._std(*dependence(by, self._ground, self._rays)))
+            self._refuse(np.abs(aside) > most, Status.NOT_UPRIGHT, lambda *at: _say_beside(np.abs(aside[at]).tolist()))
+
+    def _refuse(self, where: BoolArray, code: Status | Codes, say: Say) -> None:
+        """There is no answer ``where`` it was not refused before."""
+        rows, members = np.nonzero(where & self.is_open)
+        if not len(rows):
+            return
+        self.code[rows, members] = CODE_OF[code] if isinstance(code, Status) else code[rows, members]
+        for row, member, reasons in zip(rows.tolist(), members.tolist(), say(rows, members), strict=True):
+            self.reasons[member][row] = reasons
+
+    def _say_no_ground(self, first: IntArray, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+        for row, member in zip(rows.tolist(), members.tolist(), strict=True):
+            index = int(first[row, member])
+            column = int(self._columns[member, index])
+            u, v = self._view.pixels_px[column] if self._view.pixels_px.ndim == 2 else self._view.pixels_px[row, column]  # noqa: PLR2004
+            yield (f"pixel {index} ({u:g}, {v:g}) {self._why(row, column)}",)
+
+    def _why(self, row: int, column: int) -> str:
+        """Why a pixel of an image shows no ground."""
+        view = self._view
+        camera, surface, position = view.setup.camera, view.setup.ground, view.poses.pose.position_enu_m[row]
+        status = CODES[view.ground.status[row, column]]
+        if status is Status.ABOVE_HORIZON:
+            below = math.degrees(float(view.ground.depression_rad[row, column]))
+            if below > 0 and surface is not None:
+                return f"looks {below:.1f} deg below the horizon, along ground that falls away as steeply"
+            return f"looks {abs(below):.1f} deg above the horizon"
+        if status is Status.BELOW_SURFACE:
+            up_m, elevation_m = float(position[2]), float(view.elevation_m[row, column])
+            if surface is not None:
+                foot_m = float(surface.height_at(position[:2]))
+                return f"is seen from {up_m - foot_m:.2f} m above the ground, measured is {elevation_m:.2f} m above it"
+            return f"is seen from {up_m:.2f} m, measured is the plane at {elevation_m:.2f} m"
+        return {
+            Status.OUT_OF_IMAGE: f"is outside the image of {camera.width_px} x {camera.height_px} px",
+            Status.BEYOND_TERRAIN: "looks past the border of the elevation model",
+            Status.NO_ELEVATION: "looks over a hole in the elevation model",
+        }.get(status, "is outside the valid radius of the lens model")
+
+    def _say_beyond(self, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+        for ranges in self._range_m[rows, members]:
+            farthest = int(np.argmax(ranges))
+            limit = self._view.setup.max_range_m
+            yield (f"point {farthest} is {ranges[farthest]:.1f} m away, the limit is {limit:g} m",)
+
+    def _say_range(self, half_m: FloatArray, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+        """How badly the worst point is known, and why.
+
+        Args:
+            half_m: ``(n, g, k)`` half of the 95 % intervals of the slant ranges.
+            rows: Which images.
+            members: Which requests in each.
+        """
+        index = np.argmax(half_m[rows, members] / self._range_m[rows, members], axis=-1)
+        worst = rows, members, index
+        pixel_var = self._vars[1][members] * np.sum(np.square(self._range_by_px[worst]), axis=-1)
+        poses = self._view.poses.rows(rows)
+        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, self._cov_of(rows, members))
+        numbers = (half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
+        columns = [each.tolist() for each in (index, *numbers, poses.variant_index, poses.std)]
+        for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):
+            spread = f"+- {half:.0f} m (95 %)" if math.isfinite(half) else "and may be anything"
+            where = f" is {math.degrees(below_rad):.1f} deg below the horizon" if below_rad < _GRAZING_RAD else ""
+            sample = poses.variants[variant]
+            cause = _cause(budget[0], sample, stds) if budget else "its error is not known"
+            yield (f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}", *sample.reasons)
+
+    def _say_below(self, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+        for value in self.value[rows, members].tolist():
+            yield (f"the top is seen {-value:.2f} m below the base; the base comes first, then the top",)
+
+    def _say_bearing(self, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+        for std in self.std[rows, members].tolist():
+            half = min(math.degrees(Z95 * std), 180.0) if math.isfinite(std) else 180.0
+            yield (f"the direction is known to +- {half:.0f} deg (95 %)",)
+
+    def _cov_of(self, rows: IntArray, members: IntArray) -> FloatArray:
+        """``(r, s, s)`` of the errors that all points of a request share."""
+        cov = self._view.shared_cov[rows]
+        cov[:, ELEVATION, ELEVATION] += self._vars[0][members]
+        return cov
+
+
+def _say_beside(asides_m: Sequence[float]) -> Iterable[tuple[str, ...]]:
+    for off in asides_m:
+        yield (f"the top is seen {off:.2f} m beside the vertical through the base: base and top of one object?",)
+
+
+def _always(sentence: str) -> Say:
+    return lambda rows, _: [(sentence,)] * len(rows)
+
+
+def _cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
+    """The largest part of the variance, how well its input is known, and what to do about it."""
+    known = ""
+    if first.source in _STATED:
+        known = f" (std {math.degrees(stds[STD_NAMES.index(_STATED[first.source])]):.1f} deg)"
+    elif first.source == "height":
+        of = "" if sample.height_source is None else f" of {sample.height_source}"
+        known = f"{of} (std {stds[STD_NAMES.index('height_agl_m')]:.1f} m)"
+    return f"{100 * first.share:.0f} % of the variance is from {first.source}{known}; {first.remedy}"
+
+
+def _picked(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> PixelRays:
+    """Rays of some columns of pixels, in those images where each has pixels of its own."""
+    parts = rays.rays_cam, rays.by_px, rays.by_intrinsics
+    if rays.rays_cam.ndim == 2:  # noqa: PLR2004 - all images share the pixels
+        return PixelRays(*(part[columns] for part in parts))
+    return PixelRays(*(part[rows, columns] for part in parts))
+
+
+def _directions(rays: PixelRays, columns: IntArray, poses: PoseBatch) -> Directions:
+    """Directions ``(n, g, q)`` in ENU of the rays of some of a view's pixels."""
+    found = pixel_directions(_picked(rays, slice(None), columns.ravel()), poses.pose)
+    parts = (found.directions_enu, found.jac_shared, found.jac_px)
+    return Directions(*(part.reshape(len(poses), *columns.shape, *part.shape[2:]) for part in parts))

@@ -1,0 +1,142 @@
+"""Widths between two banks each, of many places in one image, with everything that they have in common.
+
+All widths share the pose, the lens and the water's elevation; how far the banks are seen off along their transects is
+each bank's own, but for what all banks of an image have in common.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.covariance import Z95, shared_covariance
+from aerodft.dft.projection import GroundPoints, project
+from aerodft.dft.request import Setup
+from aerodft.model.arrays import BoolArray, FloatArray
+from aerodft.model.pose import Pose
+
+_DRAWS: Final = 4000
+_SEED: Final = 7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BankPair:
+    """What is seen of the two ends of each width.
+
+    Attributes:
+        pixels_px: ``(n, 2, 2)``: left, then right bank.
+        across_px: ``(n, 2, 2)`` unit vectors along the transect in the image, from water to land.
+        std_px: ``(n, 2)`` along ``across_px``, each bank's own.
+        common_px: Standard deviation of what all banks are seen too far out, along ``across_px``.
+        otherwise_m: ``(n,)``: how much wider the river is by another reading of the image, one standard deviation: one
+            error for all of them.
+    """
+
+    pixels_px: FloatArray
+    across_px: FloatArray
+    std_px: FloatArray
+    common_px: float
+    otherwise_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RiverWidths:
+    """Widths of one image, with their joint covariance.
+
+    Attributes:
+        width_m: ``(n,)`` horizontal; NaN where an end has no ground.
+        shared: ``(n, s)``: how much each width changes by one standard deviation of each independent shared error, m.
+        own_m: ``(n,)`` standard deviation of what is each width's own.
+        range_share: ``(n,)`` relative standard deviation of the less certain end's slant range.
+        points_enu_m: ``(n, 2, 3)``.
+    """
+
+    width_m: FloatArray
+    shared: FloatArray
+    own_m: FloatArray
+    range_share: FloatArray
+    points_enu_m: FloatArray
+
+    @property
+    def std_m(self) -> FloatArray:
+        """``(n,)``."""
+        return np.asarray(np.sqrt(np.sum(self.shared**2, axis=-1) + self.own_m**2))
+
+    @property
+    def ci95_m(self) -> FloatArray:
+        """``(n, 2)``."""
+        half = Z95 * self.std_m
+        return np.stack([np.maximum(self.width_m - half, 0.0), self.width_m + half], axis=-1)
+
+    @property
+    def usable(self) -> BoolArray:
+        """``(n,)``: which widths have ground at both ends that is known well enough."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.isfinite(self.width_m) & (self.range_share <= MAX_RELATIVE_RANGE_STD))
+
+    def taken(self, which: BoolArray) -> "RiverWidths":
+        """Some of them: ``which (n,)``."""
+        return RiverWidths(
+            self.width_m[which],
+            self.shared[which],
+            self.own_m[which],
+            self.range_share[which],
+            self.points_enu_m[which],
+        )
+
+    def covariance(self) -> FloatArray:
+        """``(n, n)``."""
+        return self.shared @ self.shared.T + np.diag(self.own_m**2)
+
+    def median(self, used: BoolArray) -> tuple[float, float, tuple[float, float]]:
+        """Median of the used widths, its standard deviation and its 95 % interval, m.
+
+        What all widths have in common does not average out. The errors are drawn: a median has no useful derivative.
+        """
+        width, shared, own = self.width_m[used], self.shared[used], self.own_m[used]
+        generator = np.random.default_rng(_SEED)
+        errors = generator.standard_normal((_DRAWS, shared.shape[1])) @ shared.T
+        errors += generator.standard_normal((_DRAWS, len(width))) * own
+        drawn = np.median(width + errors, axis=-1)
+        middle = float(np.median(width))
+        low, high = (float(each) for each in np.quantile(drawn, [0.025, 0.975]))
+        return middle, float(np.std(drawn)), (max(low, 0.0), high)
+
+
+def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
+    """Widths between pairs of bank pixels; pinhole model, level water at ``setup.elevation_m``."""
+    count = len(banks.pixels_px)
+    ground = project(setup.camera, pose, banks.pixels_px, setup.elevation_m, setup.model)
+    points = ground.points_enu_m
+    with np.errstate(invalid="ignore", divide="ignore"):
+        apart = (points[:, 0] - points[:, 1]) * [1.0, 1.0, 0.0]
+        width = np.linalg.norm(apart, axis=-1)
+        unit = apart / width[:, None]
+    by_points = np.stack([unit, -unit], axis=1)
+    by_shared = np.einsum("nki,nkis->ns", by_points, ground.jac_shared)
+    by_offset = np.einsum("nki,nkij,nkj->nk", by_points, ground.jac_px, banks.across_px)
+    own = np.sqrt(np.sum(np.square(by_offset * banks.std_px), axis=-1))
+    root = _root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
+    common = banks.common_px * by_offset.sum(axis=-1)
+    shared = np.concatenate([by_shared @ root, common[:, None], banks.otherwise_m[:, None]], axis=-1)
+    return RiverWidths(width, shared, own, _range_share(ground, pose, root), points.reshape(count, 2, 3))
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """The symmetric root ``(s, s)`` of a covariance, which may be singular.
+
+    Of covariances that are alike the roots are: an error that several images share is the same column in each.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def _range_share(ground: GroundPoints, pose: Pose, root: FloatArray) -> FloatArray:
+    sight = ground.points_enu_m - pose.position_enu_m
+    with np.errstate(invalid="ignore", divide="ignore"):
+        range_m = np.linalg.norm(sight, axis=-1)
+        moved = ground.jac_shared.copy()
+        moved[..., :3] -= np.eye(3)  # the camera's own motion is not seen from the ground point
+        by = np.einsum("nki,nkis->nks", sight / range_m[..., None], moved) @ root
+        return np.asarray(np.max(np.linalg.norm(by, axis=-1) / range_m, axis=-1))

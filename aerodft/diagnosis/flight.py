@@ -1,0 +1,298 @@
+"""What a flight's telemetry gives: poses as an import would make them, and heights that contradict each other."""
+
+import re
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.model.height import HeightDifference
+from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.status import Status
+from aerodft.service.pose.source import PoseSource
+from aerodft.service.streams import LAST
+
+_FINE_FOR_NS: Final = 10 * SECOND_NS  # a link is listened to for that long
+_MOST_MOMENTS, _FEWEST_MOMENTS = 2000, 50  # asked for at once: the fewer, the more often the clock has jumped
+_FINE_NS: Final = SECOND_NS // 10
+_MOST_TOLD: Final = 3
+_RARE: Final = 0.02  # share of a flight
+_NUMBER: Final = re.compile(r"[-+]?\d+(\.\d+)?")
+_FEW: Final = 0.1  # share of the comparisons; noise makes one in twenty
+
+
+@dataclass(slots=True)
+class Reason:
+    """Why there was no pose at moments of one status.
+
+    Attributes:
+        words: As it was said first.
+        first_s: When that was, since the first frame.
+        seconds: How long it was said, whatever its numbers were.
+    """
+
+    words: str
+    first_s: float
+    seconds: float = 0.0
+
+
+@dataclass(slots=True)
+class Span:
+    """All moments of one status.
+
+    Attributes:
+        seconds: How long, together.
+        reasons: Why, by what was said without its numbers.
+    """
+
+    seconds: float = 0.0
+    reasons: dict[str, Reason] = field(default_factory=dict)
+
+    def add(self, words: str, at_s: float, seconds: float) -> None:
+        """Count one moment."""
+        self.seconds += seconds
+        self.reasons.setdefault(_NUMBER.sub("", words), Reason(words, at_s)).seconds += seconds
+
+    @property
+    def example(self) -> str:
+        """What was said for the longest time, and when it began."""
+        reason = max(self.reasons.values(), key=lambda each: each.seconds)
+        return f"first {reason.first_s:.0f} s after the start: {reason.words}"
+
+
+@dataclass(slots=True)
+class Poses:
+    """What became of the moments of a flight, by status."""
+
+    spans: dict[Status, Span] = field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """How long the flight was."""
+        return sum(span.seconds for span in self.spans.values())
+
+    @property
+    def ok_s(self) -> float:
+        """For how long images could be measured."""
+        return self.spans[Status.OK].seconds if Status.OK in self.spans else 0.0
+
+    def add(self, sample: PoseSample, at_s: float, seconds: float) -> None:
+        """Count one moment."""
+        words = "" if sample.status is Status.OK else next(iter(sample.reasons), "")
+        self.spans.setdefault(sample.status, Span()).add(words, at_s, seconds)
+
+    def document(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        worst = {str(status): round(span.seconds, 1) for status, span in self.faults()}
+        return {"seconds": round(self.seconds, 1), "ok_s": round(self.ok_s, 1), "no_answer_s": worst}
+
+    def faults(self) -> list[tuple[Status, Span]]:
+        """What is no pose, the longest first."""
+        faults = ((status, span) for status, span in self.spans.items() if status is not Status.OK)
+        return sorted(faults, key=lambda item: -item[1].seconds)
+
+    def note(self) -> str:
+        """For how long there is a pose, and why there is none for the rest."""
+        said = ", ".join(f"{status} in {span.seconds:.0f} s" for status, span in self.faults() if span.seconds >= 1)
+        return f"images could be measured in {self.ok_s:.0f} of {self.seconds:.0f} s" + (f"; {said}" if said else "")
+
+    def problem(self) -> str:
+        """Why most images would have no answer; empty where most have one."""
+        if self.ok_s * 2 > self.seconds:
+            return ""
+        told = "; ".join(
+            f"{status} in {span.seconds:.0f} s ({span.example})"
+            for status, span in self.faults()[:_MOST_TOLD]
+            if span.seconds > _RARE * self.seconds
+        )
+        if self.ok_s == 0:
+            return f"no image could be measured: {told}"
+        return f"images could be measured only in {self.ok_s:.0f} of {self.seconds:.0f} s: {told}"
+
+
+class PoseSurvey:
+    """Asks for a pose at every tenth of a second of a link, at every second of a long log.
+
+    Args:
+        source: Takes in the telemetry; is asked.
+    """
+
+    def __init__(self, source: PoseSource) -> None:
+        self._source = source
+        self._poses = Poses()
+        self._waiting: deque[tuple[int, int]] = deque()
+        self._first_ns: int | None = None
+        self._next_ns = 0
+        self._most = _MOST_MOMENTS
+
+    def add(self, first_ns: int, now_ns: int) -> None:
+        """Ask for what may be known now that telemetry was taken in that arrived between these (host UTC)."""
+        if self._first_ns is None:
+            self._first_ns = self._next_ns = first_ns
+        least_ns = (now_ns - self._next_ns) // self._most  # a clock may jump by decades, again and again
+        if least_ns > SECOND_NS:
+            self._most = max(self._most // 2, _FEWEST_MOMENTS)
+        while self._next_ns <= now_ns:
+            usual_ns = _FINE_NS if self._next_ns - self._first_ns < _FINE_FOR_NS else SECOND_NS
+            step_ns = max(usual_ns, min(least_ns, now_ns - self._next_ns))
+            self._waiting.append((self._next_ns, step_ns))
+            self._next_ns += step_ns
+        self._ask(final=False)
+
+    def poses(self) -> Poses:
+        """What became of all moments; nothing is waited for any more."""
+        self._ask(final=True)
+        return self._poses
+
+    def _ask(self, *, final: bool) -> None:
+        """Ask for the poses at the moments that wait, up to the first whose telemetry may still come."""
+        if not self._waiting:
+            return
+        arrivals_ns = np.array([arrival_ns for arrival_ns, _ in self._waiting])
+        ticks, no = np.broadcast_to(LAST, arrivals_ns.shape), np.full(len(arrivals_ns), fill_value=False)
+        stamps_ns = self._source.clock.host_to_utc(arrivals_ns, ticks)
+        poses, is_pending = self._source.at(stamps_ns, ticks, final=no | final, by_utc=no)
+        count = int(np.argmax(is_pending)) if np.any(is_pending) else len(is_pending)
+        for sample in poses[:count]:
+            arrival_ns, step_ns = self._waiting.popleft()
+            # A pose speaks for no more than a second, the silence of a clock that jumped for all of it.
+            spoken_ns = min(step_ns, SECOND_NS) if sample.status is Status.OK else step_ns
+            self._poses.add(sample, (arrival_ns - (self._first_ns or 0)) / SECOND_NS, spoken_ns / SECOND_NS)
+
+
+@dataclass(slots=True)
+class HeightPair:
+    """Two sources over a flight.
+
+    Attributes:
+        steps_m: The second one minus the first, once a second where both spoke.
+        stamps_ns: When (UTC).
+        beyond: In how many of these that is more than their stds explain.
+    """
+
+    steps_m: list[float] = field(default_factory=list)
+    stamps_ns: list[int] = field(default_factory=list)
+    beyond: int = 0
+
+    def add(self, difference: HeightDifference) -> None:
+        """Count one comparison, at most one a second."""
+        if self.stamps_ns and abs(difference.stamp_ns - self.stamps_ns[-1]) < SECOND_NS:
+            return
+        self.steps_m.append(difference.step_m)
+        self.stamps_ns.append(difference.stamp_ns)
+        self.beyond += difference.is_beyond
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the two differ more often than by chance."""
+        return self.beyond > _FEW * len(self.steps_m)
+
+    @property
+    def far(self) -> str:
+        """By how much the second one is above or below, in words."""
+        median_m = float(np.median(self.steps_m))
+        return f"{abs(median_m):.2f} m {'below' if median_m < 0 else 'above'}"
+
+    def sentence(self, first: str, second: str, advice: str) -> str:
+        """How the two differ, and what to do."""
+        return (
+            f"heights disagree: {second} is {self.far} {first} in the median "
+            f"({min(self.steps_m):+.2f} to {max(self.steps_m):+.2f} m), beyond their std in {self.beyond} of "
+            f"{len(self.steps_m)} comparisons: {advice}"
+        )
+
+
+class HeightPairs:
+    """All pairs of sources that spoke at the same time."""
+
+    def __init__(self) -> None:
+        self._pairs: dict[tuple[str, str], HeightPair] = {}
+
+    def add(self, differences: list[HeightDifference]) -> None:
+        """Take in what the sources said at one time."""
+        for each in differences:
+            self._pairs.setdefault((str(each.source), str(each.other)), HeightPair()).add(each)
+
+    def documents(self) -> list[dict[str, Any]]:
+        """Plain JSON values, one document a pair."""
+        return [
+            {
+                "source": first,
+                "other": second,
+                "compared": len(pair.steps_m),
+                "beyond_std": pair.beyond,
+                "step_median_m": round(float(np.median(pair.steps_m)), 3),
+                "step_low_m": round(min(pair.steps_m), 3),
+                "step_high_m": round(max(pair.steps_m), 3),
+            }
+            for (first, second), pair in self._pairs.items()
+        ]
+
+    def sentences(self, home_above_plane_m: float = 0.0) -> list[str]:
+        """One sentence for each pair that disagrees more often than by chance; one for a source that is alone.
+
+        Args:
+            home_above_plane_m: What is added to heights above home, of which a better one may follow.
+        """
+        apart = {names: pair for names, pair in self._pairs.items() if pair.disagrees}
+        for alone in dict.fromkeys(name for names in apart for name in names):
+            against = {
+                _other(names, alone): _seen_from(names, pair, alone) for names, pair in apart.items() if alone in names
+            }
+            if len(against) > 1 and self._agree(list(against)):
+                rest = {names: pair for names, pair in apart.items() if alone not in names}
+                return [_alone(alone, against, home_above_plane_m), *_sentences(rest, home_above_plane_m)]
+        return _sentences(apart, home_above_plane_m)
+
+    def _agree(self, names: list[str]) -> bool:
+        """Whether these sources were compared, and agree."""
+        pairs = [pair for pair_names, pair in self._pairs.items() if set(pair_names) <= set(names)]
+        return bool(pairs) and not any(pair.disagrees for pair in pairs)
+
+
+def _sentences(apart: dict[tuple[str, str], HeightPair], home_above_plane_m: float) -> list[str]:
+    """One sentence for each pair."""
+    sentences = []
+    for names, pair in apart.items():
+        alone = str(HeightSource.HOME) if HeightSource.HOME in names else names[1]
+        advice = _advice(alone, _seen_from(names, pair, alone).steps_m, home_above_plane_m)
+        sentences.append(pair.sentence(*names, f"if {_other(names, alone)} is right, {advice}"))
+    return sentences
+
+
+def _advice(name: str, steps_m: list[float], home_above_plane_m: float) -> str:
+    """What to do about a source that is so far above others that speak of the ground below."""
+    if name != HeightSource.HOME:
+        return "take it out of telemetry.height.order, or see std_m"
+    middle_m = float(np.median(steps_m))
+    if max(steps_m) - min(steps_m) < abs(middle_m):
+        return f"set telemetry.height.home_above_plane_m = {round(home_above_plane_m - middle_m, 1) + 0.0:g}"
+    return (
+        "the ground below is not level with home: measure by what speaks of it (telemetry.height.order), and describe "
+        "ground that is no plane in [ground]"
+    )
+
+
+def _other(names: tuple[str, str], name: str) -> str:
+    return names[1] if name == names[0] else names[0]
+
+
+def _seen_from(names: tuple[str, str], pair: HeightPair, name: str) -> HeightPair:
+    """The pair with this source as the second one."""
+    if name == names[1]:
+        return pair
+    return HeightPair(steps_m=[-step_m for step_m in pair.steps_m], stamps_ns=pair.stamps_ns, beyond=pair.beyond)
+
+
+def _alone(name: str, against: dict[str, HeightPair], home_above_plane_m: float) -> str:
+    """That one source contradicts others, which agree; and what to do."""
+    others = " and ".join(against)
+    steps_m = [step_m for pair in against.values() for step_m in pair.steps_m]
+    far = " and ".join(f"{pair.far} {other}" for other, pair in against.items())
+    beyond = " and ".join(f"{pair.beyond} of {len(pair.steps_m)}" for pair in against.values())
+    return (
+        f"heights disagree: {name} is {far} in the median ({min(steps_m):+.2f} to {max(steps_m):+.2f} m), beyond "
+        f"their std in {beyond} comparisons, while {others} agree: {_advice(name, steps_m, home_above_plane_m)}"
+    )

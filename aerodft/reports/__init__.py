@@ -1,0 +1,1 @@
+"""Figures and documents: values in, files out."""

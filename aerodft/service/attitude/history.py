@@ -1,0 +1,116 @@
+"""A whole log's attitudes in UTC, for what looks at a flight from outside its run: the alignment of a video."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
+from aerodft.service.attitude.sources import AttitudeSources
+from aerodft.service.clocks.clock_map import ClockMap
+from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.feed import MergedFeed
+from aerodft.service.ports import Source, TelemetryDecoder
+from aerodft.service.settings import AttitudeSettings
+from aerodft.service.streams import LAST
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeSeries:
+    """One stream of attitudes.
+
+    Attributes:
+        stamp_ns: ``(n,)`` UTC, strictly ascending.
+        wxyz: ``(n, 4)`` ``ned_SO3_body`` of a vehicle, ``ref_SO3_gimbal`` of a gimbal.
+        yaw_in_earth: ``(n,)`` of a gimbal, as in ``GimbalTrack``; of a vehicle always true.
+    """
+
+    stamp_ns: IntArray
+    wxyz: FloatArray
+    yaw_in_earth: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeHistory:
+    """The attitudes of one vehicle; streams without a sample are left out.
+
+    Attributes:
+        vehicle: Its own.
+        gimbals: Their reports.
+        frames: What the roll and pitch of each gimbal are against, as far as it was set or found.
+    """
+
+    vehicle: AttitudeSeries | None
+    gimbals: dict[GimbalSource, AttitudeSeries]
+    frames: dict[GimbalSource, ReportFrame]
+
+
+@dataclass(slots=True)
+class _Rows:
+    stamps: list[IntArray] = field(default_factory=list)
+    wxyz: list[FloatArray] = field(default_factory=list)
+    in_earth: list[FloatArray] = field(default_factory=list)
+
+    def shift(self, by_ns: int) -> None:
+        """What time it was is known better now."""
+        self.stamps = [stamps + by_ns for stamps in self.stamps]
+
+    def series(self) -> AttitudeSeries | None:
+        """What was gathered; of samples with one stamp, or that go back, the first in time."""
+        if not self.stamps:
+            return None
+        stamps, order = np.unique(np.concatenate(self.stamps), return_index=True)
+        wxyz, in_earth = np.concatenate(self.wxyz)[order], np.concatenate(self.in_earth)[order]
+        return AttitudeSeries(stamp_ns=stamps, wxyz=wxyz, yaw_in_earth=in_earth)
+
+
+def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeSettings) -> AttitudeHistory:
+    """Read through a log once; stamps are those of the clock map, as in a run.
+
+    After a reboot only what follows counts: what came before is on another clock.
+
+    Args:
+        log: The log.
+        decoder: Of its frames.
+        settings: Which gimbals are heard, and what they report against, where that is known.
+    """
+    clock, sources = ClockMap(), AttitudeSources(settings)
+    vehicle, gimbals = _Rows(), dict[GimbalSource, _Rows]()
+    for batch in MergedFeed([log], SECOND_NS, linger_ns=0, longest_ns=0).batches():
+        tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
+        heard = clock.update(Ticks.one(tracks))
+        if heard is None:
+            continue
+        if heard.restarted:
+            vehicle, gimbals = _Rows(), {}
+            sources.clear()
+        elif heard.shift_ns:
+            for rows in (vehicle, *gimbals.values()):
+                rows.shift(heard.shift_ns)
+            sources.shift(heard.shift_ns)
+        sources.commit()
+        for track in heard.ticks.tracks:
+            stamps_ns = clock.to_utc(track, LAST)
+            sources.append(track, stamps_ns)
+            _take(track, stamps_ns, vehicle, gimbals)
+    found = {source: rows.series() for source, rows in gimbals.items()}
+    frames = {source: settings.frame or evidence.frame for source, evidence in sources.evidence().items()}
+    return AttitudeHistory(
+        vehicle=vehicle.series(),
+        gimbals={source: series for source, series in found.items() if series is not None},
+        frames={source: frame for source, frame in frames.items() if frame is not None},
+    )
+
+
+def _take(track: Track, stamps_ns: IntArray, vehicle: _Rows, gimbals: dict[GimbalSource, _Rows]) -> None:
+    if isinstance(track, VehicleTrack):
+        rows, in_earth = vehicle, np.ones(len(stamps_ns))
+    elif isinstance(track, GimbalTrack):
+        rows, in_earth = gimbals.setdefault(track.source, _Rows()), track.yaw_in_earth.astype(np.float64)
+    else:
+        return
+    rows.stamps.append(stamps_ns)
+    rows.wxyz.append(track.wxyz)
+    rows.in_earth.append(in_earth)

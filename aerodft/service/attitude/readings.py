@@ -1,0 +1,231 @@
+"""What tells a camera's attitude at a stamp, and the attitudes that many such readings come to at once."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ
+from aerodft.geometry.rotation import (
+    camera_from_gimbal,
+    from_yaw_pitch_roll,
+    inverse,
+    matrix,
+    multiply,
+    slerp,
+    to_rotation_vector,
+    turned,
+)
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import ReportFrame
+from aerodft.service.attitude.attitude_kinematics import Ends, Turning, carrier, heading_of
+from aerodft.service.attitude.slew import Demands, jump_std, lag_std
+from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
+from aerodft.service.streams import Missing
+
+_CAM_FROM_STRAIGHT: Final = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ)))  # of a camera that looks along x
+_USUAL_TILT_RAD: Final = math.radians(5)  # of a vehicle that does not report its attitude
+
+
+class AttitudeNote(NamedTuple):
+    """What an attitude says besides its numbers.
+
+    Attributes:
+        source: Where it came from.
+        is_demand: Whether the report may be what the gimbal was told, not what it did.
+        reasons: What was corrected, or is not known of the report.
+    """
+
+    source: GimbalSource
+    is_demand: bool
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttitudeBatch:
+    """Where the camera looks at ``n`` stamps.
+
+    Attributes:
+        wxyz: ``(n, 4)`` ``enu_SO3_cam``.
+        rate_cam_radps: ``(n, 3)`` angular rate in camera axes.
+        age_s: ``(n,)`` distance in time to the nearest sample used.
+        report_std_rad: ``(n, 3)`` about the camera's axes, beside the settings': how far off the report may be at this
+            stamp, because it jumps, leads the camera, or may be against the vehicle.
+        note: ``(n,)`` which of ``notes`` belongs to each; -1 where there is no attitude.
+        notes: What attitudes say besides their numbers.
+        missing: ``(n,)`` why there is none, as ``Missing``.
+        refusals: By row, why reports cannot be believed, in a sentence.
+    """
+
+    wxyz: FloatArray
+    rate_cam_radps: FloatArray
+    age_s: FloatArray
+    report_std_rad: FloatArray
+    note: IntArray
+    notes: tuple[AttitudeNote, ...]
+    missing: IntArray
+    refusals: dict[int, str]
+
+    @staticmethod
+    def none(count: int) -> "AttitudeBatch":
+        """``count`` stamps without an attitude."""
+        wxyz, rate, std = np.full((count, 4), np.nan), np.full((count, 3), np.nan), np.full((count, 3), np.nan)
+        note, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
+        return AttitudeBatch(wxyz, rate, np.full(count, np.nan), std, note, (), missing, {})
+
+    @staticmethod
+    def known(
+        wxyz: FloatArray,
+        rate: FloatArray,
+        age_s: FloatArray,
+        std: FloatArray,
+        note: IntArray,
+        notes: Sequence[AttitudeNote],
+    ) -> "AttitudeBatch":
+        """Attitudes at all of ``n`` stamps."""
+        missing = np.full(len(wxyz), int(Missing.NO))
+        return AttitudeBatch(wxyz, rate, age_s, std, note, tuple(notes), missing, {})
+
+    def put(self, rows: IntArray, others: "AttitudeBatch") -> "AttitudeBatch":
+        """With ``others`` written into some rows ``(m,)`` of these arrays."""
+        for name in ("wxyz", "rate_cam_radps", "age_s", "report_std_rad"):
+            getattr(self, name)[rows] = getattr(others, name)
+        self.note[rows] = others.note + len(self.notes)
+        return replace(self, notes=(*self.notes, *others.notes))
+
+    def rows(self, rows: IntArray) -> "AttitudeBatch":
+        """Attitudes by their indices ``(m,)``."""
+        numbers = self.wxyz[rows], self.rate_cam_radps[rows], self.age_s[rows], self.report_std_rad[rows]
+        refusals = {new: self.refusals[old] for new, old in enumerate(rows.tolist()) if old in self.refusals}
+        return AttitudeBatch(*numbers, self.note[rows], self.notes, self.missing[rows], refusals)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Readings:
+    """What tells a camera's attitude at ``n`` stamps, in one way.
+
+    Attributes:
+        source: Where it comes from.
+        age_s: ``(n,)`` distance in time to the nearest sample used.
+        report: The gimbal's ``ref_SO3_gimbal`` around the stamps; None without a gimbal.
+        previous: ``(n, 4)`` the reports before those; NaN where there is none.
+        vehicle: The vehicle's ``ned_SO3_body``; None where it is not known, and not needed.
+        frame: What the reports' roll and pitch are against.
+        yaw_in_earth: Whether their yaw is against north.
+        demands: What was demanded before, and all that the gimbal reported ``(k, 4)``; None where these are no demands.
+        is_body_found: Whether what the reports are against was found, not stated, and is the vehicle.
+        body_probability: ``(n,)`` that it is the vehicle, where that was neither stated nor found; else 0.
+    """
+
+    source: GimbalSource
+    age_s: FloatArray
+    report: Ends | None = None
+    previous: FloatArray | None = None
+    vehicle: Ends | None = None
+    frame: ReportFrame = ReportFrame.EARTH
+    yaw_in_earth: bool = True
+    demands: tuple[Demands, FloatArray] | None = None
+    is_body_found: bool = False
+    body_probability: FloatArray | None = None
+
+
+class Resolver:
+    """Turns readings into attitudes."""
+
+    def __init__(self, settings: AttitudeSettings) -> None:
+        self._settings = settings
+        self._camera = _mounted(settings.camera_on_gimbal)
+
+    def resolved(self, readings: Readings) -> AttitudeBatch:
+        """The attitudes that readings come to."""
+        if readings.report is None:
+            return self._carried(readings)
+        return self._stabilised(readings, readings.report)
+
+    def _carried(self, readings: Readings) -> AttitudeBatch:
+        """Cameras that are bolted to the vehicle."""
+        assert readings.vehicle is not None  # noqa: S101 - the callers' own condition, for the type checker
+        bolted = readings.vehicle.between().carrying(_mounted(self._settings.fixed_mount))
+        wxyz, rate = _camera_axes(bolted)
+        which = np.zeros(len(wxyz), dtype=np.int64)
+        notes = (AttitudeNote(readings.source, is_demand=False, reasons=()),)
+        return AttitudeBatch.known(wxyz, rate, readings.age_s, np.zeros((len(wxyz), 3)), which, notes)
+
+    def _stabilised(self, readings: Readings, report: Ends) -> AttitudeBatch:
+        """Cameras on gimbals."""
+        looking, vehicle = report.between(), readings.vehicle
+        if vehicle is not None and not (readings.yaw_in_earth and readings.frame is ReportFrame.EARTH):
+            looking = carrier(vehicle, readings.frame, yaw_in_earth=readings.yaw_in_earth).carrying(looking)
+        doubt = self._doubt_std(readings, vehicle, looking)
+        slew = self._report_std(readings, report)
+        std = np.hypot(slew, doubt)
+        cam_from_gimbal = _CAM_FROM_STRAIGHT @ matrix(inverse(self._camera.wxyz[0]))
+        stds = np.sqrt(turned(cam_from_gimbal**2, std**2))
+        wxyz, rate = _camera_axes(looking.carrying(self._camera))
+        return AttitudeBatch.known(wxyz, rate, readings.age_s, stds, *self._notes(readings, doubt, slew))
+
+    def _report_std(self, readings: Readings, report: Ends) -> FloatArray:
+        """How far cameras may be from their reports ``(n, 3)``, in gimbal axes, because these jump or lead."""
+        assert readings.previous is not None  # noqa: S101 - goes with the report
+        jump = jump_std(readings.previous, report.before, report.after, report.weight)
+        if readings.demands is None:
+            return np.abs(jump)
+        now = slerp(report.before, report.after, report.weight)
+        return np.hypot(jump, lag_std(*readings.demands, now, self._settings.slew_radps))
+
+    def _doubt_std(self, readings: Readings, vehicle: Ends | None, looking: Turning) -> FloatArray:
+        """Standard deviations ``(n, 3)`` in gimbal axes of the standard's reading, wrong or not by the vehicle's tilt.
+
+        0 where the reports' frame is known.
+        """
+        if readings.body_probability is None or not np.any(readings.body_probability):
+            return np.zeros((len(looking.wxyz), 3))
+        share = np.sqrt(readings.body_probability)[:, None]
+        if vehicle is None:
+            return np.repeat(share * _USUAL_TILT_RAD, 3, axis=1)
+        attitude = slerp(vehicle.before, vehicle.after, vehicle.weight)
+        tilt_ned = to_rotation_vector(multiply(attitude, inverse(heading_of(attitude))))
+        return np.abs(share * turned(matrix(inverse(looking.wxyz)), tilt_ned))
+
+    def _notes(
+        self, readings: Readings, doubt: FloatArray, slew: FloatArray
+    ) -> tuple[IntArray, tuple[AttitudeNote, ...]]:
+        """What was corrected, or is not known, by standard deviations ``(n, 3)``; a turn counts from its own std on.
+
+        Returns:
+            Which of the notes ``(n,)``, and these.
+        """
+        source, stated_rad = readings.source, self._settings.std.tilt_rad
+        if readings.is_body_found:
+            added = f"{source} is body-frame (against the vehicle, not the horizon): the vehicle's attitude was added"
+        else:
+            added = ""
+        unknown = f"whether {source} is earth-frame or body-frame is not known yet: the std covers both"
+        turning = f"the gimbal may still be turning to what {source} says: the std covers its way there"
+        is_doubtful = np.max(doubt, axis=1) > stated_rad
+        is_turning = np.max(slew, axis=1) > max(stated_rad, DEMAND_TILT_STD_RAD)
+        notes = tuple(
+            AttitudeNote(
+                source,
+                readings.demands is not None,
+                (*((added or unknown,) if added or doubts else ()), *((turning,) if turns else ())),
+            )
+            for doubts in (False, True)
+            for turns in (False, True)
+        )
+        return 2 * is_doubtful + is_turning, notes
+
+
+def _mounted(mount: FixedMount | None) -> Turning:
+    """The camera on what it is bolted to."""
+    if mount is None:
+        return Turning(np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)))
+    return Turning(from_yaw_pitch_roll([mount.yaw_rad], mount.pitch_rad, mount.roll_rad), np.zeros((1, 3)))
+
+
+def _camera_axes(straight: Turning) -> tuple[FloatArray, FloatArray]:
+    """``enu_SO3_cam (n, 4)`` and rates ``(n, 3)`` in camera axes of cameras that look along x, in NED."""
+    return camera_from_gimbal(straight.wxyz), turned(_CAM_FROM_STRAIGHT, straight.rate_radps)

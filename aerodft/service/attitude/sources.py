@@ -1,0 +1,258 @@
+"""The camera's attitude at stamps, each from the first source in the configured order that has one."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from aerodft.geometry.interpolation import Brackets
+from aerodft.geometry.rotation import slerp
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GimbalSource
+from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
+from aerodft.service.attitude.attitude_kinematics import Ends
+from aerodft.service.attitude.gimbal_frame import FrameEvidence
+from aerodft.service.attitude.gimbal_reports import Gimbal
+from aerodft.service.attitude.readings import AttitudeBatch, Readings, Resolver
+from aerodft.service.settings import AttitudeSettings
+from aerodft.service.streams import LAST, Missing, Stream
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is asked of a gimbal.
+
+    Attributes:
+        stamps_ns: ``(n,)`` UTC.
+        ticks: ``(n,)`` as of which each is asked.
+        found: The gimbal's samples around the stamps, all of which are known.
+        vehicle: The vehicle's samples around them.
+    """
+
+    stamps_ns: IntArray
+    ticks: IntArray
+    found: Brackets
+    vehicle: Brackets
+
+    def rows(self, rows: IntArray) -> "Asked":
+        """Some of it."""
+        return Asked(self.stamps_ns[rows], self.ticks[rows], self.found.rows(rows), self.vehicle.rows(rows))
+
+
+class _Way(NamedTuple):
+    """What reports have in common that are read in one way."""
+
+    frame: ReportFrame
+    is_body_found: bool
+    is_demand: bool
+    yaw_in_earth: bool
+    has_vehicle: bool
+
+
+def refusal(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame | None) -> str | None:
+    """Why reports cannot be read as stated, or cannot be read at all, in a sentence; None where they can."""
+    if stated is ReportFrame.EARTH and evidence.frame is ReportFrame.BODY:
+        return (
+            f"{source} is body-frame (against the vehicle, not the horizon): it undid {evidence.undone} of the "
+            f"vehicle's {evidence.motions} motions; "
+            'set telemetry.attitude.frame = "auto" or "body"'
+        )
+    if stated is None and evidence.contradictory:
+        return (
+            f"{source} is earth-frame (against the horizon) at times and body-frame (against the vehicle) at others; "
+            'set telemetry.attitude.frame = "earth" or "body"'
+        )
+    return None
+
+
+def readings_of(
+    source: GimbalSource, gimbal: Gimbal, vehicle: Stream, stated: ReportFrame | None, asked: Asked
+) -> Iterator[tuple[IntArray, Readings]]:
+    """Readings of reports, with the rows of what was asked that they answer.
+
+    Args:
+        source: The message.
+        gimbal: Its reports.
+        vehicle: The vehicle's attitude.
+        stated: What roll and pitch are against, where that is not to be found.
+        asked: What is asked; its reports can be read.
+    """
+    in_earth, _ = asked.found.ends(gimbal.stream.column("yaw_in_earth"))
+    known, which = gimbal.evidence_at(vehicle, asked.ticks)
+    probability = np.zeros(len(which))
+    rows_of: dict[_Way, list[IntArray]] = {}
+    for number in np.unique(which).tolist():
+        evidence = known[number]
+        rows = np.flatnonzero(which == number)
+        if stated is None and evidence.frame is None:
+            probability[rows] = evidence.body_probability
+        is_body_found = stated is None and evidence.frame is ReportFrame.BODY
+        is_demand = gimbal.is_demand(evidence.frame, asked.ticks[rows])
+        bits = is_demand, in_earth[rows] > 0, asked.vehicle.is_known[rows]
+        ways = [_Way(stated or evidence.frame or ReportFrame.EARTH, is_body_found, *each) for each in _combined(*bits)]
+        for way in ways:
+            alike = np.all([bit == wanted for bit, wanted in zip(bits, way[2:], strict=True)], axis=0)
+            rows_of.setdefault(way, []).append(rows[alike])
+    for way, parts in rows_of.items():
+        rows = np.concatenate(parts)
+        own = asked.rows(rows)
+        ends = Ends.of(vehicle.column("wxyz"), own.vehicle) if way.has_vehicle else None
+        yield rows, _read(source, gimbal, way, own, ends, probability[rows])
+
+
+def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
+    """The combinations that occur in columns ``(n,)``."""
+    return sorted(set(zip(*(column.tolist() for column in bits), strict=True)))
+
+
+def _read(
+    source: GimbalSource, gimbal: Gimbal, way: _Way, asked: Asked, vehicle: Ends | None, body_probability: FloatArray
+) -> Readings:
+    stream, reported, found = gimbal.stream, gimbal.stream.column("wxyz"), asked.found
+    has_previous = found.before > stream.rows_known_at(asked.ticks)[0]
+    demands = gimbal.demands(found.before, asked.stamps_ns, asked.ticks) if way.is_demand else None
+    return Readings(
+        source=source,
+        age_s=stream.ages_s(asked.stamps_ns, found),
+        report=Ends.of(reported, found),
+        previous=np.where(has_previous[:, None], reported[found.before - 1], np.nan),
+        vehicle=vehicle,
+        frame=way.frame,
+        yaw_in_earth=way.yaw_in_earth,
+        demands=None if demands is None else (demands, reported),
+        is_body_found=way.is_body_found,
+        body_probability=body_probability,
+    )
+
+
+class AttitudeSources:
+    """The vehicle's and the gimbals' attitude streams."""
+
+    def __init__(self, settings: AttitudeSettings) -> None:
+        self._settings = settings
+        self._vehicle = Stream(settings.max_gap_ns)
+        self._gimbals: dict[GimbalSource, Gimbal] = {
+            source: Gimbal(settings) for source in settings.order if source is not GimbalSource.FIXED_MOUNT
+        }
+        self._resolver = Resolver(settings)
+
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams, for the watermark."""
+        return (self._vehicle, *(gimbal.stream for gimbal in self._gimbals.values()))
+
+    def clear(self) -> None:
+        """Forget all samples: their stamps are of another clock."""
+        for gimbal in self._gimbals.values():
+            gimbal.clear(self._vehicle)
+        self._vehicle.clear()
+
+    def shift(self, by_ns: int) -> None:
+        """Move all samples: what time it was when they were taken is known better now."""
+        for gimbal in self._gimbals.values():
+            gimbal.shift(by_ns, self._vehicle)
+        self._vehicle.shift(by_ns)
+
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Take a track of a step in, if it is one of attitude; as ``Stream.append``."""
+        if isinstance(track, VehicleTrack):
+            self._vehicle.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz)
+        elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
+            self._gimbals[track.source].append(track, stamps_ns, row_end_by_tick)
+
+    def commit(self) -> None:
+        """The ticks so far are over."""
+        self._vehicle.commit()
+        for gimbal in self._gimbals.values():
+            gimbal.commit(self._vehicle)
+
+    def evidence(self) -> dict[GimbalSource, FrameEvidence]:
+        """What the gimbals that reported are against, as far as it is known."""
+        heard = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.has_reported}
+        return {source: gimbal.evidence(self._vehicle) for source, gimbal in heard.items()}
+
+    def demands(self) -> dict[GimbalSource, bool]:
+        """Whether the gimbals that reported may say what they were told, not where they are."""
+        return {
+            source: bool(self._gimbals[source].is_demand(evidence.frame, LAST)[0])
+            for source, evidence in self.evidence().items()
+        }
+
+    def vehicle_at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> tuple[FloatArray, IntArray]:
+        """``ned_SO3_body (n, 4)`` at stamps, NaN where it is not known, and as ``Missing`` why."""
+        found, missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
+        wxyz = np.full((len(stamps_ns), 4), np.nan)
+        rows = np.flatnonzero(missing == Missing.NO)
+        if len(rows):
+            known = found.rows(rows)
+            wxyz[rows] = slerp(*known.ends(self._vehicle.column("wxyz")), known.weight)
+        return wxyz, missing
+
+    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> AttitudeBatch:
+        """The camera's attitudes at stamps ``(n,)``; arguments as in ``Stream.find``."""
+        found = AttitudeBatch.none(len(stamps_ns))
+        left = np.arange(len(stamps_ns))
+        for source in self._settings.order:
+            if not len(left):
+                break
+            missing, attitudes = self._source_at(source, found, left, stamps_ns[left], ticks[left], watermark_ns[left])
+            for rows, own in attitudes:
+                found = found.put(left[rows], own)
+            keeps = (missing == Missing.NEVER) & (found.missing[left] == Missing.STALE)
+            found.missing[left] = np.where(keeps, Missing.STALE, missing)
+            left = left[np.isin(missing, (Missing.STALE, Missing.NEVER))]
+        return found
+
+    def _source_at(
+        self,
+        source: GimbalSource,
+        batch: AttitudeBatch,
+        left: IntArray,
+        stamps_ns: IntArray,
+        ticks: IntArray,
+        watermark_ns: IntArray,
+    ) -> tuple[IntArray, Iterator[tuple[IntArray, AttitudeBatch]]]:
+        """Why a source tells no attitude at stamps ``(n,)``, as ``Missing``, and the attitudes that it tells."""
+        vehicle, carrier_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
+        if source is GimbalSource.FIXED_MOUNT:
+            if self._settings.fixed_mount is None:
+                carrier_missing = np.where(carrier_missing == Missing.NO, Missing.NEVER, carrier_missing)
+            rows = np.flatnonzero(carrier_missing == Missing.NO)
+            return carrier_missing, self._bolted(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
+        gimbal, stated = self._gimbals[source], self._settings.frame
+        found, missing = gimbal.stream.find(stamps_ns, ticks, watermark_ns)
+        rows = np.flatnonzero(missing == Missing.NO)
+        if not len(rows):
+            return missing, iter(())
+        carrier = carrier_missing[rows]
+        known, which = gimbal.evidence_at(self._vehicle, ticks[rows])
+        before, after = found.rows(rows).ends(gimbal.stream.column("yaw_in_earth"))
+        frames = [stated or evidence.frame or ReportFrame.EARTH for evidence in known]
+        is_against_earth = np.array([frame is ReportFrame.EARTH for frame in frames])[which] & (before > 0)
+        refusals = [refusal(source, evidence, stated) for evidence in known]
+        is_refused = np.array([why is not None for why in refusals])[which]
+        own = np.where((carrier != Missing.NO) & ~is_against_earth, carrier, Missing.NO)
+        own = np.where(before != after, Missing.STALE, own)  # no rotation leads from one reference to the other
+        own = np.where(is_refused, Missing.REFUSED, own)
+        missing[rows] = np.where(carrier == Missing.PENDING, carrier, own)
+        for row in np.flatnonzero(missing[rows] == Missing.REFUSED).tolist():
+            batch.refusals[int(left[rows[row]])] = refusals[which[row]] or ""
+        rows = rows[missing[rows] == Missing.NO]
+        asked = Asked(stamps_ns[rows], ticks[rows], found.rows(rows), vehicle.rows(rows))
+        return missing, self._gimballed(source, rows, asked) if len(rows) else iter(())
+
+    def _gimballed(
+        self, source: GimbalSource, rows: IntArray, asked: Asked
+    ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
+        """Attitudes at some rows by a gimbal's reports."""
+        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings.frame, asked):
+            yield rows[own], self._resolver.resolved(readings)
+
+    def _bolted(
+        self, source: GimbalSource, rows: IntArray, stamps_ns: IntArray, vehicle: Brackets
+    ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
+        """Attitudes at some rows of a camera that is bolted to the vehicle."""
+        known = vehicle.rows(rows)
+        age_s = self._vehicle.ages_s(stamps_ns[rows], known)
+        ends = Ends.of(self._vehicle.column("wxyz"), known)
+        yield rows, self._resolver.resolved(Readings(source=source, age_s=age_s, vehicle=ends))

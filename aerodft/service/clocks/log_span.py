@@ -1,0 +1,125 @@
+"""What a whole log covers, before it is run: its time in UTC, how late it came, and which sources it has."""
+
+from dataclasses import dataclass, field
+
+from aerodft.conventions import SECOND_NS
+from aerodft.model.pose import GimbalSource, HeightSource
+from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, Track, VehicleTrack
+from aerodft.service.clocks.clock_map import ClockMap
+from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.feed import MergedFeed
+from aerodft.service.ports import Source, TelemetryDecoder
+from aerodft.service.streams import LAST
+
+PAUSE_NS = 600 * SECOND_NS
+"""Nothing for this long is no gap in a flight: the machine slept, or its clock was set from 1970 to today."""
+
+
+@dataclass(slots=True)
+class LogSpan:
+    """A log's extent.
+
+    Attributes:
+        arrivals_ns: Host UTC of the first and last frame of every stretch without a pause of ``PAUSE_NS``.
+        first_ns: Vehicle's UTC of the first sample; None for a log without samples.
+        last_ns: Vehicle's UTC of the last sample.
+        lateness_ns: Longest time from a sample's UTC to its arrival, since the clocks last jumped. An image that is
+            to meet its telemetry must arrive this much after its stamp.
+        stretches: From which UTC and arrival on, and how late (ns), samples came between jumps of the clocks.
+        jitter_ns: How much later the latest sample came than the earliest, likewise. Stamps of the host's own clock are
+            matched to the earliest, and must wait this long.
+        heights: Height sources with at least one sample.
+        attitudes: Attitude sources with at least one sample.
+    """
+
+    arrivals_ns: list[tuple[int, int]] = field(default_factory=list)
+    first_ns: int | None = None
+    last_ns: int | None = None
+    lateness_ns: int = 0
+    stretches: list[tuple[int, int, int]] = field(default_factory=list)
+    jitter_ns: int = 0
+    heights: set[HeightSource] = field(default_factory=set)
+    attitudes: set[GimbalSource] = field(default_factory=set)
+
+    def lateness_at(self, stamp_ns: int) -> int:
+        """How much after its UTC an image must arrive to meet its telemetry (ns).
+
+        Where the vehicle's clock jumped, that is before the jump what it was before it; what the clock said twice is
+        taken for the later.
+        """
+        for first_ns, arrival_ns, lateness_ns in reversed(self.stretches):
+            if stamp_ns >= first_ns:
+                return max(lateness_ns, arrival_ns - stamp_ns)
+        return self.stretches[0][2] if self.stretches else self.lateness_ns
+
+    @property
+    def first_arrival_ns(self) -> int | None:
+        """Host UTC of the first frame; None for a log without frames."""
+        return self.arrivals_ns[0][0] if self.arrivals_ns else None
+
+    @property
+    def last_arrival_ns(self) -> int | None:
+        """Host UTC of the last frame; None for a log without frames."""
+        return self.arrivals_ns[-1][1] if self.arrivals_ns else None
+
+
+def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
+    """Read through a log once, decoding but measuring nothing."""
+    span, clock = LogSpan(), ClockMap()
+    late: list[int] = []
+    for batch in MergedFeed([log], SECOND_NS, linger_ns=0, longest_ns=0).batches():
+        for block in batch.raw:
+            _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
+        tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
+        was_known, heard = clock.is_utc_known, clock.update(Ticks.one(tracks))
+        if heard is None:
+            continue
+        if (heard.restarted or heard.shift_ns) and late:
+            _close_stretch(span, late)
+            late.clear()
+            if not was_known:
+                span.stretches.clear()  # they were not in UTC
+        for track in heard.ticks.tracks:
+            _note_source(span, track)
+            stamps = clock.to_utc(track, LAST)
+            if not late:
+                since_ns = int(track.arrival_ns.min()) if span.stretches else 0
+                span.stretches.append((int(stamps.min()), since_ns, 0))
+            late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
+            _extend(span, int(stamps.min()), int(stamps.max()))
+    _close_stretch(span, late)
+    span.lateness_ns = max(late, default=0)
+    span.jitter_ns = span.lateness_ns - min(late, default=0)
+    return span
+
+
+def _close_stretch(span: LogSpan, late: list[int]) -> None:
+    if late:
+        span.stretches[-1] = (*span.stretches[-1][:2], max(late))
+
+
+def _note_arrivals(span: LogSpan, first_ns: int, last_ns: int) -> None:
+    if span.arrivals_ns and first_ns - span.arrivals_ns[-1][1] < PAUSE_NS:
+        start_ns, stop_ns = span.arrivals_ns[-1]
+        span.arrivals_ns[-1] = (start_ns, max(stop_ns, last_ns))
+    else:
+        span.arrivals_ns.append((first_ns, last_ns))
+
+
+def _extend(span: LogSpan, low_ns: int, high_ns: int) -> None:
+    span.first_ns = low_ns if span.first_ns is None else min(span.first_ns, low_ns)
+    span.last_ns = high_ns if span.last_ns is None else max(span.last_ns, high_ns)
+
+
+def _note_source(span: LogSpan, track: Track) -> None:
+    match track:
+        case PositionTrack():
+            span.heights.add(HeightSource.HOME)
+        case HeightTrack():
+            span.heights.add(track.source)
+        case GimbalTrack():
+            span.attitudes.add(track.source)
+        case VehicleTrack():
+            span.attitudes.add(GimbalSource.FIXED_MOUNT)
+        case _:
+            pass

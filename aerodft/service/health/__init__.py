@@ -1,0 +1,1 @@
+"""What a vehicle says of its own health, and what follows for a pose."""

@@ -1,0 +1,1 @@
+"""Poses at image stamps, composed of attitude, height and position, or the reason why there is none."""

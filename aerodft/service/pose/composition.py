@@ -1,0 +1,300 @@
+"""Batches of poses out of attitudes, heights and places, in ENU over the station's ground; and why there is none."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from typing import Final, cast
+
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.geometry.ground import Ground, Plane
+from aerodft.geometry.poses import pose_covariance
+from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
+from aerodft.model.pose_batch import TIME, PoseBatch
+from aerodft.model.status import CODE_OF, CODES, Status
+from aerodft.service.attitude.readings import AttitudeBatch
+from aerodft.service.clocks.clock_map import HOST_STD_S, ClockMap
+from aerodft.service.pose.ground_below import footing, raised
+from aerodft.service.pose.height_sources import DATUM, SOURCES, HeightBatch
+from aerodft.service.pose.vehicle_position import PlaceBatch
+from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
+from aerodft.service.streams import Missing
+
+REBOOTED: Final = "the vehicle rebooted: what it had said before is forgotten"
+HOME_MOVED: Final = "the vehicle rebooted: home may be elsewhere since, and heights above it count from there"
+
+
+BY_GUESS: Final = "the vehicle has not said what UTC is: the receiving machine's clock is taken for it"
+BY_HOST: Final = "the vehicle has not said what UTC is: the stamp is the receiving machine's clock"
+
+
+def unplaced(missing: Missing, settings: HeightSettings) -> PoseSample:
+    """Status and reason of a pose over ground of which nobody knows which part is below."""
+    status, what = Status.NO_HEIGHT, "no position received yet"
+    if missing is Missing.STALE:
+        status, what = Status.STALE_TELEMETRY, no_place(settings)
+    return PoseSample(stamp_ns=0, status=status, reasons=(f"{what}, and the ground is uneven",))
+
+
+def no_place(settings: HeightSettings) -> str:
+    """Why no place is stated, where positions come: none around the stamp, or two between which nothing flies."""
+    return f"no believable position on both sides of the stamp within {settings.max_gap_ns / SECOND_NS:g} s"
+
+
+def no_height(missing: Missing, settings: HeightSettings) -> str:
+    """Why there is no height."""
+    if missing is Missing.NEVER:
+        return sentence("height", missing, settings.order, settings.max_gap_ns)
+    near = {HeightSource.TERRAIN: f" and {settings.terrain_max_distance_m:g} m"}
+    within = (f"{settings.gap_ns(each) / SECOND_NS:g} s{near.get(each, '')} from {each}" for each in settings.order)
+    return f"no height on both sides of the stamp within {', '.join(within)}"
+
+
+def sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:
+    """Why there is none of something that comes from one of several sources."""
+    sources = ", ".join(order)
+    if missing is Missing.NEVER:
+        return f"no {what} received yet from {sources}"
+    return f"no {what} on both sides of the stamp within {max_gap_ns / SECOND_NS:g} s from {sources}"
+
+
+_HOME = SOURCES.index(HeightSource.HOME)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseInputs:
+    """What poses at ``n`` stamps are made of.
+
+    Attributes:
+        stamps_ns: ``(n,)`` UTC.
+        by_utc: ``(n,)`` whether each is UTC by another clock than this machine's.
+        heights: Heights.
+        attitudes: Attitudes.
+        places: Positions.
+    """
+
+    stamps_ns: IntArray
+    by_utc: BoolArray
+    heights: HeightBatch
+    attitudes: AttitudeBatch
+    places: PlaceBatch
+
+    @property
+    def is_pending(self) -> BoolArray:
+        """``(n,)`` whether telemetry that matters may still come."""
+        parts = self.heights.missing, self.attitudes.missing, self.places.missing
+        return np.asarray(np.any([missing == Missing.PENDING for missing in parts], axis=0))
+
+    @property
+    def is_whole(self) -> BoolArray:
+        """``(n,)`` whether there is a height and an attitude; a pose may come without a place."""
+        return np.asarray((self.heights.missing == Missing.NO) & (self.attitudes.missing == Missing.NO))
+
+    def rows(self, rows: IntArray) -> "PoseInputs":
+        """The parts of some poses by their indices ``(m,)``."""
+        parts = self.heights.rows(rows), self.attitudes.rows(rows), self.places.rows(rows)
+        return PoseInputs(self.stamps_ns[rows], self.by_utc[rows], *parts)
+
+
+class PoseMaker:
+    """Makes poses.
+
+    Args:
+        settings: Stated standard deviations.
+        time_std_s: Of image stamps against telemetry stamps.
+        ground: What heights that are measured from the surface below are counted from; None for the level plane at 0.
+    """
+
+    def __init__(self, settings: TelemetrySettings, time_std_s: float, ground: Ground | None) -> None:
+        self._settings = settings
+        self._time_std_s = time_std_s
+        self._ground = ground
+
+    def poses(self, inputs: PoseInputs, origin: GeoOrigin | None, clock: ClockMap) -> PoseBatch:
+        """Poses of whole inputs ``(n,)``, over their ground, with what is to be said of their clock."""
+        poses = self._in_telemetry(inputs, origin)
+        poses = self._with_clock(poses, inputs, clock)
+        if self._ground is not None:
+            poses = self._over_ground(poses, inputs, self._ground)
+        return self._high_enough(poses, inputs.heights)
+
+    def _in_telemetry(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
+        """Poses as the telemetry has them."""
+        heights, attitudes, places = inputs.heights, inputs.attitudes, inputs.places
+        std, has_place = self._stds(heights.std_m, attitudes), places.missing == Missing.NO
+        east_north_m = np.where(has_place[:, None], places.east_north_m, 0.0)
+        pose = Pose(
+            position_enu_m=np.column_stack([east_north_m, heights.height_agl_m]),
+            wxyz=attitudes.wxyz,
+            cov=pose_covariance(attitudes.wxyz, std),
+            velocity_enu_mps=places.velocity_enu_mps,
+            rate_cam_radps=attitudes.rate_cam_radps,
+            time_std_s=np.full(len(std), self._time_std_s),
+        )
+        keys = zip(attitudes.note.tolist(), heights.source.tolist(), has_place.tolist(), strict=True)
+        whys = (heights.reasons.get(row, ()) for row in range(len(std)))
+        alike = [(*key, why) for key, why in zip(keys, whys, strict=True)]
+        numbers = {key: number for number, key in enumerate(dict.fromkeys(alike))}
+        variants = []
+        for note_number, source_number, is_placed, reasons in numbers:
+            note, source = attitudes.notes[note_number], SOURCES[source_number]
+            variants.append(
+                PoseSample(
+                    stamp_ns=0,
+                    status=Status.OK,
+                    reasons=(*note.reasons, *reasons),
+                    origin=origin if is_placed else None,
+                    height_source=source,
+                    height_datum=DATUM[source],
+                    attitude_source=note.source,
+                )
+            )
+        return PoseBatch(
+            stamp_ns=inputs.stamps_ns,
+            pose=pose,
+            std=std,
+            lat_lon_alt=places.lat_lon_alt,
+            height_age_s=heights.age_s,
+            telemetry_age_s=np.maximum(heights.age_s, attitudes.age_s),
+            datum_enu_m=np.zeros(len(std)),
+            zoom=np.full((len(std), 2), np.nan),
+            variant_index=np.array([numbers[key] for key in alike], dtype=np.int64),
+            variants=tuple(variants),
+        )
+
+    def _stds(self, height_m: FloatArray, attitudes: AttitudeBatch) -> FloatArray:
+        """Standard deviations ``(n, 7)`` as in ``PoseStd``."""
+        stated = self._settings.attitude.std
+        demanded_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD)
+        tilt_rad = np.array([demanded_rad if note.is_demand else stated.tilt_rad for note in attitudes.notes])
+        std = np.empty((len(height_m), 7))
+        std[:, 0], std[:, 1] = height_m, stated.horizontal_m
+        std[:, 2], std[:, 3], std[:, 4] = tilt_rad[attitudes.note], stated.pan_rad, stated.roll_rad
+        std[:, 2:5] = np.hypot(std[:, 2:5], attitudes.report_std_rad)
+        std[:, 5], std[:, 6] = stated.heading_rad, self._time_std_s
+        return std
+
+    def _with_clock(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:
+        """Poses with what is to be said of the clock behind their stamps, and of a place that is not known."""
+        is_home = (inputs.heights.source == _HOME) & clock.has_restarted
+        is_stale = inputs.places.missing == Missing.STALE
+        no_utc = not clock.is_utc_known
+        columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc
+        nowhere = f"{no_place(self._settings.height)}: the place is not stated"
+
+        def with_remarks(sample: PoseSample, key: Hashable) -> PoseSample:
+            is_repeated, has_home, has_no_place, is_guess = cast("tuple[bool, ...]", key)
+            remarks = (
+                *clock.remarks(is_repeated=is_repeated),
+                *((HOME_MOVED,) if has_home else ()),
+                *((nowhere,) if has_no_place else ()),
+                *(((BY_GUESS if is_guess else BY_HOST),) if no_utc else ()),
+            )
+            return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
+
+        poses = poses.varied(list(zip(*(column.tolist() for column in columns), strict=True)), with_remarks)
+        if not np.any(columns[3]):
+            return poses
+        time_s = np.where(columns[3], np.hypot(poses.std[:, TIME], HOST_STD_S), poses.std[:, TIME])
+        std = poses.std.copy()
+        std[:, TIME] = time_s
+        return replace(poses, std=std, pose=replace(poses.pose, time_std_s=time_s))
+
+    def _over_ground(self, poses: PoseBatch, inputs: PoseInputs, ground: Ground) -> PoseBatch:
+        """Poses in ENU whose height may be counted from the surface below; or why they have no place there."""
+        from_zero, missing = inputs.heights.source == _HOME, inputs.places.missing
+        # A slope is alike everywhere.
+        is_unplaced = (missing != Missing.NO) & (from_zero | (not isinstance(ground, Plane)))
+        refused: list[PoseSample | None] = [None] * len(poses)
+        for row in np.flatnonzero(is_unplaced).tolist():
+            refused[row] = unplaced(Missing(missing[row]), self._settings.height)
+        rows = np.flatnonzero(~is_unplaced)
+        feet_m = poses.pose.position_enu_m[rows, :2] + inputs.heights.foot_m[rows]
+        below = footing(ground, feet_m)
+        is_known = below.status == CODE_OF[Status.OK]
+        is_beyond = below.status == CODE_OF[Status.BEYOND_TERRAIN]
+        for k in np.flatnonzero(is_beyond | ~(from_zero[rows] | is_known)).tolist():
+            east, north = feet_m[k].tolist()
+            where = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin"
+            reason = f"{where}, is {below.what(below.status[k])}"
+            refused[rows[k]] = PoseSample(stamp_ns=0, status=CODES[below.status[k]], reasons=(reason,))
+        height_m, slope = np.zeros(len(poses)), np.zeros((len(poses), 2))
+        is_counted = ~from_zero[rows] & is_known
+        height_m[rows[is_counted]], slope[rows[is_counted]] = below.height_m[is_counted], below.slope[is_counted]
+        over = replace(poses, pose=raised(poses.pose, height_m, slope), datum_enu_m=height_m)
+        return _refused(over, refused)
+
+    def _high_enough(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
+        """Poses without an answer where they are below the least height."""
+        minimum_m = self._settings.height.min_m
+        is_low = (heights.height_agl_m < minimum_m) & (poses.status == CODE_OF[Status.OK])
+        if not np.any(is_low):
+            return poses
+        keys: list[str | None] = [None] * len(poses)
+        for row in np.flatnonzero(is_low).tolist():
+            source, height_m = SOURCES[heights.source[row]], heights.height_agl_m[row]
+            keys[row] = f"{source} says {height_m:.2f} m, the minimum is {minimum_m:g} m"
+
+        def with_reason(sample: PoseSample, reason: Hashable) -> PoseSample:
+            if reason is None:
+                return sample
+            return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(cast("str", reason),))
+
+        return poses.varied(keys, with_reason)
+
+
+def _refused(poses: PoseBatch, refused: list[PoseSample | None]) -> PoseBatch:
+    """Poses, without one where there is a refusal with its status and reasons instead."""
+    rows = np.array([each is not None for each in refused])
+    if not np.any(rows):
+        return poses
+    keys = [None if each is None else (each.status, each.reasons) for each in refused]
+
+    def with_refusal(sample: PoseSample, key: Hashable) -> PoseSample:
+        if key is None:
+            return sample
+        status, reasons = cast("tuple[Status, tuple[str, ...]]", key)
+        return replace(sample, status=status, reasons=reasons)
+
+    pose = poses.pose
+    without = replace(
+        pose,
+        position_enu_m=np.where(rows[:, None], np.nan, pose.position_enu_m),
+        wxyz=np.where(rows[:, None], np.nan, pose.wxyz),
+        cov=np.where(rows[:, None, None], np.nan, pose.cov),
+    )
+    return replace(poses.varied(keys, with_refusal), pose=without)
+
+
+def missed(inputs: PoseInputs, settings: TelemetrySettings, clock: ClockMap, began: BoolArray) -> list[PoseSample]:
+    """Why there are no poses at stamps ``(n,)``.
+
+    Args:
+        inputs: Of each the height or the attitude is missing.
+        settings: Limits.
+        clock: Of the vehicle.
+        began: ``(n,)`` whether there was any telemetry by then.
+    """
+    broken_off, limits = clock.broken_off(), settings.attitude
+    samples = []
+    for row, stamp_ns in enumerate(inputs.stamps_ns.tolist()):
+        height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])
+        reasons = []
+        if height is not Missing.NO:
+            reasons.append(no_height(height, settings.height))
+        if attitude is Missing.REFUSED:
+            reasons.append(inputs.attitudes.refusals[row])
+        elif attitude is not Missing.NO:
+            reasons.append(sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
+        if broken_off is not None:
+            status, reasons = Status.CLOCK_JUMPED, [broken_off, *reasons]
+        elif not began[row]:
+            status = Status.NO_TELEMETRY
+            reasons = [*([REBOOTED] if clock.has_restarted else []), *reasons]
+        elif Missing.STALE in (height, attitude):
+            status = Status.STALE_TELEMETRY
+        else:
+            status = Status.NO_HEIGHT if height is Missing.NEVER else Status.NO_ATTITUDE
+        samples.append(PoseSample(stamp_ns=stamp_ns, status=status, reasons=tuple(reasons)))
+    return samples

@@ -1,0 +1,1 @@
+"""How a camera turned between images, and whether a fixed one was bumped."""

@@ -1,0 +1,295 @@
+"""A fixed camera's steady points: where they were in its reference, and where they are now.
+
+The reference is the image that the camera is held against: which one, what is found again of it, and how it looks after
+a turn.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import cv2
+import numpy as np
+
+from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
+from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, turned
+from aerodft.geometry.rotation import inverse, matrix, multiply, to_rotation_vector
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.model.calibration import STEADY
+from aerodft.model.camera import Camera
+from aerodft.model.image import Image
+from aerodft.model.observation import Observation
+from aerodft.vision.common.tracking import (
+    between_nodes,
+    evened,
+    followed,
+    grey_of,
+    nodes_px,
+    spread_corners,
+    well_inside,
+)
+
+_FEATURES: Final = 2500
+_HALF: Final = 0.5  # of the image's size: descriptors need no more, and noise less
+_DISTINCT: Final = 0.85  # the best match against the second best (Lowe 2004)
+LEAST_CORNERS: Final = 12
+
+_FOUND_AGAIN: Final = 0.3  # of its points, so that an image is no broken one; most of it may be water
+
+Polygon = tuple[tuple[float, float], ...]
+_NODE_PX: Final = 8  # between these, a map from pixels to pixels is as good as straight
+_SAME_RAD: Final = 1e-6
+_MARGIN_PX: Final = 24.0
+_NO_TURN: Final = np.array([1.0, 0.0, 0.0, 0.0])
+_ANOTHER_VIEW_RAD: Final = 0.009  # half a degree: templates look different from there on
+_RECOGNISED_PX: Final = 4.0  # descriptors are no more precise
+_LEAST_RECOGNISED: Final = 12
+_LOST: Final = 0.2  # of the points in view: where fewer than these agree, the camera may look elsewhere
+_MOST_MATCHES: Final = 200
+_RESTLESS_PX: Final = 1.0  # between two looks, beside what the camera's turn explains
+_FADING: Final = 0.2
+_UNREST: Final = 0.5
+_DECIMALS: Final = 3  # of a pixel; trackers have not two
+
+_Pairs = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """Points with descriptors.
+
+    Attributes:
+        pixels_px: ``(n, 2)``.
+        descriptors: ``(n, 32)``.
+    """
+
+    pixels_px: FloatArray
+    descriptors: ImageArray
+
+
+def features_of(evened: ImageArray, allowed: BoolArray | None = None) -> Features:
+    """Features of an evened image, where ``allowed (height, width)`` lets them lie."""
+    small = cv2.resize(evened, None, fx=_HALF, fy=_HALF, interpolation=cv2.INTER_AREA)
+    mask = None
+    if allowed is not None:
+        mask = cv2.resize(allowed.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    found, descriptors = cv2.ORB.create(nfeatures=_FEATURES, fastThreshold=10).detectAndCompute(small, mask)
+    if descriptors is None:
+        return Features(np.zeros((0, 2)), np.zeros((0, 32), dtype=np.uint8))
+    pixels = np.array([point.pt for point in found])
+    return Features((pixels + 0.5) / _HALF - 0.5, np.asarray(descriptors, dtype=np.uint8))
+
+
+def matched(old: Features, new: Features) -> tuple[FloatArray, FloatArray]:
+    """Pixels ``(n, 2)`` of what is likely the same in both, old and new."""
+    if min(len(old.descriptors), len(new.descriptors)) < 2:  # noqa: PLR2004 - a best and a second best
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    nearest = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(old.descriptors, new.descriptors, k=2)
+    pairs = [(best.queryIdx, best.trainIdx) for best, second in nearest if best.distance < _DISTINCT * second.distance]
+    indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return old.pixels_px[indices[:, 0]], new.pixels_px[indices[:, 1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """An image with what can be found again of it.
+
+    Attributes:
+        grey: ``(height, width)``.
+        allowed: ``(height, width)``: where points may lie.
+    """
+
+    grey: ImageArray
+    allowed: BoolArray
+
+    @cached_property
+    def evened(self) -> ImageArray:
+        """``(height, width)``, see :func:`aerodft.vision.common.tracking.evened`."""
+        return evened(self.grey)
+
+    @cached_property
+    def points_px(self) -> FloatArray:
+        """``(n, 2)`` corners."""
+        return spread_corners(self.evened, self.allowed)
+
+    @cached_property
+    def features(self) -> Features:
+        """For recognition after a large turn."""
+        return features_of(self.evened, self.allowed)
+
+    @property
+    def is_rich(self) -> bool:
+        """Whether there is enough to be found again."""
+        return len(self.points_px) >= LEAST_CORNERS
+
+
+def reference_of(pixels: ImageArray, allowed: BoolArray) -> Reference:
+    """An image ``(height, width, 3)`` BGR as a reference."""
+    return Reference(grey_of(pixels), allowed)
+
+
+def allowed_outside(polygons: tuple[Polygon, ...], width_px: int, height_px: int) -> BoolArray:
+    """``(height, width)``: all pixels but those in the polygons, which are of pixels (u, v)."""
+    mask = np.ones((height_px, width_px), dtype=np.uint8)
+    corners = [np.round(np.array(polygon)).astype(np.int32) for polygon in polygons]
+    return np.asarray(cv2.fillPoly(mask, corners, 0) > 0)
+
+
+class FirstGoodImage:
+    """Waits for two images in a row that show the same; broken, dark and blurred ones are passed over."""
+
+    def __init__(self, allowed: BoolArray) -> None:
+        self._allowed = allowed
+        self._candidate: Reference | None = None
+
+    def offer(self, pixels: ImageArray) -> Reference | None:
+        """The reference, once there is one; images ``(height, width, 3)`` BGR in their order."""
+        new = reference_of(pixels, self._allowed)
+        old, self._candidate = self._candidate, new if new.is_rich else None
+        if old is None or self._candidate is None:
+            return None
+        found = followed(old.evened, new.evened, old.points_px, old.points_px)[1]
+        return old if np.count_nonzero(found) >= _FOUND_AGAIN * len(found) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A reference as it is seen after a turn.
+
+    Attributes:
+        wxyz: ``(4,)`` ``now_SO3_reference``.
+        evened: ``(height, width)``.
+        points_px: ``(n, 2)``: where the reference's points are in it.
+        inside: ``(n,)``: which of them are far enough from its edges.
+    """
+
+    wxyz: FloatArray
+    evened: ImageArray
+    points_px: FloatArray
+    inside: BoolArray
+
+
+def view_after(camera: Camera, reference: ImageArray, points_px: FloatArray, wxyz: FloatArray) -> View:
+    """The view of a camera that has turned since it took the reference.
+
+    Args:
+        camera: The camera.
+        reference: ``(height, width)`` grey.
+        points_px: ``(n, 2)`` points of the reference.
+        wxyz: ``(4,)`` ``now_SO3_reference``.
+    """
+    if np.linalg.norm(to_rotation_vector(wxyz)) < _SAME_RAD:
+        return View(wxyz, evened(reference), points_px, well_inside(camera, points_px, _MARGIN_PX))
+    size = camera.width_px, camera.height_px
+    rays = rays_from_pixels(camera, nodes_px(*size, _NODE_PX)) @ matrix(inverse(wxyz)).T
+    columns_px, rows_px = between_nodes(pixels_from_rays(camera, rays), *size, _NODE_PX)
+    seen = cv2.remap(reference, columns_px, rows_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
+    points_now_px = turned(camera, wxyz, points_px)
+    inside = well_inside(camera, points_now_px, _MARGIN_PX)
+    return View(wxyz, evened(np.asarray(seen, dtype=np.uint8)), points_now_px, inside)
+
+
+class SteadyPoints:
+    """Implements ``service.ports.ImageObserver``: one observation an image, of pairs of pixels.
+
+    Points are always held against the reference, never against the image before, so nothing drifts. An observation
+    without pairs says that nothing was found. Where the view is not the reference turned, it has what looks alike.
+
+    Args:
+        camera: The camera.
+        ignore: Polygons of reference pixels with water, trees, roads, whatever moves by itself.
+        reference: ``(height, width, 3)`` BGR; None to take the first good image.
+    """
+
+    def __init__(self, camera: Camera, ignore: tuple[Polygon, ...] = (), reference: ImageArray | None = None) -> None:
+        self._camera = camera
+        allowed = allowed_outside(ignore, camera.width_px, camera.height_px)
+        self._first = FirstGoodImage(allowed)
+        self._held: _Held | None = None
+        if reference is not None:
+            self._held = _Held(camera, reference_of(reference, allowed))
+
+    @property
+    def corners(self) -> int | None:
+        """How many points the reference has; None before there is one."""
+        return None if self._held is None else self._held.corners
+
+    def observe(self, image: Image) -> tuple[Observation, ...]:
+        """Pairs of pixels: where a point is in the reference, and where it is in this image.
+
+        Raises:
+            AerodftError: The pixels cannot be read.
+        """
+        if image.pixels is None:
+            return ()
+        pixels = image.pixels()
+        if self._held is None and (reference := self._first.offer(pixels)) is not None:
+            self._held = _Held(self._camera, reference)
+        then_px, now_px = self._held.look(evened(pixels)) if self._held is not None else _no_pairs()
+        flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
+        return (Observation.in_image(image, STEADY, tuple((u, v) for u, v in flat)),)
+
+
+class _Held:
+    """A reference, and how the camera has turned since."""
+
+    def __init__(self, camera: Camera, reference: Reference) -> None:
+        self._camera = camera
+        self._reference = reference
+        self._points_px = reference.points_px
+        self._wxyz = _NO_TURN
+        self._view = self._seen_after(_NO_TURN)
+        self._last_off_px = np.full_like(self._points_px, np.nan)
+        self._unrest = np.zeros(len(self._points_px))
+
+    @property
+    def corners(self) -> int:
+        return len(self._points_px)
+
+    def look(self, now: ImageArray) -> _Pairs:
+        """What is found of the reference in an evened image ``(height, width)``: pixels ``(n, 2)`` then and now."""
+        found, now_px, turn = self._follow(now)
+        if turn is None or np.count_nonzero(turn.agreeing) < self._least_agreeing():
+            then_px, new_px = matched(self._reference.features, features_of(now))
+            known = find_turn(self._camera, then_px, new_px, tolerance_px=_RECOGNISED_PX)
+            if known is None or np.count_nonzero(known.agreeing) < _LEAST_RECOGNISED:
+                return then_px[:_MOST_MATCHES], new_px[:_MOST_MATCHES]
+            self._wxyz, self._view = known.wxyz, self._seen_after(known.wxyz)
+            found, now_px, turn = self._follow(now)
+        elif self._is_another_view(turn):
+            self._wxyz, self._view = turn.wxyz, self._seen_after(turn.wxyz)
+            found, now_px, turn = self._follow(now)
+        if turn is not None:
+            self._learn(found, turn)
+        calm = self._unrest[found] < _UNREST
+        return self._points_px[found][calm], now_px[calm]
+
+    def _least_agreeing(self) -> float:
+        in_view = np.count_nonzero(self._view.inside & (self._unrest < _UNREST))
+        return max(_LOST * in_view, LEAST_POINTS)
+
+    def _follow(self, now: ImageArray) -> tuple[IntArray, FloatArray, Turn | None]:
+        """Indices ``(k,)`` of the points that were found, where, and the turn that most of them agree on."""
+        guess_px = turned(self._camera, self._wxyz, self._points_px)
+        tried = np.flatnonzero(self._view.inside & np.isfinite(guess_px[:, 0]))
+        there_px, ok = followed(self._view.evened, now, self._view.points_px[tried], guess_px[tried])
+        found, now_px = tried[ok], there_px[ok]
+        return found, now_px, find_turn(self._camera, self._points_px[found], now_px)
+
+    def _learn(self, found: IntArray, turn: Turn) -> None:
+        """Go on from where the camera looks now, and remember which points move by themselves."""
+        self._wxyz = turn.wxyz
+        moved = np.max(np.abs(turn.off_px - self._last_off_px[found]), axis=-1) > _RESTLESS_PX
+        self._unrest[found] += _FADING * (moved - self._unrest[found])
+        self._last_off_px[found] = turn.off_px
+
+    def _is_another_view(self, turn: Turn) -> bool:
+        step = to_rotation_vector(multiply(inverse(self._view.wxyz), turn.wxyz))
+        return bool(np.linalg.norm(step) > _ANOTHER_VIEW_RAD)
+
+    def _seen_after(self, wxyz: FloatArray) -> View:
+        return view_after(self._camera, self._reference.grey, self._points_px, wxyz)
+
+
+def _no_pairs() -> _Pairs:
+    return np.zeros((0, 2)), np.zeros((0, 2))

@@ -1,0 +1,1 @@
+"""Points tracked between images, and the keyframes that images are compared with."""

@@ -1,0 +1,1 @@
+"""Moving objects: detected, tracked over the ground, measured."""

@@ -1,0 +1,480 @@
+"""Who is who from image to image: tracks of objects over the ground, carried on while something hides them.
+
+Outlines become places on the ground: each object's foot, its size, and how well that is known. Where an object is, and
+how fast, a Kalman filter with constant velocity says, in metres. Its state is east, north, and their rates. Velocity
+changes as white noise of a given power, so that what is not seen becomes uncertain as the time to the power of 3/2.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from aerodft.conventions import SECOND_NS
+from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.covariance import CHI2_2D_95
+from aerodft.dft.projection import ELEVATION, GroundPoints, project
+from aerodft.dft.quantities import Sight as Rays
+from aerodft.dft.quantities import upright_height
+from aerodft.dft.request import Setup
+from aerodft.dft.silhouette import EDGE_STD_PX
+from aerodft.geometry.lens import rays_from_pixels
+from aerodft.geometry.rotation import matrix
+from aerodft.model.arrays import FloatArray
+from aerodft.model.observation import Observation
+from aerodft.model.pose import Pose
+from aerodft.service.outline_requests import standing_of
+from aerodft.service.settings import ObjectSettings
+
+_TOP_STD_PX = 3.0
+_HEIGHT_SHARE = 0.05  # of its height: heads bow, and sights differ by as much
+_LEAST_STD_M = 0.03  # a step is longer than a shoe: where somebody stands is not better defined
+GATE: Final = 13.815510557964274
+"""99.9 % quantile of chi-square with two degrees of freedom: what is farther off is another object."""
+_SIZES: Final = 15  # sights that tell how large an object is
+_SHRUNK: Final = 0.75  # lower than this share of itself: its foot is hidden; narrower: one of its sides is
+_PART: Final = 0.15  # a smaller share of it is nothing to know it by
+_GROWN: Final = 1.4  # wider: there is somebody beside it
+_ALIKE: Final = 0.2
+_ASTRAY: Final = 4.0  # times the gate: what nobody else has claimed, and what is as high, is the one that was lost
+_BESIDE: Final = 0.1  # of its height
+_FAR: Final = 1e6
+_AT_LEAST_NS: Final = SECOND_NS
+_CARRIED: Final = 2  # times as long as it was seen
+_STILL_M: Final = 1e-6  # a fixed camera moves by less
+_TALLEST_M: Final = 4.0  # of what stands about
+_RAGGED_M: Final = 0.5  # of what is seen of it
+
+Place = tuple[FloatArray, FloatArray]
+"""East and north ``(2,)`` with their covariance ``(2, 2)``."""
+
+Match = Callable[["GroundTrack", "Sight"], Place | None]
+Below = Callable[["Sight", float], Place | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """One object on the ground.
+
+    Attributes:
+        place_en_m: ``(2,)`` of its foot.
+        cov_m2: ``(2, 2)``, of what is its own: no error of the camera's.
+        by_px: ``(2, 2)`` derivative of the place by the foot's pixel.
+        foot_px: ``(2,)``.
+        top_px: ``(2,)``; the foot where it is not known.
+        across_px: ``(2,)`` unit vector to the right where the vertical is down.
+        height_m: NaN where it is not known.
+        width_m: Likewise.
+        width_px: Likewise.
+    """
+
+    place_en_m: FloatArray
+    cov_m2: FloatArray
+    by_px: FloatArray
+    foot_px: FloatArray
+    top_px: FloatArray
+    across_px: FloatArray
+    height_m: float = math.nan
+    width_m: float = math.nan
+    width_px: float = math.nan
+
+    def blurred_aside(self, std_px: float) -> FloatArray:
+        """The covariance ``(2, 2)`` where the foot may be farther aside."""
+        move = self.by_px @ self.across_px * std_px
+        return np.asarray(self.cov_m2 + np.outer(move, move))
+
+
+def ground_at(setup: Setup, pose: Pose, pixels_px: FloatArray) -> GroundPoints:
+    """Ground points of pixels ``(..., 2)``."""
+    return project(setup.camera, pose, pixels_px, setup.elevation_m, setup.model, setup.ground)
+
+
+def sights(setup: Setup, pose: Pose, observations: tuple[Observation, ...]) -> list[Sight]:
+    """The objects of one image that stand on the ground, in a range that is known."""
+    found = (_sight(setup, pose, observation) for observation in observations)
+    return [sight for sight in found if sight is not None]
+
+
+def below_top(setup: Setup, pose: Pose, sight: Sight, height_m: float) -> tuple[FloatArray, FloatArray] | None:
+    """Where an object stands of which the top is seen: east and north ``(2,)``, and their covariance ``(2, 2)``.
+
+    Args:
+        setup: The station's circumstances.
+        pose: Of the image.
+        sight: Of its upper part.
+        height_m: How high it is.
+    """
+    if not math.isfinite(height_m):
+        return None
+    raised = replace(setup, elevation_m=setup.elevation_m + height_m)
+    top = ground_at(raised, pose, sight.top_px[None])
+    if top.status[0]:
+        return None
+    by_px, by_height = top.jac_px[0, :2], top.jac_shared[0, :2, ELEVATION] * _HEIGHT_SHARE * height_m
+    cov = by_px @ by_px.T * _TOP_STD_PX**2 + np.outer(by_height, by_height) + np.eye(2) * _LEAST_STD_M**2
+    return top.points_enu_m[0, :2], cov
+
+
+def _sight(setup: Setup, pose: Pose, observation: Observation) -> Sight | None:
+    std_px = observation.std_px or EDGE_STD_PX
+    if not observation.has_outline:
+        if not observation.pixels:
+            return None
+        foot = np.array(observation.pixels[0])
+        ground = ground_at(setup, pose, foot[None])
+        cov = np.eye(2) * std_px**2
+        return _placed(setup, pose, ground, cov, (foot, foot, np.array([1.0, 0.0])))
+    seen = standing_of(observation, setup.camera, pose, std_px)
+    ground = ground_at(setup, pose, np.stack([seen.foot_px, *seen.sides_px]))
+    span = seen.sides_px[1] - seen.sides_px[0]
+    width_px = float(np.linalg.norm(span))
+    across = span / width_px if width_px > 0 else np.array([1.0, 0.0])
+    size = _height_m(setup, pose, ground, seen.top_px), _width_m(ground), width_px
+    return _placed(setup, pose, ground, seen.foot_cov_px2, (seen.foot_px, seen.top_px, across), size)
+
+
+def _placed(
+    setup: Setup,
+    pose: Pose,
+    ground: GroundPoints,
+    cov_px2: FloatArray,
+    pixels: tuple[FloatArray, FloatArray, FloatArray],
+    size: tuple[float, float, float] = (math.nan, math.nan, math.nan),
+) -> Sight | None:
+    if ground.status[0]:
+        return None
+    by_px = ground.jac_px[0, :2]
+    cov = by_px @ cov_px2 @ by_px.T + np.eye(2) * _LEAST_STD_M**2
+    range_m = float(np.linalg.norm(ground.points_enu_m[0] - pose.position_enu_m))
+    if setup.max_range_m is not None and range_m > setup.max_range_m:
+        return None
+    if not math.sqrt(float(np.max(np.linalg.eigvalsh(cov)))) <= MAX_RELATIVE_RANGE_STD * range_m:
+        return None
+    return Sight(ground.points_enu_m[0, :2], cov, by_px, *pixels, *size)
+
+
+def _height_m(setup: Setup, pose: Pose, ground: GroundPoints, top_px: FloatArray) -> float:
+    ray = rays_from_pixels(setup.camera, top_px) @ matrix(pose.wxyz).T
+    foot = ground.points_enu_m[0]
+    return float(upright_height(Rays(pose.position_enu_m, np.stack([ray, ray]), np.stack([foot, foot]))))
+
+
+def _width_m(ground: GroundPoints) -> float:
+    if ground.status[1] or ground.status[2]:
+        return math.nan
+    return float(np.linalg.norm((ground.points_enu_m[2] - ground.points_enu_m[1])[:2]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundState:
+    """One object's state, with the errors that are its own: none of the camera's.
+
+    Attributes:
+        mean: ``(4,)`` east, north (m), rates (m/s).
+        cov: ``(4, 4)``.
+    """
+
+    mean: FloatArray
+    cov: FloatArray
+
+    @property
+    def place_en_m(self) -> FloatArray:
+        """``(2,)``."""
+        return self.mean[:2]
+
+    @property
+    def velocity_en_mps(self) -> FloatArray:
+        """``(2,)``."""
+        return self.mean[2:]
+
+
+def begun(place_en_m: FloatArray, cov_m2: FloatArray, speed_mps: float) -> GroundState:
+    """The state after the first sight.
+
+    Args:
+        place_en_m: ``(2,)``.
+        cov_m2: ``(2, 2)``.
+        speed_mps: Standard deviation of each rate.
+    """
+    cov = np.zeros((4, 4))
+    cov[:2, :2], cov[2, 2], cov[3, 3] = cov_m2, speed_mps**2, speed_mps**2
+    return GroundState(np.array([*place_en_m, 0.0, 0.0]), cov)
+
+
+def predicted(state: GroundState, elapsed_s: float, acceleration_mps2: float) -> GroundState:
+    """The state some time later.
+
+    Args:
+        state: The last one.
+        elapsed_s: 0 or more.
+        acceleration_mps2: What a rate has changed by after a second, a standard deviation.
+    """
+    if elapsed_s <= 0:
+        return state
+    on = np.eye(4)
+    on[0, 2] = on[1, 3] = elapsed_s
+    power = acceleration_mps2**2
+    noise = np.array([[elapsed_s**3 / 3, elapsed_s**2 / 2], [elapsed_s**2 / 2, elapsed_s]]) * power
+    return GroundState(on @ state.mean, on @ state.cov @ on.T + np.kron(noise, np.eye(2)))
+
+
+def distance2(state: GroundState, place_en_m: FloatArray, cov_m2: FloatArray) -> float:
+    """Squared Mahalanobis distance of a sight ``(2,)`` with covariance ``(2, 2)``."""
+    off = place_en_m - state.place_en_m
+    return float(off @ np.linalg.solve(state.cov[:2, :2] + cov_m2, off))
+
+
+def updated(state: GroundState, place_en_m: FloatArray, cov_m2: FloatArray) -> GroundState:
+    """The state with a sight ``(2,)`` of covariance ``(2, 2)``; Joseph's form, whose covariance stays one.
+
+    What is farther off than 95 of 100 are counts less, as much as makes it one of these: outlines have fringes.
+    """
+    excess = distance2(state, place_en_m, cov_m2) / CHI2_2D_95
+    if excess > 1:
+        cov_m2 = cov_m2 + (excess - 1) * (state.cov[:2, :2] + cov_m2)
+    spread = state.cov[:2, :2] + cov_m2
+    gain = np.linalg.solve(spread, state.cov[:2]).T
+    keep = np.eye(4)
+    keep[:, :2] -= gain
+    mean = state.mean + gain @ (place_en_m - state.place_en_m)
+    return GroundState(mean, keep @ state.cov @ keep.T + gain @ cov_m2 @ gain.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Begun:
+    """The first sight of an object.
+
+    Attributes:
+        stamp_ns: When.
+        place_en_m: ``(2,)`` where it seemed to be.
+        camera_enu_m: ``(3,)`` from where.
+    """
+
+    stamp_ns: int
+    place_en_m: FloatArray
+    camera_enu_m: FloatArray
+
+
+@dataclass(slots=True, eq=False)
+class GroundTrack:
+    """One object.
+
+    Attributes:
+        state: Where it is.
+        seen_ns: Stamp of the last image in which its foot was seen.
+        shown_ns: Stamp of the last image in which anything of it was seen.
+        sight: What was seen in the last image with its foot.
+        looks: In how many its foot was seen.
+        number: From 1, once it is confirmed; 0 before.
+        hidden: Why it is not seen in the newest image; empty where it is.
+        begun: Where, when, and seen from where it was first seen.
+    """
+
+    state: GroundState
+    seen_ns: int
+    shown_ns: int
+    sight: Sight
+    looks: int = 1
+    number: int = 0
+    hidden: str = ""
+    begun: Begun = field(kw_only=True)
+    heights_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
+    widths_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
+
+    @property
+    def name(self) -> str:
+        """What its measurements are called."""
+        return f"object-{self.number}"
+
+    def shrunk(self, sight: Sight) -> bool:
+        """Whether only the upper part of it can be seen."""
+        return sight.height_m < _SHRUNK * self.height_m
+
+    def may_show(self, sight: Sight) -> bool:
+        """Whether that may be its upper part, and is enough of it."""
+        return self.shrunk(sight) and sight.height_m > _PART * self.height_m
+
+    def is_like(self, sight: Sight) -> bool:
+        """Whether it is as high as this."""
+        return abs(sight.height_m / self.height_m - 1) < _ALIKE
+
+    def aside_px(self, sight: Sight) -> float:
+        """By how much the middle of what is seen may be beside its middle, px."""
+        if not self.widths_m or not sight.width_m > 0:
+            return 0.0
+        share = float(np.median(self.widths_m)) / sight.width_m
+        return abs(share - 1) / 2 * sight.width_px if not 1 / _GROWN < share < 1 / _SHRUNK else 0.0
+
+    def shows(self, sight: Sight, other: Sight) -> bool:
+        """Whether it, seen with its top where ``sight`` has it, is what the other one is a piece of as well."""
+        if other is sight:
+            return True
+        up = self.sight.top_px - self.sight.foot_px
+        size_px = float(np.linalg.norm(up))
+        if not size_px > 0 or not self.shrunk(other):
+            return False
+        for point in (other.foot_px, other.top_px):
+            off = sight.top_px - point
+            along = float(off @ up) / size_px
+            aside = abs(float(off @ np.array([up[1], -up[0]]))) / size_px
+            if not -_BESIDE * size_px < along < (1 + _BESIDE) * size_px or aside > self.sight.width_px:
+                return False
+        return True
+
+    @property
+    def height_m(self) -> float:
+        """How high it is; NaN where that is not known."""
+        return float(np.median(self.heights_m)) if self.heights_m else math.nan
+
+    def has_moved(self, camera_enu_m: FloatArray) -> bool:
+        """Whether it moves, where it may as well be the top of what stands still, past which the camera has moved.
+
+        That seems to go the other way over the ground, by the share ``h / (H - h)`` of the camera's way.
+        """
+        way = (camera_enu_m - self.begun.camera_enu_m)[:2]
+        way2 = float(way @ way)
+        if way2 < _STILL_M**2:
+            return True
+        off = self.state.place_en_m - self.begun.place_en_m
+        below_m = float(camera_enu_m[2]) - _TALLEST_M
+        most = min(_TALLEST_M / below_m, 1.0) if below_m > 0 else 1.0
+        rest = off + float(np.clip(-(off @ way) / way2, 0.0, most)) * way
+        spread = self.state.cov[:2, :2] + np.eye(2) * _RAGGED_M**2
+        return bool(rest @ np.linalg.solve(spread, rest) > GATE)
+
+    def see(self, sight: Sight, stamp_ns: int) -> None:
+        """Take a sight for its own, foot and all."""
+        if self.aside_px(sight) == 0.0:
+            self.remember_size(sight)
+        self.sight, self.seen_ns, self.hidden = sight, stamp_ns, ""
+        self.looks += 1
+
+    def remember_size(self, sight: Sight) -> None:
+        """Learn from a sight of the whole object."""
+        self.heights_m.extend([sight.height_m] if math.isfinite(sight.height_m) else [])
+        self.widths_m.extend([sight.width_m] if math.isfinite(sight.width_m) else [])
+
+
+class GroundTracks:
+    """All tracks of a camera.
+
+    Args:
+        settings: How they are followed.
+    """
+
+    def __init__(self, settings: ObjectSettings) -> None:
+        self._settings = settings
+        self._tracks: list[GroundTrack] = []
+        self._stamp_ns: int | None = None
+        self._camera_enu_m: FloatArray = np.zeros(3)
+        self._count = 0
+
+    @property
+    def confirmed(self) -> tuple[GroundTrack, ...]:
+        """The objects that are followed, in the order in which they came."""
+        return tuple(track for track in self._tracks if track.number)
+
+    def advance(self, stamp_ns: int, sights: list[Sight], below: Below, camera_enu_m: FloatArray) -> bool:
+        """Follow into the next image.
+
+        Args:
+            stamp_ns: Its stamp.
+            sights: What is seen in it.
+            below: Where an object stands of which only the top is seen, by its height; None where that is not known.
+            camera_enu_m: ``(3,)`` where the camera is.
+
+        Returns:
+            Whether that was done: what is older than the last image is left out.
+        """
+        if self._stamp_ns is not None and stamp_ns < self._stamp_ns:
+            return False
+        elapsed_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / SECOND_NS
+        self._stamp_ns, self._camera_enu_m = stamp_ns, camera_enu_m
+        for track in self._tracks:
+            track.state = predicted(track.state, elapsed_s, self._settings.acceleration_mps2)
+        open_tracks = [track for track in self._tracks if track.seen_ns != stamp_ns]
+        self._begin(self._assign(open_tracks, sights, stamp_ns, below), stamp_ns)
+        self._end(stamp_ns)
+        return True
+
+    def drop(self, gone: list[GroundTrack]) -> None:
+        """Give tracks up."""
+        self._tracks = [track for track in self._tracks if track not in gone]
+
+    def _assign(self, tracks: list[GroundTrack], sights: list[Sight], stamp_ns: int, below: Below) -> list[Sight]:
+        """Let every track take the sight that is its own, if there is one; what is left belongs to nobody."""
+        for track in tracks:
+            track.hidden = "not seen"
+
+        def whole(track: GroundTrack, sight: Sight) -> Place | None:
+            return None if track.shrunk(sight) else (sight.place_en_m, sight.blurred_aside(track.aside_px(sight)))
+
+        def upper_part(track: GroundTrack, sight: Sight) -> Place | None:
+            return below(sight, track.height_m) if track.number and track.may_show(sight) else None
+
+        def astray(track: GroundTrack, sight: Sight) -> Place | None:
+            return whole(track, sight) if track.number and track.is_like(sight) else None
+
+        for match, gate in ((whole, GATE), (upper_part, GATE), (astray, _ASTRAY * GATE)):
+            left = [track for track in tracks if track.hidden == "not seen"]
+            shown: list[tuple[GroundTrack, Sight]] = []
+            for row, column, place in _pairs(left, sights, match, gate):
+                if any(track.shows(first, sights[column]) for track, first in shown):
+                    continue
+                self._take(left[row], sights[column], place, stamp_ns, has_foot=match is not upper_part)
+                shown.append((left[row], sights[column]))
+            sights = [sight for sight in sights if not any(track.shows(first, sight) for track, first in shown)]
+        return sights
+
+    def _take(self, track: GroundTrack, sight: Sight, place: Place, stamp_ns: int, *, has_foot: bool) -> None:
+        track.state, track.shown_ns = updated(track.state, *place), stamp_ns
+        if not has_foot:
+            track.hidden = "its foot is hidden"
+            return
+        track.see(sight, stamp_ns)
+        is_known = bool(track.number) or track.looks < self._settings.confirm
+        if not is_known and track.has_moved(self._camera_enu_m):
+            self._count += 1
+            track.number = self._count
+
+    def _begin(self, sights: list[Sight], stamp_ns: int) -> None:
+        for sight in sights:
+            state = begun(sight.place_en_m, sight.cov_m2, self._settings.speed_mps)
+            first = Begun(stamp_ns, sight.place_en_m, self._camera_enu_m)
+            track = GroundTrack(state, stamp_ns, stamp_ns, sight, begun=first)
+            track.remember_size(sight)
+            self._tracks.append(track)
+
+    def _end(self, stamp_ns: int) -> None:
+        """Give up what was not seen for too long, or for much longer than it was; what is not confirmed, at once."""
+        most_ns = round(self._settings.forget_s * SECOND_NS)
+        least_ns = min(_AT_LEAST_NS, most_ns)
+        self._tracks = [
+            track
+            for track in self._tracks
+            if track.shown_ns == stamp_ns
+            or (
+                track.number
+                and stamp_ns - track.shown_ns
+                <= min(max(_CARRIED * (track.shown_ns - track.begun.stamp_ns), least_ns), most_ns)
+            )
+        ]
+
+
+def _pairs(tracks: list[GroundTrack], sights: list[Sight], match: Match, gate: float) -> list[tuple[int, int, Place]]:
+    """Tracks and sights paired as near as they can be, all together: indices, and the sight's place; best first."""
+    costs = np.full((len(tracks), len(sights)), _FAR)
+    places: dict[tuple[int, int], Place] = {}
+    for row, track in enumerate(tracks):
+        for column, sight in enumerate(sights):
+            place = match(track, sight)
+            if place is not None and (off := distance2(track.state, *place)) <= gate:
+                costs[row, column] = off + math.log(np.linalg.det(track.state.cov[:2, :2] + place[1]))
+                places[row, column] = place
+    best = zip(*(each.tolist() for each in linear_sum_assignment(costs)), strict=True)
+    paired = sorted((pair for pair in best if pair in places), key=lambda pair: float(costs[pair]))
+    return [(row, column, places[row, column]) for row, column in paired]

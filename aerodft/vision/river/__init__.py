@@ -1,0 +1,1 @@
+"""Rivers in images: water, banks, centreline and transects."""

@@ -1,0 +1,308 @@
+"""Banks and islands' shores along transects, each located by its own profile in the image.
+
+A profile is a step between two textures. Either side's mean and spread are taken where the profile surely is on that
+side; then every place of the step gets its likelihood, the nearer to the mask's outline the more, and mean and standard
+deviation over all places are the answer. Neighbouring samples of a texture are alike: a likelihood counts each sample
+only as far as it is news. Some bank points stand out from their neighbours: a post in front of the water, a boat, a
+mask that leaked. And what stands on a bank and is seen from behind hides water: how much, the view's geometry says.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from scipy.special import ndtr
+
+from aerodft.geometry.robust import robust_std
+from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.model.pose import Pose
+from aerodft.vision.river.centreline import Transects
+from aerodft.vision.river.status import RiverStatus
+from aerodft.vision.river.water_features import WaterPlane
+
+_STEP_PX: Final = 0.5
+_ASIDE_PX: Final = np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0])  # parallel profiles, along the bank
+_PLACE_PX: Final = 0.2
+_NEAR_SHARE: Final = 0.35  # of the window: so well the step's place is known beforehand, one standard deviation
+_BLUR_PX: Final = 0.55  # of a sharp image's edge: a pixel's own width, and the interpolation
+_NOISE: Final = 1.0  # grey levels: no side is known to be smoother
+_LEAST_SPREAD: Final = 0.02  # of the step: no side is known to be more even
+_WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far a mask's outline may be off; a coarse one is off by 4
+_MOTION_STD_PX: Final = 4.0  # of images of 1080p: the correlation's own blur
+_STEP_M: Final = 0.5  # over which directions in the image are taken, at most
+_ROOM: Final = 0.3  # of the way to the opposite bank: so far a profile may reach
+_REACH: Final = 4  # neighbours to either side
+_LEAST: Final = 5  # neighbours without which nothing is said
+_STDS: Final = 4.0
+_FLOOR: Final = 0.004  # of the width: banks are no smoother
+ONE_SIDED: Final = 0.5
+"""Metres of water hidden by a metre of growth, from which a width is a bound from below."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges:
+    """Steps between water and land.
+
+    Attributes:
+        pixels_px: ``(..., 2)``.
+        std_px: ``(...)`` along the transect, from the profile.
+        contrast: ``(...)`` distance of the two sides in standard deviations of a profile's sample.
+        across_px: ``(..., 2)`` unit vectors in the image, from water to land along the transect.
+    """
+
+    pixels_px: FloatArray
+    std_px: FloatArray
+    contrast: FloatArray
+    across_px: FloatArray
+
+
+def locate_edges(
+    image: ImageArray, near_px: FloatArray, across_px: FloatArray, along_px: FloatArray, window_px: FloatArray
+) -> Edges:
+    """Find the steps near pixels.
+
+    Args:
+        image: ``(height, width, 3)`` BGR.
+        near_px: ``(n, 2)`` where they are about.
+        across_px: ``(n, 2)`` unit vectors from water to land along the transects.
+        along_px: ``(n, 2)`` unit vectors along the banks.
+        window_px: ``(n,)`` how far from there the step may be; as much farther out is on its side surely.
+            Where it is 0 nothing is looked for.
+    """
+    pixels, stds, contrasts = near_px.copy(), window_px.copy(), np.zeros(len(near_px))
+    for half in np.unique(window_px[window_px > 0]).tolist():
+        rows = np.flatnonzero(window_px == half)
+        profiles = _profiles(image, near_px[rows], across_px[rows], along_px[rows], half)
+        offsets, stds[rows], contrasts[rows] = _step_at(profiles, half)
+        pixels[rows] += offsets[:, None] * across_px[rows]
+    return Edges(pixels, stds, contrasts, across_px)
+
+
+def _offsets(half: float) -> FloatArray:
+    return np.arange(-2 * half, 2 * half + _STEP_PX / 2, _STEP_PX)
+
+
+def _profiles(image: ImageArray, near: FloatArray, across: FloatArray, along: FloatArray, half: float) -> FloatArray:
+    """Colours ``(n, lines, samples, 3)``."""
+    lines = near[:, None, None] + _ASIDE_PX[:, None, None] * along[:, None, None]
+    at = (lines + _offsets(half)[:, None] * across[:, None, None]).astype(np.float32)
+    flat = np.ascontiguousarray(at.reshape(len(near), -1, 2))
+    colours = cv2.remap(image, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(colours, dtype=np.float64).reshape(*at.shape[:-1], 3)
+
+
+def _step_at(profiles: FloatArray, half: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Offset and standard deviation (px), and contrast, each ``(n,)``."""
+    offsets = _offsets(half)
+    wet, dry = offsets <= -half, offsets >= half
+    profile = _steps(profiles, wet, dry)
+    spread_wet, spread_dry = (np.sqrt(np.var(profile[:, side], axis=-1) + _LEAST_SPREAD**2) for side in (wet, dry))
+    news = 1.0 / _alike(profile, wet, dry)
+    places = np.arange(-half, half + _PLACE_PX / 2, _PLACE_PX)
+    score = news * _likelihood(profile, offsets, places, spread_wet, spread_dry)
+    score -= 0.5 * np.square(places / (_NEAR_SHARE * half))
+    weight = np.exp(score - score.max(axis=-1, keepdims=True))
+    weight /= weight.sum(axis=-1, keepdims=True)
+    mean = weight @ places
+    variance = weight @ places**2 - mean**2
+    contrast = 1.0 / np.sqrt(0.5 * (spread_wet**2 + spread_dry**2))
+    return mean, np.sqrt(np.maximum(variance, 0.0) + _PLACE_PX**2 / 12), contrast
+
+
+def _steps(profiles: FloatArray, wet: BoolArray, dry: BoolArray) -> FloatArray:
+    """Profiles ``(n, samples)`` in the colour direction that tells the sides apart best: 0 in the water, 1 on land."""
+    sides = [profiles[:, :, side].reshape(len(profiles), -1, 3) for side in (wet, dry)]
+    means = [side.mean(axis=1) for side in sides]
+    centred = [side - mean[:, None] for side, mean in zip(sides, means, strict=True)]
+    scatter = sum(np.swapaxes(side, 1, 2) @ side / side.shape[1] for side in centred) + _NOISE * np.eye(3)
+    apart = means[1] - means[0]
+    direction = np.linalg.solve(scatter, apart[..., None])[..., 0]
+    length = np.maximum(np.sum(direction * apart, axis=-1), 1e-9)
+    values = np.einsum("nltc,nc->nt", profiles, direction) / profiles.shape[1]
+    zero = np.sum(means[0] * direction, axis=-1)
+    return np.asarray((values - zero[:, None]) / length[:, None])
+
+
+def _alike(profile: FloatArray, wet: BoolArray, dry: BoolArray) -> float:
+    """How many neighbouring samples tell no more than one."""
+    products, squares = 0.0, 0.0
+    for side in (wet, dry):
+        rest = profile[:, side] - profile[:, side].mean(axis=-1, keepdims=True)
+        rest = rest / (rest.std(axis=-1, keepdims=True) + 1e-9)
+        products += float(np.mean(rest[:, 1:] * rest[:, :-1]))
+        squares += float(np.mean(rest * rest))
+    share = min(max(products / max(squares, 1e-9), 0.0), 0.98)
+    return (1.0 + share) / (1.0 - share)
+
+
+def _likelihood(
+    profile: FloatArray, offsets: FloatArray, places: FloatArray, wet: FloatArray, dry: FloatArray
+) -> FloatArray:
+    """Logarithm of the likelihood ``(n, places)`` of profiles ``(n, samples)`` whose sides spread by ``(n,)``."""
+    step = ndtr((offsets - places[:, None]) / _BLUR_PX)
+    variance = (1.0 - step) * (wet**2)[:, None, None] + step * (dry**2)[:, None, None]
+    rest = np.square(profile[:, None] - step) / variance + np.log(variance)
+    return np.asarray(-0.5 * rest.sum(axis=-1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Islands:
+    """What is dry between the banks.
+
+    Attributes:
+        count: ``(n,)`` islands across each transect.
+        dry_m: ``(n,)`` their widths together.
+        std_m: ``(n,)`` how well that is known, by their shores alone.
+    """
+
+    count: IntArray
+    dry_m: FloatArray
+    std_m: FloatArray
+
+
+def locate_banks(
+    image: ImageArray, plane: WaterPlane, found: Transects, by_motion: BoolArray
+) -> tuple[Edges, list[RiverStatus]]:
+    """The banks of all transects ``(n, 2)``, left then right, NaN where the image ends first; and their statuses.
+
+    Args:
+        image: ``(height, width, 3)`` BGR.
+        plane: The water's.
+        found: The transects.
+        by_motion: ``(n, 2)``: which banks are told by what moves: what looks like an edge there is another one.
+    """
+    count = len(found.stations_m)
+    edges = Edges(*(np.full((count, 2, *tail), np.nan) for tail in ((2,), (), (), (2,))))
+    status = np.full(count, "", dtype=object)
+    offsets = np.stack([found.left_m, found.right_m], axis=-1)
+    for side in range(2):
+        rows = np.flatnonzero(np.isfinite(offsets[:, side]))
+        opposite = np.nan_to_num(offsets[rows, 1 - side], nan=0.0)
+        one = _located(image, plane, found, rows, (offsets[rows, side], opposite))
+        moving = by_motion[rows, side] & np.isfinite(one.std_px)
+        one.pixels_px[moving] = plane.pixels_px(found.places_en_m(offsets[:, side])[rows[moving]])
+        one.std_px[moving] = _MOTION_STD_PX
+        told = np.isfinite(one.std_px)
+        status[rows[np.isnan(one.std_px)]] = RiverStatus.TOO_COARSE
+        kept = rows[told]
+        edges.pixels_px[kept, side], edges.std_px[kept, side] = one.pixels_px[told], one.std_px[told]
+        edges.contrast[kept, side], edges.across_px[kept, side] = one.contrast[told], one.across_px[told]
+    missing: list[bool] = np.any(np.isnan(edges.std_px), axis=-1).tolist()
+    return edges, [
+        each or (RiverStatus.OUT_OF_IMAGE if lost else RiverStatus.OK)
+        for each, lost in zip(status.tolist(), missing, strict=True)
+    ]
+
+
+def islands_across(image: ImageArray, plane: WaterPlane, found: Transects) -> Islands:
+    """The islands that transects cross; a shore whose profile cannot be told stays where the mask has it."""
+    dry, variance = np.zeros(len(found.stations_m)), np.zeros(len(found.stations_m))
+    count = np.bincount(found.shores, minlength=len(dry)).astype(np.int64)
+    if len(found.shores):
+        shores = np.empty((len(found.shores), 2))
+        for side in range(2):
+            here, there = found.shores_m[:, side], found.shores_m[:, 1 - side]
+            # Seen from the water the island lies ahead: from its right shore to the left, from its left to the right.
+            water = here + (here - there)
+            edges = _located(image, plane, found, found.shores, (here, water))
+            places = plane.places_en_m(edges.pixels_px)
+            centres, to_left = found.centres_en_m[found.shores], found.to_left[found.shores]
+            shores[:, side] = np.sum((places - centres) * to_left, axis=-1)
+            moved = plane.places_en_m(edges.pixels_px + edges.across_px)
+            metres = np.linalg.norm(moved - places, axis=-1) * np.where(np.isfinite(edges.std_px), edges.std_px, 4.0)
+            np.add.at(variance, found.shores, np.nan_to_num(metres) ** 2)
+        np.add.at(dry, found.shores, np.maximum(shores[:, 1] - shores[:, 0], 0.0))
+    return Islands(count, dry, np.sqrt(variance))
+
+
+def _located(
+    image: ImageArray, plane: WaterPlane, found: Transects, rows: IntArray, offsets: tuple[FloatArray, FloatArray]
+) -> Edges:
+    """The steps at offsets of some transects, each with the offset of a place on the water's side of it.
+
+    Their std is infinite where the image ends too soon for a profile, NaN where the river is too narrow in it.
+    """
+    edge_m, water_m = offsets
+    centres, to_left = found.centres_en_m[rows], found.to_left[rows]
+    sign = np.sign(edge_m - water_m)[:, None]
+    places, inner = centres + edge_m[:, None] * to_left, centres + water_m[:, None] * to_left
+    near, far = plane.pixels_px(places), plane.pixels_px(inner)
+    step = np.minimum(_STEP_M, 0.02 * np.linalg.norm(places - inner, axis=-1))[:, None]
+    across = _direction(plane, places, sign * to_left * step)
+    along = _direction(plane, places, np.stack([-to_left[:, 1], to_left[:, 0]], axis=-1) * step)
+    size = np.array([image.shape[1], image.shape[0]]) - 1
+    border = np.min(np.minimum(near, size - near), axis=-1)
+    room = _ROOM * np.linalg.norm(far - near, axis=-1)
+    window = _window_px(np.minimum(room, border) / 2)
+    edges = locate_edges(image, near, across, along, window)
+    edges = locate_edges(image, edges.pixels_px, across, along, window)  # where the first look was off
+    edges.std_px[(window <= 0) & (border <= room)] = np.inf
+    edges.std_px[(window <= 0) & (border > room)] = np.nan
+    return edges
+
+
+def _window_px(limit_px: FloatArray) -> FloatArray:
+    """The largest window of each limit ``(n,)``; 0 where it has none."""
+    return np.asarray(np.max(np.where(limit_px[:, None] >= _WINDOWS_PX, _WINDOWS_PX, 0.0), axis=-1))
+
+
+def _direction(plane: WaterPlane, places: FloatArray, step_m: FloatArray) -> FloatArray:
+    """Unit vectors ``(n, 2)`` in the image of steps ``(n, 2)`` on the water."""
+    moved = plane.pixels_px(places + step_m) - plane.pixels_px(places - step_m)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
+
+
+def stand_out(stations_m: FloatArray, offsets_m: FloatArray, std_m: FloatArray, width_m: float) -> BoolArray:
+    """Which points of a bank are off the line through their neighbours by more than the bank's own roughness.
+
+    Args:
+        stations_m: ``(n,)`` along the river, rising.
+        offsets_m: ``(n,)`` from the centreline; NaN where there is no point.
+        std_m: ``(n,)`` how well each is known.
+        width_m: Of the river.
+
+    Returns:
+        ``(n,)``; False where there is no point, or too few others to tell.
+    """
+    rough = np.full(len(offsets_m), np.nan)
+    for row in np.flatnonzero(np.isfinite(offsets_m)).tolist():
+        near = np.arange(max(row - _REACH, 0), min(row + _REACH + 1, len(offsets_m)))
+        near = near[np.isfinite(offsets_m[near]) & (near != row)]
+        if len(near) >= _LEAST:
+            rough[row] = offsets_m[row] - _middle_line(stations_m[near], offsets_m[near], stations_m[row])
+    told = np.isfinite(rough)
+    if np.count_nonzero(told) < _LEAST:
+        return np.zeros(len(offsets_m), dtype=bool)
+    usual = robust_std(rough[told]) + _FLOOR * width_m
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(rough) > _STDS * np.hypot(usual, std_m))
+
+
+def _middle_line(stations_m: FloatArray, offsets_m: FloatArray, at_m: float) -> float:
+    """Of a few points, the line whose slope is the median of all pairs' (Theil and Sen), at one station."""
+    first, second = np.triu_indices(len(stations_m), 1)
+    slopes = (offsets_m[second] - offsets_m[first]) / (stations_m[second] - stations_m[first])
+    slope = float(np.median(slopes))
+    return float(np.median(offsets_m + slope * (at_m - stations_m)))
+
+
+def hidden_per_metre(pose: Pose, banks_enu_m: FloatArray) -> FloatArray:
+    """Length of a transect that each metre of height on its banks hides.
+
+    A bank between the camera and the water hides what is behind it; the opposite one hides none.
+
+    Args:
+        pose: Of the camera.
+        banks_enu_m: ``(n, 2, 3)`` the two ends of each transect.
+
+    Returns:
+        ``(n, 2)``, 0 where the bank is seen from the water's side.
+    """
+    outward = (banks_enu_m - banks_enu_m[:, ::-1])[..., :2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        outward = outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+    away = banks_enu_m - pose.position_enu_m
+    toward_water = -np.sum(outward * away[..., :2], axis=-1)
+    return np.asarray(np.maximum(toward_water / -away[..., 2], 0.0))

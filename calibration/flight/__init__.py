@@ -1,0 +1,1 @@
+"""Biases of a flight's telemetry, from landmarks in many images."""

@@ -1,0 +1,1 @@
+"""Surveyed markers (ArUco, AprilTag) found in images."""

@@ -1,0 +1,495 @@
+"""How far a guess is from the evidence: whitened residuals with analytic derivatives.
+
+An observation that is no reprojection (a range, a length, a horizon) is a condition ``g(state, pixels) = known``. Its
+residual is ``g`` less what is known, over what pixels and the known number's own std make of it to first order
+(Sampson's error; Hartley and Zisserman, "Multiple View Geometry", 2nd ed., section 4.2.6). Ranges and lengths come in
+tens: all of a scene are computed at once, other conditions one by one.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from aerodft.dft import equations
+from aerodft.dft.covariance import dependence, scalars
+from aerodft.dft.projection import (
+    ELEVATION,
+    FOCAL,
+    INTRINSICS,
+    POSITION,
+    PRINCIPAL_POINT,
+    ROTATION,
+    GroundPoints,
+    pixel_directions,
+    pixel_rays,
+    project,
+    shared_count,
+)
+from aerodft.dft.quantities import Sight
+from aerodft.geometry.intrinsics import rays_by_intrinsics, reproject
+from aerodft.geometry.lens import rays_with_jacobian
+from aerodft.geometry.rotation import camera_angles, cross, skew
+from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION
+from aerodft.model.arrays import FloatArray
+from aerodft.model.evidence import (
+    Evidence,
+    EvidenceSet,
+    GroundLines,
+    GroundPoint,
+    Horizon,
+    KnownHeight,
+    KnownLength,
+    Landmark,
+    Px,
+    SlantRange,
+    Vertical,
+)
+from aerodft.model.measurement import ProjectionModel
+from aerodft.model.pose import Pose
+from aerodft.model.probe import ProbeKind
+from calibration.pose.descent import NormalEquations, Rows
+from calibration.pose.state import BOUNDS, State, Unknowns
+
+OUT_OF_SIGHT = 1e6
+"""Residual, in standard deviations, of what a guess does not see at all: behind the camera, above the horizon.
+
+More than of anything that is seen: else the best guess would be the one that sees nothing."""
+
+_ANGLES = ("roll", "heading")  # on a turn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A condition at one guess.
+
+    Attributes:
+        off: ``(m,)``: what is, less what is known.
+        by_shared: ``(m, s)`` by the errors of ``dft.projection``.
+        cov: ``(m, m)`` of ``off``, from pixels and from what is known.
+        std_px: Of the pixels, to say residuals in pixels.
+    """
+
+    off: FloatArray
+    by_shared: FloatArray
+    cov: FloatArray
+    std_px: float
+
+
+Condition: TypeAlias = Callable[[State], Found]
+
+
+def condition_of(evidence: Evidence) -> Condition:
+    """The condition of one piece of evidence that is no range and no length."""
+    return partial(_CONDITIONS[type(evidence)], evidence)
+
+
+class Distances:
+    """Slant ranges to level ground, or horizontal lengths between two points of a level, all at once.
+
+    Args:
+        evidence: Of one kind, by the index of the observation.
+
+    Attributes:
+        owner: ``(k,)`` those indices.
+        std_px: ``(k,)`` of their pixels.
+    """
+
+    def __init__(self, evidence: Mapping[int, SlantRange] | Mapping[int, KnownLength]) -> None:
+        self.owner = np.array(list(evidence), dtype=np.intp)
+        self.std_px = np.array([each.std_px for each in evidence.values()], dtype=np.float64)
+        self._std_m = np.array([each.std_m for each in evidence.values()], dtype=np.float64)
+        pixels, known_m, elevation_m = zip(
+            *(
+                ((each.pixel,), each.range_m, 0.0)
+                if isinstance(each, SlantRange)
+                else (each.pixels, each.length_m, each.elevation_m)
+                for each in evidence.values()
+            ),
+            strict=True,
+        )
+        self._pixels = np.array(pixels, dtype=np.float64)
+        self._known_m = np.array(known_m, dtype=np.float64)
+        self._elevation_m = np.array(elevation_m, dtype=np.float64)[:, None]
+
+    def found(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What is, less what is known, ``(k,)``, by the shared errors ``(k, s)``, and its variance ``(k,)``.
+
+        NaN where a point is missed.
+        """
+        pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
+        ground = project(state.camera, pose, self._pixels, state.elevation_m + self._elevation_m, state.model)
+        points = ground.points_enu_m
+        is_range = points.shape[1] == 1
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            apart = points[:, 0] - state.position_m if is_range else (points[:, 1] - points[:, 0]) * [1.0, 1.0, 0.0]
+            distance_m = np.sqrt(np.sum(apart * apart, axis=-1))
+            along = apart / distance_m[:, None]
+            by_points = along[:, None] if is_range else np.stack([-along, along], axis=1)
+            shared = np.einsum("kpi,kpij->kj", by_points, ground.jac_shared)
+            if is_range:
+                shared[:, POSITION] -= along
+            own = np.einsum("kpi,kpij->kpj", by_points, ground.jac_px)
+            variance = self.std_px**2 * np.sum(own * own, axis=(-1, -2)) + self._std_m**2
+            return distance_m - self._known_m, shared, variance
+
+
+def _ground(state: State, pixels: tuple[Px, ...], elevation_m: float) -> GroundPoints:
+    """What pixels show of the level plane that lies so high above the ground."""
+    at = np.array(pixels, dtype=np.float64)
+    return project(state.camera, _pose(state), at, state.elevation_m + elevation_m, state.model)
+
+
+def _pose(state: State) -> Pose:
+    return Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
+
+
+def _height(evidence: KnownHeight, state: State) -> Found:
+    pixels = (evidence.base, evidence.top)
+    pose, ground, rays = _pose(state), _ground(state, pixels, 0.0), None
+    sight = Sight(state.position_m, np.empty((0, 3)), ground.points_enu_m)
+    if state.model is ProjectionModel.PINHOLE:
+        rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)
+        sight = Sight(state.position_m, rays.directions_enu, ground.points_enu_m)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        value, by = scalars(ProbeKind.HEIGHT, state.model, sight, pose, np.array(state.elevation_m))
+        shared, own = dependence(by, ground, rays)
+    variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
+    residual_m = float(value) - evidence.height_m
+    return Found(np.array([residual_m]), shared[None], np.array([[variance]]), evidence.std_px)
+
+
+def _ground_point(evidence: GroundPoint, state: State) -> Found:
+    """In the ground frame: right and ahead of the camera's foot."""
+    _, _, heading = camera_angles(state.wxyz)
+    axes = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+    ground = _ground(state, (evidence.pixel,), 0.0)
+    away = ground.points_enu_m[0, :2] - state.position_m[:2]
+    by_shared = ground.jac_shared[0, :2].copy()
+    by_shared[:, :2] -= np.eye(2)
+    # The ground frame turns with the camera: clockwise, as the camera's rotation about straight down.
+    across = np.array([-away[1], away[0]])
+    by_shared[:, ROTATION] -= np.outer(-across, _heading_by_rotation(state))
+    own = ground.jac_px[0, :2]
+    cov = evidence.std_px**2 * own @ own.T + evidence.std_m**2 * np.eye(2)
+    return Found(axes @ away - evidence.xy_m, axes @ by_shared, axes @ cov @ axes.T, evidence.std_px)
+
+
+def _heading_by_rotation(state: State) -> FloatArray:
+    """Derivative ``(3,)`` of the heading by a small rotation in camera axes: the azimuth of the optical axis."""
+    axis = state.rotation[:, 2]
+    square = axis[0] ** 2 + axis[1] ** 2
+    if square == 0:
+        return np.zeros(3)
+    by_axis = np.array([axis[1], -axis[0], 0.0]) / square
+    return np.asarray(by_axis @ (-state.rotation @ skew(np.array([0.0, 0.0, 1.0]))))
+
+
+def _landmark(evidence: Landmark, state: State) -> Found:
+    """With an unknown component a landmark is a line, which its ray meets; in the paper's model it is a level plane."""
+    if None not in evidence.position_m or (state.model is ProjectionModel.DFT and evidence.position_m[2] is not None):
+        return _on_level(evidence, state)
+    axis = evidence.position_m.index(None)
+    along = np.eye(3)[axis]
+    to_line = np.array([0.0 if known is None else known for known in evidence.position_m]) - state.position_m
+    rays = _foot_rays(state, evidence.pixel) if state.model is ProjectionModel.DFT else _rays(state, (evidence.pixel,))
+    across = cross(rays.enu[0], along)
+    size = float(np.linalg.norm(across))
+    if not cross(to_line, along) @ across > 0:  # behind the camera
+        across = np.full(3, np.nan)
+    found = _from_rays(float(across @ to_line) / size, cross(along, to_line)[None] / size, rays, evidence.std_px)
+    found.by_shared[0, POSITION] -= across / size
+    variance = float(np.square(across / size) @ np.square(evidence.std_m))
+    return replace(found, cov=found.cov + variance)
+
+
+def _on_level(evidence: Landmark, state: State) -> Found:
+    east, north, up = evidence.position_m
+    ground = _ground(state, (evidence.pixel,), (up or 0.0) - state.elevation_m)
+    rows = [axis for axis, known in enumerate((east, north)) if known is not None]
+    known = np.array([value for value in (east, north) if value is not None])
+    by_shared = ground.jac_shared[0, rows].copy()
+    own, raised = ground.jac_px[0, rows], ground.jac_shared[0, rows, ELEVATION]
+    cov = evidence.std_px**2 * own @ own.T + np.diag(np.square(np.array(evidence.std_m)[rows]))
+    cov += evidence.std_m[2] ** 2 * np.outer(raised, raised)
+    by_shared[:, ELEVATION] = 0.0  # its own elevation, not the ground's
+    return Found(ground.points_enu_m[0, rows] - known, by_shared, cov, evidence.std_px)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """Rays of pixels in east, north, up ``(k, 3)``, by the shared errors ``(k, 3, s)``, by the pixels ``(k, 3, 2)``."""
+
+    enu: FloatArray
+    by_shared: FloatArray
+    by_px: FloatArray
+
+
+def _rays(state: State, pixels: tuple[Px, ...]) -> _Rays:
+    at = np.array(pixels, dtype=np.float64)
+    rays, turned = rays_with_jacobian(state.camera, at), state.rotation
+    by_intrinsics = rays_by_intrinsics(state.camera, at)
+    shared = np.zeros((len(at), 3, INTRINSICS.start + by_intrinsics.shape[-1]))
+    shared[..., ROTATION] = -turned @ skew(rays.rays_cam)
+    shared[..., INTRINSICS] = turned @ by_intrinsics
+    return _Rays(rays.rays_cam @ turned.T, shared, turned @ rays.jac_px)
+
+
+def _foot_rays(state: State, pixel: Px) -> _Rays:
+    """The paper's model has no rays: from the camera to the ground point, of which the azimuth counts."""
+    ground = _ground(state, (pixel,), 0.0)
+    shared = ground.jac_shared.copy()
+    shared[:, :, POSITION] -= np.eye(3)
+    return _Rays(ground.points_enu_m - state.position_m, shared, ground.jac_px)
+
+
+def _from_rays(off: float, by_rays: FloatArray, rays: _Rays, std_px: float) -> Found:
+    """A condition on rays, with its derivatives ``(k, 3)`` by each of them."""
+    shared = np.einsum("ki,kij->j", by_rays, rays.by_shared)
+    own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+    variance = std_px**2 * float(np.sum(own * own))
+    return Found(np.array([off]), shared[None], np.array([[variance]]), std_px)
+
+
+def _vertical(evidence: Vertical, state: State) -> Found:
+    """The plane through the camera and the line stands upright: its normal is level."""
+    rays = _rays(state, evidence.pixels)
+    a, b = rays.enu
+    up = np.array([0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(cross(a, b)))
+    by_rays = np.stack([cross(b, up), cross(up, a)]) / length
+    return _from_rays(float(cross(a, b) @ up) / length, by_rays, rays, evidence.std_px)
+
+
+def _lines(evidence: GroundLines, state: State) -> Found:
+    """Level lines lie where the planes through the camera and them meet a level plane."""
+    rays = _rays(state, (*evidence.first, *evidence.second))
+    a, b, c, d = rays.enu
+    first, second = cross(a, b)[:2], cross(c, d)[:2]
+    size = float(np.linalg.norm(first) * np.linalg.norm(second))
+    if evidence.at_right_angle:
+        off, by_first, by_second = first @ second, second, first
+    else:
+        off = first[0] * second[1] - first[1] * second[0]
+        by_first, by_second = np.array([second[1], -second[0]]), np.array([-first[1], first[0]])
+    by_first, by_second = np.append(by_first, 0.0), np.append(by_second, 0.0)
+    by_rays = np.stack([cross(b, by_first), cross(by_first, a), cross(d, by_second), cross(by_second, c)])
+    return _from_rays(float(off) / size, by_rays / size, rays, evidence.std_px)
+
+
+def _horizon(evidence: Horizon, state: State) -> Found:
+    """Each of its rays is level, or as far below as the sea's horizon."""
+    dip, by_height = _dip(evidence, state)
+    if state.model is ProjectionModel.DFT:
+        psi_rad, shared, own = _row_angles(state, evidence.pixels)
+        off = psi_rad - math.pi / 2 + dip
+    else:
+        rays = _rays(state, evidence.pixels)
+        length = np.linalg.norm(rays.enu, axis=-1)
+        off = rays.enu[:, 2] / length + math.sin(dip)
+        by_rays = np.array([0.0, 0.0, 1.0]) / length[:, None] - (rays.enu[:, 2] / length**3)[:, None] * rays.enu
+        shared = np.einsum("ki,kij->kj", by_rays, rays.by_shared)
+        own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+        by_height *= math.cos(dip)
+    shared[:, 2] += by_height
+    shared[:, ELEVATION] -= by_height
+    return Found(off, shared, np.diag(evidence.std_px**2 * np.sum(own * own, axis=-1)), evidence.std_px)
+
+
+def _row_angles(state: State, pixels: tuple[Px, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The paper's Eq. 3 ``(k,)``, by the shared errors ``(k, s)`` and by the pixels ``(k, 2)``."""
+    camera, (tilt, _, _) = state.camera, state.angles_rad
+    down_px = np.array(pixels, dtype=np.float64)[:, 1]
+    psi_rad = equations.vertical_angle(down_px, tilt, camera.height_px, camera.vfov_rad)
+    own = np.zeros((len(pixels), 2))
+    own[:, 1] = -camera.vfov_rad / camera.height_px
+    shared = np.zeros((len(pixels), shared_count(camera)))
+    shared[:, ROTATION.start] = 1.0
+    half_px = camera.height_px / 2
+    shared[:, FOCAL.stop - 1] = -(half_px - down_px) / (camera.fy_px**2 + half_px**2)  # field of view: 2 atan(H / 2 f)
+    shared[:, PRINCIPAL_POINT] = -own
+    return psi_rad, shared, own
+
+
+def _dip(evidence: Horizon, state: State) -> tuple[float, float]:
+    """How far the sea's horizon lies below level (rad), and that by the camera's height; 0 for a level horizon."""
+    if not evidence.is_sea:
+        return 0.0, 0.0
+    above = max(float(state.position_m[2]) - state.elevation_m, 1e-3)
+    dip = math.sqrt(2 * above * (1 - STANDARD_REFRACTION) / EARTH_RADIUS_M)
+    return dip, dip / (2 * above)
+
+
+_CONDITIONS: dict[type, Callable[..., Found]] = {
+    KnownHeight: _height,
+    GroundPoint: _ground_point,
+    Landmark: _landmark,
+    Vertical: _vertical,
+    GroundLines: _lines,
+    Horizon: _horizon,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals(Rows):
+    """All residuals of one guess, whose unknowns are few."""
+
+    def normal(self, weights: FloatArray) -> NormalEquations:
+        """The normal equations with weights ``(m,)`` of the rows."""
+        weighted = self.by_unknowns * weights[:, None]
+        count = self.by_unknowns.shape[1]
+        matrix, slope = weighted.T @ self.by_unknowns, weighted.T @ self.values
+        return NormalEquations(matrix, slope, np.zeros((0, count, count)), np.zeros((0, count)))
+
+
+class Problem:
+    """Evidence and unknowns, ready to be evaluated again and again.
+
+    Args:
+        known: What is known.
+        unknowns: What is not.
+        model: Projection model.
+
+    Attributes:
+        reprojected: ``(k,)`` indices of the observations that are landmarks known in all three dimensions.
+    """
+
+    def __init__(self, known: EvidenceSet, unknowns: Unknowns, model: ProjectionModel) -> None:
+        self.known = known
+        self.unknowns = unknowns
+        reprojected = {
+            index: each
+            for index, each in enumerate(known.evidence)
+            if model is ProjectionModel.PINHOLE and isinstance(each, Landmark) and None not in each.position_m
+        }
+        self.reprojected, points = np.array(list(reprojected), dtype=np.intp), reprojected.values()
+        self._owner = np.repeat(self.reprojected, 2)
+        self._points_m = np.array([each.position_m for each in points], dtype=np.float64).reshape(-1, 3)
+        self._pixels = np.array([each.pixel for each in points], dtype=np.float64).reshape(-1, 2)
+        self._std_px = np.array([each.std_px for each in points], dtype=np.float64)
+        std_m = np.array([each.std_m for each in points], dtype=np.float64).reshape(-1, 3)
+        self._point_cov = np.square(std_m)[:, None] * np.eye(3) if np.any(std_m) else None
+        ranges = {index: each for index, each in enumerate(known.evidence) if isinstance(each, SlantRange)}
+        lengths = {index: each for index, each in enumerate(known.evidence) if isinstance(each, KnownLength)}
+        self._together = [Distances(each) for each in (ranges, lengths) if each]
+        self._conditions: list[tuple[int, Condition]] = [
+            (index, condition_of(each))
+            for index, each in enumerate(known.evidence)
+            if index not in reprojected and index not in ranges and index not in lengths
+        ]
+        self._priors = [(name, known.priors[name]) for name in unknowns.names if name in known.priors]
+
+    @property
+    def landmarks(self) -> tuple[FloatArray, FloatArray]:
+        """World points ``(k, 3)`` and pixels ``(k, 2)`` of what is ``reprojected``."""
+        return self._points_m, self._pixels
+
+    def evaluate(self, state: State) -> Residuals:
+        """All residuals of a guess."""
+        found = self.observed(state, self.unknowns.by_unknowns(state))
+        parts = [] if found is None else [found]
+        parts += [self._of_priors(state)] if self._priors else []
+        return joined(parts)
+
+    def moved(self, state: State, step: FloatArray) -> State | None:
+        """The guess after a step ``(n,)``; None where no camera can be."""
+        try:
+            moved = self.unknowns.moved(state, step)
+        except ValueError:
+            return None
+        return moved if all(holds(moved) for holds in BOUNDS.values()) else None
+
+    def observed(self, state: State, by: FloatArray) -> Residuals | None:
+        """The evidence's residuals alone, None without evidence; derivatives by what moves a camera ``(s, n)``."""
+        parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
+        parts += [_of_many(each, state, by) for each in self._together]
+        parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
+        return joined(parts) if parts else None
+
+    def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            found = reproject(state.camera, state.position_m, state.rotation, self._points_m)
+            off = found.pixels_px - self._pixels
+            jac = _times(found.by_rotation, by[ROTATION]) - _times(found.by_point, by[POSITION])
+            if np.any(by[INTRINSICS]):
+                jac += _times(found.by_intrinsics, by[INTRINSICS])
+        std = self._std_px[:, None]
+        values, rows = off / std, jac / std[..., None]
+        if self._point_cov is not None:
+            cov = found.by_point @ self._point_cov @ found.by_point.swapaxes(-1, -2)
+            cov += np.square(self._std_px)[:, None, None] * np.eye(2)
+            root = _whitening(np.where(np.all(np.isfinite(cov), axis=(-1, -2), keepdims=True), cov, np.eye(2)))
+            values, rows = (root @ off[..., None])[..., 0], root @ jac
+        px, blind = off.ravel(), np.isnan(off[:, 0])
+        if np.any(blind):
+            values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
+            px = np.where(np.isnan(px), np.inf, px)
+        return Residuals(values.ravel(), rows.reshape(len(px), -1), self._owner, px)
+
+    def _of_priors(self, state: State) -> Residuals:
+        to_angles = self.unknowns.to_angles(state)
+        values, rows = [], []
+        for name, prior in self._priors:
+            off = state.value(name) - prior.value
+            if name in _ANGLES:
+                off = (off + np.pi) % (2 * np.pi) - np.pi
+            values.append(off / prior.std)
+            rows.append(to_angles[self.unknowns.names.index(name)] / prior.std)
+        count = len(values)
+        return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
+
+
+def _times(many: FloatArray, by: FloatArray) -> FloatArray:
+    """``(k, 2, i)`` times ``(i, n)``, as one large product."""
+    return np.asarray((many.reshape(-1, len(by)) @ by).reshape(*many.shape[:-1], -1))
+
+
+def joined(parts: list[Residuals]) -> Residuals:
+    """Residuals one after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    return Residuals(
+        np.concatenate([part.values for part in parts]),
+        np.concatenate([part.by_unknowns for part in parts]),
+        np.concatenate([part.owner for part in parts]),
+        np.concatenate([part.px for part in parts]),
+    )
+
+
+def _of_many(many: Distances, state: State, by: FloatArray) -> Residuals:
+    off_m, by_shared, variance = many.found(state)
+    std_m = np.sqrt(variance * (1 + 1e-12))
+    values, by_shared = off_m / std_m, by_shared / std_m[:, None]
+    px = many.std_px * values
+    blind = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
+    if np.any(blind):
+        by_shared[blind], values[blind], px[blind] = 0.0, OUT_OF_SIGHT, np.inf
+    return Residuals(values, by_shared @ by, many.owner, px)
+
+
+def _of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:
+    found = condition(state)
+    count = len(found.off)
+    blind = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.by_shared))
+    owner = np.full(count, index)
+    if blind:
+        nothing = np.zeros((count, by.shape[1]))
+        return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
+    root = _whitening(found.cov)
+    values = root @ found.off
+    return Residuals(values, root @ found.by_shared @ by, owner, found.std_px * values)
+
+
+def _whitening(cov: FloatArray) -> FloatArray:
+    """``(..., k, k)`` that makes residuals of that covariance independent and of variance 1.
+
+    One direction may be billions of times as uncertain as another (a ray along the ground, a landmark right before the
+    lens): rounding alone would make such a matrix singular.
+    """
+    if cov.shape == (1, 1) and cov[0, 0] > 0:
+        return np.asarray(1.0 / np.sqrt(cov + 1e-12 * cov))
+    size = np.trace(cov, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov + 1e-12 * size * np.eye(cov.shape[-1]))))

@@ -1,0 +1,1 @@
+"""A video aligned with a log by how the camera turned."""

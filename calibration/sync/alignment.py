@@ -1,0 +1,257 @@
+"""A video aligned with a log by how the camera turned: offset and drift of the clocks, and the gimbal's lag.
+
+Stamps of the video become UTC by ``stamp + offset + drift (stamp - reference)``; the gimbal's report of ``lag`` before
+is where the camera then looked. All offsets and drifts of a range are searched first. The best is fitted to the turns
+that the images show, then, land and water by themselves, the reports to the path that these turns make.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import NoAnswerError
+from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model.pose import GimbalSource
+from aerodft.service.attitude.history import AttitudeHistory
+from aerodft.service.settings import AttitudeSettings
+from aerodft.vision.camera_motion.rotation import ImagePair, PlaneMotion, layered_motion, plane_motion
+from calibration.sync.fit import (
+    FEWEST_REPORTS,
+    LAG,
+    LAG_PRIOR_S,
+    MAX_DRIFT,
+    Peak,
+    Refined,
+    TurnProblem,
+    fit,
+    refined,
+    search,
+)
+from calibration.sync.motion import CameraMotion, CameraPath, followed_path, predicted
+
+MOST_STD_S = 0.05
+"""A less certain alignment is none."""
+
+_FEWEST_PAIRS = 25
+_AROUND_S = 5.0  # of the log beside what could be of the video, for a lag and for a curve's ends
+_LEAST_SCORE = 30.0
+_MOST_RATIO = 0.7  # of the second peak's score to the best one's
+_LAG_TOLD = 0.6  # of the prior's standard deviation: what is left when the data tell the lag
+_SIGMAS_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rates:
+    """Angular rates for people to look at, about the camera's axes.
+
+    Attributes:
+        stamp_ns: ``(n,)`` by the video's clock.
+        seen_radps: ``(n, 3)`` by the images.
+        said_before_radps: ``(n, 3)`` by the log, as the video was stamped; NaN outside of the log.
+        said_radps: ``(n, 3)`` by the log, aligned; likewise.
+    """
+
+    stamp_ns: IntArray
+    seen_radps: FloatArray
+    said_before_radps: FloatArray
+    said_radps: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alignment:
+    """How a video belongs to a log.
+
+    Attributes:
+        reference_ns: Where the offset holds and from where the drift counts, by the video's clock.
+        offset_s: To be added to a stamp at the reference.
+        drift: To be added to it per second since then.
+        lag_s: How much the camera was behind the gimbal's reports, on average.
+        time_constant_s: How much of that is a camera that follows ever more slowly, rather than later.
+        cov: ``(3, 3)`` of offset, drift and lag.
+        lag_told: Whether the lag is known, by the data or because there is none; else it is a typical one, and part of
+            the offset's std.
+        peak_ratio: Score of the best other offset over that of this one; 0 where there is no other.
+        source: The report of the camera's attitude.
+        rates: What it was made of.
+    """
+
+    reference_ns: int
+    offset_s: float
+    drift: float
+    lag_s: float
+    time_constant_s: float
+    cov: FloatArray
+    lag_told: bool
+    peak_ratio: float
+    source: GimbalSource
+    rates: Rates
+
+    @property
+    def stds(self) -> FloatArray:
+        """``(3,)`` of offset, drift and lag."""
+        return np.asarray(np.sqrt(np.diag(self.cov)))
+
+    @property
+    def lateness_s(self) -> float:
+        """By how much more than its lag the camera may be behind while it turns."""
+        return 2 * float(self.stds[LAG]) + self.time_constant_s
+
+    def attitude_std_s(self, after_s: float = 0.0) -> float:
+        """How well the camera's attitude is found, this long after the reference: of offset less lag, with drift."""
+        weights = np.array([1.0, after_s, -1.0])
+        return float(np.sqrt(weights @ self.cov @ weights))
+
+
+def align(
+    pairs: Sequence[ImagePair], history: AttitudeHistory, settings: AttitudeSettings, max_offset_s: float
+) -> Alignment:
+    """Align a video with a log.
+
+    Args:
+        pairs: What its images have in common, ascending.
+        history: The log's attitudes.
+        settings: Which of them are believed.
+        max_offset_s: How far off the video's stamps may be.
+
+    Raises:
+        NoAnswerError: No attitude in the log, too little to see in the images, too little motion to tell, or several
+            offsets that fit about as well.
+    """
+    coarse = plane_motion(pairs)
+    if len(coarse) < _FEWEST_PAIRS:
+        raise NoAnswerError(
+            "the images do not tell how the camera turned",
+            got=f"{len(coarse)} pairs of images with a common plane",
+            expected=f"at least {_FEWEST_PAIRS}",
+            hint="the ground must be in view, sharp and textured",
+        )
+    reference_ns = (pairs[0].start_ns + pairs[-1].end_ns) // 2
+    reach_s = max_offset_s + (1 + MAX_DRIFT) * (pairs[-1].end_ns - reference_ns) / SECOND_NS + _AROUND_S
+    camera = _camera(history, settings, reference_ns, reach_s)
+    best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s))
+    first = fit(TurnProblem(coarse, camera, reference_ns), np.array([best.offset_s, best.drift, best.lag_s]))
+    problem = TurnProblem(_layered(pairs, camera, reference_ns, first), camera, reference_ns)
+    seen = problem.seen(problem.said(first))
+    path = followed_path(pairs, problem.motion, seen, camera, first[: LAG + 1], reference_ns)
+    found = _refined(camera, path, first[: LAG + 1])
+    alignment = _alignment(found, first, problem, reference_ns, ratio)
+    _check(alignment)
+    return alignment
+
+
+def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, reach_s: float) -> CameraMotion:
+    try:
+        return CameraMotion(history, settings, zero_ns, reach_s)
+    except LookupError:
+        check_overlap(history, zero_ns, reach_s)
+        there = ", ".join([*map(str, history.gimbals), *(["ATTITUDE"] if history.vehicle is not None else [])])
+        raise NoAnswerError(
+            "no camera attitude in the log",
+            got=there or "none",
+            expected=f"one of {', '.join(settings.order)}",
+            hint="see `aerodft doctor`, and telemetry.attitude.order in the config",
+        ) from None
+
+
+def check_overlap(history: AttitudeHistory, zero_ns: int, reach_s: float) -> None:
+    """Refuse a log that is far from its video.
+
+    Args:
+        history: The log's attitudes; without any there is nothing to refuse.
+        zero_ns: The middle of the video, by its own stamps.
+        reach_s: How far from there the log may be.
+
+    Raises:
+        NoAnswerError: It is farther away.
+    """
+    series = [*history.gimbals.values(), *([history.vehicle] if history.vehicle is not None else [])]
+    if not series:
+        return
+    first_s = (min(int(each.stamp_ns[0]) for each in series) - zero_ns) / SECOND_NS
+    last_s = (max(int(each.stamp_ns[-1]) for each in series) - zero_ns) / SECOND_NS
+    if first_s > reach_s or last_s < -reach_s:
+        raise NoAnswerError(
+            "video and log do not overlap in time",
+            got=f"a log from {first_s:+.0f} s to {last_s:+.0f} s about the middle of the video",
+            expected=f"some of it within {reach_s:.0f} s",
+            hint="pass --video-start, or a larger --max-offset",
+        )
+
+
+def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
+    best = peaks[0]
+    if best.score < _LEAST_SCORE:
+        raise NoAnswerError(
+            "too little motion to tell, or the video is not of this flight",
+            got=f"at best {max(best.score / _LEAST_SCORE, 0):.0%} of what tells an offset, at {best.offset_s:+.1f} s",
+            expected="100 % or more",
+            hint="the gimbal or the vehicle must turn while the video runs; see --max-offset, --video-start",
+        )
+    ratio = max(peaks[1].score / best.score, 0.0) if len(peaks) > 1 else 0.0
+    if ratio > _MOST_RATIO:
+        raise NoAnswerError(
+            "several offsets fit about as well",
+            got=f"{best.offset_s:+.1f} s and {peaks[1].offset_s:+.1f} s, which explains {ratio:.0%} of what that does",
+            expected=f"at most {_MOST_RATIO:.0%}",
+            hint="a motion that repeats itself does not tell; pass --video-start and a smaller --max-offset",
+        )
+    return best, ratio
+
+
+def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, first: FloatArray) -> PlaneMotion:
+    """The homographies of what moves alike, with the ground where the first fit has it."""
+    offset, drift, lag = first[: LAG + 1].tolist()
+    stamps = np.array([(pair.start_ns, pair.end_ns) for pair in pairs], dtype=np.int64)
+    start, end = (offset + (1 + drift) * ((stamps - zero_ns) / SECOND_NS)).T
+    said = predicted(camera, start, end, lag)
+    covered = [pair for pair, known in zip(pairs, said.known.tolist(), strict=True) if known]
+    return layered_motion(covered, said.rotvec_rad[said.known], said.normal_cam[said.known])
+
+
+def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refined:
+    try:
+        return refined(camera, path, start)
+    except LookupError as error:
+        raise NoAnswerError(
+            "too little of the log is about what the video shows",
+            got=f"{error} reports of {camera.source} while the ground was followed",
+            expected=f"at least {FEWEST_REPORTS}",
+            hint="film longer while the gimbal moves, or ask for its reports more often",
+        ) from None
+
+
+def _alignment(found: Refined, first: FloatArray, problem: TurnProblem, reference_ns: int, ratio: float) -> Alignment:
+    offset, drift, lag = found.values.tolist()
+    between = problem.between_s[:, None]
+    before = predicted(problem.camera, problem.start_s, problem.end_s, 0.0)
+    said = problem.said(np.concatenate([found.values, first[LAG + 1 :]]))
+    return Alignment(
+        reference_ns=reference_ns,
+        offset_s=offset,
+        drift=drift,
+        lag_s=lag,
+        time_constant_s=found.time_constant_s,
+        cov=found.cov,
+        lag_told=float(np.sqrt(found.cov[LAG, LAG])) < _LAG_TOLD * LAG_PRIOR_S[1],
+        peak_ratio=ratio,
+        source=problem.camera.source,
+        rates=Rates(
+            stamp_ns=(problem.motion.start_ns + problem.motion.end_ns) // 2,
+            seen_radps=problem.seen(said).rotvec_rad / between,
+            said_before_radps=np.where(before.known[:, None], before.rotvec_rad / between, np.nan),
+            said_radps=np.where(said.known[:, None], said.rotvec_rad / between, np.nan),
+        ),
+    )
+
+
+def _check(alignment: Alignment) -> None:
+    std_s = alignment.attitude_std_s()
+    if std_s > MOST_STD_S:
+        raise NoAnswerError(
+            "too little motion to tell",
+            got=f"an offset that is known to {std_s:.2f} s only",
+            expected=f"a standard deviation of at most {MOST_STD_S:g} s",
+            hint="the gimbal or the vehicle must turn while the video runs",
+        )

@@ -1,0 +1,1 @@
+"""Many recordings computed anew at once, over Dask."""

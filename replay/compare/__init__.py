@@ -1,0 +1,1 @@
+"""Two recordings side by side: the same measurements, and how far apart they are."""

@@ -1,0 +1,1 @@
+"""Recordings as tables, maps, videos and single files."""

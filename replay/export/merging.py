@@ -1,0 +1,287 @@
+"""A recording's segments as one MCAP file, in order of log time, with what lies beside them attached."""
+
+import heapq
+import logging
+import mimetypes
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from itertools import chain
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Final, Self
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Metadata
+
+from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording.layout import MAGIC, RECORD_HEAD, ChunkBuffer, Registry, encoded
+from aerodft.adapters.recording.read.chunk_index import SegmentScan
+from aerodft.adapters.recording.read.chunks import ATTACHMENT_HEAD_BYTES, MOST_ATTACHMENTS, attachment_head
+from aerodft.adapters.recording.read.messages import ReadMessage
+from aerodft.adapters.recording.write.segment import PROFILE, Summary
+from aerodft.adapters.wire.payload import SOFTWARE
+from aerodft.errors import InputError
+from replay.recordings.recording import Recording
+from replay.recordings.segments import nearly_sorted
+
+_MOST_METADATA_BYTES: Final = 4 << 20
+_HEAD: Final = struct.Struct("<BQ")
+_DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Attached:
+    """Something to be attached: part of a file, or all of it.
+
+    Attributes:
+        about: Its name and times, without its data.
+        path: The file.
+        offset: Where it begins there.
+        data_bytes: How much it is.
+    """
+
+    about: Attachment
+    path: Path
+    offset: int
+    data_bytes: int
+
+    def pieces(self) -> Iterator[bytes]:
+        """Its data.
+
+        Raises:
+            InputError: It cannot be read, or is not all there any more.
+        """
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self.offset)
+                left = self.data_bytes
+                while left:
+                    piece = file.read(min(left, _CHUNK_BYTES))
+                    if not piece:
+                        raise InputError("the file became shorter while it was read", where=self.path)
+                    left -= len(piece)
+                    yield piece
+        except OSError as error:
+            raise InputError("the file cannot be read", where=self.path, got=error.strerror) from error
+
+
+def merge_segments(recording: Recording, path: Path) -> "MergedFile":
+    """Write all messages, metadata and attachments of a recording as one file, with chunks, checksums and an index.
+
+    At a time it holds those chunks that overlap in time, and one attachment. What is not in it, ``recording.left_out``
+    says afterwards.
+
+    Args:
+        recording: The recording.
+        path: The file.
+
+    Returns:
+        The file as it was written: how many messages and attachments are in it.
+
+    Raises:
+        InputError: A segment cannot be read, or has more attachments than can be held.
+        OSError: The file cannot be written.
+    """
+    segments = [*recording.data, *(each for each in recording.images if each not in recording.data)]
+    metadata, attached = _carried(segments)
+    with path.open("wb") as file, MergedFile(file, metadata) as merged:
+        for attachment in chain(attached, _beside(recording)):
+            merged.attach(attachment)
+        for message in _by_time(segments):
+            merged.add(message)
+            del message  # of megabytes: not to be held while the next one is read
+    return merged
+
+
+def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
+    """The messages of all segments by log time; of the same time, in order of the segments. Opens each when due."""
+    waiting: list[tuple[int, int, ReadMessage | None]] = [
+        (min(chunk.start_ns for chunk in segment.chunks), number, None)
+        for number, segment in enumerate(segments)
+        if segment.chunks
+    ]
+    heapq.heapify(waiting)
+    streams = [nearly_sorted(segment) for segment in segments]
+    while waiting:
+        due_ns, number, message = waiting[0]
+        if message is not None:
+            waiting[0] = (due_ns, number, None)
+            yield message
+        message = next(streams[number], None)
+        if message is None:
+            heapq.heappop(waiting)
+        else:
+            heapq.heapreplace(waiting, (message.log_ns, number, message))
+
+
+def _carried(segments: list[SegmentScan]) -> tuple[list[tuple[str, dict[str, str]]], list[Attached]]:
+    """The metadata of all segments, each once, and their attachments; what is damaged is left out, and said."""
+    metadata: dict[str, tuple[str, dict[str, str]]] = {}
+    attached: list[Attached] = []
+    for segment in segments:
+        for opcode, offset, length in _places(segment.path):
+            try:
+                if opcode == Opcode.ATTACHMENT:
+                    attached.append(_attached(segment.path, offset, length))
+                elif length <= _MOST_METADATA_BYTES:  # a larger one is nobody's configuration
+                    record = Metadata.read(ReadDataStream(BytesIO(_begun(segment.path, offset, length))))
+                    key = repr((record.name, sorted(record.metadata.items())))
+                    metadata.setdefault(key, (record.name, record.metadata))
+            except _DAMAGED:
+                _log.warning("%s: a damaged record at byte %d is left out", segment.path, offset)
+            if len(attached) > MOST_ATTACHMENTS:
+                raise InputError(f"more than {MOST_ATTACHMENTS} attachments", where=segment.path)
+    return list(metadata.values()), attached
+
+
+def _beside(recording: Recording) -> Iterator[Attached]:
+    """The files beside the segments."""
+    if not recording.folder.is_dir():
+        return
+    for path in sorted(recording.folder.iterdir()):
+        if path.is_file() and path.suffix != ".mcap" and not path.name.startswith("."):
+            kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+            at_ns = recording.start_ns
+            about = Attachment(create_time=at_ns, log_time=at_ns, name=path.name, media_type=kind, data=b"")
+            yield Attached(about, path, 0, path.stat().st_size)
+
+
+def _attached(path: Path, offset: int, length: int) -> Attached:
+    """A file's attachment, from its record.
+
+    Raises:
+        ValueError: It is damaged; others as the library has them.
+    """
+    head = attachment_head(_begun(path, offset, min(length, ATTACHMENT_HEAD_BYTES)), length)
+    return Attached(head.about, path, offset + head.data_at, head.data_bytes)
+
+
+def _begun(path: Path, offset: int, length: int) -> bytes:
+    """So many bytes of a file.
+
+    Raises:
+        InputError: They cannot be.
+    """
+    try:
+        with path.open("rb") as file:
+            file.seek(offset)
+            return file.read(length)
+    except OSError as error:
+        raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
+
+
+def _places(path: Path) -> Iterator[tuple[int, int, int]]:
+    """Metadata and attachments of a file, as far as it is whole: opcode, where the content begins, and its length."""
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            file.seek(len(MAGIC))
+            while len(head := file.read(_HEAD.size)) == _HEAD.size:
+                opcode, length = _HEAD.unpack(head)
+                begin = file.tell()
+                if begin + length > size:
+                    return
+                if opcode in {Opcode.METADATA, Opcode.ATTACHMENT}:
+                    yield opcode, begin, length
+                file.seek(begin + length)
+    except OSError as error:
+        raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
+
+
+_CHUNK_BYTES: Final = 1 << 20
+_DATA_SIZE: Final = struct.Struct("<Q")
+_CRC: Final = struct.Struct("<I")
+
+
+class MergedFile:
+    """Writes the file; it is whole once the context is left.
+
+    The recorder's own layout: the stock writer holds a large image five times.
+
+    Args:
+        file: Empty, open for writing.
+        metadata: Keys and values, by name.
+
+    Attributes:
+        messages: Written so far.
+        attachments: Likewise.
+
+    Raises:
+        OSError: From all methods: the file cannot be written.
+    """
+
+    def __init__(self, file: BinaryIO, metadata: Iterable[tuple[str, dict[str, str]]]) -> None:
+        self.messages = self.attachments = 0
+        self._file = file
+        self._registry = Registry()
+        self._summary = Summary(PROFILE, SOFTWARE, metadata, self._registry.schemas, self._registry.channels)
+        self._compressor = zstandard.ZstdCompressor()  # nobody waits for it: a sixth smaller than what is recorded live
+        self._buffer = ChunkBuffer()
+        self._ids: dict[int, int] = {}
+        self._kept: list[Channel] = []  # an id stays one object's as long as the object is kept
+        file.write(self._summary.beginning)
+
+    def attach(self, found: "Attached") -> None:
+        """Write an attachment, of any size, piece by piece; before the first message.
+
+        Raises:
+            InputError: It cannot be read.
+        """
+        offset, about = self._file.tell(), found.about
+        empty = encoded(about)[RECORD_HEAD.size :]
+        head = empty[: -_DATA_SIZE.size - _CRC.size] + _DATA_SIZE.pack(found.data_bytes)
+        length, crc = len(head) + found.data_bytes + _CRC.size, zlib.crc32(head)
+        self._file.write(RECORD_HEAD.pack(Opcode.ATTACHMENT, length) + head)
+        for piece in found.pieces():
+            self._file.write(piece)
+            crc = zlib.crc32(piece, crc)
+        self._file.write(_CRC.pack(crc))
+        self._summary.attach(offset, RECORD_HEAD.size + length, about, found.data_bytes)
+        self.attachments += 1
+
+    def add(self, message: ReadMessage) -> None:
+        """Add a message; segments that have the same channel share it."""
+        channel = self._ids.get(id(message.channel))
+        if channel is None:
+            channel = self._ids[id(message.channel)] = self._registered(message.channel)
+            self._kept.append(message.channel)
+        if self._buffer.messages and len(message.data) > _CHUNK_BYTES:
+            self._close_chunk()
+        self._buffer.add(channel, message.log_ns, message.data, message.sequence)
+        self.messages += 1
+        if self._buffer.content_bytes > _CHUNK_BYTES:
+            self._close_chunk()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            if self._buffer.messages:
+                self._close_chunk()
+            self._file.write(self._summary.ending(self._file.tell()))
+
+    def _registered(self, found: Channel) -> int:
+        identity = self._registry.find(found)
+        if identity is None:
+            self._buffer.define(self._registry.register(found))
+            identity = len(self._registry.channels)
+        return identity
+
+    def _close_chunk(self) -> None:
+        chunk = self._buffer.built(self._compressor)
+        self._buffer = ChunkBuffer()
+        offset = self._file.tell()
+        for part in (chunk.head, chunk.content, chunk.indexes):
+            self._file.write(part)
+        self._summary.add(offset, chunk)

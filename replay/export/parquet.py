@@ -1,0 +1,137 @@
+"""Measurements as Parquet: typed columns, 64-bit stamps, lists for points; needs the extra ``parquet``."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from aerodft.errors import InputError
+from replay.export.table import COLUMNS, Kind, parsed, row_of
+
+_ROWS_AT_ONCE: Final = 16_384
+
+
+class ParquetRows:
+    """A Parquet file of measurements, written in groups of rows; whole only after a ``with`` that did not raise.
+
+    Args:
+        path: The file, which is replaced.
+        constants: Columns that are the same in every row, after those of ``COLUMNS``.
+        metadata: For the file's footer.
+
+    Raises:
+        InputError: The extra is not installed.
+        OSError: The file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        constants: Mapping[str, str | None] | None = None,
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        pyarrow, parquet = _libraries()
+        self._pyarrow = pyarrow
+        self._constants = dict(constants or {})
+        fields = [*((name, _arrow_type(kind)) for name, kind in COLUMNS.items())]
+        fields += [(name, pyarrow.string()) for name in self._constants]
+        self._schema = pyarrow.schema(fields, metadata=dict(metadata or {}))
+        self._rows: list[dict[str, object]] = []
+        self._writer = parquet.ParquetWriter(path, self._schema, compression="zstd")
+        self.count = 0
+
+    def add(self, payloads: Iterable[bytes]) -> None:
+        """Add measurements.
+
+        Raises:
+            InputError: A payload is no measurement.
+            OSError: The file cannot be written.
+        """
+        for payload in payloads:
+            row = row_of(parsed(payload)) | self._constants
+            row["time_utc"] = row["stamp_ns"]
+            self._rows.append(row)
+            self.count += 1
+            if len(self._rows) >= _ROWS_AT_ONCE:
+                self._write()
+
+    def describe(self, metadata: Mapping[str, str]) -> None:
+        """Add to what the footer says."""
+        self._writer.add_key_value_metadata(dict(metadata))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._write()
+        finally:
+            self._writer.close()
+
+    def _write(self) -> None:
+        if not self._rows:
+            return
+        try:
+            table = self._pyarrow.Table.from_pylist(self._rows, schema=self._schema)
+        except (self._pyarrow.ArrowInvalid, self._pyarrow.ArrowTypeError) as error:
+            raise InputError("a recorded measurement is none", got=error) from error
+        self._writer.write_table(table)
+        self._rows.clear()
+
+
+def parquet_rows(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """The rows of a Parquet file that ``ParquetRows`` wrote.
+
+    Raises:
+        InputError: The extra is not installed, or the file cannot be read or has other columns.
+    """
+    pyarrow, parquet = _libraries()
+    try:
+        with parquet.ParquetFile(path) as file:
+            missing = [name for name in columns if name not in file.schema_arrow.names]
+            if missing:
+                hint = "tables are those that `aerodft export` writes"
+                raise InputError("the table has no measurements", where=path, got=f"no column {missing[0]}", hint=hint)
+            for batch in file.iter_batches(_ROWS_AT_ONCE, columns=list(columns)):
+                yield from batch.to_pylist()
+    except (OSError, pyarrow.ArrowException) as error:
+        raise InputError("the table cannot be read", where=path, got=error) from error
+
+
+def parquet_metadata(path: Path) -> dict[str, str] | None:
+    """What a Parquet file's footer says besides its columns; None where it cannot be read.
+
+    Raises:
+        InputError: The extra is not installed.
+    """
+    pyarrow, parquet = _libraries()
+    try:
+        found = parquet.read_metadata(path).metadata or {}
+        return {key.decode(): value.decode() for key, value in found.items()}
+    except (OSError, pyarrow.ArrowException, UnicodeDecodeError):
+        return None
+
+
+def _arrow_type(kind: Kind) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+    pyarrow, _ = _libraries()
+    return {
+        Kind.TEXT: pyarrow.string(),
+        Kind.INTEGER: pyarrow.int64(),
+        Kind.NUMBER: pyarrow.float64(),
+        Kind.TIME: pyarrow.timestamp("ns", tz="UTC"),
+        Kind.NUMBERS: pyarrow.list_(pyarrow.float64()),
+        Kind.VECTORS: pyarrow.list_(pyarrow.list_(pyarrow.float64())),
+    }[kind]
+
+
+def _libraries() -> tuple[Any, Any]:
+    try:
+        import pyarrow as pa  # noqa: PLC0415 - an extra
+        from pyarrow import parquet  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError("Parquet needs pyarrow", hint="install aerodft[parquet]") from error
+    return pa, parquet

@@ -1,0 +1,370 @@
+"""Measurements as rows of a table; and as CSV for spreadsheets, GeoJSON (RFC 7946) for maps, JSON lines for programs.
+
+The columns are those of CSV, of Parquet and of a GeoJSON feature's properties, in order.
+"""
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from enum import Enum, StrEnum, auto
+from io import StringIO
+from typing import Any, Final
+
+import orjson
+
+from aerodft.adapters.wire import bounded_json
+from aerodft.adapters.wire.payload import LATEST_NS
+from aerodft.errors import InputError
+from aerodft.model.probe import ProbeKind
+
+LARGEST_NUMBER: Final = 1e100
+"""In a table: its square is finite."""
+_COUNTS: Final = {"pixels_px": 2, "enu_m": 3}  # of a vector
+_MOST_DEG: Final = {"lat_deg": 90, "lon_deg": 360, "lat_2_deg": 90, "lon_2_deg": 360}
+_NEEDED: Final = ("name", "kind", "status", "unit")
+_AS_ON_THE_WIRE: Final = (
+    *_NEEDED, "value", "std", "image", "std_px", "enu_m", "camera", "model", "calibration", "config", "software",
+)  # fmt: skip
+
+
+class Kind(Enum):
+    """What a column holds."""
+
+    TEXT = auto()
+    INTEGER = auto()
+    NUMBER = auto()
+    TIME = auto()  # ISO 8601, UTC
+    NUMBERS = auto()  # a list, one for each point
+    VECTORS = auto()  # a list of lists, one for each point
+
+
+COLUMNS: Final[Mapping[str, Kind]] = {
+    "time_utc": Kind.TIME,
+    "stamp_ns": Kind.INTEGER,
+    "name": Kind.TEXT,
+    "kind": Kind.TEXT,
+    "status": Kind.TEXT,
+    "value": Kind.NUMBER,
+    "unit": Kind.TEXT,
+    "std": Kind.NUMBER,
+    "ci95_low": Kind.NUMBER,
+    "ci95_high": Kind.NUMBER,
+    "ellipse95_major_m": Kind.NUMBER,
+    "ellipse95_minor_m": Kind.NUMBER,
+    "ellipse95_azimuth_deg": Kind.NUMBER,
+    "reasons": Kind.TEXT,
+    "image": Kind.INTEGER,
+    "pixels_px": Kind.VECTORS,
+    "std_px": Kind.NUMBER,
+    "lat_deg": Kind.NUMBER,
+    "lon_deg": Kind.NUMBER,
+    "alt_msl_m": Kind.NUMBER,
+    "range_m": Kind.NUMBER,
+    "lat_2_deg": Kind.NUMBER,
+    "lon_2_deg": Kind.NUMBER,
+    "alt_2_msl_m": Kind.NUMBER,
+    "range_2_m": Kind.NUMBER,
+    "geo_wkt": Kind.TEXT,
+    "enu_m": Kind.VECTORS,
+    "ranges_m": Kind.NUMBERS,
+    "cov_east_m2": Kind.NUMBER,
+    "cov_east_north_m2": Kind.NUMBER,
+    "cov_north_m2": Kind.NUMBER,
+    "height_agl_m": Kind.NUMBER,
+    "height_source": Kind.TEXT,
+    "height_datum": Kind.TEXT,
+    "tilt_deg": Kind.NUMBER,
+    "roll_deg": Kind.NUMBER,
+    "heading_deg": Kind.NUMBER,
+    "height_agl_std_m": Kind.NUMBER,
+    "tilt_std_deg": Kind.NUMBER,
+    "pan_std_deg": Kind.NUMBER,
+    "roll_std_deg": Kind.NUMBER,
+    "heading_std_deg": Kind.NUMBER,
+    "camera_lat_deg": Kind.NUMBER,
+    "camera_lon_deg": Kind.NUMBER,
+    "height_age_s": Kind.NUMBER,
+    "telemetry_age_s": Kind.NUMBER,
+    "camera": Kind.TEXT,
+    "model": Kind.TEXT,
+    "calibration": Kind.TEXT,
+    "config": Kind.TEXT,
+    "software": Kind.TEXT,
+}
+"""``docs/tables.md`` says what each is."""
+
+
+def check_row(row: dict[str, object]) -> None:
+    """Refuse what a column cannot hold.
+
+    Raises:
+        TypeError, ValueError: It is no number, text or list, as ``COLUMNS`` has it; or one that cannot be.
+    """
+    for name, kind in COLUMNS.items():
+        if row[name] is not None and not _is_held(row[name], kind, _COUNTS.get(name)):
+            raise TypeError(f"{name} is none")
+    if any(row[name] is None for name in _NEEDED):
+        raise ValueError("without a name, kind, status or unit")
+    check_on_earth(row)
+
+
+def check_on_earth(row: Mapping[str, object]) -> None:
+    """Refuse latitudes and longitudes that are none, as far as a row has them.
+
+    Raises:
+        ValueError: One is none.
+    """
+    for name, most_deg in _MOST_DEG.items():
+        angle_deg = row.get(name)
+        if isinstance(angle_deg, float | int) and abs(angle_deg) > most_deg:
+            raise ValueError("no place on Earth")
+
+
+def _is_held(value: Any, kind: Kind, count: int | None) -> bool:  # noqa: ANN401 - what JSON holds
+    """Whether a column of this kind can hold a value; a list of ``count``, or where that is None of any length."""
+    if kind is Kind.VECTORS:
+        return isinstance(value, list) and all(_is_held(each, Kind.NUMBERS, count) for each in value)
+    if kind is Kind.NUMBERS:
+        is_long = isinstance(value, list) and len(value) == (count or len(value))
+        return is_long and all(each is None or _is_held(each, Kind.NUMBER, None) for each in value)
+    if kind is Kind.NUMBER:
+        return type(value) in {float, int} and abs(value) <= LARGEST_NUMBER
+    if kind is Kind.INTEGER:
+        return type(value) is int and abs(value) <= LATEST_NS
+    return isinstance(value, str)
+
+
+Item = Mapping[str, Any]
+"""A measurement as on the wire (``aerodft.measurement/1``)."""
+
+_ANGLE_DIGITS: Final = 9
+_RING = 3  # points that make an outline
+_NO_POINT: Final[Item] = {"lat": None, "lon": None, "alt_msl_m": None}
+_NO_ELLIPSE: Final[Item] = {"semi_major_m": None, "semi_minor_m": None, "azimuth_deg": None}
+
+
+def parsed(payload: bytes) -> Item:
+    """A measurement's payload as an object.
+
+    Raises:
+        InputError: It is no JSON object.
+    """
+    try:
+        item = bounded_json.loads(payload)
+    except orjson.JSONDecodeError as error:
+        raise _not_a_measurement(payload) from error
+    if not isinstance(item, dict):
+        raise _not_a_measurement(payload)
+    return item
+
+
+def row_of(item: Item) -> dict[str, object]:
+    """A measurement's row, with the keys of ``COLUMNS`` in their order; None where nothing is known.
+
+    Raises:
+        InputError: It is no measurement.
+    """
+    try:
+        row = _row(item)
+        check_row(row)
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError, OverflowError, OSError) as error:
+        raise _not_a_measurement(orjson.dumps(dict(item), default=str)) from error
+    return row
+
+
+def _row(item: Item) -> dict[str, object]:
+    stamp_ns, geo, ranges = int(item["stamp_ns"]), item["geo"] or (), item["range_m"] or ()
+    first, second = _at(geo, 0, _NO_POINT), _at(geo, 1, _NO_POINT)
+    low, high = item["ci95"] or (None, None)
+    ellipse, cov = item["ellipse95"] or _NO_ELLIPSE, item["cov_enu_m2"] or ((None, None), (None, None))
+    row = {
+        **{name: item[name] for name in _AS_ON_THE_WIRE},
+        "time_utc": time_utc(stamp_ns),
+        "stamp_ns": stamp_ns,
+        "ci95_low": low,
+        "ci95_high": high,
+        "ellipse95_major_m": ellipse["semi_major_m"],
+        "ellipse95_minor_m": ellipse["semi_minor_m"],
+        "ellipse95_azimuth_deg": ellipse["azimuth_deg"],
+        "reasons": "; ".join(item["reasons"]),
+        "pixels_px": item["pixels"],
+        "lat_deg": first["lat"],
+        "lon_deg": first["lon"],
+        "alt_msl_m": first["alt_msl_m"],
+        "range_m": _at(ranges, 0, None),
+        "lat_2_deg": second["lat"],
+        "lon_2_deg": second["lon"],
+        "alt_2_msl_m": second["alt_msl_m"],
+        "range_2_m": _at(ranges, 1, None),
+        "geo_wkt": _wkt(geo, item["kind"]),
+        "ranges_m": item["range_m"],
+        "cov_east_m2": cov[0][0],
+        "cov_east_north_m2": cov[0][1],
+        "cov_north_m2": cov[1][1],
+        **_pose_columns(item["pose"]),
+    }
+    return {name: row[name] for name in COLUMNS}
+
+
+def _pose_columns(pose: Item) -> dict[str, object]:
+    std = pose["std"] if pose["tilt_deg"] is not None else {}  # without a pose there is nothing that they are of
+    return {
+        "height_agl_m": pose["height_agl_m"],
+        "height_source": pose["height_source"],
+        "height_datum": pose.get("height_datum"),  # early recordings have none
+        **{name: _angle(pose[name]) for name in ("tilt_deg", "roll_deg", "heading_deg")},
+        "height_agl_std_m": std.get("height_agl_m"),
+        "tilt_std_deg": std.get("tilt_deg"),
+        "pan_std_deg": std.get("pan_deg"),
+        "roll_std_deg": std.get("roll_deg"),
+        "heading_std_deg": std.get("heading_deg"),
+        "camera_lat_deg": pose["lat"],
+        "camera_lon_deg": pose["lon"],
+        "height_age_s": pose.get("height_age_s"),
+        "telemetry_age_s": pose["telemetry_age_s"],
+    }
+
+
+def _angle(angle_deg: float | None) -> float | None:
+    """Without the rounding errors of what is 0, and without its sign."""
+    return None if angle_deg is None else round(angle_deg, _ANGLE_DIGITS) + 0.0
+
+
+def positions(geo: Sequence[Item] | None, kind: str) -> list[list[float]] | None:
+    """Longitude, latitude and, where all points have one, altitude of all points; None where one has no place.
+
+    An area's outline is closed and runs counterclockwise, as maps want it.
+    """
+    points = geo or ()
+    parts = ("lon", "lat", "alt_msl_m") if all(point["alt_msl_m"] is not None for point in points) else ("lon", "lat")
+    found = [[point[part] for part in parts] for point in points]
+    if not found or any(value is None or not math.isfinite(value) for place in found for value in place):
+        return None
+    if kind != ProbeKind.AREA or len(found) < _RING:
+        return found
+    following = found[1:] + found[:1]
+    doubled = math.fsum(a[0] * b[1] - b[0] * a[1] for a, b in zip(found, following, strict=True))
+    ring = found if doubled >= 0 else found[::-1]
+    return [*ring, ring[0]]
+
+
+def in_pairs(places: list[list[float]]) -> list[list[list[float]]]:
+    """The first and the second, the third and the fourth, ...: what lies across a river."""
+    return [places[row : row + 2] for row in range(0, len(places) - 1, 2)]
+
+
+def time_utc(stamp_ns: int) -> str:
+    """ISO 8601 with microseconds."""
+    seconds, rest_ns = divmod(stamp_ns, 1_000_000_000)
+    return datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest_ns // 1000).isoformat(timespec="microseconds")
+
+
+def _wkt(geo: Sequence[Item], kind: str) -> str | None:
+    """Well-known text, as geographic information systems read it from a table's column."""
+    places = positions(geo, kind)
+    if places is None:
+        return None
+    text = _wkt_points(places)
+    z = " Z" if len(places[0]) > 2 else ""  # noqa: PLR2004 - longitude and latitude
+    if len(places) == 1:
+        return f"POINT{z} ({text})"
+    if kind == ProbeKind.RIVER:
+        return f"MULTILINESTRING{z} ({', '.join(f'({_wkt_points(pair)})' for pair in in_pairs(places))})"
+    return f"POLYGON{z} (({text}))" if kind == ProbeKind.AREA else f"LINESTRING{z} ({text})"
+
+
+def _wkt_points(places: list[list[float]]) -> str:
+    return ", ".join(" ".join(map(repr, place)) for place in places)
+
+
+def _at(values: Sequence[Any], index: int, otherwise: object) -> Any:  # noqa: ANN401 - what JSON holds
+    return values[index] if index < len(values) else otherwise
+
+
+def _not_a_measurement(payload: bytes) -> InputError:
+    return InputError("a recorded measurement is none", got=repr(payload[:60]))
+
+
+_LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {Kind.NUMBERS, Kind.VECTORS})
+_IN_GEOMETRY: Final = frozenset({"lat_deg", "lon_deg", "alt_msl_m", "lat_2_deg", "lon_2_deg", "alt_2_msl_m", "geo_wkt"})
+
+
+class ExportFormat(StrEnum):
+    """What text a recording's measurements can be written as."""
+
+    CSV = "csv"
+    GEOJSON = "geojson"
+    JSONL = "jsonl"
+
+
+def export_text(payloads: Iterable[bytes], form: ExportFormat) -> Iterator[str]:
+    """Measurements in an exchange format, piece by piece.
+
+    Args:
+        payloads: ``aerodft.measurement/1`` payloads.
+        form: The format.
+
+    Raises:
+        InputError: A payload is no measurement.
+    """
+    if form is ExportFormat.JSONL:
+        return _lines(payloads)
+    return _csv(payloads) if form is ExportFormat.CSV else _geojson(payloads)
+
+
+def _lines(payloads: Iterable[bytes]) -> Iterator[str]:
+    for payload in payloads:
+        item = parsed(payload)
+        row_of(item)  # what is no measurement is refused in every format
+        yield f"{orjson.dumps(item).decode()}\n"
+
+
+def _csv(payloads: Iterable[bytes]) -> Iterator[str]:
+    buffer = StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for payload in payloads:
+        yield _taken(buffer)
+        row = row_of(parsed(payload))
+        for name in _LISTS:
+            value = row[name]
+            row[name] = None if value is None else orjson.dumps(value).decode()
+        writer.writerow(row.values())
+    yield _taken(buffer)
+
+
+def _geojson(payloads: Iterable[bytes]) -> Iterator[str]:
+    before = '{"type": "FeatureCollection", "features": ['
+    for payload in payloads:
+        item = parsed(payload)
+        row = row_of(item)
+        feature = {
+            "type": "Feature",
+            "geometry": _geometry(item["geo"], item["kind"]),
+            "properties": {name: value for name, value in row.items() if name not in _IN_GEOMETRY},
+        }
+        yield f"{before}\n{orjson.dumps(feature).decode()}"
+        before = ","
+    yield "\n]}\n" if before == "," else f"{before}]}}\n"
+
+
+def _geometry(geo: Sequence[Item] | None, kind: str) -> dict[str, object] | None:
+    """All points: one as a point, an area as a polygon, others as a line; None where a point has no position."""
+    places = positions(geo, kind)
+    if places is None:
+        return None
+    if len(places) == 1:
+        return {"type": "Point", "coordinates": places[0]}
+    if kind == ProbeKind.AREA:
+        return {"type": "Polygon", "coordinates": [places]}
+    if kind == ProbeKind.RIVER:
+        return {"type": "MultiLineString", "coordinates": in_pairs(places)}
+    return {"type": "LineString", "coordinates": places}
+
+
+def _taken(buffer: StringIO) -> str:
+    text = buffer.getvalue()
+    buffer.seek(0)
+    buffer.truncate()
+    return text

@@ -1,0 +1,1 @@
+"""Other tools' recordings as input: MAVLink, images and cameras in any MCAP file."""

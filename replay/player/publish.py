@@ -1,0 +1,505 @@
+"""Recordings on the bus again: original payloads on original keys; stamps as they were, or all moved alike.
+
+Where stamps are moved by one amount, everything else in a payload stays as it was, byte by byte. MAVLink may go out on
+a link again too, for a ground station: the frames as they were, not one byte changed.
+"""
+
+import logging
+import re
+import struct
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any, Final, cast
+
+import orjson
+import zenoh
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.message import DecodeError, Message
+
+from aerodft.adapters.images.jpeg import encode_jpeg
+from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
+from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording.read.messages import ReadMessage
+from aerodft.adapters.telemetry.mavlink.kernels import V1, V2
+from aerodft.adapters.telemetry.mavlink.transport import Transport
+from aerodft.adapters.wire import bounded_json, estimate, events, height, measurement, pose, status
+from aerodft.adapters.wire import camera_motion as steadiness
+from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.keys import Keys, key_part
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import InputError, NoAnswerError
+from aerodft.model.image import Image, StampClock
+from aerodft.model.telemetry import WireProtocol
+from replay.foreign.frames import FrameReader
+from replay.foreign.images import NANOSECONDS, SECONDS, read_picture
+from replay.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of
+from replay.foreign.recordings import ForeignRecording
+from replay.player.timeline import AnyRecording, Item, name_of
+from replay.recordings.pixels import jpeg_of
+from replay.recordings.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.recordings.segments import channels_of
+
+Shift = Callable[[bytes, int], bytes]
+_STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d{1,20})(")')
+_INSTANT: Final = re.compile(rb"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(\.\d{1,9})?Z")
+_TIMESTAMP: Final = "google.protobuf.Timestamp"
+_FIRST_FIELD: Final = re.compile(rb"^\s*([A-Za-z_/0-9]+)\s+\w+", re.MULTILINE)
+_COMMENT: Final = re.compile(rb"#.*$", re.MULTILINE)
+_HEADERS: Final = (b"Header", b"std_msgs/Header", b"std_msgs/msg/Header")
+_TIMES: Final = (b"time", b"builtin_interfaces/Time", b"builtin_interfaces/msg/Time")
+_STAMP_BYTES: Final = 8
+
+
+def shifted(payload: bytes, shift_ns: int) -> bytes:
+    """One of aerodft's own JSON payloads, with every stamp, also those in sentences, ``shift_ns`` later."""
+    if not shift_ns:
+        return payload
+    moved = _STAMP.sub(lambda found: b"%s%d%s" % (found[1], int(found[2]) + shift_ns, found[3]), payload)
+    return _INSTANT.sub(lambda found: _instant(found[1], found[2] or b"", shift_ns), moved)
+
+
+def _instant(whole: bytes, fraction: bytes, shift_ns: int) -> bytes:
+    rest_ns = int(fraction[1:].ljust(9, b"0") or 0) + shift_ns
+    try:
+        moment = datetime.fromisoformat(whole.decode()) + timedelta(seconds=rest_ns // SECOND_NS)
+    except (ValueError, OverflowError):
+        return whole + fraction + b"Z"
+    digits = b".%09d" % (rest_ns % SECOND_NS)
+    return moment.isoformat(timespec="seconds").encode() + digits[: len(fraction)] + b"Z"
+
+
+def shift_of(channel: Channel) -> Shift | None:
+    """How the stamps of another tool's messages are moved; None where nobody knows where they are."""
+    if channel.encoding == PROTOBUF:
+        return _protobuf_shift(channel)
+    if channel.encoding == JSON:
+        return _shift_json
+    if channel.encoding in {CDR, ROS1}:
+        return _ros_shift(channel)
+    return None
+
+
+def _protobuf_shift(channel: Channel) -> Shift | None:
+    pool = descriptor_pool.DescriptorPool()
+    try:
+        for file in descriptor_pb2.FileDescriptorSet.FromString(channel.schema_data).file:
+            pool.Add(file)
+        kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(channel.schema))
+    except (DecodeError, KeyError, TypeError, ValueError):
+        return None
+
+    def shift(data: bytes, shift_ns: int) -> bytes:
+        try:
+            message = kind.FromString(data)
+            _shift_message(message, shift_ns)
+        except (DecodeError, ValueError):  # the latter: a stamp that cannot be moved so far
+            return data
+        return bytes(message.SerializeToString())
+
+    return shift
+
+
+def _shift_message(message: Message, shift_ns: int) -> None:
+    for descriptor, value in message.ListFields():
+        if descriptor.message_type is None or descriptor.message_type.GetOptions().map_entry:
+            continue
+        for each in value if hasattr(value, "add") else [value]:
+            if each.DESCRIPTOR.full_name == _TIMESTAMP:
+                each.seconds, each.nanos = divmod(each.seconds * SECOND_NS + each.nanos + shift_ns, SECOND_NS)
+            else:
+                _shift_message(each, shift_ns)
+
+
+def _shift_json(data: bytes, shift_ns: int) -> bytes:
+    try:
+        return shifted(orjson.dumps(_moved(bounded_json.loads(data), shift_ns)), shift_ns)
+    except (ValueError, TypeError, RecursionError):  # no JSON, or values beyond what it can hold once they are moved
+        return data
+
+
+def _moved(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON holds
+    if isinstance(item, list):
+        return [_moved(each, shift_ns) for each in item]
+    if not isinstance(item, dict):
+        return item
+    whole = next((key for key in SECONDS if isinstance(item.get(key), int)), None)
+    rest = next((key for key in NANOSECONDS if isinstance(item.get(key), int)), None)
+    if whole is None or rest is None:
+        return {key: _moved(each, shift_ns) for key, each in item.items()}
+    seconds, rest_ns = divmod(item[whole] * SECOND_NS + item[rest] + shift_ns, SECOND_NS)
+    return item | {whole: seconds, rest: rest_ns}
+
+
+def _ros_shift(channel: Channel) -> Shift | None:
+    """The stamp of a ROS message that begins with a header or a time; None of others."""
+    found = _FIRST_FIELD.search(_COMMENT.sub(b"", channel.schema_data))
+    is_header = found is not None and found[1] in _HEADERS
+    if found is None or not (is_header or found[1] in _TIMES):
+        return None
+    start = (4 if is_header else 0) if channel.encoding == ROS1 else 4
+
+    def shift(data: bytes, shift_ns: int) -> bytes:
+        order = ">" if channel.encoding == CDR and len(data) > 1 and data[1] % 2 == 0 else "<"
+        stamp = struct.Struct(f"{order}II")
+        if len(data) < start + _STAMP_BYTES:
+            return data
+        whole, rest = stamp.unpack_from(data, start)
+        moved = divmod(whole * SECOND_NS + rest + shift_ns, SECOND_NS)
+        if not 0 <= moved[0] < 1 << 32:
+            return data
+        return data[:start] + stamp.pack(*moved) + data[start + _STAMP_BYTES :]
+
+    return shift
+
+
+_PUBLISHED: Final = frozenset(
+    {
+        measurement.SCHEMA,
+        measurement.IMAGE_SCHEMA,
+        pose.SCHEMA,
+        status.SCHEMA,
+        height.SCHEMA,
+        estimate.SCHEMA,
+        steadiness.SCHEMA,
+    }
+)
+_POLL_S: Final = 0.02
+_MOST_NAMED: Final = 10  # topics
+_STAMPED: Final = (_PUBLISHED | {events.IMAGE_SCHEMA}) - {measurement.IMAGE_SCHEMA}
+_ENCODINGS: Final = {
+    JSON: zenoh.Encoding.APPLICATION_JSON,
+    PROTOBUF: zenoh.Encoding.APPLICATION_PROTOBUF,
+    CDR: zenoh.Encoding.APPLICATION_CDR,
+}
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class Published:
+    """How many messages went out, and how many did not because they are damaged."""
+
+    measurements: int = 0
+    others: int = 0
+    images: int = 0
+    damaged: int = 0
+
+    @property
+    def total(self) -> int:
+        """All that went out."""
+        return self.measurements + self.others + self.images
+
+
+def is_published(recording: AnyRecording, channel: Channel) -> bool:
+    """Whether a channel is published: of aerodft's own what was made of the input, and of the input the images.
+
+    A station that is live would take other inputs for its own.
+    """
+    return not isinstance(recording, Recording) or channel.schema in _PUBLISHED or channel.schema in PICTURE_SCHEMAS
+
+
+def keys_of(recording: AnyRecording) -> Keys:
+    """The keys of the station that made a recording; another tool's is called as its file is."""
+    return Keys(recording.station if isinstance(recording, Recording) else recording.path.stem)
+
+
+class Republisher:
+    """Publishes; an outlet of the player. A slow subscriber slows it down, nothing is dropped.
+
+    Attributes:
+        published: What went out so far.
+
+    Args:
+        session: Where to.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.published = Published()
+        self._session = session
+        self._publishers = WaitingPublishers(session)
+        self._image_stamps: dict[int, tuple[int, bytes]] = {}
+        self._shifts: dict[str, Shift | None] = {}
+        self._videos: dict[int, VideoStills] = {}
+
+    def wait_for_link(self, timeout_s: float) -> bool:
+        """Wait until another peer or a router is connected; False after ``timeout_s``."""
+        info = self._session.info
+        return _awaited(lambda: bool(info.peers_zid() or info.routers_zid()), timeout_s)
+
+    def wait_for_subscriber(self, recordings: Iterable[AnyRecording], timeout_s: float) -> bool:
+        """Wait until somebody subscribes to anything of a recording's station; False after ``timeout_s``."""
+        publishers = [self._session.declare_publisher(f"{keys_of(each).root}/**") for each in recordings]
+        try:
+            return _awaited(lambda: any(map(is_matched, publishers)), timeout_s)
+        finally:
+            for publisher in publishers:
+                undeclare(publisher)
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether anybody has subscribed to something that was published."""
+        return self._publishers.has_listeners
+
+    def send(self, item: Item, shift_ns: int) -> None:
+        """Publish a message, if it is one to be published; a damaged one is left out and counted."""
+        if isinstance(item.recording, ForeignRecording):
+            self._send_foreign(item, item.recording, shift_ns)
+            return
+        try:
+            self._send_own(item, shift_ns)
+        except InputError as error:
+            if not self.published.damaged:
+                at = f"{item.message.channel.topic} at {item.log_ns} ns"
+                _log.warning("%s: damaged payloads are left out: %s: %s", name_of(item.recording), at, error)
+            self.published.damaged += 1
+
+    def _send_own(self, item: Item, shift_ns: int) -> None:
+        message, keys = item.message, keys_of(item.recording)
+        schema = message.channel.schema
+        if schema in _STAMPED:
+            wire.load(message.data, schema, _stamp_of)  # refuses what is none
+        if schema == events.IMAGE_SCHEMA:
+            self._image_stamps[id(item.recording)] = (message.sequence, shifted(message.data, shift_ns))
+        elif schema == IMAGE_SCHEMA:
+            sequence, stamps = self._image_stamps.get(id(item.recording), (None, None))
+            self._put_jpeg(keys.image, jpeg_of(message.data), stamps if sequence == message.sequence else None)
+        elif schema == VIDEO_SCHEMA:
+            still = self._videos.setdefault(id(item.recording), VideoStills()).still(message)
+            sequence, stamps = self._image_stamps.get(id(item.recording), (None, None))
+            if still is not None and sequence == message.sequence:
+                self._put_jpeg(keys.image, still, stamps)
+        elif schema == measurement.IMAGE_SCHEMA:
+            for name, payload in measurement.split_measurements(message.data):
+                self._put_json(keys.measurement(name), shifted(payload, shift_ns))
+                self.published.measurements += 1
+        elif schema in _PUBLISHED:
+            self._put_json(message.channel.topic, shifted(message.data, shift_ns))
+            is_measurement = schema == measurement.SCHEMA
+            self.published.measurements += is_measurement
+            self.published.others += not is_measurement
+
+    def close(self) -> None:
+        """Withdraw what was declared."""
+        self._publishers.close()
+
+    def _send_foreign(self, item: Item, recording: ForeignRecording, shift_ns: int) -> None:
+        """Another tool's message on its own topic as it was recorded, and a JPEG as a station's image beside it."""
+        channel, data = item.message.channel, item.message.data
+        if shift_ns and channel.topic not in recording.framed:  # frames stay as they were
+            shift = self._shift(channel)
+            data = data if shift is None else shift(data, shift_ns)
+        key = "/".join(key_part(part) for part in channel.topic.split("/") if part) or "%"
+        self._publishers.put(key, data, _ENCODINGS.get(channel.encoding, zenoh.Encoding.ZENOH_BYTES))
+        if item.is_mark and kind_of(channel) is Kind.IMAGES:
+            self._put_foreign_image(item, data, shift_ns)
+        else:
+            self.published.others += 1
+
+    def _put_foreign_image(self, item: Item, data: bytes, shift_ns: int) -> None:
+        try:
+            picture = read_picture(item.message.channel, data)
+        except ValueError as error:
+            if not self.published.damaged:
+                _log.warning("%s: images that are none: %s", item.message.channel.topic, error)
+            self.published.damaged += 1
+            return
+        stamp_ns = picture.stamp_ns or item.log_ns + shift_ns
+        image = Image(
+            index=item.message.sequence, stamp_ns=stamp_ns, arrival_ns=item.log_ns + shift_ns, clock=StampClock.HOST
+        )
+        if picture.data.startswith(b"\xff\xd8"):
+            self._put_jpeg(keys_of(item.recording).image, picture.data, events.encode_image(image))
+
+    def _shift(self, channel: Channel) -> Shift | None:
+        if channel.topic not in self._shifts:
+            found = self._shifts[channel.topic] = shift_of(channel)
+            unknown = sum(shift is None for shift in self._shifts.values())
+            if found is None and unknown <= _MOST_NAMED:
+                more = "; further ones are not named" if unknown == _MOST_NAMED else ""
+                _log.warning("%s: nobody knows where its stamps are; published as recorded%s", channel.topic, more)
+        return self._shifts[channel.topic]
+
+    def _put_json(self, key: str, payload: bytes) -> None:
+        self._publishers.put(key, payload, zenoh.Encoding.APPLICATION_JSON)
+
+    def _put_jpeg(self, key: str, jpeg: bytes, stamps: bytes | None) -> None:
+        self._publishers.put(key, jpeg, zenoh.Encoding.IMAGE_JPEG, stamps)
+        self.published.images += 1
+
+
+def _stamp_of(payload: wire.Json) -> int:
+    return int(payload["stamp_ns"])
+
+
+def _awaited(is_so: Callable[[], bool], timeout_s: float) -> bool:
+    end_s = time.monotonic() + timeout_s
+    while not is_so():
+        if time.monotonic() >= end_s:
+            return False
+        time.sleep(_POLL_S)
+    return True
+
+
+_MOST: Final = 1000  # declared; a file may claim any number of channels, and each costs 4 kB and a message to all peers
+_LOOK_AT: Final = 64  # of them at a time, until somebody has subscribed
+
+
+class WaitingPublishers:
+    """Publishes on any number of keys; a slow subscriber slows it down, nothing is dropped.
+
+    Args:
+        session: Where to.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._declared: dict[str, zenoh.Publisher] = {}
+        self._in_turn: list[zenoh.Publisher] = []
+        self._anything: zenoh.Publisher | None = None  # stands for the keys beyond those that are declared
+        self._sent, self._looked_at, self._was_heard = 0, 0, False
+
+    @property
+    def was_heard(self) -> bool:
+        """Whether somebody was seen to listen, as far as was looked."""
+        return self._was_heard
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether anybody has subscribed to something that was published."""
+        self._was_heard = self._was_heard or any(map(is_matched, self._in_turn))
+        return self._was_heard
+
+    def put(self, key: str, payload: bytes, encoding: zenoh.Encoding, attachment: bytes | None = None) -> None:
+        """Publish."""
+        publisher = self._declared.get(key)
+        if publisher is None and len(self._declared) < _MOST:
+            publisher = self._declared[key] = self._declare(key, encoding)
+        if publisher is not None:
+            publisher.put(payload, attachment=attachment)
+        else:
+            self._anything = self._anything or self._declare("**", encoding)
+            congestion = zenoh.CongestionControl.BLOCK
+            self._session.put(key, payload, encoding=encoding, congestion_control=congestion, attachment=attachment)
+        self._sent += 1
+        if self._sent % _LOOK_AT == 0 and not self._was_heard:
+            self._look()
+
+    def close(self) -> None:
+        """Withdraw what was declared."""
+        for publisher in self._in_turn:
+            undeclare(publisher)
+        self._declared.clear()
+        self._in_turn.clear()
+
+    def _declare(self, key: str, encoding: zenoh.Encoding) -> zenoh.Publisher:
+        publisher = self._session.declare_publisher(
+            key, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+        self._in_turn.append(publisher)
+        return publisher
+
+    def _look(self) -> None:
+        """Whether somebody listens to some of them; to the next ones at the next look."""
+        self._looked_at %= len(self._in_turn)
+        some = self._in_turn[self._looked_at : self._looked_at + _LOOK_AT]
+        self._looked_at += len(some)
+        self._was_heard = any(map(is_matched, some))
+
+
+def is_matched(publisher: zenoh.Publisher) -> bool:
+    """Whether somebody has subscribed to a publisher's key."""
+    # zenoh's annotation says bool, what comes is a MatchingStatus, and that is always true.
+    return cast("zenoh.MatchingStatus", publisher.matching_status).matching
+
+
+def undeclare(publisher: zenoh.Publisher) -> None:
+    """Withdraw a publisher."""
+    publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+
+
+_PERIOD_NS: Final = SECOND_NS // 2  # as a live station does
+_QUALITY: Final = 75
+
+
+class VideoStills:
+    """Decodes one recording's packets in order; where their times go back it begins anew, as a loop does."""
+
+    def __init__(self) -> None:
+        self._decoder: PacketDecoder | None = None
+        self._last_ns = self._next_ns = 0
+
+    def still(self, message: ReadMessage) -> bytes | None:
+        """A packet's image as JPEG; None where none is due, or where it cannot be decoded."""
+        if message.log_ns < self._last_ns:  # what was seen last is no reference for what comes now
+            self._decoder, self._next_ns = None, 0
+        self._last_ns = message.log_ns
+        try:
+            packet = CompressedVideo.FromString(message.data)
+            self._decoder = self._decoder or PacketDecoder(packet.format)
+        except (DecodeError, ValueError):
+            return None
+        frame = self._decoder.decode(packet.data)
+        if frame is None or message.log_ns < self._next_ns:
+            return None
+        self._next_ns = message.log_ns + _PERIOD_NS
+        at_ns = message.log_ns
+        return encode_jpeg(Image(index=0, stamp_ns=at_ns, arrival_ns=at_ns, pixels=FramePixels(frame)), _QUALITY)
+
+
+def holds_mavlink(recording: AnyRecording, channel: Channel) -> bool:
+    """Whether a channel of a recording has MAVLink frames."""
+    if isinstance(recording, Recording):
+        return channel.encoding == WireProtocol.MAVLINK
+    return channel.topic in recording.mavlink
+
+
+def check_mavlink(recordings: tuple[AnyRecording, ...]) -> None:
+    """Refuse recordings of which none has MAVLink.
+
+    Raises:
+        NoAnswerError: None has.
+    """
+    for each in recordings:
+        segments = each.data if isinstance(each, Recording) else each.segments
+        if any(holds_mavlink(each, channel) for one in segments for channel in channels_of(one).values()):
+            return
+    raise NoAnswerError(
+        "no MAVLink to send", where=name_of(recordings[0]), expected="a recording with raw MAVLink frames"
+    )
+
+
+class MavlinkOut:
+    """Sends frames; an outlet of the player.
+
+    Attributes:
+        frames: Sent so far.
+
+    Args:
+        transport: Where to.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._readers: dict[tuple[int, str], FrameReader] = {}
+        self.frames = 0
+
+    def send(self, item: Item, shift_ns: int) -> None:  # noqa: ARG002 - frames are never changed
+        """Send the frames of a message, where it has any."""
+        if not holds_mavlink(item.recording, item.message.channel):
+            return
+        for frame in self._frames(item):
+            self._transport.write(frame)
+            self.frames += 1
+
+    def _frames(self, item: Item) -> list[bytes]:
+        data, channel = item.message.data, item.message.channel
+        if isinstance(item.recording, Recording) or data[:1] in {bytes([V1]), bytes([V2])}:
+            return [data]
+        key = (id(item.recording), channel.topic)
+        reader = self._readers.get(key)
+        if reader is None:
+            reader = self._readers[key] = FrameReader(channel)
+        return reader.frames(data)

@@ -1,0 +1,113 @@
+"""Several recordings as one row of messages, in order of log time."""
+
+import heapq
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording.read.chunk_index import SegmentScan
+from aerodft.adapters.recording.read.messages import ReadMessage, content_bytes
+from aerodft.adapters.recording.read.messages import Wanted as ChannelWanted
+from aerodft.adapters.wire import events
+from aerodft.conventions import SECOND_NS
+from replay.foreign.recordings import ForeignRecording
+from replay.recordings.recording import Recording
+from replay.recordings.segments import channels_of, in_time, messages_of, nearly_sorted
+
+_APART_NS: Final = SECOND_NS  # what recorders put off writing
+_MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them
+_log = logging.getLogger(__name__)
+AnyRecording = Recording | ForeignRecording
+Wanted = Callable[[AnyRecording, Channel], bool]
+
+
+class Item(NamedTuple):
+    """One message of one recording.
+
+    Attributes:
+        log_ns: Its log time.
+        recording: Where it is from.
+        message: The message.
+        is_mark: Whether a step ends before it: an image, or where there are none any message.
+    """
+
+    log_ns: int
+    recording: AnyRecording
+    message: ReadMessage
+    is_mark: bool
+
+
+def name_of(recording: AnyRecording) -> str:
+    """A recording's path, for messages."""
+    return str(recording.folder if isinstance(recording, Recording) else recording.path)
+
+
+def is_image_mark(recording: AnyRecording, channel: Channel) -> bool:
+    """Whether a channel has a recording's images, or their stamps."""
+    if isinstance(recording, Recording):
+        return channel.schema == events.IMAGE_SCHEMA
+    return channel.topic == recording.images
+
+
+def timeline(
+    recordings: Sequence[AnyRecording], from_ns: int | None, to_ns: int | None, wanted: Wanted
+) -> Iterator[Item]:
+    """All messages with log times in ``[from_ns, to_ns)``; of equal ones the first recording's come first.
+
+    Args:
+        recordings: Each in its own order.
+        from_ns: None for the start.
+        to_ns: None for the end.
+        wanted: Whose messages; the images' stamps come in any case.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+    return heapq.merge(*(_items(each, from_ns, to_ns, wanted) for each in recordings), key=lambda item: item.log_ns)
+
+
+def _items(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[Item]:
+    has_images = isinstance(recording, Recording) or recording.images is not None
+    for message in _messages(recording, from_ns, to_ns, wanted):
+        is_mark = not has_images or is_image_mark(recording, message.channel)
+        yield Item(message.log_ns, recording, message, is_mark)
+
+
+def _messages(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[ReadMessage]:
+    def is_wanted(channel: Channel) -> bool:
+        return is_image_mark(recording, channel) or wanted(recording, channel)
+
+    if isinstance(recording, ForeignRecording):
+        streams = (_by_time(each, from_ns, to_ns, is_wanted) for each in recording.segments)
+        return heapq.merge(*streams, key=lambda message: message.log_ns)
+    data = recording.messages(from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
+    images = (
+        message
+        for message in recording.image_messages(from_ns=from_ns, to_ns=to_ns)
+        if wanted(recording, message.channel)
+    )
+    # A picture comes after its image's stamps, which have the same log time.
+    return heapq.merge(data, images, key=lambda message: message.log_ns)
+
+
+def _by_time(
+    segment: SegmentScan, from_ns: int | None, to_ns: int | None, is_wanted: ChannelWanted
+) -> Iterator[ReadMessage]:
+    """One file's messages by log time, also where a converter wrote one topic after the other."""
+    if all(one.end_ns <= other.start_ns + _APART_NS for one, other in pairwise(segment.chunks)):
+        return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
+    topics = {channel.topic for channel in channels_of(segment).values() if is_wanted(channel)}
+    if len(topics) * max(map(content_bytes, segment.chunks), default=0) > _MOST_HELD_BYTES:
+        said = (
+            "%s: %d topics that lie one behind the other are more than can be held; in order of time as far as they are"
+        )
+        _log.warning(said, segment.path, len(topics))
+        return (each for each in nearly_sorted(segment, is_wanted) if in_time(each, from_ns, to_ns))
+
+    def stream(topic: str) -> Iterator[ReadMessage]:
+        return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.topic == topic)
+
+    streams = map(stream, sorted(topics))
+    return heapq.merge(*streams, key=lambda message: message.log_ns)

@@ -1,0 +1,1 @@
+"""A recording as input again: its configuration, messages and pixels."""

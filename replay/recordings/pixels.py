@@ -1,0 +1,157 @@
+"""The recorded pixels, found by an image's arrival and decoded when somebody asks: JPEGs one by one, video in order."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from google.protobuf.message import DecodeError
+
+from aerodft.adapters.images.jpeg import decode_jpeg
+from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
+from aerodft.adapters.recording.read.chunk_index import ChunkPlace, SegmentScan
+from aerodft.adapters.recording.read.messages import ChunkReader, ReadMessage
+from aerodft.adapters.recording.read.scanning import log_times
+from aerodft.adapters.recording.write.records import image_sequence
+from aerodft.errors import InputError
+from aerodft.model.arrays import ImageArray
+from aerodft.model.image import Image
+from replay.recordings.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.recordings.segments import channels_of
+
+
+def jpeg_of(data: bytes) -> bytes:
+    """The JPEG in a ``foxglove.CompressedImage``.
+
+    Raises:
+        InputError: It is none.
+    """
+    try:
+        return bytes(CompressedImage.FromString(data).data)
+    except DecodeError as error:
+        raise InputError("a recorded image is damaged", got=error) from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedPixels:
+    """One recorded image's pixels; calling it reads and decodes them.
+
+    Attributes:
+        place: The chunk that holds it.
+        segment: Its file.
+        log_ns: Its log time.
+        sequence: Its sequence number.
+        most_px: Pixels that it has, by its stamps; None where they do not say.
+    """
+
+    place: ChunkPlace
+    segment: SegmentScan
+    log_ns: int
+    sequence: int
+    most_px: int | None
+
+    def __call__(self) -> ImageArray:
+        """``(height, width, 3)`` uint8 BGR.
+
+        Raises:
+            InputError: The recording is damaged there.
+        """
+        where = f"{self.place.path}, image at {self.log_ns} ns"
+        for message in _messages_at(self.segment, self.place):
+            found = message.log_ns == self.log_ns and message.sequence == self.sequence
+            if found and message.channel.schema == IMAGE_SCHEMA:
+                return decode_jpeg(jpeg_of(message.data), where, self.most_px)
+        raise InputError("the recorded image is gone", where=where)
+
+
+class _Video:
+    """A recording's video packets, decoded in order; going back begins at the start again."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._packets: Iterator[ReadMessage] = iter(())
+        self._decoder: PacketDecoder | None = None
+        self._last: tuple[int, FramePixels | None] = (0, None)
+
+    def at(self, log_ns: int, most_px: int | None) -> ImageArray:
+        """The pixels of the packet with this log time, of images of so many at most.
+
+        Raises:
+            InputError: It is damaged, or refers to images that are missing.
+        """
+        if log_ns < self._last[0] or self._decoder is None:
+            self._packets, self._decoder = self._recording.image_messages(), None
+        while self._last[0] != log_ns or self._decoder is None:
+            message = next(self._packets, None)
+            if message is None or message.log_ns > log_ns:
+                break
+            if message.channel.schema == VIDEO_SCHEMA:
+                self._last = (message.log_ns, self._decoded(message, most_px))
+        stamp_ns, pixels = self._last
+        if pixels is None or stamp_ns != log_ns:
+            where = f"{self._recording.folder}, image at {log_ns} ns"
+            raise InputError("the recorded video cannot be decoded there", where=where)
+        return pixels()
+
+    def _decoded(self, message: ReadMessage, most_px: int | None) -> FramePixels | None:
+        try:
+            packet = CompressedVideo.FromString(message.data)
+            self._decoder = self._decoder or PacketDecoder(packet.format, most_px)
+            frame = self._decoder.decode(packet.data)
+        except (DecodeError, ValueError) as error:
+            raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error
+        return None if frame is None else FramePixels(frame)
+
+
+class PixelStore:
+    """Which images of a recording have pixels."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._stills: dict[int, tuple[ChunkPlace, SegmentScan]] = {}
+        self._packets: set[int] = set()
+        self._video = _Video(recording)
+        for segment in recording.images:
+            schemas = {number: channel.schema for number, channel in channels_of(segment).items()}
+            for place in segment.chunks:
+                for schema, log_ns in _pictures(segment, place, schemas):
+                    if schema == VIDEO_SCHEMA:
+                        self._packets.add(log_ns)
+                    else:
+                        self._stills[log_ns] = (place, segment)
+
+    def __len__(self) -> int:
+        return len(self._stills) + len(self._packets)
+
+    def pixels(self, image: Image) -> Callable[[], ImageArray] | None:
+        """The pixels of an image; None where none were recorded."""
+        at_ns, found = image.arrival_ns, self._stills.get(image.arrival_ns)
+        most_px = image.width_px * image.height_px if image.width_px and image.height_px else None
+        if found is not None:
+            place, segment = found
+            sequence = image_sequence(image.index)
+            return RecordedPixels(place=place, segment=segment, log_ns=at_ns, sequence=sequence, most_px=most_px)
+        return partial(self._video.at, at_ns, most_px) if at_ns in self._packets else None
+
+
+def _pictures(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:
+    """Schema and log time of a chunk's pictures: from its indexes, or where it has none from itself."""
+    times = log_times(place)
+    if times is None:
+        for message in _messages_at(segment, place):
+            if message.channel.schema in PICTURE_SCHEMAS:
+                yield message.channel.schema, message.log_ns
+        return
+    for number, each in times.items():
+        if schemas.get(number) in PICTURE_SCHEMAS:
+            yield from ((schemas[number], log_ns) for log_ns in each)
+
+
+def _messages_at(segment: SegmentScan, place: ChunkPlace) -> Iterator[ReadMessage]:
+    """The messages of one chunk; where no index names the channels, the first chunk does."""
+    first = segment.chunks[0]
+    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
+    if not segment.is_indexed and place.offset != first.offset:
+        for _ in reader.messages((first,)):
+            pass
+    return reader.messages((place,))

@@ -1,0 +1,197 @@
+"""A recording: a folder of MCAP segments with the configuration that it was made with, or one file with all of it."""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+
+from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording.read.chunk_index import SegmentScan
+from aerodft.adapters.recording.read.messages import ChunkTable, ReadMessage, Wanted
+from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.wire import measurement
+from aerodft.adapters.wire.payload import SOFTWARE
+from aerodft.adapters.wire.schemas import SCHEMAS
+from aerodft.errors import InputError, NoAnswerError, located
+from replay.recordings.segments import is_mcap, messages_of, numbered, tables_of
+
+_SHOWN = 3
+_MOST_TEXT_BYTES = 4 << 20  # as of one that a file carries
+_OWN = "aerodft."
+IMAGE_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
+VIDEO_SCHEMA = str(CompressedVideo.DESCRIPTOR.full_name)
+PICTURE_SCHEMAS = frozenset({IMAGE_SCHEMA, VIDEO_SCHEMA})
+_MEASURED = frozenset({measurement.SCHEMA, measurement.IMAGE_SCHEMA})
+
+_log = logging.getLogger(__name__)
+
+
+class Recording:
+    """A recording, open for reading; holds no file open.
+
+    Attributes:
+        folder: Where it is: a folder, or a file.
+        station: The station that made it.
+        data: Its data segments, in order.
+        images: Its image segments, in order; empty where there are none.
+        start_ns: Earliest log time.
+        end_ns: Latest log time.
+        is_whole: Whether every segment was finished; else a recorder was killed and the end may be missing.
+
+    Args:
+        folder: The recording's folder; or one of its files, or one file that they were put together in.
+
+    Raises:
+        InputError: There is no recording there, or it cannot be read.
+        NoAnswerError: It holds nothing.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._is_file = folder.is_file()
+        if self._is_file and not is_mcap(folder):
+            expected = "a recording's folder, or an MCAP file"
+            raise InputError("there is no recording", where=folder, got=looks_like(folder), expected=expected)
+        self._missing = {"data": 0, "images": 0}
+        self.data = (scan_segment(folder),) if self._is_file else self._segments("data")
+        self.images = self.data if self._is_file else self._segments("images")
+        chunks = [chunk for segment in self.data for chunk in segment.chunks]
+        if not chunks:
+            raise NoAnswerError("the recording holds nothing", where=folder)
+        self.station = next((segment.station for segment in self.data if segment.station), "")
+        self.start_ns = min(chunk.start_ns for chunk in chunks)
+        self.end_ns = max(chunk.end_ns for chunk in chunks)
+        self.is_whole = all(segment.is_whole for segment in (*self.data, *self.images))
+        if not self.is_whole:
+            _log.warning("%s: was not finished; read as far as it is whole", folder)
+        self._met: set[str] = set()
+        for schema in sorted({one.schema for each in self.data for one in each.channels.by_id.values()}):
+            self._meet(schema)
+
+    def _segments(self, stem: str) -> tuple[SegmentScan, ...]:
+        paths = _paths(self.folder, stem)
+        self._missing[stem] = _say_missing(self.folder, stem, [path.stem for path in paths])
+        return _each_once(self.folder, tuple(map(scan_segment, paths)))
+
+    def _meet(self, schema: str) -> None:
+        """Warn once of payloads whose schema this version does not have: a newer one's, or damage."""
+        self._met.add(schema)
+        if schema.startswith(_OWN) and schema not in SCHEMAS:
+            _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, schema, SOFTWARE)
+
+    def left_out(self, *, images: bool = False) -> dict[str, int]:
+        """``damaged_chunks`` that were met so far and ``missing_segments``; where asked, of the images too."""
+        segments = {id(each): each for each in (*self.data, *(self.images if images else ()))}.values()
+        missing = self._missing["data"] + (self._missing["images"] if images else 0)
+        return {"damaged_chunks": sum(len(each.left_out) for each in segments), "missing_segments": missing}
+
+    def text(self, name: str) -> str | None:
+        """A file beside the segments (``config.toml`` and the like); None where there is none.
+
+        Raises:
+            InputError: It cannot be read.
+        """
+        path = self.folder / name
+        try:
+            if not path.is_file():
+                return self.data[0].texts.get(name)
+            with path.open("rb") as file:
+                data = file.read(_MOST_TEXT_BYTES + 1)
+            if len(data) > _MOST_TEXT_BYTES:
+                raise InputError(f"a configuration of more than {_MOST_TEXT_BYTES >> 20} MB", where=path)
+            return data.decode()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError("the file cannot be read", where=path, got=error) from error
+
+    def messages(
+        self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: Wanted | None = None
+    ) -> Iterator[ReadMessage]:
+        """The messages of the data segments as they were written, log times in ``[from_ns, to_ns)``.
+
+        Args:
+            from_ns: None for the start.
+            to_ns: None for the end.
+            wanted: Whose messages; None for everybody's.
+        """
+
+        def is_data(channel: Channel) -> bool:
+            if channel.schema not in self._met:  # a file without an index tells its channels as it is read
+                self._meet(channel.schema)
+            return channel.schema not in PICTURE_SCHEMAS and (wanted is None or wanted(channel))
+
+        is_looked_at = self._is_file or not all(segment.is_indexed for segment in self.data)
+        return messages_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=is_data if is_looked_at else wanted)
+
+    def tables(self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: Wanted) -> Iterator[ChunkTable]:
+        """``messages`` as columns, a chunk's at a time."""
+        return tables_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
+
+    def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ReadMessage]:
+        """The images and video packets of the image segments, likewise."""
+        return messages_of(self.images, from_ns=from_ns, to_ns=to_ns, wanted=_is_picture)
+
+    def measurements(self) -> Iterator[bytes]:
+        """The payloads of all measurements, in the order in which they were made.
+
+        Raises:
+            InputError: Some of them cannot be told apart.
+        """
+        for message in self.messages(wanted=lambda channel: channel.schema in _MEASURED):
+            if message.channel.schema == measurement.SCHEMA:
+                yield message.data
+            else:
+                with located(self.folder):
+                    payloads = measurement.split_measurements(message.data)
+                yield from (payload for _, payload in payloads)
+
+
+def _is_picture(channel: Channel) -> bool:
+    return channel.schema in PICTURE_SCHEMAS
+
+
+def _paths(folder: Path, stem: str) -> list[Path]:
+    """The segments of a series, in order."""
+    if not folder.is_dir():
+        got = "a file" if folder.exists() else "nothing"
+        raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
+    try:
+        there = list(folder.iterdir())
+    except OSError as error:
+        raise InputError("the recording cannot be read", where=folder, got=error.strerror) from error
+    paths = sorted((path for path in there if path.match(f"{stem}_*.mcap")), key=numbered)
+    if not paths and stem == "data":
+        found = there[0].name if there else None
+        raise InputError(
+            "there is no recording",
+            where=folder,
+            got=f"{found} and no data_*.mcap" if found else "an empty folder",
+            expected="a folder with data_000.mcap",
+        )
+    return paths
+
+
+def _each_once(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[SegmentScan, ...]:
+    """The segments without those that are there a second time, under another name: that is said."""
+    if len(segments) == 1:
+        return segments
+    first: dict[object, SegmentScan] = {}
+    for segment in segments:
+        held = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
+        known = first.setdefault(held or segment.path, segment)
+        if known is not segment:
+            _log.warning("%s: %s is %s once more; it is left out", folder, segment.path.name, known.path.name)
+    return tuple(first.values())
+
+
+def _say_missing(folder: Path, stem: str, names: list[str]) -> int:
+    """Warn of numbers that are left out: a segment was lost or not copied; returns how many."""
+    numbers = [int(name.removeprefix(f"{stem}_")) for name in names if name.removeprefix(f"{stem}_").isdecimal()]
+    gone = sorted(set(range(max(numbers, default=-1) + 1)) - set(numbers))
+    if gone:
+        shown = ", ".join(f"{stem}_{number:03d}.mcap" for number in gone[:_SHOWN])
+        more = f" and {len(gone) - _SHOWN} more" if len(gone) > _SHOWN else ""
+        _log.warning("%s: without %s%s; read as far as it is there", folder, shown, more)
+    return len(gone)

@@ -1,0 +1,174 @@
+"""A recording's inputs as a ``Source``: the pipeline takes them as it took the live ones."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from aerodft.adapters.recording.channels import SENDER_KEY, Channel
+from aerodft.adapters.recording.read.messages import ChunkTable, is_one_of
+from aerodft.adapters.wire import events
+from aerodft.adapters.wire.payload import LATEST_NS
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import InputError, located
+from aerodft.model.arrays import IntArray
+from aerodft.model.batch import Arrival, Event
+from aerodft.model.image import Image, ImageRows
+from aerodft.model.observation import Observation
+from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.service.arrivals import first_arrival_ns
+from replay.recordings.pixels import PixelStore
+from replay.recordings.recording import Recording
+
+_INPUTS = frozenset({events.IMAGE_SCHEMA, events.OBSERVATION_SCHEMA})
+_LEAST_SHARE = 0.25  # of a chunk
+_TOGETHER: Final = 256  # images: spans of ticks are bounded by them
+_PROTOCOLS = frozenset(protocol.value for protocol in WireProtocol)
+
+
+_Subject: TypeAlias = Image | Observation
+
+
+class _Found(NamedTuple):
+    """Images, or observations, by their rows ``(n,)`` in a chunk."""
+
+    rows: IntArray
+    events: Sequence[_Subject]
+
+    @property
+    def arrivals_ns(self) -> IntArray:
+        """``(n,)``."""
+        if isinstance(self.events, ImageRows):
+            return self.events.arrival_ns
+        return np.array([event.arrival_ns for event in self.events], dtype=np.int64)
+
+
+class RecordingSource:
+    """Raw telemetry, images and observations of a recording, in order of first arrival.
+
+    Args:
+        recording: The recording.
+        from_ns: Earliest arrival; None for the start.
+        to_ns: Arrivals stop before it; None for the end.
+        pixels: Whether images get their recorded pixels.
+    """
+
+    def __init__(
+        self, recording: Recording, *, from_ns: int | None = None, to_ns: int | None = None, pixels: bool = False
+    ) -> None:
+        self._recording = recording
+        self._from_ns = from_ns
+        self._to_ns = to_ns
+        self._pixels = PixelStore(recording) if pixels else None
+        self._decoders: dict[str, Callable[[Sequence[bytes]], Sequence[_Subject]]] = {
+            events.IMAGE_SCHEMA: self._images,
+            events.OBSERVATION_SCHEMA: events.decode_observations,
+        }
+
+    def events(self) -> Iterator[Event]:
+        """All events, (first) arrivals not decreasing; a chunk of the recording is held in memory.
+
+        Raises:
+            InputError: Arrivals go back: the recording was put together by hand; or a message is damaged.
+        """
+        for table, others in self._chunks():
+            by_row = {row: one for found in others for row, one in zip(found.rows.tolist(), found.events, strict=True)}
+            single: list[Event] = [by_row[row] for row in sorted(by_row)]
+            yield from sorted([*_blocks(table), *single], key=first_arrival_ns)
+
+    def gathered(self) -> Iterator[Arrival]:
+        """The same, images of a chunk together.
+
+        Raises:
+            InputError: As ``events``.
+        """
+        for table, others in self._chunks():
+            together = chain.from_iterable(_together(found.events) for found in others)
+            yield from sorted([*_blocks(table), *together], key=first_arrival_ns)
+
+    def _chunks(self) -> Iterator[tuple[ChunkTable, list[_Found]]]:
+        """The input of each chunk: where it is, and images and observations."""
+        last_ns = 0
+        for table in self._recording.tables(from_ns=self._from_ns, to_ns=self._to_ns, wanted=_is_input):
+            if not len(table.log_ns):
+                continue
+            others = self._others(table)
+            last_ns = self._checked(table, others, last_ns)
+            yield table, others
+
+    def _checked(self, table: ChunkTable, others: Sequence[_Found], last_ns: int) -> int:
+        """The last arrival of a chunk, none of which goes back: by log times, and by what images say themselves."""
+        newest_ns = int(table.log_ns.max())
+        if newest_ns > LATEST_NS:
+            where, expected = self._recording.folder, "before the year 2262"
+            raise InputError("a log time is none", where=where, got=newest_ns, expected=expected)
+        log_ns = np.concatenate([[last_ns], table.log_ns.astype(np.int64)])
+        arrivals = log_ns.copy()
+        for found in others:
+            arrivals[1 + found.rows] = found.arrivals_ns
+        for times in (log_ns, arrivals):
+            back_ns = np.diff(times)
+            if np.any(back_ns < 0):
+                raise self._gone_back(-int(back_ns[back_ns < 0][0]))
+        return int(arrivals[-1])
+
+    def _others(self, table: ChunkTable) -> list[_Found]:
+        """Images and observations of a chunk."""
+        found: list[_Found] = []
+        with located(self._recording.folder):
+            for schema, decoded in self._decoders.items():
+                wanted = [number for number, channel in table.channels.items() if channel.schema == schema]
+                rows = np.flatnonzero(is_one_of(table.channel, wanted))
+                places = zip(table.start[rows].tolist(), table.stop[rows].tolist(), strict=True)
+                found.append(_Found(rows, decoded([table.content[start:stop] for start, stop in places])))
+        return found
+
+    def _gone_back(self, by_ns: int) -> InputError:
+        return InputError(
+            "the recording goes back in time",
+            where=self._recording.folder,
+            got=f"an arrival {by_ns / SECOND_NS:.3f} s before the one before it",
+            expected="segments of one recording, each once",
+        )
+
+    def _images(self, data: Sequence[bytes]) -> Sequence[Image]:
+        images, pixels = events.decode_images(data), self._pixels
+        if pixels is None:
+            return images
+        return [replace(image, pixels=pixels.pixels(image)) for image in images]
+
+
+def _together(events: Sequence[_Subject]) -> Sequence[Arrival]:
+    """Images in parts of moderate size where they are alike; others one by one."""
+    if isinstance(events, ImageRows):
+        return [events[first : first + _TOGETHER] for first in range(0, len(events), _TOGETHER)]
+    return events
+
+
+def _is_input(channel: Channel) -> bool:
+    return channel.encoding in _PROTOCOLS or channel.schema in _INPUTS
+
+
+def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
+    """The frames of a chunk, by sender; they stay where they are, if they are much of it."""
+    senders: dict[tuple[str, str], list[int]] = {}
+    for number in np.unique(table.channel).tolist():
+        channel = table.channels[number]
+        if channel.encoding in _PROTOCOLS:
+            senders.setdefault((channel.encoding, dict(channel.metadata).get(SENDER_KEY, "")), []).append(number)
+    for (protocol, sender), numbers in senders.items():
+        own = table.rows(is_one_of(table.channel, numbers))
+        length, offset, data = own.stop - own.start, own.start, table.content
+        if length.sum() < _LEAST_SHARE * len(data):  # answers lie between them: a chunk would be kept for a few frames
+            data = b"".join([data[start:stop] for start, stop in zip(offset.tolist(), own.stop.tolist(), strict=True)])
+            offset = np.cumsum(length) - length
+        yield RawBlock(
+            protocol=WireProtocol(protocol),
+            sender=sender,
+            arrival_ns=own.log_ns.astype(np.int64),
+            offset=offset,
+            length=length,
+            data=data,
+        )

@@ -24,8 +24,7 @@ from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.calibration import STEADY, Steadiness, SteadinessEstimate
 from aerodft.model.camera import Camera
 from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import Pose, PoseBatch, PoseSample
 from aerodft.model.status import Status
 from aerodft.service.settings import PipelineSettings, WatchSettings
 

@@ -21,10 +21,9 @@ from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.calibration import BiasValues, Calibration, CalibrationEstimate, Innovation
 from aerodft.model.camera import Camera
-from aerodft.model.marker import SurveyedLandmark
+from aerodft.model.evidence import SurveyedLandmark
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.status import Status
 from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
 from calibration.flight.biases import BiasedPoses, BiasModel, propagated, relocated, stds_of

@@ -6,10 +6,9 @@ from itertools import pairwise
 from operator import itemgetter
 
 from aerodft.dft.measurement_batch import MeasurementBatch
-from aerodft.model.height import HeightSwitch
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
+from aerodft.model.pose import HeightSwitch, PoseSample
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import Estimate, StepOutputs
 from aerodft.service.pipeline import Pipeline

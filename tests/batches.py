@@ -8,13 +8,10 @@ import numpy as np
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
 from aerodft.dft.request import Request
 from aerodft.model.arrays import FloatArray
-from aerodft.model.batch import Event
 from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.height import HeightSwitch
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement
-from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.observation import Event, Observation
+from aerodft.model.pose import HeightSwitch, PoseBatch, PoseSample
 from aerodft.model.probe import PixelSource, Probe
 from aerodft.model.status import CODE_OF
 from aerodft.service.batches import Batches

@@ -5,8 +5,7 @@ import numpy as np
 from aerodft.dft.measure import Request, Setup
 from aerodft.dft.measure import measure as measure_batch
 from aerodft.model.measurement import Measurement
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.service.pose.source import PoseSource
 from aerodft.service.streams import LAST
 

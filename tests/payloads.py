@@ -15,8 +15,7 @@ from aerodft.model.camera import Zoom, ZoomSource
 from aerodft.model.health import Health
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
 from aerodft.model.observation import Observation
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseBatch, PoseSample, PoseStd
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 

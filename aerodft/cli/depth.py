@@ -14,7 +14,7 @@ from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.maps.depth import DepthMap, Z, depth_map, measured_plane
 from aerodft.dft.maps.depth_std import range_std
 from aerodft.dft.maps.orthophoto import Sampling, top_view
-from aerodft.dft.points import to_ground_frame
+from aerodft.dft.projection import to_ground_frame
 from aerodft.dft.request import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.geometry.footprint import footprint, horizon_line, ring_area

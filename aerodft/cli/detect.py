@@ -20,8 +20,7 @@ from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model.arrays import FloatArray, ImageArray
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import Px
-from aerodft.model.marker import MarkerSighting, marker_name
+from aerodft.model.evidence import MarkerSighting, Px, marker_name
 from aerodft.model.measurement import ProjectionModel
 from calibration.markers.detection import LEAST_SIDE_PX, find_markers, other_dictionary
 from calibration.markers.geometry import Judgement, Miss, judge

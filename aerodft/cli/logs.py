@@ -8,7 +8,7 @@ from typing import Protocol
 from aerodft.adapters.config.station.inputs import Topics
 from aerodft.adapters.telemetry.log_formats import open_log
 from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
-from aerodft.model.batch import Event
+from aerodft.model.observation import Event
 from aerodft.model.telemetry import RawBlock
 from replay.foreign.recordings import ForeignRecording, ForeignTelemetry, open_recording
 from replay.recordings.segments import is_mcap

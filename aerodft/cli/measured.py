@@ -16,8 +16,7 @@ from aerodft.dft.model_comparison import ModelDifference, compare_models
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.status import Status
 
 

@@ -20,8 +20,7 @@ from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseBatch, PoseSample, PoseStd
 from aerodft.model.status import Status
 from calibration.flight.biases import BiasCalibrator
 

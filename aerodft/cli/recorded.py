@@ -9,9 +9,8 @@ from aerodft.adapters.config.station.station import StationConfig
 from aerodft.cli.wiring import check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
-from aerodft.model.batch import Event
 from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import VISION, Event, Observation
 from aerodft.service.clocks.camera_clock import ImageClock
 from aerodft.service.ports import Source
 from replay.recordings.recording import Recording

@@ -15,9 +15,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.measure import Setup
 from aerodft.dft.request import zoomed
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.batch import Event
 from aerodft.model.calibration import STEADY
-from aerodft.model.observation import Observation
+from aerodft.model.observation import Event, Observation
 from aerodft.model.pose import PoseSample
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.feed import MergedFeed

@@ -19,8 +19,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.request import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.arrays import ImageArray, IntArray
-from aerodft.model.batch import Event
 from aerodft.model.image import Image
+from aerodft.model.observation import Event
 from aerodft.model.pose import PoseSample
 from aerodft.model.status import Status
 from aerodft.service.feed import MergedFeed

@@ -14,9 +14,9 @@ from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSett
 from aerodft.adapters.telemetry.log_formats import decoder_of
 from aerodft.cli.output import say
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.batch import Event
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image
+from aerodft.model.observation import Event
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import Sink

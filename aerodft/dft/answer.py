@@ -46,8 +46,7 @@ from aerodft.dft.quantities import (
 from aerodft.dft.request import Setup
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import CODE_OF, CODES, Status
 

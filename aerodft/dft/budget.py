@@ -9,8 +9,7 @@ import numpy as np
 from aerodft.dft.projection import DISTORTION, ELEVATION, FOCAL, PRINCIPAL_POINT, ROTATION
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseStd
 
 _ROUNDING = 1e-12
 _ADVICE = {

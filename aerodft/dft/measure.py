@@ -8,13 +8,11 @@ import numpy as np
 from aerodft.dft.answer import Judgement, View
 from aerodft.dft.budget import Share, variance_budgets
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
-from aerodft.dft.points import places
-from aerodft.dft.projection import ELEVATION
+from aerodft.dft.projection import ELEVATION, places
 from aerodft.dft.quantities import KINDS
 from aerodft.dft.request import Request, Setup
 from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.probe import ProbeKind
 
 __all__ = ["Request", "Setup", "explain", "measure"]

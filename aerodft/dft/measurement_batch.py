@@ -10,8 +10,7 @@ import numpy as np
 from aerodft.dft.request import Request, Setup
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.status import CODE_OF, CODES, Status
 
 NUMBERS: Final[tuple[str, ...]] = (

@@ -10,8 +10,7 @@ from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import Pose, PoseBatch, PoseSample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.height import HeightDifference
-from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.pose import HeightDifference, HeightSource, PoseSample
 from aerodft.model.status import Status
 from aerodft.service.pose.source import PoseSource
 from aerodft.service.streams import LAST

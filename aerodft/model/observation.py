@@ -1,9 +1,10 @@
 """Pixels of one probe at one image stamp, whoever found them."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
-from aerodft.model.image import Image, StampClock
+from aerodft.model.image import Image, ImageRows, StampClock
+from aerodft.model.telemetry import RawBlock
 
 VISION: Final = "vision"
 """The source of observations that aerodft itself made in an image."""
@@ -74,3 +75,8 @@ class Observation:
     def is_empty(self) -> bool:
         """Whether somebody looked, and saw nothing."""
         return not self.pixels and not self.has_outline
+
+
+Event: TypeAlias = RawBlock | Image | Observation
+Arrival: TypeAlias = Event | ImageRows
+"""An event, or many images that are read together."""

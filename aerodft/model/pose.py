@@ -1,14 +1,15 @@
 """Where the camera is and where it looks, with one joint covariance."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
+from typing import Final, TypeVar, overload
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray, FloatLike, IntArray, read_only
+from aerodft.model.arrays import BoolArray, FloatArray, FloatLike, IntArray, read_only
 from aerodft.model.camera import Zoom
-from aerodft.model.status import Status
+from aerodft.model.status import CODE_OF, Status
 
 _TRAILING = {"position_enu_m": (3,), "wxyz": (4,), "cov": (6, 6), "velocity_enu_mps": (3,), "rate_cam_radps": (3,)}
 
@@ -146,3 +147,301 @@ class PoseSample:
     def cov(self) -> FloatArray | None:
         """Of the pose."""
         return None if self.pose is None else self.pose.cov
+
+
+_Key = TypeVar("_Key", bound=Hashable)
+
+_STDS: Final = tuple(each.name for each in fields(PoseStd))
+HORIZONTAL: Final = _STDS.index("horizontal_m")
+"""Column of ``PoseBatch.std`` that holds the position's standard deviation."""
+TIME: Final = _STDS.index("time_s")
+"""Column of ``PoseBatch.std`` that holds the stamp's standard deviation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseBatch(Sequence[PoseSample]):
+    """Poses at ``n`` stamps. What is not a number, and the same for many of them, stands once in ``variants``.
+
+    Attributes:
+        stamp_ns: ``(n,)`` UTC.
+        pose: The ``(n,)`` poses with a covariance each; NaN where a sample has none.
+        std: ``(n, 7)`` standard deviations in the order of the fields of ``PoseStd``.
+        lat_lon_alt: ``(n, 3)`` latitude, longitude (rad), altitude (m MSL); NaN where unknown.
+        height_age_s: ``(n,)`` time to the nearest sample of the height; NaN where unknown.
+        telemetry_age_s: ``(n,)`` time to the nearest sample of the older part; NaN where unknown.
+        datum_enu_m: ``(n,)`` ENU height of what the stated height is counted from.
+        zoom: ``(n, 2)`` magnification against the camera's file, and its standard deviation; NaN where the file holds.
+        variant_index: ``(n,)`` which of ``variants`` each sample is like.
+        variants: Samples without the numbers above: status, reasons, origin, sources, calibration. A variant's zoom
+            says its source alone.
+    """
+
+    stamp_ns: IntArray
+    pose: Pose
+    std: FloatArray
+    lat_lon_alt: FloatArray
+    height_age_s: FloatArray
+    telemetry_age_s: FloatArray
+    datum_enu_m: FloatArray
+    zoom: FloatArray
+    variant_index: IntArray
+    variants: tuple[PoseSample, ...]
+
+    @staticmethod
+    def of(samples: Sequence[PoseSample]) -> "PoseBatch":
+        """Samples as a batch, in their order."""
+        variants, variant_index = _distinct([_variant(sample) for sample in samples])
+        zooms = [(np.nan, np.nan) if s.zoom is None else (s.zoom.magnification, s.zoom.std) for s in samples]
+        return PoseBatch(
+            stamp_ns=np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
+            pose=_stacked([sample.pose for sample in samples]),
+            std=np.array([[getattr(sample.std, name) for name in _STDS] for sample in samples]).reshape(-1, len(_STDS)),
+            lat_lon_alt=_numbers([sample.lat_lon_alt for sample in samples]).reshape(-1, 3),
+            height_age_s=_numbers([sample.height_age_s for sample in samples]),
+            telemetry_age_s=_numbers([sample.telemetry_age_s for sample in samples]),
+            datum_enu_m=np.array([sample.datum_enu_m for sample in samples], dtype=np.float64),
+            zoom=np.array(zooms).reshape(-1, 2),
+            variant_index=variant_index,
+            variants=variants,
+        )
+
+    @staticmethod
+    def joined(batches: Sequence["PoseBatch"]) -> "PoseBatch":
+        """Several batches as one, one after the other."""
+        if len(batches) == 1:
+            return batches[0]
+        variants, index = _distinct([variant for batch in batches for variant in batch.variants])
+        firsts = np.cumsum([0, *(len(batch.variants) for batch in batches)]).tolist()
+        own = [index[first + batch.variant_index] for batch, first in zip(batches, firsts[:-1], strict=True)]
+        columns = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _COLUMNS}
+        pose = Pose.joined([batch.pose for batch in batches])
+        return PoseBatch(pose=pose, variant_index=np.concatenate(own), variants=variants, **columns)
+
+    @staticmethod
+    def repeated(sample: PoseSample, stamps_ns: IntArray) -> "PoseBatch":
+        """One sample at every stamp ``(n,)``: the pose of a camera that does not move."""
+        alone = PoseBatch.of([sample])
+        return replace(alone.rows(np.zeros(len(stamps_ns), dtype=np.int64)), stamp_ns=stamps_ns)
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    @overload
+    def __getitem__(self, index: int) -> PoseSample: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "PoseBatch": ...
+
+    def __getitem__(self, index: int | slice) -> "PoseSample | PoseBatch":
+        if isinstance(index, slice):
+            return self.rows(np.arange(len(self))[index])
+        return self._sample(range(len(self))[index])
+
+    def __iter__(self) -> Iterator[PoseSample]:
+        return map(self._sample, range(len(self)))
+
+    @property
+    def status(self) -> IntArray:
+        """``(n,)`` indices into ``CODES``."""
+        return self.told(lambda variant: CODE_OF[variant.status])
+
+    @property
+    def kind_index(self) -> IntArray:
+        """``(n,)`` numbers; samples with the same one differ in numbers, reasons and calibration only."""
+        found: dict[Hashable, int] = {}
+        bare = [replace(variant, reasons=(), calibration=None) for variant in self.variants]
+        return np.array([found.setdefault(_key(each), len(found)) for each in bare], dtype=np.int64)[self.variant_index]
+
+    @property
+    def variant_of_each(self) -> list[PoseSample]:
+        """The variant that each sample is like."""
+        return [self.variants[index] for index in self.variant_index.tolist()]
+
+    @property
+    def has_pose(self) -> BoolArray:
+        """``(n,)`` whether there is a pose, whatever the status."""
+        return ~np.isnan(self.pose.wxyz[:, 0])
+
+    @property
+    def is_ok(self) -> BoolArray:
+        """``(n,)`` whether there is a pose that can be measured with."""
+        return np.asarray((self.status == CODE_OF[Status.OK]) & self.has_pose)
+
+    def rows(self, rows: IntArray) -> "PoseBatch":
+        """Samples ``(m,)`` by their indices."""
+        columns = {name: getattr(self, name)[rows] for name in _COLUMNS}
+        return PoseBatch(
+            pose=self.pose.rows(rows), variant_index=self.variant_index[rows], variants=self.variants, **columns
+        )
+
+    def where(self, chosen: BoolArray, change: Callable[["PoseBatch", IntArray], "PoseBatch"]) -> "PoseBatch":
+        """The batch with those of its samples changed that are ``chosen (n,)``, and all others as they are.
+
+        Args:
+            chosen: Which are changed.
+            change: Takes at least one sample, with its row here, and gives as many back.
+        """
+        rows = np.flatnonzero(chosen)
+        if len(rows) == len(self):
+            return change(self, rows)
+        if not len(rows):
+            return self
+        order = np.arange(len(self))
+        order[rows] = len(self) + np.arange(len(rows))
+        return PoseBatch.joined([self, change(self.rows(rows), rows)]).rows(order)
+
+    def told(self, tell: Callable[[PoseSample], int]) -> IntArray:
+        """``(n,)`` of every sample what its variant tells; variants that no sample is like are not asked."""
+        used, own = np.unique(self.variant_index, return_inverse=True)
+        return np.array([tell(self.variants[index]) for index in used.tolist()], dtype=np.int64)[own]
+
+    def all_varied(self, vary: Callable[[PoseSample], PoseSample]) -> "PoseBatch":
+        """The batch with a new variant for each of the present ones."""
+        return replace(self, variants=tuple(map(vary, self.variants)))
+
+    def varied(self, key: Sequence[_Key], vary: Callable[[PoseSample, _Key], PoseSample]) -> "PoseBatch":
+        """The batch with other variants.
+
+        Args:
+            key: For each sample what its new variant depends on, besides the present one.
+            vary: Makes the new variant from the present one and a key.
+        """
+        pairs = list(zip(self.variant_index.tolist(), key, strict=True))
+        numbers = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
+        variants = tuple(vary(self.variants[index], own) for index, own in numbers)
+        return replace(
+            self, variants=variants, variant_index=np.array([numbers[pair] for pair in pairs], dtype=np.int64)
+        )
+
+    def without_poses(self) -> "PoseBatch":
+        """The batch with nothing known of where its cameras are."""
+        return replace(self, pose=_stacked([None]).rows(np.zeros(len(self), dtype=np.int64)))
+
+    def _sample(self, row: int) -> PoseSample:
+        variant = self.variants[int(self.variant_index[row])]
+        lat, lon, alt = (_known(value) for value in self.lat_lon_alt[row].tolist())
+        magnification, std = self.zoom[row].tolist()
+        zoom = None if variant.zoom is None else Zoom(magnification=magnification, std=std, source=variant.zoom.source)
+        return replace(
+            variant,
+            stamp_ns=int(self.stamp_ns[row]),
+            pose=None if np.isnan(self.pose.wxyz[row, 0]) else self.pose.rows(row),
+            std=PoseStd(**dict(zip(_STDS, self.std[row].tolist(), strict=True))),
+            lat_rad=lat,
+            lon_rad=lon,
+            alt_msl_m=alt,
+            height_age_s=_known(float(self.height_age_s[row])),
+            telemetry_age_s=_known(float(self.telemetry_age_s[row])),
+            datum_enu_m=float(self.datum_enu_m[row]),
+            zoom=zoom,
+        )
+
+
+_COLUMNS: Final = ("stamp_ns", "std", "lat_lon_alt", "height_age_s", "telemetry_age_s", "datum_enu_m", "zoom")
+_TOLD: Final = ("status", "reasons", "origin", "height_source", "height_datum", "attitude_source", "calibration")
+
+
+def _variant(sample: PoseSample) -> PoseSample:
+    """A sample without its numbers."""
+    zoom = None if sample.zoom is None else Zoom(magnification=np.nan, std=np.nan, source=sample.zoom.source)
+    return PoseSample(stamp_ns=0, **{name: getattr(sample, name) for name in _TOLD}, zoom=zoom)
+
+
+def _distinct(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], IntArray]:
+    """Variants that differ, and which of them each one ``(n,)`` is."""
+    keys = [_key(variant) for variant in variants]
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    found = dict(zip(keys, variants, strict=True))
+    return tuple(found[key] for key in numbers), np.array([numbers[key] for key in keys], dtype=np.int64)
+
+
+def _key(variant: PoseSample) -> Hashable:
+    told = (getattr(variant, name) for name in _TOLD)
+    return (*told, None if variant.zoom is None else variant.zoom.source)
+
+
+_NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan), cov=np.full((6, 6), np.nan))
+
+
+def _stacked(poses: Sequence[Pose | None]) -> Pose:
+    return Pose.joined([_NO_POSE if pose is None else pose for pose in poses])
+
+
+def _numbers(values: Sequence[object]) -> FloatArray:
+    """Numbers with NaN for None."""
+    return np.array(values, dtype=np.float64)
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else value
+
+
+_BEYOND_STDS: Final = 1.96
+"""Two sources disagree where their difference lies outside of its 95 % interval."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightDifference:
+    """Two sources at one moment.
+
+    Attributes:
+        stamp_ns: UTC.
+        source: The one.
+        other: The other one.
+        height_m: What the one says, above the measured plane.
+        other_m: What the other one says.
+        std_m: Standard deviation of the difference, by what is stated of the two.
+    """
+
+    stamp_ns: int
+    source: HeightSource
+    other: HeightSource
+    height_m: float
+    other_m: float
+    std_m: float
+
+    @property
+    def step_m(self) -> float:
+        """The other one minus the one."""
+        return self.other_m - self.height_m
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether that is more than what is stated of the two explains."""
+        return bool(self.is_step_beyond(np.array(self.step_m), np.array(self.std_m)))
+
+    @staticmethod
+    def is_step_beyond(step_m: FloatArray, std_m: FloatArray) -> BoolArray:
+        """Whether steps ``(n,)`` are more than what is stated of the two, standard deviations ``(n,)``, explains."""
+        return np.asarray(np.abs(step_m) > _BEYOND_STDS * std_m)
+
+    def turned(self) -> "HeightDifference":
+        """The same from the other side."""
+        return HeightDifference(
+            stamp_ns=self.stamp_ns,
+            source=self.other,
+            other=self.source,
+            height_m=self.other_m,
+            other_m=self.height_m,
+            std_m=self.std_m,
+        )
+
+    def sentence(self) -> str:
+        """What the two say."""
+        return (
+            f"{self.other} says {self.other_m:.2f} m where {self.source} says {self.height_m:.2f} m: "
+            f"{abs(self.step_m):.2f} m apart, their std is {self.std_m:.2f} m"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightSwitch:
+    """From this stamp (UTC) on heights are of another source.
+
+    ``step`` compares the two (``source`` before, ``other`` after) when both last spoke; None where they never did.
+    """
+
+    stamp_ns: int
+    before: HeightSource
+    after: HeightSource
+    step: HeightDifference | None

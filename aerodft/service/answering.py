@@ -13,10 +13,8 @@ from aerodft.dft.request import Request, Setup, linked
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.arrays import IntArray
 from aerodft.model.camera import Camera
-from aerodft.model.height import HeightSwitch
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import HeightSource, HeightSwitch, PoseBatch, PoseSample, PoseStd
 from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, takes_pixels
 from aerodft.model.status import Status
 from aerodft.service.outline_requests import can_answer, request_of, unseen

@@ -7,8 +7,8 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Arrival
 from aerodft.model.image import ImageRows
+from aerodft.model.observation import Arrival
 from aerodft.model.telemetry import RawBlock
 
 _MANY: Final = (RawBlock, ImageRows)

@@ -9,9 +9,8 @@ import numpy as np
 
 from aerodft.dft.measurement_batch import NO_IMAGE
 from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.batch import Arrival
 from aerodft.model.image import Image, ImageRows, StampClock, joined_images
-from aerodft.model.observation import Observation
+from aerodft.model.observation import Arrival, Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 
 

@@ -13,8 +13,7 @@ from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_im
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import Pose, PoseBatch
 from aerodft.model.probe import PixelSource, Probe, ProbeKind, takes_pixels
 from aerodft.model.status import CODE_OF, Status
 

@@ -9,9 +9,8 @@ import numpy as np
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.model.arrays import IntArray
 from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.height import HeightSwitch
 from aerodft.model.observation import Observation
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import HeightSwitch, PoseBatch
 from aerodft.service.batches import Batches
 
 Estimate: TypeAlias = CalibrationEstimate | SteadinessEstimate

@@ -17,12 +17,10 @@ from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.measurement_batch import NO_IMAGE
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.health import Health
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image, StampClock
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import HeightSource, HeightSwitch, PoseBatch, PoseSample
 from aerodft.model.status import Status
 from aerodft.service.answering import Answering, Helpers, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of

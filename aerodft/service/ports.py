@@ -6,11 +6,9 @@ from typing import Protocol, TypeVar, runtime_checkable
 from aerodft.dft.measurement_batch import MeasurementBatch
 from aerodft.dft.request import Setup
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Arrival, Event
 from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.observation import Arrival, Event, Observation
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.telemetry import RawBlock, Track
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import Estimate

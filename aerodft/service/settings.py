@@ -7,7 +7,7 @@ from typing import Final
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground
 from aerodft.model.camera import Camera, ZoomSource
-from aerodft.model.marker import SurveyedLandmark
+from aerodft.model.evidence import SurveyedLandmark
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
 from aerodft.model.probe import Probe

@@ -17,8 +17,7 @@ from aerodft.geometry.poses import pose_covariance
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, turned
 from aerodft.model.arrays import FloatArray, FloatLike, IntArray
 from aerodft.model.calibration import BIASES, Calibration
-from aerodft.model.pose import HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.pose_batch import HORIZONTAL, TIME, PoseBatch
+from aerodft.model.pose import HORIZONTAL, TIME, HeightSource, Pose, PoseBatch, PoseSample, PoseStd
 from aerodft.service.settings import LiveCalibration, TelemetrySettings
 
 _ANGLES: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")

@@ -24,9 +24,8 @@ import numpy as np
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import Px
+from aerodft.model.evidence import MarkerSighting, MarkerSurvey, Px, SurveyedMarker, marker_name
 from aerodft.model.image import Image
-from aerodft.model.marker import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 from aerodft.model.observation import Observation
 from aerodft.vision.common.tracking import grey_of
 from calibration.lens.board import dictionary, dictionary_names

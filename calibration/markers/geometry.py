@@ -11,8 +11,7 @@ from scipy.special import chdtri, fdtri
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, Landmark
-from aerodft.model.marker import MarkerSighting, marker_name
+from aerodft.model.evidence import EvidenceSet, Landmark, MarkerSighting, marker_name
 from calibration.pose.result import LIMIT, Result
 from calibration.pose.state import State
 
@@ -75,7 +74,7 @@ def judge(
     the calibration, or if it looks much larger or smaller than it is.
 
     Args:
-        known: All evidence; a marker's landmarks are named as :func:`aerodft.model.marker.marker_name` has it.
+        known: All evidence; a marker's landmarks are named as :func:`aerodft.model.evidence.marker_name` has it.
         seen: The sightings by id.
         sides_m: Of the markers whose size is known, by id.
         answer: What is asked of evidence: ``calibration.result.calibrate`` with its other arguments.

@@ -26,9 +26,9 @@ from aerodft.adapters.recording.read.scanning import scan_segment
 from aerodft.adapters.telemetry.mavlink.framing import FrameCounts, StreamFramer
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.batch import Event
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, StampClock
+from aerodft.model.observation import Event
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import Pace, first_arrival_ns
 from replay.foreign.frames import FrameReader

@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.model.arrays import FloatArray
-from aerodft.model.batch import Event
 from aerodft.model.calibration import STEADY
 from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import VISION, Event, Observation
 from aerodft.service.observers import LookCounts, LookedAt, Lookout
 from aerodft.service.ports import ImageObserver, Source
 

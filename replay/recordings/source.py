@@ -14,9 +14,8 @@ from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Arrival, Event
 from aerodft.model.image import Image, ImageRows
-from aerodft.model.observation import Observation
+from aerodft.model.observation import Arrival, Event, Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import first_arrival_ns
 from replay.recordings.pixels import PixelStore

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.calibration import BiasValues, Calibration
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample, PoseStd
 from aerodft.model.status import Status
 from calibration.flight.biases import BiasCalibrator
 

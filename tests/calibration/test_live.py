@@ -18,10 +18,9 @@ from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix
 from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.camera import CameraStd
-from aerodft.model.marker import SurveyedLandmark
+from aerodft.model.evidence import SurveyedLandmark
 from aerodft.model.observation import Observation
-from aerodft.model.pose import GeoOrigin, HeightSource, PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import GeoOrigin, HeightSource, PoseBatch, PoseSample, PoseStd
 from aerodft.model.status import Status
 from aerodft.service.settings import (
     AttitudeSettings,

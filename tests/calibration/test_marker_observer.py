@@ -5,8 +5,8 @@ import pytest
 
 from aerodft.errors import InputError
 from aerodft.model.camera import Camera
+from aerodft.model.evidence import MarkerSurvey, SurveyedMarker
 from aerodft.model.image import Image, StampClock
-from aerodft.model.marker import MarkerSurvey, SurveyedMarker
 from calibration.markers.detection import CameraPlace, MarkerObserver
 
 from .marker_pictures import Lens, View, flat, picture

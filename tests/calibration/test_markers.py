@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aerodft.model.camera import Camera
-from aerodft.model.marker import MarkerSurvey, SurveyedMarker
+from aerodft.model.evidence import MarkerSurvey, SurveyedMarker
 from calibration.markers.detection import LEAST_STD_PX, find_markers, other_dictionary
 
 from .marker_pictures import Lens, View, flat, picture, upright

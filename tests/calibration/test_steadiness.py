@@ -14,8 +14,7 @@ from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, mul
 from aerodft.model.calibration import STEADY, Steadiness
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample, PoseStd
 from aerodft.model.probe import Probe, ProbeKind
 from aerodft.model.status import Status
 from aerodft.service.settings import PipelineSettings, WatchSettings

@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose
 
 from aerodft.dft.maps.depth import depth_map
 from aerodft.dft.maps.ground_points import GroundMap
-from aerodft.dft.points import to_ground_frame
-from aerodft.dft.projection import project
+from aerodft.dft.projection import project, to_ground_frame
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix

@@ -12,8 +12,7 @@ from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, CameraStd, Zoom, ZoomSource
 from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import GeoOrigin, PoseBatch, PoseSample, PoseStd
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 

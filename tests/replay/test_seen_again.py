@@ -4,10 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aerodft.model.batch import Event
 from aerodft.model.calibration import STEADY
 from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Observation
+from aerodft.model.observation import VISION, Event, Observation
 from aerodft.service.observers import Lookout
 from replay.recordings.redetection import SeenAgain
 

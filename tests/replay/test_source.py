@@ -4,10 +4,9 @@ from pathlib import Path
 
 from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
 from aerodft.adapters.wire.events import encode_image, encode_observation
-from aerodft.model.batch import Arrival
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image, ImageRows, StampClock
-from aerodft.model.observation import Observation
+from aerodft.model.observation import Arrival, Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.arrivals import first_arrival_ns
 from aerodft.service.feed import block_of

@@ -14,10 +14,9 @@ from aerodft.adapters.wire.height import encode_height_switch
 from aerodft.adapters.wire.measurement import encode_measurements
 from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.camera import Camera
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image, StampClock
 from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource
+from aerodft.model.pose import HeightSource, HeightSwitch
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.arrivals import first_arrival_ns

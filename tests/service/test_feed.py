@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.model.batch import Arrival, Event
 from aerodft.model.image import Image, ImageRows, StampClock, joined_images
-from aerodft.model.observation import Observation
+from aerodft.model.observation import Arrival, Event, Observation
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service import feed
 from aerodft.service.arrivals import first_arrival_ns

@@ -9,8 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.health import EstimatorTrack, GpsTrack
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.status import Status
 from aerodft.service.health.sources import HealthSources
 from aerodft.service.settings import HealthSettings

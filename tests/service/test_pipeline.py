@@ -12,9 +12,8 @@ from aerodft.dft.measure import Request
 from aerodft.dft.monte_carlo import standard_draws
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import BiasValues, Calibration
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import StampClock
-from aerodft.model.pose import HeightSource, PoseSample
+from aerodft.model.pose import HeightSource, HeightSwitch, PoseSample
 from aerodft.model.probe import ASKED_KINDS, Probe, ProbeKind, takes_pixels
 from aerodft.model.status import Status
 from aerodft.service.batches import Batches

@@ -9,7 +9,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.lens import rays_from_pixels
 from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
 from aerodft.model.calibration import CalibrationEstimate
-from aerodft.model.marker import SurveyedLandmark
+from aerodft.model.evidence import SurveyedLandmark
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
 from aerodft.model.pose import HeightSource, PoseStd

@@ -33,10 +33,10 @@ from aerodft.adapters.worker_queue import Lane
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement
 from aerodft.model.observation import Observation
+from aerodft.model.pose import HeightSwitch
 from aerodft.model.probe import Probe
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs

@@ -36,7 +36,7 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
 from aerodft.errors import InputError
 from aerodft.jit import njit
 from aerodft.model.arrays import IntArray
-from aerodft.model.batch import Event
+from aerodft.model.observation import Event
 from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
 from aerodft.service.arrivals import Pace
 

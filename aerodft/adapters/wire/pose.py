@@ -11,8 +11,7 @@ from aerodft.adapters.wire.template import encode_payloads, flat
 from aerodft.conventions import NADIR_TILT_RAD
 from aerodft.model.arrays import FloatArray
 from aerodft.model.camera import Zoom
-from aerodft.model.pose import GeoOrigin, PoseSample
-from aerodft.model.pose_batch import HORIZONTAL, TIME, PoseBatch
+from aerodft.model.pose import HORIZONTAL, TIME, GeoOrigin, PoseBatch, PoseSample
 
 SCHEMA = "aerodft.pose/1"
 

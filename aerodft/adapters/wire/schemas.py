@@ -1,26 +1,12 @@
 """The JSON Schemas (draft 2020-12) of all payloads; ``docs/schema`` holds them as files, MCAP channels carry them."""
 
-from typing import Final
+from enum import StrEnum
+from typing import Any, Final
 
 import orjson
 
 from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.adapters.wire import estimate, events, height, measurement, pose, status
-from aerodft.adapters.wire.schema_parts import (
-    INTEGER,
-    NUMBER,
-    STAMP,
-    STAMP_OR_NULL,
-    TEXT,
-    TEXT_OR_NULL,
-    Schema,
-    document,
-    list_of,
-    object_of,
-    one_of,
-    or_null,
-    said,
-)
 from aerodft.model.calibration import Steadiness
 from aerodft.model.camera import ZoomSource
 from aerodft.model.image import StampClock
@@ -28,6 +14,63 @@ from aerodft.model.measurement import ProjectionModel
 from aerodft.model.pose import GimbalSource, HeightSource
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
+
+Schema = dict[str, Any]
+
+NUMBER: Final[Schema] = {"type": ["number", "null"]}
+INTEGER: Final[Schema] = {"type": ["integer", "null"]}
+TEXT: Final[Schema] = {"type": "string"}
+TEXT_OR_NULL: Final[Schema] = {"type": ["string", "null"]}
+STAMP: Final[Schema] = {
+    "type": "string",
+    "pattern": "^-?[0-9]+$",
+    "description": "Nanoseconds UTC as a decimal string, because 64 bits do not survive other languages' numbers",
+}
+STAMP_OR_NULL: Final[Schema] = {**STAMP, "type": ["string", "null"]}
+
+
+def said(schema: Schema, description: str) -> Schema:
+    """The same with a description."""
+    return {**schema, "description": description}
+
+
+def one_of(values: type[StrEnum]) -> Schema:
+    """One of the values of an enumeration."""
+    return {"enum": [member.value for member in values]}
+
+
+def or_null(schema: Schema) -> Schema:
+    """The same, or null."""
+    if "enum" in schema:
+        return {**schema, "enum": [*schema["enum"], None]}
+    return {**schema, "type": [schema["type"], "null"]}
+
+
+def list_of(items: Schema, *, length: int | None = None) -> Schema:
+    """An array, of any length or of one."""
+    size = {} if length is None else {"minItems": length, "maxItems": length}
+    return {"type": "array", "items": items, **size}
+
+
+def object_of(properties: Schema) -> Schema:
+    """An object with exactly these properties."""
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def document(name: str, title: str, properties: Schema) -> Schema:
+    """The schema of a payload, which names itself and the software that made it."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"urn:{name.replace('/', ':')}",
+        "title": title,
+        **object_of({"schema": {"const": name}, **properties, "software": TEXT}),
+    }
+
 
 _PIXELS = said(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
 _POINTS = or_null(list_of(list_of(NUMBER, length=3)))

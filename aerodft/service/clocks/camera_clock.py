@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from aerodft.model.batch import Event
+from aerodft.model.observation import Event
 from aerodft.model.telemetry import RawBlock
 from aerodft.service.ports import Source
 

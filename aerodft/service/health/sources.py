@@ -20,7 +20,7 @@ from aerodft.model.health import (
     LinkTrack,
     RivalTrack,
 )
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch
 from aerodft.model.telemetry import (
     CameraTrack,
     ClockTrack,

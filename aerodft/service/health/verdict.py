@@ -10,8 +10,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import FIX_3D
-from aerodft.model.pose import GimbalSource, PoseSample
-from aerodft.model.pose_batch import HORIZONTAL, PoseBatch
+from aerodft.model.pose import HORIZONTAL, GimbalSource, PoseBatch, PoseSample
 from aerodft.model.status import CODE_OF, Status
 from aerodft.service.settings import HealthSettings
 

@@ -10,8 +10,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.poses import pose_covariance
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample
-from aerodft.model.pose_batch import TIME, PoseBatch
+from aerodft.model.pose import TIME, GeoOrigin, HeightSource, Pose, PoseBatch, PoseSample
 from aerodft.model.status import CODE_OF, CODES, Status
 from aerodft.service.attitude.readings import AttitudeBatch
 from aerodft.service.clocks.clock_map import HOST_STD_S, ClockMap

@@ -13,8 +13,7 @@ from aerodft.geometry.interpolation import Brackets
 from aerodft.geometry.rotation import matrix
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.health import FIX_3D, GpsTrack
-from aerodft.model.height import HeightDifference, HeightSwitch
-from aerodft.model.pose import HeightSource
+from aerodft.model.pose import HeightDifference, HeightSource, HeightSwitch
 from aerodft.model.telemetry import HeightTrack, PositionTrack, Track
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, LAST, Missing, Stream

@@ -8,9 +8,15 @@ from aerodft.geometry.ground import Ground
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.health import Health, LinkTrack
-from aerodft.model.height import HeightDifference, HeightSwitch
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import (
+    GeoOrigin,
+    GimbalSource,
+    HeightDifference,
+    HeightSource,
+    HeightSwitch,
+    PoseBatch,
+    PoseSample,
+)
 from aerodft.model.status import Status
 from aerodft.model.telemetry import PositionTrack, Track
 from aerodft.service.attitude.gimbal_frame import FrameEvidence

@@ -10,8 +10,7 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.camera import Camera, Zoom, ZoomSource
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.status import CODE_OF, Status
 from aerodft.model.telemetry import CameraTrack, Track
 from aerodft.service.settings import ZoomSettings

@@ -16,8 +16,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.covariance import Z95, ellipses95, shared_covariance
 from aerodft.dft.measurement_batch import MeasurementBatch, MeasurementColumn, of_one_image
-from aerodft.dft.points import lat_lon_alt, to_ground_frame
-from aerodft.dft.projection import GroundPoints
+from aerodft.dft.projection import GroundPoints, lat_lon_alt, to_ground_frame
 from aerodft.dft.request import Request, Setup, zoomed
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.rotation import matrix

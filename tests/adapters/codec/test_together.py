@@ -20,8 +20,7 @@ from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, Zoom, ZoomSource
 from aerodft.model.image import Image, ImageRows, StampClock
 from aerodft.model.measurement import Measurement
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseBatch, PoseSample, PoseStd
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import Status
 from tests.payloads import encode_pose

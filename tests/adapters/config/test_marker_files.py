@@ -8,8 +8,7 @@ from pyproj import Transformer
 
 from aerodft.adapters.config.evidence.markers import load_markers
 from aerodft.errors import ConfigError
-from aerodft.model.evidence import Landmark, Prior
-from aerodft.model.marker import MarkerSighting
+from aerodft.model.evidence import Landmark, MarkerSighting, Prior
 
 EXAMPLE = Path(__file__).parents[3] / "configs" / "calibration" / "yard-markers.toml"
 SQUARE = [[0.0, 5.0, 1.4], [0.4, 5.0, 1.4], [0.4, 5.0, 1.0], [0.0, 5.0, 1.0]]

@@ -8,8 +8,8 @@ import pytest
 
 from aerodft.adapters.recording.write.thinning import Thinned, is_due
 from aerodft.model.arrays import ImageArray
-from aerodft.model.batch import Event
 from aerodft.model.image import Image, StampClock
+from aerodft.model.observation import Event
 
 SECOND_NS = 10**9
 

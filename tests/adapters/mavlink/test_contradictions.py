@@ -7,8 +7,7 @@ import pytest
 from aerodft.diagnosis.findings import clock_document, clock_sentences
 from aerodft.diagnosis.flight import HeightPairs
 from aerodft.diagnosis.survey import ClockSummary
-from aerodft.model.height import HeightDifference
-from aerodft.model.pose import HeightSource
+from aerodft.model.pose import HeightDifference, HeightSource
 from aerodft.service.clocks.clock_map import ClockHealth
 
 SECOND = 1_000_000_000

@@ -18,8 +18,7 @@ from aerodft.diagnosis.findings import document, notes, problems
 from aerodft.diagnosis.flight import PoseSurvey
 from aerodft.diagnosis.survey import Survey, SurveyReport
 from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.pose import PoseSample
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.model.status import Status
 from aerodft.model.telemetry import RawBlock, WireProtocol
 from aerodft.service.clocks.clock_map import ClockMap

@@ -9,14 +9,12 @@ import pytest
 
 from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
 from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.batch import Event
 from aerodft.model.calibration import CalibrationEstimate
 from aerodft.model.camera import Camera
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import Image
 from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, Pose, PoseSample
+from aerodft.model.observation import Event, Observation
+from aerodft.model.pose import HeightSource, HeightSwitch, Pose, PoseSample
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from aerodft.model.telemetry import WireProtocol

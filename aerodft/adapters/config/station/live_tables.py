@@ -30,7 +30,7 @@ from aerodft.adapters.config.tables import (
 from aerodft.errors import ConfigError
 from aerodft.geometry.geodesy import east_north
 from aerodft.model.arrays import FloatArray
-from aerodft.model.marker import MarkerSurvey, SurveyedLandmark, SurveyedMarker
+from aerodft.model.evidence import MarkerSurvey, SurveyedLandmark, SurveyedMarker
 from aerodft.model.pose import GeoOrigin
 from aerodft.service.settings import DRIFT, ErrorStd, LiveCalibration
 

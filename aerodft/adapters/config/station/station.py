@@ -8,7 +8,7 @@ from aerodft.adapters.config.station.ground import GroundShape
 from aerodft.adapters.config.station.inputs import ImageSettings, Link, ObservationSettings, Topics
 from aerodft.conventions import SECOND_NS
 from aerodft.model.calibration import Calibration
-from aerodft.model.marker import MarkerSurvey
+from aerodft.model.evidence import MarkerSurvey
 from aerodft.service.clocks.camera_clock import ImageClock
 from aerodft.service.settings import LiveCalibration, ObjectSettings, PipelineSettings, WatchSettings
 from aerodft.vision.river.status import RiverLook

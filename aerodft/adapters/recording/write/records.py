@@ -18,9 +18,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model.arrays import ImageArray, IntArray
 from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.height import HeightSwitch
 from aerodft.model.image import image_indices
-from aerodft.model.pose_batch import PoseBatch
+from aerodft.model.pose import HeightSwitch, PoseBatch
 from aerodft.model.telemetry import WireProtocol
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import StepOutputs

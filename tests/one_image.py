@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from aerodft.dft.measure import Request, Setup
 from aerodft.dft.measure import measure as measure_batch
+from aerodft.dft.request import Request, Setup
 from aerodft.model.measurement import Measurement
 from aerodft.model.pose import PoseBatch, PoseSample
 from aerodft.service.pose.source import PoseSource

@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft import conventions
-from aerodft.dft.measure import Request, Setup
 from aerodft.dft.projection import project, to_ground_frame
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose, pose_covariance
 from aerodft.geometry.rotation import (

@@ -15,7 +15,6 @@ from aerodft.adapters.config.station.loading import load_station
 from aerodft.adapters.config.station.station import StationConfig
 from aerodft.adapters.telemetry.log_formats import followed_by
 from aerodft.adapters.telemetry.mavlink.address import is_link, parse_address
-from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
 from aerodft.cli.option_values import MOST_SECONDS, TopicOption, parse_topics
 from aerodft.cli.output import tables
@@ -24,6 +23,7 @@ from aerodft.diagnosis.survey import SurveyReport, ValueSource
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model.telemetry import ReportFrame
 from aerodft.service.attitude.gimbal_frame import FrameEvidence
+from aerodft.service.settings import SigningSettings
 
 
 def doctor(

@@ -9,7 +9,6 @@ from aerodft.adapters.config.station.inputs import Topics
 from aerodft.adapters.telemetry.mavlink.address import parse_address
 from aerodft.adapters.telemetry.mavlink.decoding import Followed
 from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
-from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.cli.logs import open_telemetry_log
 from aerodft.cli.output import say
 from aerodft.cli.signed import opened_signing
@@ -21,7 +20,7 @@ from aerodft.model.telemetry import RawBlock
 from aerodft.service.batches import Batches
 from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox, LiveFeed
-from aerodft.service.settings import TelemetrySettings
+from aerodft.service.settings import SigningSettings, TelemetrySettings
 
 _TICK_NS: Final = 50_000_000
 

@@ -10,9 +10,10 @@ from rich.table import Table
 from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.cli.output import print_json, say, tables
 from aerodft.dft.budget import Share, advice
-from aerodft.dft.measure import Request, Setup, measure
 from aerodft.dft.measure import explain as explain_request
+from aerodft.dft.measure import measure
 from aerodft.dft.model_comparison import ModelDifference, compare_models
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray
 from aerodft.model.measurement import Measurement

@@ -12,8 +12,7 @@ from aerodft.cli.option_values import parse_instant
 from aerodft.cli.recorded import recorded_station
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.measure import Setup
-from aerodft.dft.request import zoomed
+from aerodft.dft.request import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model.calibration import STEADY
 from aerodft.model.observation import Event, Observation

@@ -35,7 +35,7 @@ from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
 from aerodft.cli.wiring import build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.measure import Request
+from aerodft.dft.request import Request
 from aerodft.errors import ConfigError, InputError
 from aerodft.model.image import Image, VideoPacket
 from aerodft.model.measurement import Measurement

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from aerodft.adapters.telemetry.signing import SignatureCheck, open_signing
-from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.service.clocks.system_clock import WallClock
+from aerodft.service.settings import SigningSettings
 
 
 @contextmanager

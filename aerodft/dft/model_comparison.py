@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.dft import equations
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import measure
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.rotation import camera_angles
 from aerodft.model.arrays import FloatArray, FloatLike
 from aerodft.model.camera import Camera

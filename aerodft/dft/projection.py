@@ -19,7 +19,7 @@ from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.ground import Ground, jacobians
 from aerodft.geometry.intrinsics import PINHOLE_PARAMETERS, intrinsics_covariance, rays_by_intrinsics
 from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import camera_angles, matrix, skew, turned
+from aerodft.geometry.rotation import camera_angles, matrix, rotate, skew
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.camera import Camera
 from aerodft.model.measurement import ProjectionModel
@@ -227,7 +227,7 @@ def pixel_rays(camera: Camera, pixels_px: FloatArray, magnification: FloatArray 
 def pixel_directions(rays: PixelRays, pose: Pose) -> Directions:
     """Rays ``(..., 3)`` of one pose, or ``(k, 3)`` or ``(n, k, 3)`` of ``(n,)`` poses, in ENU."""
     rotation = _per_point(pose, matrix(pose.wxyz))
-    directions = turned(rotation, rays.rays_cam)
+    directions = rotate(rotation, rays.rays_cam)
     itself, none = np.broadcast_to(np.eye(3), (*directions.shape, 3)), np.zeros((*directions.shape, 3))
     by = itself, none, np.zeros(directions.shape)
     return Directions(directions, *_dependence(rotation, rays, by))
@@ -235,7 +235,7 @@ def pixel_directions(rays: PixelRays, pose: Pose) -> Directions:
 
 def _pinhole(rays: PixelRays, pose: Pose, elevation: FloatArray, ground: Ground | None) -> GroundPoints:
     rotation, position = _per_point(pose, matrix(pose.wxyz)), _per_point(pose, pose.position_enu_m)
-    direction = turned(rotation, rays.rays_cam)
+    direction = rotate(rotation, rays.rays_cam)
     depression = np.arctan2(-direction[..., 2], np.hypot(direction[..., 0], direction[..., 1]))
     met = _level(position, direction, elevation) if ground is None else _uneven(position, direction, elevation, ground)
     shared, own = _dependence(rotation, rays, (met.by_direction, met.by_position, met.by_elevation))

@@ -7,7 +7,23 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink import decoding as pick
+from aerodft.adapters.telemetry.mavlink.decoding import (
+    ALTITUDE,
+    ATTITUDE,
+    CAMERA_FOV_STATUS,
+    CAMERA_SETTINGS,
+    DISTANCE_SENSOR,
+    EKF_STATUS_REPORT,
+    ESTIMATOR_STATUS,
+    GIMBAL_DEVICE_ATTITUDE_STATUS,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    MOUNT_STATUS,
+    OF_AUTOPILOT,
+    SYSTEM_TIME,
+    TERRAIN_REPORT,
+    VIDEO_STREAM_INFORMATION,
+)
 from aerodft.adapters.telemetry.mavlink.dialect import message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
 from aerodft.adapters.telemetry.mavlink.link import OWN_COMPONENT, OWN_SYSTEM, MavlinkLink
@@ -25,7 +41,7 @@ PX4: Final = dialect.MAV_AUTOPILOT_PX4
 _SLOW: Final = 0.8  # of the wanted rate
 _SECOND_US: Final = 1_000_000
 _WAYS: Final = {"ardupilot": "for ArduPilot set", "px4": "for PX4 put"}
-_OF_AUTOPILOT: Final = frozenset(map(message_name, pick.OF_AUTOPILOT))
+_OF_AUTOPILOT: Final = frozenset(map(message_name, OF_AUTOPILOT))
 _GIMBALS: Final = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION"})
 _PORTS: Final = {"SR0": "USB", "SR1": "TELEM1", "SR2": "TELEM2"}
 # What a vehicle without it has set to 0, by message: the type of every instance, by its names of all versions.
@@ -39,9 +55,9 @@ _OLD_MOUNT: Final = "MNT_TYPE"  # MNT1_TYPE since the firmware knows GIMBAL_DEVI
 _CAMERA_RATE_HZ: Final = 1.0
 _CAMERA_COMPONENTS: Final = range(dialect.MAV_COMP_ID_CAMERA, dialect.MAV_COMP_ID_CAMERA6 + 1)
 _CAMERA_IDS: Final = {
-    ZoomSource.CAMERA_SETTINGS: pick.CAMERA_SETTINGS,
-    ZoomSource.CAMERA_FOV_STATUS: pick.CAMERA_FOV_STATUS,
-    ZoomSource.VIDEO_STREAM_INFORMATION: pick.VIDEO_STREAM_INFORMATION,
+    ZoomSource.CAMERA_SETTINGS: CAMERA_SETTINGS,
+    ZoomSource.CAMERA_FOV_STATUS: CAMERA_FOV_STATUS,
+    ZoomSource.VIDEO_STREAM_INFORMATION: VIDEO_STREAM_INFORMATION,
 }
 _CAMERA_MESSAGES: Final = frozenset(map(str, _CAMERA_IDS))
 _CAMERA_MESSAGES_OF_ARDUPILOT: Final = (ZoomSource.CAMERA_SETTINGS, ZoomSource.CAMERA_FOV_STATUS)
@@ -80,20 +96,20 @@ class _Wanted:
 # MAVn_ counted from 1 (early 4.7-dev still had SRn_), read at start-up. PX4's names of streams are those of its
 # mavlink_main.cpp; system_startup.md describes extras.txt, module.yaml MAV_0_MODE and MAV_0_RATE.
 _CATALOGUE: Final = (
-    _Wanted(pick.SYSTEM_TIME, 1, "EXTRA3"),
-    _Wanted(pick.ATTITUDE, 10, "EXTRA1"),
-    _Wanted(pick.GLOBAL_POSITION_INT, 5, "POSITION"),
-    _Wanted(pick.GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3", needs="MNT1_TYPE set to the gimbal's"),
-    _Wanted(pick.DISTANCE_SENSOR, 5, "EXTRA3", needs="RNGFND1_TYPE set to the sensor's and RNGFND1_ORIENT = 25"),
-    _Wanted(pick.TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,), needs="TERRAIN_ENABLE = 1"),
-    _Wanted(pick.ALTITUDE, 5, "", (PX4,)),
-    _Wanted(pick.GPS_RAW_INT, 1, "EXT_STAT"),
-    _Wanted(pick.EKF_STATUS_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
-    _Wanted(pick.ESTIMATOR_STATUS, 1, "", (PX4,)),
+    _Wanted(SYSTEM_TIME, 1, "EXTRA3"),
+    _Wanted(ATTITUDE, 10, "EXTRA1"),
+    _Wanted(GLOBAL_POSITION_INT, 5, "POSITION"),
+    _Wanted(GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3", needs="MNT1_TYPE set to the gimbal's"),
+    _Wanted(DISTANCE_SENSOR, 5, "EXTRA3", needs="RNGFND1_TYPE set to the sensor's and RNGFND1_ORIENT = 25"),
+    _Wanted(TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,), needs="TERRAIN_ENABLE = 1"),
+    _Wanted(ALTITUDE, 5, "", (PX4,)),
+    _Wanted(GPS_RAW_INT, 1, "EXT_STAT"),
+    _Wanted(EKF_STATUS_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
+    _Wanted(ESTIMATOR_STATUS, 1, "", (PX4,)),
 )
 # Which of them tell a port by its rates: what autopilots send of a group whatever is fitted.
-_OF_PORT: Final = frozenset({pick.SYSTEM_TIME, pick.ATTITUDE, pick.GLOBAL_POSITION_INT, pick.GPS_RAW_INT})
-_MOUNT_STATUS: Final = message_name(pick.MOUNT_STATUS)
+_OF_PORT: Final = frozenset({SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, GPS_RAW_INT})
+_MOUNT_STATUS: Final = message_name(MOUNT_STATUS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -262,10 +278,10 @@ def wanted(
 def _catalogue(own: dict[str, Stream], parameters: Parameters) -> Iterator[_Wanted]:
     """What this vehicle can send: nothing that is switched off, and of an old firmware the old gimbal message."""
     for each in _CATALOGUE:
-        is_gimbal = each.message_id == pick.GIMBAL_DEVICE_ATTITUDE_STATUS
+        is_gimbal = each.message_id == GIMBAL_DEVICE_ATTITUDE_STATUS
         is_old = is_gimbal and each.name not in own and (_OLD_MOUNT in parameters.values or _MOUNT_STATUS in own)
         if not parameters.switch_off(*OFF.get(each.name, ())):
-            yield replace(each, message_id=pick.MOUNT_STATUS, needs="") if is_old else each
+            yield replace(each, message_id=MOUNT_STATUS, needs="") if is_old else each
 
 
 def _heard(streams: Sequence[Stream], system: int, autopilot: int) -> dict[str, Stream]:

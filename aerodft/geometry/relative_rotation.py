@@ -70,7 +70,7 @@ def find_turn(camera: Camera, then_px: FloatArray, now_px: FloatArray, *, tolera
     return _refined(camera, then, np.where(usable[:, None], now_px, np.nan), wxyz, tolerance_px)
 
 
-def turned(camera: Camera, wxyz: FloatArray, pixels_px: FloatArray) -> FloatArray:
+def rotated_pixels(camera: Camera, wxyz: FloatArray, pixels_px: FloatArray) -> FloatArray:
     """Where points seen at ``pixels_px (..., 2)`` are after ``now_SO3_then``; NaN where they are out of view."""
     return _expected(camera, _bearings(camera, pixels_px), wxyz)[0]
 

@@ -176,7 +176,7 @@ def gimbal_from_camera(enu_wxyz_cam: FloatArray) -> FloatArray:
     return multiply(ned_wxyz_cam, inverse(np.array(GIMBAL_SO3_CAM_WXYZ)))
 
 
-def turned(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
+def rotate(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     """``rotations (..., 3, 3)`` times ``vectors (..., 3)``, broadcast; each the same to the last bit in any batch."""
     x, y, z = _columns(vectors)
     found = np.empty((*np.broadcast_shapes(rotations.shape[:-2], x.shape), 3))

@@ -13,8 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import measure
 from aerodft.dft.measurement_batch import NO_IMAGE
+from aerodft.dft.request import Request, Setup
 from aerodft.model.arrays import BoolArray, IntArray
 from aerodft.model.health import Health
 from aerodft.model.image import Image, StampClock

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Final
 
 from aerodft.conventions import SECOND_NS
@@ -322,3 +323,40 @@ class PipelineSettings:
     match_tolerance_ns: int = 20_000_000
     tick_ns: int = 50_000_000
     config_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RiverLook:
+    """How banks are looked for.
+
+    Attributes:
+        every_s: Least time between two looks; 0 for every image.
+        spacing_m: Of the transects; up to 32 of them, evenly chosen, become one observation.
+        seed_px: A pixel in the water of every image; None for the lower middle.
+        max_range_m: Water farther than this is left out; None for 6 camera heights.
+    """
+
+    every_s: float = 1.0
+    spacing_m: float = 1.0
+    seed_px: tuple[float, float] | None = None
+    max_range_m: float | None = None
+
+
+RADIO_STATUS: Final = "RADIO_STATUS"  # made by the radio itself, which has no key
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SigningSettings:
+    """How one link is signed.
+
+    Attributes:
+        key_file: Holds the key.
+        state_file: Where its time stamps are kept; None for beside the key, as ``<key_file>.state``.
+        link_id: Of what is sent on it.
+        accept_unsigned: Names of messages that pass without a signature.
+    """
+
+    key_file: Path
+    state_file: Path | None = None
+    link_id: int = 0
+    accept_unsigned: tuple[str, ...] = (RADIO_STATUS,)

@@ -14,7 +14,7 @@ import numpy as np
 
 from aerodft.geometry.geodesy import lat_lon
 from aerodft.geometry.poses import pose_covariance
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, turned
+from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, rotate
 from aerodft.model.arrays import FloatArray, FloatLike, IntArray
 from aerodft.model.calibration import BIASES, Calibration
 from aerodft.model.pose import HORIZONTAL, TIME, HeightSource, Pose, PoseBatch, PoseSample, PoseStd
@@ -175,7 +175,7 @@ class BiasedPoses:
         by[..., 3:, TURNS] = turn
         by[..., 3:, _HEADING] = -matrix(wxyz)[..., 2, :]  # clockwise is about straight down
         by[..., :3, TIME_OFFSET] = self.pose.velocity_enu_mps
-        by[..., 3:, TIME_OFFSET] = turned(turn, self.pose.rate_cam_radps)
+        by[..., 3:, TIME_OFFSET] = rotate(turn, self.pose.rate_cam_radps)
         return by
 
     def by_biases_of_corrected_stamps(self, biases: FloatArray, wxyz: FloatArray) -> FloatArray:

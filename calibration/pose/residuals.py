@@ -14,8 +14,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from aerodft.dft import equations
 from aerodft.dft.covariance import dependence, scalars
+from aerodft.dft.equations import vertical_angle
 from aerodft.dft.projection import (
     ELEVATION,
     FOCAL,
@@ -303,7 +303,7 @@ def _row_angles(state: State, pixels: tuple[Px, ...]) -> tuple[FloatArray, Float
     """The paper's Eq. 3 ``(k,)``, by the shared errors ``(k, s)`` and by the pixels ``(k, 2)``."""
     camera, (tilt, _, _) = state.camera, state.angles_rad
     down_px = np.array(pixels, dtype=np.float64)[:, 1]
-    psi_rad = equations.vertical_angle(down_px, tilt, camera.height_px, camera.vfov_rad)
+    psi_rad = vertical_angle(down_px, tilt, camera.height_px, camera.vfov_rad)
     own = np.zeros((len(pixels), 2))
     own[:, 1] = -camera.vfov_rad / camera.height_px
     shared = np.zeros((len(pixels), shared_count(camera)))

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft.measure import Request, Setup
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.relative_rotation import Turn, find_turn, turned
+from aerodft.geometry.relative_rotation import Turn, find_turn, rotated_pixels
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
 from aerodft.model.calibration import STEADY, Steadiness
 from aerodft.model.camera import Camera, CameraStd
@@ -65,7 +65,7 @@ class Station:
 
     def look(self, turn=NO_TURN):
         self.in_truth = self.shaken(turn)
-        now = turned(CAMERA, self.in_truth, self.places) + self.rng.normal(scale=self.noise_px, size=(60, 2))
+        now = rotated_pixels(CAMERA, self.in_truth, self.places) + self.rng.normal(scale=self.noise_px, size=(60, 2))
         now[:6] += self.rng.normal(scale=20, size=(6, 2))
         inside = np.all((now > 0) & (now < [1919, 1079]), axis=-1)
         return self.see(self.places[inside], now[inside])
@@ -300,7 +300,7 @@ def test_pose_and_lens_are_off_together_as_stated():
         share, du, dv = rng.normal(size=3) * [12.0, 6.0, 6.0]
         fields = {"fx_px": share, "fy_px": share * camera.fy_px / camera.fx_px, "cx_px": du, "cy_px": dv}
         true = replace(camera, **{key: getattr(camera, key) + step for key, step in fields.items()})
-        hat = find_turn(camera, places, turned(true, from_rotation_vector(rotvec), places))
+        hat = find_turn(camera, places, rotated_pixels(true, from_rotation_vector(rotvec), places))
         error = to_rotation_vector(multiply(hat.wxyz, from_rotation_vector(-rotvec)))  # of enu_SO3_cam: exp(e) after it
         off.append(error)
         lens.append(list(fields.values()))

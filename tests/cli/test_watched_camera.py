@@ -14,7 +14,7 @@ import tomli_w
 
 from aerodft.adapters.config.camera.camera import camera_document
 from aerodft.adapters.wire import camera_motion as steadiness
-from aerodft.dft.measure import Request, Setup
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply
 from aerodft.model.camera import Camera

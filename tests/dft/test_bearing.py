@@ -9,7 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup, explain
+from aerodft.dft.measure import explain
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
 from aerodft.model.camera import Camera

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft.dft.budget import advice
-from aerodft.dft.measure import Request, Setup, explain
+from aerodft.dft.measure import explain
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, CameraStd
 from aerodft.model.pose import PoseSample, PoseStd

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, multiply
 from aerodft.model.camera import Camera

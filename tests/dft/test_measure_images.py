@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft.measure import Request, Setup, measure
-from aerodft.dft.request import linked
+from aerodft.dft.measure import measure
+from aerodft.dft.request import Request, Setup, linked
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, CameraStd, Zoom, ZoomSource

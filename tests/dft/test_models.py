@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup
 from aerodft.dft.model_comparison import compare_models, right_by_geometry
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup, explain
+from aerodft.dft.measure import explain
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose

@@ -8,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup
 from aerodft.dft.quantities import KINDS, Sight, beside, crosses_itself
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.lens import pixels_from_rays
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import matrix

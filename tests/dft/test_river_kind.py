@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.dft.measure import Request, Setup
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera
 from aerodft.model.pose import PoseSample, PoseStd

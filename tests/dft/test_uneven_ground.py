@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.measure import Request, Setup
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.ground import Plane
 from aerodft.geometry.poses import camera_pose
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply

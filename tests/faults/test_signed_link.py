@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
 from aerodft.adapters.telemetry.signing import open_signing, signing_time
-from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.service.clocks.system_clock import WallClock
 from aerodft.service.feed import Inbox
+from aerodft.service.settings import SigningSettings
 
 KEY = bytes(range(100, 132))
 ROUNDS = 300

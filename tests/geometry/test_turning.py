@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aerodft.geometry.relative_rotation import find_turn, turned
+from aerodft.geometry.relative_rotation import find_turn, rotated_pixels
 from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
 from aerodft.model.camera import Camera, CameraStd, LensModel
 
@@ -57,7 +57,7 @@ def error_rad(turn, rotvec):
 def test_a_turn_without_noise_is_found_exactly(camera, rotvec, seed):
     then = scattered(np.random.default_rng(seed), 40, camera)
     now = by_opencv(camera, rotvec, then)
-    np.testing.assert_allclose(turned(camera, from_rotation_vector(np.array(rotvec)), then), now, atol=1e-5)
+    np.testing.assert_allclose(rotated_pixels(camera, from_rotation_vector(np.array(rotvec)), then), now, atol=1e-5)
     turn = find_turn(camera, then, now)
     assert turn is not None
     assert turn.agreeing.all()

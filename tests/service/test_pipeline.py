@@ -8,8 +8,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.dft.measure import Request
 from aerodft.dft.monte_carlo import standard_draws
+from aerodft.dft.request import Request
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.calibration import BiasValues, Calibration
 from aerodft.model.image import StampClock

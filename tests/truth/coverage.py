@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from aerodft.dft.measure import Setup
+from aerodft.dft.request import Setup
 from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
 from tests.one_image import measure

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.measure import Request
+from aerodft.dft.request import Request
 from aerodft.model.camera import Camera
 from aerodft.model.probe import Probe, ProbeKind
 

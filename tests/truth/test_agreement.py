@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import Request, Setup
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, LensModel
 from aerodft.model.measurement import ProjectionModel

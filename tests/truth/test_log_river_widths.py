@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.pose import SCHEMA as POSE_SCHEMA
-from aerodft.dft.measure import Request, Setup
+from aerodft.dft.request import Request, Setup
 from aerodft.geometry.rotation import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
 from aerodft.model.camera import Camera
 from aerodft.model.image import Image

@@ -11,9 +11,9 @@ from aerodft.geometry.rotation import (
     inverse,
     matrix,
     multiply,
+    rotate,
     slerp,
     to_rotation_vector,
-    turned,
     yaw_pitch_roll,
 )
 from aerodft.model.arrays import FloatArray, IntArray
@@ -34,7 +34,7 @@ class Turning:
 
     def carrying(self, other: "Turning") -> "Turning":
         """``other``, which is against this one's moving axes, against this one's reference."""
-        rate = other.rate_radps + turned(matrix(inverse(other.wxyz)), self.rate_radps)
+        rate = other.rate_radps + rotate(matrix(inverse(other.wxyz)), self.rate_radps)
         return Turning(multiply(self.wxyz, other.wxyz), rate)
 
 

@@ -14,9 +14,9 @@ from aerodft.geometry.rotation import (
     inverse,
     matrix,
     multiply,
+    rotate,
     slerp,
     to_rotation_vector,
-    turned,
 )
 from aerodft.model.arrays import FloatArray, IntArray
 from aerodft.model.pose import GimbalSource
@@ -163,7 +163,7 @@ class Resolver:
         slew = self._report_std(readings, report)
         std = np.hypot(slew, doubt)
         cam_from_gimbal = _CAM_FROM_STRAIGHT @ matrix(inverse(self._camera.wxyz[0]))
-        stds = np.sqrt(turned(cam_from_gimbal**2, std**2))
+        stds = np.sqrt(rotate(cam_from_gimbal**2, std**2))
         wxyz, rate = _camera_axes(looking.carrying(self._camera))
         return AttitudeBatch.known(wxyz, rate, readings.age_s, stds, *self._notes(readings, doubt, slew))
 
@@ -188,7 +188,7 @@ class Resolver:
             return np.repeat(share * _USUAL_TILT_RAD, 3, axis=1)
         attitude = slerp(vehicle.before, vehicle.after, vehicle.weight)
         tilt_ned = to_rotation_vector(multiply(attitude, inverse(heading_of(attitude))))
-        return np.abs(share * turned(matrix(inverse(looking.wxyz)), tilt_ned))
+        return np.abs(share * rotate(matrix(inverse(looking.wxyz)), tilt_ned))
 
     def _notes(
         self, readings: Readings, doubt: FloatArray, slew: FloatArray
@@ -228,4 +228,4 @@ def _mounted(mount: FixedMount | None) -> Turning:
 
 def _camera_axes(straight: Turning) -> tuple[FloatArray, FloatArray]:
     """``enu_SO3_cam (n, 4)`` and rates ``(n, 3)`` in camera axes of cameras that look along x, in NED."""
-    return camera_from_gimbal(straight.wxyz), turned(_CAM_FROM_STRAIGHT, straight.rate_radps)
+    return camera_from_gimbal(straight.wxyz), rotate(_CAM_FROM_STRAIGHT, straight.rate_radps)

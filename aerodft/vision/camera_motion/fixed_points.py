@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, turned
+from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, rotated_pixels
 from aerodft.geometry.rotation import inverse, matrix, multiply, to_rotation_vector
 from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.model.calibration import STEADY
@@ -184,7 +184,7 @@ def view_after(camera: Camera, reference: ImageArray, points_px: FloatArray, wxy
     rays = rays_from_pixels(camera, nodes_px(*size, _NODE_PX)) @ matrix(inverse(wxyz)).T
     columns_px, rows_px = between_nodes(pixels_from_rays(camera, rays), *size, _NODE_PX)
     seen = cv2.remap(reference, columns_px, rows_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
-    points_now_px = turned(camera, wxyz, points_px)
+    points_now_px = rotated_pixels(camera, wxyz, points_px)
     inside = well_inside(camera, points_now_px, _MARGIN_PX)
     return View(wxyz, evened(np.asarray(seen, dtype=np.uint8)), points_now_px, inside)
 
@@ -270,7 +270,7 @@ class _Held:
 
     def _follow(self, now: ImageArray) -> tuple[IntArray, FloatArray, Turn | None]:
         """Indices ``(k,)`` of the points that were found, where, and the turn that most of them agree on."""
-        guess_px = turned(self._camera, self._wxyz, self._points_px)
+        guess_px = rotated_pixels(self._camera, self._wxyz, self._points_px)
         tried = np.flatnonzero(self._view.inside & np.isfinite(guess_px[:, 0]))
         there_px, ok = followed(self._view.evened, now, self._view.points_px[tried], guess_px[tried])
         found, now_px = tried[ok], there_px[ok]

@@ -23,6 +23,7 @@ from aerodft.model.image import Image
 from aerodft.model.observation import Observation
 from aerodft.model.pose import Pose, PoseSample
 from aerodft.model.probe import Probe
+from aerodft.service.settings import RiverLook
 from aerodft.vision.river.banks import Edges, Islands, islands_across, locate_banks, stand_out
 from aerodft.vision.river.centreline import (
     MOST_TRANSECTS,
@@ -35,7 +36,7 @@ from aerodft.vision.river.centreline import (
     transects,
 )
 from aerodft.vision.river.checks import like_a_road, likeliest_water, no_light, no_river, otherwise_m
-from aerodft.vision.river.status import WHY, NoRiver, RiverLook, RiverStatus
+from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
 from aerodft.vision.river.water import WaterMask, WaterNetwork, with_islands
 from aerodft.vision.river.water_features import WaterFeatures, WaterPlane, ground_of, water_features
 from aerodft.vision.river.water_motion import STAYS, LaterLook, what_stays, without_still

@@ -12,9 +12,9 @@ from aerodft.adapters.wire.events import decode_images, encode_image, encode_ima
 from aerodft.adapters.wire.measurement import IMAGE_SCHEMA, encode_batch, encode_measurement
 from aerodft.adapters.wire.pose import encode_poses
 from aerodft.adapters.wire.template import encode_payloads
-from aerodft.dft.measure import Request, Setup, measure
+from aerodft.dft.measure import measure
 from aerodft.dft.measurement_batch import NO_IMAGE
-from aerodft.dft.request import linked
+from aerodft.dft.request import Request, Setup, linked
 from aerodft.errors import InputError
 from aerodft.geometry.poses import camera_pose
 from aerodft.model.camera import Camera, Zoom, ZoomSource

@@ -24,8 +24,8 @@ from aerodft.adapters.telemetry.signing import (
     sign,
     signing_time,
 )
-from aerodft.adapters.telemetry.signing_settings import SigningSettings
 from aerodft.errors import ConfigError, InputError
+from aerodft.service.settings import SigningSettings
 
 KEY = bytes(range(32))
 NOW_NS = 1_795_000_000 * 10**9

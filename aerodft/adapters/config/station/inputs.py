@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from aerodft.adapters.telemetry.signing_settings import SigningSettings
+from aerodft.service.settings import SigningSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,8 +22,7 @@ from aerodft.errors import ConfigError
 from aerodft.model.calibration import STEADY
 from aerodft.model.measurement import ProjectionModel
 from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.service.settings import OBJECTS, ObjectSettings, WatchSettings
-from aerodft.vision.river.status import RiverLook
+from aerodft.service.settings import OBJECTS, ObjectSettings, RiverLook, WatchSettings
 
 Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
 

@@ -10,8 +10,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model.calibration import Calibration
 from aerodft.model.evidence import MarkerSurvey
 from aerodft.service.clocks.camera_clock import ImageClock
-from aerodft.service.settings import LiveCalibration, ObjectSettings, PipelineSettings, WatchSettings
-from aerodft.vision.river.status import RiverLook
+from aerodft.service.settings import LiveCalibration, ObjectSettings, PipelineSettings, RiverLook, WatchSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,10 +28,9 @@ from aerodft.adapters.config.tables import (
     value_of,
 )
 from aerodft.adapters.config.units import to_percent, to_s
-from aerodft.adapters.telemetry.signing_settings import RADIO_STATUS
 from aerodft.model.pose import HeightSource
 from aerodft.model.telemetry import ReportFrame
-from aerodft.service.settings import HeightSettings, TelemetrySettings
+from aerodft.service.settings import RADIO_STATUS, HeightSettings, TelemetrySettings
 
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}

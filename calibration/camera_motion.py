@@ -17,16 +17,30 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.intrinsics import intrinsics_covariance
-from aerodft.geometry.relative_rotation import Turn, find_turn
-from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.calibration import STEADY, Steadiness, SteadinessEstimate
-from aerodft.model.camera import Camera
-from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseBatch, PoseSample
-from aerodft.model.status import Status
-from aerodft.service.settings import PipelineSettings, WatchSettings
+from aerodft.geometry import (
+    Turn,
+    find_turn,
+    from_rotation_vector,
+    intrinsics_covariance,
+    inverse,
+    matrix,
+    multiply,
+    to_rotation_vector,
+)
+from aerodft.model import (
+    STEADY,
+    Camera,
+    FloatArray,
+    IntArray,
+    Observation,
+    Pose,
+    PoseBatch,
+    PoseSample,
+    Status,
+    Steadiness,
+    SteadinessEstimate,
+)
+from aerodft.service import PipelineSettings, WatchSettings
 
 _LEAST_AGREEING: Final = 8
 _LEAST_SHARE: Final = 0.2  # of the points: strays agree by chance

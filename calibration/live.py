@@ -16,17 +16,23 @@ from itertools import count
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.intrinsics import intrinsics_covariance, reproject
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.calibration import BiasValues, Calibration, CalibrationEstimate, Innovation
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import SurveyedLandmark
-from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.status import Status
-from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
-from calibration.flight.biases import BiasedPoses, BiasModel, propagated, relocated, stds_of
+from aerodft.geometry import intrinsics_covariance, matrix, reproject
+from aerodft.model import (
+    BiasValues,
+    Calibration,
+    CalibrationEstimate,
+    Camera,
+    FloatArray,
+    Innovation,
+    IntArray,
+    Observation,
+    PoseBatch,
+    PoseSample,
+    Status,
+    SurveyedLandmark,
+)
+from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
+from calibration.flight import BiasedPoses, BiasModel, propagated, relocated, stds_of
 
 _ITERATIONS = 6
 _CURVED = 0.01

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
 
-from aerodft.dft.measurement_batch import MeasurementBatch
-from aerodft.model.measurement import Measurement
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSwitch, PoseSample
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import Estimate, StepOutputs
-from aerodft.service.pipeline import Pipeline
+from aerodft.dft import MeasurementBatch
+from aerodft.model import HeightSwitch, Measurement, Observation, PoseSample
+from aerodft.service import Batches, Pipeline, StepOutputs
+from aerodft.service.outputs import Estimate
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
-from aerodft.dft.request import Request
-from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement
-from aerodft.model.observation import Event, Observation
-from aerodft.model.pose import HeightSwitch, PoseBatch, PoseSample
-from aerodft.model.probe import PixelSource, Probe
-from aerodft.model.status import CODE_OF
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import ImageOutputs, SingleOutput, Sink, StepOutputs
+from aerodft.dft import NO_IMAGE, MeasurementBatch, MeasurementColumn, Request
+from aerodft.dft.measurement_batch import NUMBERS
+from aerodft.model import (
+    CODE_OF,
+    CalibrationEstimate,
+    Ellipse95,
+    Event,
+    FloatArray,
+    GeoPoint,
+    HeightSwitch,
+    Measurement,
+    Observation,
+    PixelSource,
+    PoseBatch,
+    PoseSample,
+    Probe,
+    SteadinessEstimate,
+)
+from aerodft.service import Batches, ImageOutputs, Sink, StepOutputs
+from aerodft.service.outputs import SingleOutput
 
 Content = PoseSample | Measurement | Observation | CalibrationEstimate | SteadinessEstimate | HeightSwitch
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from aerodft.dft.measure import measure as measure_batch
-from aerodft.dft.request import Request, Setup
-from aerodft.model.measurement import Measurement
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.streams import LAST
+from aerodft.dft import Request, Setup
+from aerodft.dft import measure as measure_batch
+from aerodft.model import Measurement, PoseBatch, PoseSample
+from aerodft.service import LAST
+from aerodft.service.pose import PoseSource
 
 
 def measure(setup: Setup, sample: PoseSample, requests: tuple[Request, ...]) -> list[Measurement]:

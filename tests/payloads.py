@@ -8,16 +8,32 @@ import numpy as np
 from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.adapters.wire import estimate, events, measurement, pose, status
 from aerodft.adapters.wire import payload as wire
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.arrays import read_only
-from aerodft.model.calibration import BiasValues, CalibrationEstimate, Innovation, Steadiness, SteadinessEstimate
-from aerodft.model.camera import Zoom, ZoomSource
-from aerodft.model.health import Health
-from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
-from aerodft.model.observation import Observation
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseBatch, PoseSample, PoseStd
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
+from aerodft.geometry import camera_attitude
+from aerodft.model import (
+    BiasValues,
+    CalibrationEstimate,
+    Ellipse95,
+    GeoOrigin,
+    GeoPoint,
+    GimbalSource,
+    Health,
+    HeightSource,
+    Innovation,
+    Measurement,
+    Observation,
+    Pose,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    ProbeKind,
+    ProjectionModel,
+    Status,
+    Steadiness,
+    SteadinessEstimate,
+    Zoom,
+    ZoomSource,
+    read_only,
+)
 
 _AXES = ("tilt_deg", "pan_deg", "roll_deg")
 _SI = ("height_m", "east_m", "north_m", "time_s")

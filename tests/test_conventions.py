@@ -9,24 +9,20 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft import conventions
-from aerodft.dft.projection import project, to_ground_frame
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.poses import camera_pose, pose_covariance
-from aerodft.geometry.rotation import (
+from aerodft.dft import Request, Setup, project, to_ground_frame
+from aerodft.geometry import (
     camera_angles,
     camera_attitude,
     camera_from_gimbal,
+    camera_pose,
     from_rotation_vector,
     from_yaw_pitch_roll,
     matrix,
     multiply,
+    pixels_from_rays,
+    pose_covariance,
 )
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import CODES, Status
+from aerodft.model import CODES, Camera, CameraStd, PoseSample, PoseStd, Probe, ProbeKind, ProjectionModel, Status
 from tests.one_image import measure
 
 EAST, NORTH, UP = np.eye(3)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.jit import njit, njit_inline
-from aerodft.model.arrays import FloatArray, ImageArray
+from aerodft.model import FloatArray, ImageArray
 from aerodft.sim.render import Renderer
 from aerodft.sim.shading import (
     HAZE_PER_M2,

@@ -16,10 +16,8 @@ from pyproj import CRS, Transformer
 
 from aerodft.adapters.file_kind import looks_like
 from aerodft.errors import InputError
-from aerodft.geometry.geodesy import east_north, lat_lon
-from aerodft.geometry.terrain import ElevationGrid, sample_all
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin
+from aerodft.geometry import ElevationGrid, east_north, lat_lon, sample_all
+from aerodft.model import FloatArray, GeoOrigin
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader

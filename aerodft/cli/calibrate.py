@@ -9,21 +9,17 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aerodft.adapters.config.camera.calibration import write_calibration
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.config.camera.fixed_pose import FixedPose
-from aerodft.adapters.config.evidence.files import EvidenceFile, check_against, load_evidence
+from aerodft.adapters.config.camera import FixedPose, load_camera, write_calibration
+from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
 from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
 from aerodft.cli.calibrate_unknowns import check_unknowns, names_from, unstated
 from aerodft.cli.calibrate_words import document, print_result, provenance, refusal, sentences
 from aerodft.cli.camera_mode import check_mode
 from aerodft.cli.output import check_output, print_json, say
 from aerodft.errors import UsageError
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseStd
-from calibration.pose.result import Result, angles_deg
-from calibration.pose.result import calibrate as solve_for
+from aerodft.model import Camera, PoseStd, ProjectionModel
+from calibration.pose import Result, angles_deg
+from calibration.pose import calibrate as solve_for
 
 
 def calibrate(

@@ -7,18 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.adapters.config.tables import LOCAL
+from aerodft.adapters.config import LOCAL
+from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.calibrate_groups import group_error, unseen_error
 from aerodft.cli.calibrate_readings import Points, Reading, columns_swapped, readings
 from aerodft.errors import AerodftError, InputError, NoAnswerError
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, Landmark, Prior
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.residuals import OUT_OF_SIGHT
-from calibration.pose.result import Result, angles_deg, calibrate, said
-from calibration.pose.state import expanded
+from aerodft.model import Camera, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
+from calibration.pose import OUT_OF_SIGHT, Result, angles_deg, calibrate, expanded, said
 
 _DOUBT: Final = 3.0  # how many times as large as stated residuals may be without a look for the cause
 _BETTER: Final = 4.0  # by how much another reading must fit better

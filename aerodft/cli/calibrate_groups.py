@@ -8,17 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence.cross_checks import Stated
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.dft.projection import project
+from aerodft.adapters.config.evidence import EvidenceFile, Stated
+from aerodft.dft import project
 from aerodft.errors import InputError
-from aerodft.geometry.intrinsics import reproject
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.model.arrays import FloatArray
-from aerodft.model.evidence import Evidence, GroundPoint, Landmark, SlantRange
-from aerodft.model.pose import Pose
-from calibration.pose.result import Result
-from calibration.pose.state import State
+from aerodft.geometry import rays_from_pixels, reproject
+from aerodft.model import Evidence, FloatArray, GroundPoint, Landmark, Pose, SlantRange
+from calibration.pose import Result, State
 
 _LEAST_M: Final = 10.0  # by which datums differ at least, where it matters
 _SAME_M, _SAME = 2.0, 0.05  # how well the shifts of several landmarks agree

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from aerodft.adapters.config.camera.calibration import write_calibration
-from aerodft.adapters.config.evidence.files import EvidenceFile
+from aerodft.adapters.config.camera import write_calibration
+from aerodft.adapters.config.evidence import EvidenceFile
 from aerodft.cli.calibrate_words import (
     fit_sentences,
     images_refusal,
@@ -19,13 +19,9 @@ from aerodft.cli.calibrate_words import (
 from aerodft.cli.image_views import views_of
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import AerodftError, UsageError
-from aerodft.model.calibration import BIASES, BiasValues, Calibration
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from calibration.flight.result import ImagesResult, calibrate_images, said_of_images
-from calibration.flight.state import typical_noise
-from calibration.pose.result import angles_deg
-from calibration.pose.state import expanded
+from aerodft.model import BIASES, BiasValues, Calibration, Camera, ProjectionModel
+from calibration.flight import ImagesResult, calibrate_images, said_of_images, typical_noise
+from calibration.pose import angles_deg, expanded
 
 
 def calibrate_flight(

@@ -8,8 +8,7 @@ import typer
 from aerodft.cli.lens_run import describe_lens, print_board_picture, run_lens, say_lens, write_camera_file
 from aerodft.cli.output import check_output, print_json
 from aerodft.errors import UsageError
-from calibration.lens.board import DEFAULT_CHARUCO, parse_board
-from calibration.lens.solution import LensChoice
+from calibration.lens import DEFAULT_CHARUCO, LensChoice, parse_board
 
 
 def calibrate_lens(

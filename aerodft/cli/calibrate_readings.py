@@ -6,13 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.adapters.config.evidence.local_frame import LocalFrame, takes_degrees
-from aerodft.adapters.config.tables import GEO, LOCAL
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import Evidence, EvidenceSet, Landmark
-from calibration.pose.state import expanded
+from aerodft.adapters.config import GEO, LOCAL
+from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
+from aerodft.model import Camera, Evidence, EvidenceSet, FloatArray, Landmark
+from calibration.pose import expanded
 
 _EDGE_PX: Final = 0.5
 _MOST: Final = 60  # landmarks that a reading is tried with

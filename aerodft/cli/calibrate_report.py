@@ -13,24 +13,19 @@ import cv2
 import numpy as np
 
 from aerodft import __version__
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.adapters.config.evidence.local_frame import takes_degrees
-from aerodft.adapters.images.pixels import StillPixels
+from aerodft.adapters.config.evidence import EvidenceFile, takes_degrees
+from aerodft.adapters.images import StillPixels
 from aerodft.cli.calibrate_report_grid import axes_of, ground_grid
 from aerodft.cli.calibrate_report_image import Picture, draw_picture
 from aerodft.cli.calibrate_report_marks import Row, rows_of, rows_of_images
 from aerodft.cli.calibrate_report_plots import draw_residuals
 from aerodft.cli.calibrate_words import decimals, document, values_of
 from aerodft.cli.output import output_folder, say
-from aerodft.dft.projection import INTRINSICS
+from aerodft.dft import INTRINSICS
 from aerodft.errors import InputError
-from aerodft.model.arrays import ImageArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import Landmark
-from aerodft.model.measurement import ProjectionModel
-from calibration.flight.result import ImagesResult
-from calibration.pose.result import LIMIT, Result
-from calibration.pose.state import coefficient_names
+from aerodft.model import Camera, ImageArray, Landmark, ProjectionModel
+from calibration.flight import ImagesResult
+from calibration.pose import LIMIT, Result, coefficient_names
 
 _IMAGE, _RESIDUALS, _TABLE, _REPORT = "annotated.jpg", "residuals.png", "residuals.csv", "report.md"
 

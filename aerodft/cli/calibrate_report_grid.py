@@ -7,20 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.adapters.config.evidence.local_frame import LocalFrame, takes_degrees
-from aerodft.adapters.config.tables import LOCAL
+from aerodft.adapters.config import LOCAL
+from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
 from aerodft.cli.calibrate_report_marks import from_foot, pixels_of
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
-from aerodft.dft.projection import project
-from aerodft.geometry.footprint import horizon_line
-from aerodft.geometry.rotation import camera_angles
-from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.evidence import Landmark
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
-from calibration.pose.result import Result
-from calibration.pose.state import State
+from aerodft.dft import project
+from aerodft.geometry import camera_angles, horizon_line
+from aerodft.model import BoolArray, FloatArray, Landmark, Pose, ProjectionModel
+from calibration.pose import Result, State
 
 GAP: Final = 0.035
 """Lines of one distance are drawn where they are this share of the image's longer side apart, or more."""

@@ -12,9 +12,8 @@ from matplotlib.patheffects import withStroke
 
 from aerodft.cli.calibrate_report_grid import Grid, horizon_px, in_image
 from aerodft.cli.calibrate_report_marks import Mark, from_foot, ground_of, pixels_of
-from aerodft.model.arrays import FloatArray, ImageArray
-from calibration.pose.result import angles_deg
-from calibration.pose.state import State
+from aerodft.model import FloatArray, ImageArray
+from calibration.pose import State, angles_deg
 
 mpl.use("Agg")
 from matplotlib.axes import Axes

@@ -7,29 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft.projection import project
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.rotation import camera_angles
-from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION
-from aerodft.model.arrays import FloatArray
-from aerodft.model.evidence import (
+from aerodft.dft import project
+from aerodft.geometry import EARTH_RADIUS_M, STANDARD_REFRACTION, camera_angles, pixels_from_rays, rays_from_pixels
+from aerodft.model import (
     Evidence,
+    FloatArray,
     GroundLines,
     GroundPoint,
     Horizon,
     KnownHeight,
     KnownLength,
     Landmark,
+    Pose,
+    ProjectionModel,
     Px,
     SlantRange,
     Vertical,
 )
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
-from calibration.flight.result import ImagesResult
-from calibration.pose.descent import Rows as Residuals
-from calibration.pose.result import Leftover, Result
-from calibration.pose.state import State
+from calibration.flight import ImagesResult
+from calibration.pose import Leftover, Result, State
+from calibration.pose import Rows as Residuals
 
 _UP = np.array([0.0, 0.0, 1.0])
 

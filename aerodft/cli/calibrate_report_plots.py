@@ -11,9 +11,9 @@ import numpy as np
 
 from aerodft.cli.calibrate_report_image import shortened
 from aerodft.cli.calibrate_report_marks import Row
-from aerodft.model.arrays import FloatArray
-from calibration.flight.result import ImagesResult
-from calibration.pose.result import Result, correlations
+from aerodft.model import FloatArray
+from calibration.flight import ImagesResult
+from calibration.pose import Result, correlations
 
 mpl.use("Agg")
 from matplotlib.axes import Axes

@@ -7,11 +7,8 @@ from typing import Final
 import numpy as np
 
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.result import Result, possible_unknowns, said, unknowns_of
-from calibration.pose.state import Unknowns, expanded
+from aerodft.model import Camera, EvidenceSet, ProjectionModel
+from calibration.pose import Result, Unknowns, expanded, possible_unknowns, said, unknowns_of
 
 _OPTION: Final = "--unknowns"
 _UNITS: Final = ("_agl_m", "_m", "_deg", "_px")

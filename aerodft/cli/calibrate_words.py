@@ -10,13 +10,11 @@ import numpy as np
 from rich.table import Table
 
 from aerodft import __version__
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.adapters.config.evidence.local_frame import LocalFrame, takes_degrees
+from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
 from aerodft.cli.output import tables
 from aerodft.errors import AerodftError, NoAnswerError
-from calibration.flight.result import ImagesResult
-from calibration.pose.result import LIMIT, Leftover, Result, correlations, said
-from calibration.pose.state import State
+from calibration.flight import ImagesResult
+from calibration.pose import LIMIT, Leftover, Result, State, correlations, said
 
 _SUSPICIOUS_P = 1e-4
 _MOST_DECIMALS = 6

@@ -8,9 +8,9 @@ from typing import Final
 
 from PIL import Image as PillowImage
 
-from aerodft.adapters.images.stills import still_mode
+from aerodft.adapters.images import still_mode
 from aerodft.errors import InputError
-from aerodft.model.camera import Camera, CameraMode
+from aerodft.model import Camera, CameraMode
 
 _SAME: Final = 0.015  # share by which lengths of one zoom may differ: EXIF rounds them
 _FILM_DIAGONAL_MM: Final = 43.27

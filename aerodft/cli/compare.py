@@ -15,9 +15,8 @@ from aerodft.adapters.atomic_file import whole_file
 from aerodft.cli.output import check_output, print_json, say, tables
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.model.arrays import FloatArray, IntArray
-from replay.compare.comparison import WITHIN_S, Comparing, Comparison, Difference, Pairs, parse_tolerance
-from replay.compare.pairing import PairBy
+from aerodft.model import FloatArray, IntArray
+from replay.compare import WITHIN_S, Comparing, Comparison, Difference, PairBy, Pairs, parse_tolerance
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -15,13 +15,13 @@ from typing import Annotated
 import tomli_w
 import typer
 
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.config.camera import camera_document
 from aerodft.cli.demo_report import report_demo
 from aerodft.cli.output import print_json, say
 from aerodft.errors import AerodftError, InputError
-from aerodft.sim.scenario import default_camera
-from replay.compare.comparison import Comparing, Tolerance
-from replay.recordings.recording import Recording
+from aerodft.sim import default_camera
+from replay.compare import Comparing, Tolerance
+from replay.recordings import Recording
 
 _MARK = ".aerodft-demo"
 _STATION = "demo"

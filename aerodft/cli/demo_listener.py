@@ -10,7 +10,7 @@ from pathlib import Path
 
 import zenoh
 
-from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.bus import session_on
 
 
 def listen(endpoint: str, station: str, path: Path) -> int:

@@ -13,12 +13,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.model.arrays import FloatArray
-from aerodft.model.image import Image
-from replay.export.table import ExportFormat, export_text
-from replay.export.video import Overlay
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import FloatArray, Image
+from replay.export import ExportFormat, Overlay, export_text
+from replay.recordings import Recording, RecordingSource
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

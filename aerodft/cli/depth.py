@@ -8,26 +8,23 @@ from typing import Any, Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.adapters.images.pixels import read_camera_image
+from aerodft.adapters.images import read_camera_image
 from aerodft.cli.output import json_bytes, output_folder, print_json, say
-from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
-from aerodft.dft.maps.depth import DepthMap, Z, depth_map, measured_plane
-from aerodft.dft.maps.depth_std import range_std
-from aerodft.dft.maps.orthophoto import Sampling, top_view
-from aerodft.dft.projection import to_ground_frame
-from aerodft.dft.request import Setup
+from aerodft.dft import MAX_RELATIVE_RANGE_STD, Setup, to_ground_frame
+from aerodft.dft.maps import DepthMap, Sampling, Z, depth_map, measured_plane, range_std, top_view
 from aerodft.errors import InputError, NoAnswerError, UsageError
-from aerodft.geometry.footprint import footprint, horizon_line, ring_area
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.geometry.ground import Ground, Plane
-from aerodft.geometry.intrinsics import intrinsics_covariance
-from aerodft.geometry.kernels import Float32Array
-from aerodft.geometry.terrain import Terrain
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.status import Status
+from aerodft.geometry import (
+    Float32Array,
+    Ground,
+    Plane,
+    Terrain,
+    footprint,
+    horizon_line,
+    intrinsics_covariance,
+    lat_lon,
+    ring_area,
+)
+from aerodft.model import Camera, FloatArray, ImageArray, Pose, PoseSample, ProjectionModel, Status
 from aerodft.reports.georaster import write_top_view
 
 mpl.use("Agg")

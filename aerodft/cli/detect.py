@@ -10,21 +10,15 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.adapters.config.evidence.markers import MarkersFile, load_markers
-from aerodft.adapters.images.gathering import Gathered, gather, image_files
-from aerodft.adapters.images.pixels import STILLS
+from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_markers
+from aerodft.adapters.images import STILLS, Gathered, gather, image_files
 from aerodft.cli.calibrate_unknowns import check_unknowns
 from aerodft.cli.camera_mode import check_mode, refuse_other_size
 from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError, UsageError
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import MarkerSighting, Px, marker_name
-from aerodft.model.measurement import ProjectionModel
-from calibration.markers.detection import LEAST_SIDE_PX, find_markers, other_dictionary
-from calibration.markers.geometry import Judgement, Miss, judge
-from calibration.pose.result import calibrate
+from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
+from calibration.markers import LEAST_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
+from calibration.pose import calibrate
 
 _THOROUGH: Final = 3  # images that are looked into in every way; of a video, the others show the same
 _PROGRESS: Final = 1000

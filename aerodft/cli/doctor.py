@@ -10,20 +10,18 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.config.station.loading import load_station
-from aerodft.adapters.config.station.station import StationConfig
-from aerodft.adapters.telemetry.log_formats import followed_by
-from aerodft.adapters.telemetry.mavlink.address import is_link, parse_address
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.station import StationConfig, load_station
+from aerodft.adapters.telemetry import followed_by
+from aerodft.adapters.telemetry.mavlink import is_link, parse_address
 from aerodft.cli.doctor_survey import Fixed, Listening, survey_link, survey_log
 from aerodft.cli.option_values import MOST_SECONDS, TopicOption, parse_topics
 from aerodft.cli.output import tables
-from aerodft.diagnosis.findings import document, notes, problems
-from aerodft.diagnosis.survey import SurveyReport, ValueSource
+from aerodft.diagnosis import SurveyReport, ValueSource, document, notes, problems
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.model.telemetry import ReportFrame
-from aerodft.service.attitude.gimbal_frame import FrameEvidence
-from aerodft.service.settings import SigningSettings
+from aerodft.model import ReportFrame
+from aerodft.service import SigningSettings
+from aerodft.service.attitude import FrameEvidence
 
 
 def doctor(

@@ -5,22 +5,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from aerodft.adapters.config.station.inputs import Topics
-from aerodft.adapters.telemetry.mavlink.address import parse_address
-from aerodft.adapters.telemetry.mavlink.decoding import Followed
-from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
+from aerodft.adapters.config.station import Topics
+from aerodft.adapters.telemetry.mavlink import Followed, MavlinkLink, parse_address
 from aerodft.cli.logs import open_telemetry_log
 from aerodft.cli.output import say
 from aerodft.cli.signed import opened_signing
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis.message_requests import Outcome, ask
-from aerodft.diagnosis.survey import Survey, SurveyReport
+from aerodft.diagnosis import Outcome, Survey, SurveyReport, ask
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.model.telemetry import RawBlock
-from aerodft.service.batches import Batches
-from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.feed import Inbox, LiveFeed
-from aerodft.service.settings import SigningSettings, TelemetrySettings
+from aerodft.model import RawBlock
+from aerodft.service import Batches, Inbox, LiveFeed, SigningSettings, TelemetrySettings
+from aerodft.service.clocks import WallClock
 
 _TICK_NS: Final = 50_000_000
 

@@ -4,8 +4,7 @@ import signal
 from collections.abc import Iterator
 from types import FrameType
 
-from aerodft.service.batches import Batches
-from aerodft.service.ports import Feed
+from aerodft.service import Batches, Feed
 
 
 class Interruptible:

@@ -13,9 +13,8 @@ import typer
 from aerodft.adapters.atomic_file import whole_file
 from aerodft.cli.output import end_with_gaps, print_json, say
 from aerodft.errors import NoAnswerError, UsageError, located
-from replay.export.merging import merge_segments
-from replay.export.table import ExportFormat, export_text
-from replay.recordings.recording import Recording
+from replay.export import ExportFormat, export_text, merge_segments
+from replay.recordings import Recording
 
 
 class Format(StrEnum):
@@ -118,12 +117,12 @@ def _write(source: Recording, form: Format, path: Path) -> dict[str, int]:
         merged = merge_segments(source, path)
         return {"messages": merged.messages, "attachments": merged.attachments}
     if form is Format.MP4:
-        from replay.export.video import write_video  # noqa: PLC0415 - 40 MB and 0.1 s that tables and maps do without
+        from replay.export import write_video  # noqa: PLC0415 - 40 MB and 0.1 s that tables and maps do without
 
         return asdict(write_video(source, path))
     payloads = _measurements(source)
     if form is Format.PARQUET:
-        from replay.export.parquet import ParquetRows  # noqa: PLC0415 - an extra
+        from replay.export import ParquetRows  # noqa: PLC0415 - an extra
 
         with ParquetRows(path) as rows:
             rows.add(payloads)

@@ -6,12 +6,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from aerodft.adapters.config.station.inputs import Rate, Stills, VideoFile
-from aerodft.adapters.config.station.station import StationConfig
-from aerodft.adapters.images.rate import RateSource
-from aerodft.adapters.images.stills import StillsFolderSource
-from aerodft.adapters.recording.write.thinning import Thinned
-from aerodft.adapters.telemetry.log_formats import decoder_of
+from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
+from aerodft.adapters.images import RateSource, StillsFolderSource
+from aerodft.adapters.recording.write import Thinned
+from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.observations import load_observations
 from aerodft.cli.ending import Interruptible
@@ -30,17 +28,11 @@ from aerodft.cli.wiring import (
 )
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.service.clocks.camera_clock import OnClock
-from aerodft.service.clocks.log_span import LogSpan, survey_span
-from aerodft.service.feed import MergedFeed
-from aerodft.service.observers import LookedAt, Lookout
-from aerodft.service.ports import Source
-from aerodft.service.settings import TelemetrySettings
-from replay.foreign.recordings import ForeignImages, ForeignRecording
-from replay.recordings.segments import is_mcap
+from aerodft.model import Camera, GimbalSource, HeightSource, Image
+from aerodft.service import LookedAt, Lookout, MergedFeed, Source, TelemetrySettings
+from aerodft.service.clocks import LogSpan, OnClock, survey_span
+from replay.foreign import ForeignImages, ForeignRecording
+from replay.recordings import is_mcap
 
 DEFAULT_RATE_HZ = 5.0
 
@@ -130,7 +122,7 @@ def _images(
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
     chosen, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     if isinstance(chosen, VideoFile):
-        from aerodft.adapters.images.video import VideoFileSource  # noqa: PLC0415 - FFmpeg, 15 MB
+        from aerodft.adapters.images import VideoFileSource  # noqa: PLC0415 - FFmpeg, 15 MB
 
         video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, decode=decode)
         with _quiet():

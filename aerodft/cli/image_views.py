@@ -7,31 +7,32 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.evidence.files import EvidenceFile
-from aerodft.adapters.config.evidence.images import Flight, GivenImage, StatedPose
-from aerodft.adapters.config.evidence.local_frame import LocalFrame
-from aerodft.adapters.config.station.inputs import Device, Stills, Stream, VideoFile
-from aerodft.adapters.config.tables import LOCAL
-from aerodft.adapters.telemetry.log_formats import decoder_of, open_log
+from aerodft.adapters.config import LOCAL
+from aerodft.adapters.config.evidence import EvidenceFile, Flight, GivenImage, LocalFrame, StatedPose
+from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
+from aerodft.adapters.telemetry import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError, UsageError
-from aerodft.geometry.ground import Ground
-from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
-from aerodft.model.arrays import FloatArray
-from aerodft.model.evidence import Landmark, Prior
-from aerodft.model.image import Image, StampClock
-from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.status import Status
-from aerodft.model.telemetry import RawBlock
-from aerodft.service.clocks.log_span import LogSpan, survey_span
-from aerodft.service.clocks.ticks import Ticks
-from aerodft.service.feed import MergedFeed
-from aerodft.service.ports import Source
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.settings import TelemetrySettings
-from aerodft.service.streams import LAST
-from calibration.flight.state import PoseTrack, View, shared_and_new
+from aerodft.geometry import Ground, camera_attitude, from_rotation_vector, matrix, multiply
+from aerodft.model import (
+    FloatArray,
+    GeoOrigin,
+    HeightSource,
+    Image,
+    Landmark,
+    Pose,
+    PoseSample,
+    PoseStd,
+    Prior,
+    RawBlock,
+    StampClock,
+    Status,
+)
+from aerodft.service import LAST, MergedFeed, Source, TelemetrySettings
+from aerodft.service.clocks import LogSpan, Ticks, survey_span
+from aerodft.service.pose import PoseSource
+from calibration.flight import PoseTrack, View, shared_and_new
 
 _REACH_S, _LEAST_STEP_S, _STEPS, _STDS = 2.0, 0.05, 40, 4.0
 
@@ -223,14 +224,13 @@ def open_telemetry(
     Raises:
         InputError: It is missing, unreadable, or of a fixed camera.
     """
-    from replay.recordings.segments import is_mcap  # noqa: PLC0415 - what recordings need is slow to load
+    from replay.recordings import is_mcap  # noqa: PLC0415 - what recordings need is slow to load
 
     if not is_mcap(path) and not path.is_dir():
         return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
     from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - as above
-    from replay.foreign.recordings import ForeignTelemetry, open_recording  # noqa: PLC0415 - as above
-    from replay.recordings.recording import Recording  # noqa: PLC0415 - as above
-    from replay.recordings.source import RecordingSource  # noqa: PLC0415 - as above
+    from replay.foreign import ForeignTelemetry, open_recording  # noqa: PLC0415 - as above
+    from replay.recordings import Recording, RecordingSource  # noqa: PLC0415 - as above
 
     recording = open_recording(path)
     if not isinstance(recording, Recording):

@@ -8,15 +8,23 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.config.station.inputs import ImageInput, Rate, Stills, VideoFile, stated_start_ns
-from aerodft.adapters.config.station.loading import load_station, refreshed, with_calibration
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.station import (
+    ImageInput,
+    Rate,
+    StationConfig,
+    Stills,
+    VideoFile,
+    load_station,
+    refreshed,
+    stated_start_ns,
+    with_calibration,
+)
 from aerodft.cli.flight import measure_flight
 from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import say
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, UsageError
-from replay.recordings.segments import is_mcap
+from replay.recordings import is_mcap
 
 _WHOLE_SECONDS_STD_S = 3**-0.5
 """How far, root mean square, a time is from itself cut to whole seconds."""
@@ -94,7 +102,7 @@ def _timed(station: StationConfig) -> StationConfig:
     source = station.images.source
     if not isinstance(source, VideoFile) or source.start_ns is not None:
         return station
-    from aerodft.adapters.images.video import video_info  # noqa: PLC0415 - FFmpeg, 15 MB, where there is a video
+    from aerodft.adapters.images import video_info  # noqa: PLC0415 - FFmpeg, 15 MB, where there is a video
 
     start_ns = video_info(source.path).start_ns
     if start_ns is None or start_ns % SECOND_NS:

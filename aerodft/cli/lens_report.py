@@ -13,9 +13,8 @@ import numpy as np
 from aerodft import __version__
 from aerodft.cli.lens_run import LensRun, notes, parameter_rows
 from aerodft.cli.output import output_folder
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import LensModel
-from calibration.lens.solution import covered_cells, distortion_px, missing, ray_std_px
+from aerodft.model import FloatArray, LensModel
+from calibration.lens import covered_cells, distortion_px, missing, ray_std_px
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

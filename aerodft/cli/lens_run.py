@@ -15,15 +15,26 @@ from rich.table import Table
 
 from aerodft import __version__
 from aerodft.adapters.atomic_file import write_whole
-from aerodft.adapters.config.camera.camera import camera_document
-from aerodft.adapters.images.gathering import Gathered, gather, image_files
+from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.images import Gathered, gather, image_files
 from aerodft.cli.camera_mode import common_mode
 from aerodft.cli.output import progress_bar, say, tables
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.camera import Camera, LensModel
-from calibration.lens.adjustment import View, intrinsics_of
-from calibration.lens.board import Board, BoardFinder, draw_board, suggestion
-from calibration.lens.solution import Choice, LensChoice, LensSolution, choose, missing, solve_lens
+from aerodft.model import Camera, LensModel
+from calibration.lens import (
+    Board,
+    BoardFinder,
+    Choice,
+    LensChoice,
+    LensSolution,
+    View,
+    choose,
+    draw_board,
+    intrinsics_of,
+    missing,
+    solve_lens,
+    suggestion,
+)
 
 _PROGRESS = 1000  # parts of the whole
 _ASKED_AGAIN = 5  # images in which another board is looked for, where this one is in none

@@ -5,14 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from aerodft.adapters.config.station.inputs import Topics
-from aerodft.adapters.telemetry.log_formats import open_log
-from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
-from aerodft.model.observation import Event
-from aerodft.model.telemetry import RawBlock
-from replay.foreign.recordings import ForeignRecording, ForeignTelemetry, open_recording
-from replay.recordings.segments import is_mcap
-from replay.recordings.source import RecordingSource
+from aerodft.adapters.config.station import Topics
+from aerodft.adapters.telemetry import open_log
+from aerodft.adapters.telemetry.mavlink import FrameCounts
+from aerodft.model import Event, RawBlock
+from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
+from replay.recordings import RecordingSource, is_mcap
 
 
 class TelemetryLog(Protocol):

@@ -3,10 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aerodft.adapters.config.station.station import StationConfig
-from aerodft.model.probe import PixelSource
-from aerodft.service.observers import LookCounts, Lookout
-from aerodft.service.pipeline import Pipeline
+from aerodft.adapters.config.station import StationConfig
+from aerodft.model import PixelSource
+from aerodft.service import LookCounts, Lookout, Pipeline
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,26 +6,19 @@ from functools import partial
 
 import numpy as np
 
-from aerodft.adapters.config.station.inputs import Rate
-from aerodft.adapters.config.station.observer_tables import river_probes
-from aerodft.adapters.config.station.station import StationConfig, Watch
-from aerodft.adapters.images.pixels import read_camera_image
+from aerodft.adapters.config.station import Rate, StationConfig, Watch, river_probes
+from aerodft.adapters.images import read_camera_image
 from aerodft.cli.looking import Eyes
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
-from aerodft.geometry.poses import moved_on
-from aerodft.model.image import Image
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import PixelSource
-from aerodft.model.status import Status
-from aerodft.service.observers import Lookout
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import ObjectSettings
-from aerodft.vision.camera_motion.fixed_points import LEAST_CORNERS, SteadyPoints
-from aerodft.vision.objects.moving import MovingObjects, MovingOverGround
+from aerodft.geometry import moved_on
+from aerodft.model import Image, PixelSource, PoseSample, Status
+from aerodft.service import Lookout, ObjectSettings, Pipeline
+from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
+from aerodft.vision.objects import MovingObjects, MovingOverGround
 from aerodft.vision.plane_lock import TrackedProbes
-from aerodft.vision.river.observer import RiverObserver
-from calibration.markers.detection import CameraPlace, MarkerObserver
+from aerodft.vision.river import RiverObserver
+from calibration.markers import CameraPlace, MarkerObserver
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
 

@@ -28,13 +28,10 @@ from aerodft.cli.pose_options import (
     refuse_beside,
 )
 from aerodft.cli.probes import parse_probes
-from aerodft.dft.equations import tilt_warning
-from aerodft.dft.request import Setup
+from aerodft.dft import Setup, tilt_warning
 from aerodft.errors import UsageError
-from aerodft.geometry.rotation import camera_angles
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseSample, PoseStd
+from aerodft.geometry import camera_angles
+from aerodft.model import Camera, PoseSample, PoseStd, ProjectionModel
 
 _LEVEL_RAD: Final = math.radians(0.05)
 

@@ -9,16 +9,10 @@ from rich.table import Table
 
 from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.cli.output import print_json, say, tables
-from aerodft.dft.budget import Share, advice
-from aerodft.dft.measure import explain as explain_request
-from aerodft.dft.measure import measure
-from aerodft.dft.model_comparison import ModelDifference, compare_models
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.rotation import camera_angles
-from aerodft.model.arrays import FloatArray
-from aerodft.model.measurement import Measurement
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.status import Status
+from aerodft.dft import ModelDifference, Request, Setup, Share, advice, compare_models, measure
+from aerodft.dft import explain as explain_request
+from aerodft.geometry import camera_angles
+from aerodft.model import FloatArray, Measurement, PoseBatch, PoseSample, Status
 
 
 def show_measurements(

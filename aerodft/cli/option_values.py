@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.config.station.inputs import Topics
+from aerodft.adapters.config.station import Topics
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError

@@ -12,9 +12,18 @@ from rich.table import Table
 
 from aerodft.cli.output import print_json, say, tables
 from aerodft.cli.paper_document import paper_document
-from aerodft.dft.paper.printed import FIGURE_14_ERROR_M, MAX_DEPTH_M
-from aerodft.dft.paper.sensitivity import table_3
-from aerodft.dft.paper.tables import CameraRow, DepthRow, ErrorCurve, figure_12, figure_14, table_1, table_2
+from aerodft.dft.paper import (
+    FIGURE_14_ERROR_M,
+    MAX_DEPTH_M,
+    CameraRow,
+    DepthRow,
+    ErrorCurve,
+    figure_12,
+    figure_14,
+    table_1,
+    table_2,
+    table_3,
+)
 from aerodft.errors import InputError
 
 mpl.use("Agg")

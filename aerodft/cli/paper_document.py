@@ -5,9 +5,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from aerodft.dft.paper.printed import MAX_DEPTH_M, TABLE_1, TABLE_2_HEIGHT_M, TABLE_2_TILT_RAD
-from aerodft.dft.paper.sensitivity import Percent, Sensitivity, SensitivityRow
-from aerodft.dft.paper.tables import CANON, CameraRow, DepthRow, ErrorCurve, figure_14_text_depth
+from aerodft.dft.paper import (
+    CANON,
+    MAX_DEPTH_M,
+    TABLE_1,
+    TABLE_2_HEIGHT_M,
+    TABLE_2_TILT_RAD,
+    CameraRow,
+    DepthRow,
+    ErrorCurve,
+    Percent,
+    Sensitivity,
+    SensitivityRow,
+    figure_14_text_depth,
+)
 
 SCHEMA: Final = "aerodft.paper/1"
 

@@ -9,20 +9,24 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aerodft.adapters.config.camera.calibration import CalibrationFile, load_calibration
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.config.camera.fixed_pose import FixedPose, pose_sample
-from aerodft.adapters.config.covariance import load_covariance
+from aerodft.adapters.config import load_covariance
+from aerodft.adapters.config.camera import CalibrationFile, FixedPose, load_calibration, load_camera, pose_sample
 from aerodft.conventions import LARGEST
-from aerodft.dft.request import Setup
+from aerodft.dft import Setup
 from aerodft.errors import InputError, UsageError
-from aerodft.geometry.ground import Ground, Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseBatch, PoseSample, PoseStd
-from aerodft.model.status import Status
-from calibration.flight.biases import BiasCalibrator
+from aerodft.geometry import Ground, Plane, camera_pose
+from aerodft.model import (
+    Camera,
+    GeoOrigin,
+    GimbalSource,
+    HeightSource,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    ProjectionModel,
+    Status,
+)
+from calibration.flight import BiasCalibrator
 
 CameraOption = Annotated[Path | None, typer.Option(help="Camera file (TOML).")]
 HeightOption = Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")]
@@ -300,7 +304,7 @@ class GivenGround:
 
 def _terrain(path: Path, origin: GeoOrigin | None) -> tuple[Ground, GeoOrigin]:
     from aerodft.adapters.terrain import load_elevation  # noqa: PLC0415 - an extra, which few measurements need
-    from aerodft.geometry.terrain import Terrain  # noqa: PLC0415 - compiled code, which loads slowly
+    from aerodft.geometry import Terrain  # noqa: PLC0415 - compiled code, which loads slowly
 
     if origin is None:
         raise UsageError("--terrain without --lat and --lon", expected="all three: where in the model the camera is")

@@ -4,9 +4,9 @@ import math
 
 from aerodft.cli.pose_options import Stds
 from aerodft.conventions import LARGEST
-from aerodft.dft.request import Request, linked
+from aerodft.dft import Request, linked
 from aerodft.errors import UsageError
-from aerodft.model.probe import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _OPTIONS = ("elevation", "name")
 

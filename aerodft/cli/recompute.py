@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 import tomli_w
 import typer
 
-from aerodft.adapters.config.station.loading import load_station, with_calibration
+from aerodft.adapters.config.station import load_station, with_calibration
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.option_values import TopicOption, parse_topics
 from aerodft.cli.output import progress_bar, say
@@ -19,9 +19,9 @@ from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.summary import report
 from aerodft.cli.wiring import build_recorder, closing_recorder, run
 from aerodft.errors import InputError, UsageError
-from replay.batch.dataset import recording_hash
-from replay.foreign.recordings import is_foreign
-from replay.recordings.recording import Recording
+from replay.batch import recording_hash
+from replay.foreign import is_foreign
+from replay.recordings import Recording
 
 _SAID = ("recording", "recording_sha256", "config", "calibration")
 _FROM_IMAGE_TO_IMAGE = {"objects": "[objects]", "tracked": "tracked probes"}

@@ -11,18 +11,16 @@ from pathlib import Path
 
 import typer
 
-from aerodft.adapters.config.station.loading import resolved_toml
+from aerodft.adapters.config.station import resolved_toml
 from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.cli.output import LOSS, gaps, print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.wiring import run
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import StepOutputs
-from replay.batch.cluster import Job, Outcome, State, jobs_of, run_batch
-from replay.batch.dataset import Dataset, InputKey, input_key
-from replay.export.parquet import ParquetRows
+from aerodft.service import Batches, StepOutputs
+from replay.batch import Dataset, InputKey, Job, Outcome, State, input_key, jobs_of, run_batch
+from replay.export import ParquetRows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,17 +3,13 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.looking import Eyes, build_eyes
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.service.feed import MergedFeed
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Feed, Source
-from replay.recordings.recording import Recording
-from replay.recordings.redetection import SeenAgain
-from replay.recordings.source import RecordingSource
+from aerodft.service import Feed, MergedFeed, Pipeline, Source
+from replay.recordings import Recording, RecordingSource, SeenAgain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,17 +4,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from aerodft.adapters.config.station.loading import load_station, parse_station, with_calibration
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.station import StationConfig, load_station, parse_station, with_calibration
 from aerodft.cli.wiring import check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
-from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Event, Observation
-from aerodft.service.clocks.camera_clock import ImageClock
-from aerodft.service.ports import Source
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import VISION, Event, Image, Observation
+from aerodft.service import Source
+from aerodft.service.clocks import ImageClock
+from replay.recordings import Recording, RecordingSource
 
 
 def recorded_station(recording: Recording) -> StationConfig:

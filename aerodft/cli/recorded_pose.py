@@ -4,26 +4,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.config.station.inputs import Topics
-from aerodft.adapters.config.station.loading import load_station, refreshed, with_calibration
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.station import StationConfig, Topics, load_station, refreshed, with_calibration
 from aerodft.cli.option_values import parse_instant
 from aerodft.cli.recorded import recorded_station
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.request import Setup, zoomed
+from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.calibration import STEADY
-from aerodft.model.observation import Event, Observation
-from aerodft.model.pose import PoseSample
-from aerodft.model.telemetry import RawBlock
-from aerodft.service.feed import MergedFeed
-from aerodft.service.ports import Source
-from aerodft.service.settings import PipelineSettings, TelemetrySettings
-from replay.foreign.recordings import ForeignRecording, ForeignTelemetry, open_recording
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import STEADY, Event, Observation, PoseSample, RawBlock
+from aerodft.service import MergedFeed, PipelineSettings, Source, TelemetrySettings
+from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
+from replay.recordings import Recording, RecordingSource
 
 _LATEST_NS = 30 * SECOND_NS
 """Telemetry that came later than this after its stamp is not waited for; less than the pipeline remembers."""

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.recording.recover.recovery import (
+from aerodft.adapters.recording.recover import (
     Loss,
     Recovery,
     SegmentRecovery,

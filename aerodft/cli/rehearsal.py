@@ -12,16 +12,12 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.station import StationConfig
 from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
-from aerodft.model.image import Image, StampClock
-from aerodft.model.pose import GeoOrigin
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.batches import Batches
-from aerodft.service.feed import block_of
-from aerodft.sim.telemetry import DEFAULT_RATES_HZ, Autopilot, datagrams
-from aerodft.sim.trajectory import Waypoint, fly
+from aerodft.model import GeoOrigin, Image, StampClock, WireProtocol
+from aerodft.service import Batches, block_of
+from aerodft.sim import DEFAULT_RATES_HZ, Autopilot, Waypoint, datagrams, fly
 
 _BEGIN_NS: Final = 1_600_000_000 * SECOND_NS
 _UTC_NS: Final = _BEGIN_NS + SECOND_NS // 2  # from then on it says what UTC is

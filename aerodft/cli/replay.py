@@ -8,21 +8,30 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.bus.session import DEFAULT_LISTEN, session_on
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.telemetry.mavlink.address import LinkKind, parse_address
-from aerodft.adapters.telemetry.mavlink.transport import open_transport
+from aerodft.adapters.bus import DEFAULT_LISTEN, session_on
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.telemetry.mavlink import LinkKind, open_transport, parse_address
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.keys import has_keys, pressed
 from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, progress_bar, say
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
-from aerodft.service.clocks.system_clock import WallClock
-from replay.foreign.recordings import open_recording
-from replay.player.player import Controls, Outlet, Player
-from replay.player.publish import MavlinkOut, Republisher, check_mavlink, holds_mavlink, is_published
-from replay.player.timeline import AnyRecording, name_of, timeline
+from aerodft.service.clocks import WallClock
+from replay.foreign import open_recording
+from replay.player import (
+    AnyRecording,
+    Controls,
+    MavlinkOut,
+    Outlet,
+    Player,
+    Republisher,
+    check_mavlink,
+    holds_mavlink,
+    is_published,
+    name_of,
+    timeline,
+)
 
 _NOWHERE = "none"
 _LINK_S = 5.0  # for whoever --connect names to answer

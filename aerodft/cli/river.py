@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from aerodft.adapters.images.pixels import read_camera_image
+from aerodft.adapters.images import read_camera_image
 from aerodft.cli.output import print_json, say, steps
 from aerodft.cli.pose_options import (
     CameraOption,
@@ -31,14 +31,19 @@ from aerodft.cli.river_document import reach_document, refusal_document, refused
 from aerodft.cli.river_files import check_folder, write_reach, write_river
 from aerodft.cli.river_views import View, Views, filmed_views, is_recording, recorded_views
 from aerodft.conventions import LARGEST
-from aerodft.dft.request import Setup
+from aerodft.dft import Setup
 from aerodft.errors import InputError, NoAnswerError, UsageError
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.river.observer import ReachView, RiverQuestion, find_river, measure_reach
-from aerodft.vision.river.status import NoRiver
-from aerodft.vision.river.water import WaterNetwork
-from aerodft.vision.river.water_features import WaterPlane
-from aerodft.vision.river.water_motion import LaterLook
+from aerodft.model import Pose, PoseSample
+from aerodft.vision.river import (
+    LaterLook,
+    NoRiver,
+    ReachView,
+    RiverQuestion,
+    WaterNetwork,
+    WaterPlane,
+    find_river,
+    measure_reach,
+)
 
 VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
 MOST_IMAGES: Final = 60

@@ -8,14 +8,20 @@ import numpy as np
 
 from aerodft.cli.river_views import Views
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.river.widths import RiverWidths
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.vision.river.banks import ONE_SIDED, Islands, hidden_per_metre
-from aerodft.vision.river.observer import Reach, River
-from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
-from aerodft.vision.river.water import WaterMask
+from aerodft.dft.river import RiverWidths
+from aerodft.geometry import lat_lon
+from aerodft.model import BoolArray, FloatArray, Pose, PoseSample
+from aerodft.vision.river import (
+    ONE_SIDED,
+    WHY,
+    Islands,
+    NoRiver,
+    Reach,
+    River,
+    RiverStatus,
+    WaterMask,
+    hidden_per_metre,
+)
 
 SCHEMA: Final = "aerodft.river/1"
 SIDES: Final = ("left", "right")

@@ -17,12 +17,10 @@ from aerodft.cli.output import json_bytes, output_folder, say, writable
 from aerodft.cli.river_document import SIDES
 from aerodft.cli.river_plate import draw_plate, draw_reach_plate
 from aerodft.cli.river_views import Views
-from aerodft.dft.request import Setup
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.pose import PoseSample
-from aerodft.vision.river.observer import Reach, River
-from aerodft.vision.river.water_features import WaterPlane, ground_of, water_likeness
+from aerodft.dft import Setup
+from aerodft.geometry import lat_lon
+from aerodft.model import FloatArray, ImageArray, PoseSample
+from aerodft.vision.river import Reach, River, WaterPlane, ground_of, water_likeness
 
 COLUMNS: Final = (
     "station_m", "status", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "bound",

@@ -10,14 +10,11 @@ import numpy as np
 
 from aerodft.cli.river_document import SIDES, outline_confidence
 from aerodft.cli.river_views import Views
-from aerodft.dft.maps.orthophoto import Sampling, TopView, top_view
-from aerodft.dft.request import Setup
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
-from aerodft.model.pose import PoseSample
-from aerodft.vision.river.observer import Reach, River
-from aerodft.vision.river.status import RiverStatus
-from aerodft.vision.river.water_features import WaterPlane
-from replay.export.table import time_utc
+from aerodft.dft import Setup
+from aerodft.dft.maps import Sampling, TopView, top_view
+from aerodft.model import BoolArray, FloatArray, ImageArray, PoseSample
+from aerodft.vision.river import Reach, River, RiverStatus, WaterPlane
+from replay.export import time_utc
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -9,25 +9,19 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.file_kind import looks_like
-from aerodft.adapters.images.video import VideoFileSource, video_info
+from aerodft.adapters.images import VideoFileSource, video_info
 from aerodft.cli.output import steps
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline, check_size
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.request import Setup, zoomed
+from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.arrays import ImageArray, IntArray
-from aerodft.model.image import Image
-from aerodft.model.observation import Event
-from aerodft.model.pose import PoseSample
-from aerodft.model.status import Status
-from aerodft.service.feed import MergedFeed
-from aerodft.service.ports import Source
-from aerodft.vision.river.water_motion import LATEST_S, SOONEST_S, motion_copy
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import Event, Image, ImageArray, IntArray, PoseSample, Status
+from aerodft.service import MergedFeed, Source
+from aerodft.vision.river import LATEST_S, SOONEST_S, motion_copy
+from replay.recordings import Recording, RecordingSource
 
 _WANTED: Final = "an image, a fixed camera's video, or a recording"
 _LOGS: Final = {"a MAVLink .tlog": ".tlog", "an ArduPilot .bin log": ".bin"}

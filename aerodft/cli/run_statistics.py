@@ -6,11 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
-from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.status import CODES, Status
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import ImageOutputs, StepOutputs
+from aerodft.model import CODES, CalibrationEstimate, IntArray, Status, SteadinessEstimate
+from aerodft.service import Batches, ImageOutputs, StepOutputs
 
 
 @dataclass(slots=True)

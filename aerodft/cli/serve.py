@@ -12,16 +12,12 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.bus.station import BusSettings, ZenohBus
-from aerodft.adapters.config.station.inputs import Device, Rate, Stills, Stream, VideoFile
-from aerodft.adapters.config.station.loading import load_station
-from aerodft.adapters.config.station.station import StationConfig
-from aerodft.adapters.images.rate import LiveRate
-from aerodft.adapters.images.stream import StreamReader
-from aerodft.adapters.recording.write.recorder import McapRecorder
-from aerodft.adapters.telemetry.mavlink.address import parse_address
-from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
-from aerodft.adapters.telemetry.signing import signing_sentences
+from aerodft.adapters.bus import BusSettings, ZenohBus
+from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile, load_station
+from aerodft.adapters.images import LiveRate, StreamReader
+from aerodft.adapters.recording.write import McapRecorder
+from aerodft.adapters.telemetry import signing_sentences
+from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
@@ -35,14 +31,11 @@ from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
 from aerodft.cli.wiring import build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.request import Request
+from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.image import Image, VideoPacket
-from aerodft.model.measurement import Measurement
-from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.feed import Inbox, LiveFeed
-from aerodft.service.observers import LiveLook
-from aerodft.service.pipeline import Pipeline
+from aerodft.model import Image, Measurement, VideoPacket
+from aerodft.service import Inbox, LiveFeed, LiveLook, Pipeline
+from aerodft.service.clocks import WallClock
 
 
 def serve(

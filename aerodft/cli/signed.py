@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from aerodft.adapters.telemetry.signing import SignatureCheck, open_signing
-from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.settings import SigningSettings
+from aerodft.adapters.telemetry import SignatureCheck, open_signing
+from aerodft.service import SigningSettings
+from aerodft.service.clocks import WallClock
 
 
 @contextmanager

@@ -6,13 +6,13 @@ from datetime import UTC, datetime
 
 import typer
 
-from aerodft.adapters.recording.write.recorder import RecordingTotals
+from aerodft.adapters.recording.write import RecordingTotals
 from aerodft.cli.output import LOSS, end_with_gaps, print_json, say
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
-from aerodft.model.calibration import SteadinessEstimate
-from aerodft.service.pipeline import Counts
+from aerodft.model import SteadinessEstimate
+from aerodft.service import Counts
 
 
 def report(

@@ -6,17 +6,16 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.config.station.inputs import Topics, stated_start_ns
-from aerodft.adapters.config.station.loading import load_station
-from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.station import Topics, load_station, stated_start_ns
+from aerodft.adapters.images import VideoFileSource
 from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import print_json
 from aerodft.cli.sync_lines import SyncLines, describe_sync, say_sync
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, run_sync
 from aerodft.errors import ConfigError, UsageError
-from aerodft.model.camera import Camera
-from aerodft.service.settings import TelemetrySettings
+from aerodft.model import Camera
+from aerodft.service import TelemetrySettings
 
 _MOST_OFFSET_S = 600.0
 

@@ -8,7 +8,7 @@ import numpy as np
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.output import output_folder
 from aerodft.cli.sync_run import SyncRun
-from aerodft.model.arrays import FloatArray
+from aerodft.model import FloatArray
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

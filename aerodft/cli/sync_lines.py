@@ -9,16 +9,15 @@ import tomli_w
 from rich.table import Table
 
 from aerodft import __version__
-from aerodft.adapters.config.station.inputs import VideoFile
-from aerodft.adapters.config.station.station import StationConfig
-from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.config.station import StationConfig, VideoFile
+from aerodft.adapters.images import VideoFileSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.output import say, tables
 from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, SyncRun, run_sync
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, UsageError
-from aerodft.service.settings import TelemetrySettings
-from calibration.sync.alignment import Alignment
+from aerodft.service import TelemetrySettings
+from calibration.sync import Alignment
 
 _SIGMAS_95: Final = 1.96
 _NOTABLE_RATIO: Final = 0.01

@@ -3,19 +3,19 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from aerodft.adapters.config.station.inputs import Topics
-from aerodft.adapters.images.video import VideoFileSource
-from aerodft.adapters.telemetry.log_formats import decoder_of
+from aerodft.adapters.config.station import Topics
+from aerodft.adapters.images import VideoFileSource
+from aerodft.adapters.telemetry import decoder_of
 from aerodft.cli.logs import open_telemetry_log
 from aerodft.cli.output import progress_bar
 from aerodft.cli.wiring import check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
-from aerodft.model.camera import Camera
-from aerodft.service.attitude.history import attitude_history
-from aerodft.service.settings import TelemetrySettings
-from aerodft.vision.camera_motion.rotation import ImagePair, PlaneTracker
-from calibration.sync.alignment import Alignment, align, check_overlap
+from aerodft.model import Camera
+from aerodft.service import TelemetrySettings
+from aerodft.service.attitude import attitude_history
+from aerodft.vision.camera_motion import ImagePair, PlaneTracker
+from calibration.sync import Alignment, align, check_overlap
 
 DEFAULT_MAX_OFFSET_S = 20.0
 

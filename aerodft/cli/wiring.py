@@ -7,24 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.station.ground import COPY_NAME, TerrainGround, copy_terrain, travels
-from aerodft.adapters.config.station.loading import resolved_toml
-from aerodft.adapters.config.station.station import StationConfig
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
-from aerodft.adapters.telemetry.log_formats import decoder_of
+from aerodft.adapters.config.station import (
+    COPY_NAME,
+    StationConfig,
+    TerrainGround,
+    copy_terrain,
+    resolved_toml,
+    travels,
+)
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
+from aerodft.adapters.telemetry import decoder_of
 from aerodft.cli.output import say
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.observation import Event
-from aerodft.model.telemetry import RawBlock
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import Sink
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.ports import Feed, ObjectTracker, Source
-from aerodft.service.settings import ObjectSettings
+from aerodft.model import Camera, Event, Image, RawBlock
+from aerodft.service import Batches, Feed, ObjectSettings, ObjectTracker, Pipeline, Sink, Source
 from calibration.camera_motion import SteadyCalibrator
-from calibration.flight.biases import BiasCalibrator
+from calibration.flight import BiasCalibrator
 from calibration.live import LiveCalibrator
 
 
@@ -46,7 +44,7 @@ def build_pipeline(station: StationConfig) -> Pipeline:
 
 
 def _tracker(settings: ObjectSettings) -> ObjectTracker:
-    from aerodft.vision.objects.object_tracks import ObjectTracks  # noqa: PLC0415 - 24 MB of scipy, and few stations track
+    from aerodft.vision.objects import ObjectTracks  # noqa: PLC0415 - 24 MB of scipy, and few stations track
 
     return ObjectTracks(settings)
 

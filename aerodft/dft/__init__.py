@@ -1,1 +1,27 @@
 """The engine: Depth from Triangulation, by the book (``dft``) and by the pinhole, with joint uncertainty."""
+
+from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
+from aerodft.dft.budget import Share, advice
+from aerodft.dft.covariance import CHI2_2D_95, Z95, dependence, ellipses95, scalars, shared_covariance
+from aerodft.dft.equations import tilt_warning, vertical_angle
+from aerodft.dft.measure import explain, measure
+from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, of_one_image
+from aerodft.dft.model_comparison import ModelDifference, compare_models
+from aerodft.dft.projection import (
+    ELEVATION,
+    FOCAL,
+    INTRINSICS,
+    POSITION,
+    PRINCIPAL_POINT,
+    ROTATION,
+    GroundPoints,
+    lat_lon_alt,
+    pixel_directions,
+    pixel_rays,
+    project,
+    shared_count,
+    to_ground_frame,
+)
+from aerodft.dft.quantities import KINDS, Sight, upright_height
+from aerodft.dft.request import Request, Setup, linked, zoomed
+from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline

@@ -44,11 +44,18 @@ from aerodft.dft.quantities import (
     foot_distance,
 )
 from aerodft.dft.request import Setup
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import CODE_OF, CODES, Status
+from aerodft.model import (
+    CODE_OF,
+    CODES,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    PoseBatch,
+    PoseSample,
+    ProbeKind,
+    ProjectionModel,
+    Status,
+)
 
 FIRST_ORDER_LIMIT: Final = 0.05
 """Relative standard deviation of a slant range above which errors are drawn."""

@@ -7,9 +7,8 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.projection import DISTORTION, ELEVATION, FOCAL, PRINCIPAL_POINT, ROTATION
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import PoseBatch, PoseStd
+from aerodft.geometry import matrix
+from aerodft.model import FloatArray, PoseBatch, PoseStd
 
 _ROUNDING = 1e-12
 _ADVICE = {

@@ -7,13 +7,8 @@ import numpy as np
 
 from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, Directions, GroundPoints, shared_count
 from aerodft.dft.quantities import KINDS, Gradient, Sight, paper_bearing, paper_height
-from aerodft.geometry.intrinsics import intrinsics_covariance
-from aerodft.geometry.rotation import camera_angles
-from aerodft.model.arrays import FloatArray, FloatLike
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
-from aerodft.model.probe import ProbeKind
+from aerodft.geometry import camera_angles, intrinsics_covariance
+from aerodft.model import Camera, FloatArray, FloatLike, Pose, ProbeKind, ProjectionModel
 
 Z95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""

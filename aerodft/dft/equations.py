@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from aerodft.model.arrays import BoolArray, FloatArray, FloatLike
+from aerodft.model import BoolArray, FloatArray, FloatLike
 
 
 def tilt_is_valid(tilt_rad: FloatLike, vfov_rad: FloatLike) -> BoolArray:

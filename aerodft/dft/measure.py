@@ -11,9 +11,7 @@ from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, M
 from aerodft.dft.projection import ELEVATION, places
 from aerodft.dft.quantities import KINDS
 from aerodft.dft.request import Request, Setup
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.probe import ProbeKind
+from aerodft.model import FloatArray, IntArray, PoseBatch, PoseSample, ProbeKind
 
 __all__ = ["Request", "Setup", "explain", "measure"]
 

@@ -8,10 +8,19 @@ from typing import Final, overload
 import numpy as np
 
 from aerodft.dft.request import Request, Setup
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.status import CODE_OF, CODES, Status
+from aerodft.model import (
+    CODE_OF,
+    CODES,
+    Ellipse95,
+    FloatArray,
+    GeoPoint,
+    IntArray,
+    Measurement,
+    PoseBatch,
+    PoseSample,
+    ProjectionModel,
+    Status,
+)
 
 NUMBERS: Final[tuple[str, ...]] = (
     "value",

@@ -7,11 +7,8 @@ import numpy as np
 from aerodft.dft import equations
 from aerodft.dft.measure import measure
 from aerodft.dft.request import Request, Setup
-from aerodft.geometry.rotation import camera_angles
-from aerodft.model.arrays import FloatArray, FloatLike
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import Pose, PoseBatch, PoseSample
+from aerodft.geometry import camera_angles
+from aerodft.model import Camera, FloatArray, FloatLike, Measurement, Pose, PoseBatch, PoseSample, ProjectionModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

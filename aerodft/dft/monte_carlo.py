@@ -16,11 +16,9 @@ import numpy as np
 from aerodft.dft.covariance import CHI2_2D_95
 from aerodft.dft.projection import ELEVATION, INTRINSICS, PixelRays
 from aerodft.dft.quantities import KINDS, Sight
-from aerodft.geometry.ground import Ground
+from aerodft.geometry import Ground
 from aerodft.jit import njit, njit_fused
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.pose import Pose
-from aerodft.model.probe import ProbeKind
+from aerodft.model import BoolArray, FloatArray, IntArray, Pose, ProbeKind
 
 DRAWS: Final = 1024
 _SEED: Final = 20

@@ -15,16 +15,20 @@ import numpy.typing as npt
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import equations
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.geometry.ground import Ground, jacobians
-from aerodft.geometry.intrinsics import PINHOLE_PARAMETERS, intrinsics_covariance, rays_by_intrinsics
-from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import camera_angles, matrix, rotate, skew
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, Pose, PoseBatch
-from aerodft.model.status import CODE_OF, Status
+from aerodft.geometry import (
+    PINHOLE_PARAMETERS,
+    Ground,
+    camera_angles,
+    intrinsics_covariance,
+    jacobians,
+    lat_lon,
+    matrix,
+    rays_by_intrinsics,
+    rays_with_jacobian,
+    rotate,
+    skew,
+)
+from aerodft.model import CODE_OF, Camera, FloatArray, GeoOrigin, IntArray, Pose, PoseBatch, ProjectionModel, Status
 
 
 def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:

@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.equations import object_height
-from aerodft.model.arrays import BoolArray, FloatArray, read_only
-from aerodft.model.probe import ASKED_KINDS, ProbeKind
+from aerodft.model import ASKED_KINDS, BoolArray, FloatArray, ProbeKind, read_only
 
 _ROUNDING: Final = 1e-10
 """Of the square of a polygon's size: a corner that is nearer to a side than this share of the size lies on it."""

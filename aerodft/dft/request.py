@@ -6,12 +6,8 @@ from typing import Optional
 
 import numpy as np
 
-from aerodft.geometry.ground import Ground
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import Probe, ProbeKind
+from aerodft.geometry import Ground
+from aerodft.model import Camera, FloatArray, IntArray, PoseSample, Probe, ProbeKind, ProjectionModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,11 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import BoolArray, FloatArray, read_only
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.geometry import matrix, pixels_from_rays, rays_from_pixels
+from aerodft.model import BoolArray, Camera, FloatArray, Pose, read_only
 
 EDGE_STD_PX: Final = 1.0
 """Of where an outline has its edge, unless whoever found it says better."""

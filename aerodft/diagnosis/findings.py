@@ -5,20 +5,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from aerodft.adapters.telemetry.mavlink.address import is_link
-from aerodft.adapters.telemetry.mavlink.decoding import OF_ANOTHER_ADDRESS, is_peripheral
-from aerodft.adapters.telemetry.mavlink.dialect import message_name
-from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
-from aerodft.adapters.telemetry.signing import signing_document, signing_sentences, unchecked
+from aerodft.adapters.telemetry import signing_document, signing_sentences, unchecked
+from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, FrameCounts, is_link, is_peripheral, message_name
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.message_requests import OFF
 from aerodft.diagnosis.streams import Stream
 from aerodft.diagnosis.survey import USED, ClockSummary, Gap, SurveyReport, ValueSource
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import ReportFrame
-from aerodft.service.attitude.gimbal_frame import FrameEvidence
-from aerodft.service.clocks.clock_map import ClockHealth
-from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
+from aerodft.model import GimbalSource, HeightSource, ReportFrame
+from aerodft.service import DEMAND_TILT_STD_RAD, TelemetrySettings
+from aerodft.service.attitude import FrameEvidence
+from aerodft.service.clocks import ClockHealth
 
 _OF_AUTOPILOTS: Final = ("ATTITUDE", "GLOBAL_POSITION_INT")
 _ANOTHER_GIMBAL: Final = ": of another gimbal than number "

@@ -8,10 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.pose import HeightDifference, HeightSource, PoseSample
-from aerodft.model.status import Status
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.streams import LAST
+from aerodft.model import HeightDifference, HeightSource, PoseSample, Status
+from aerodft.service import LAST
+from aerodft.service.pose import PoseSource
 
 _FINE_FOR_NS: Final = 10 * SECOND_NS  # a link is listened to for that long
 _MOST_MOMENTS, _FEWEST_MOMENTS = 2000, 50  # asked for at once: the fewer, the more often the clock has jumped

@@ -7,7 +7,8 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.decoding import (
+from aerodft.adapters.telemetry import MOST_ATTACHED
+from aerodft.adapters.telemetry.mavlink import (
     ALTITUDE,
     ATTITUDE,
     CAMERA_FOV_STATUS,
@@ -20,21 +21,21 @@ from aerodft.adapters.telemetry.mavlink.decoding import (
     GPS_RAW_INT,
     MOUNT_STATUS,
     OF_AUTOPILOT,
+    OWN_COMPONENT,
+    OWN_SYSTEM,
     SYSTEM_TIME,
     TERRAIN_REPORT,
     VIDEO_STREAM_INFORMATION,
+    MavlinkLink,
+    headers,
+    message_name,
+    payload_dtype,
+    payload_rows,
 )
-from aerodft.adapters.telemetry.mavlink.dialect import message_name, payload_dtype
-from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
-from aerodft.adapters.telemetry.mavlink.link import OWN_COMPONENT, OWN_SYSTEM, MavlinkLink
-from aerodft.adapters.telemetry.tracks import MOST_ATTACHED
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.streams import Parameters, Stream
-from aerodft.model.arrays import IntArray
-from aerodft.model.camera import ZoomSource
-from aerodft.model.telemetry import RawBlock
-from aerodft.service.batches import Batches
-from aerodft.service.settings import ZoomSettings
+from aerodft.model import IntArray, RawBlock, ZoomSource
+from aerodft.service import Batches, ZoomSettings
 
 ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
 PX4: Final = dialect.MAV_AUTOPILOT_PX4

@@ -9,13 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry.dataflash import FMT_TYPE, HEAD_SIZE, MessageFormat
-from aerodft.adapters.telemetry.mavlink.decoding import RANGEFINDER
-from aerodft.adapters.telemetry.mavlink.dialect import message_name, payload_dtype
-from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
+from aerodft.adapters.telemetry import FMT_TYPE, HEAD_SIZE, MessageFormat
+from aerodft.adapters.telemetry.mavlink import RANGEFINDER, headers, message_name, payload_dtype, payload_rows
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.model import FloatArray, IntArray, RawBlock, WireProtocol
 
 _SYSTEM_BITS, _COMPONENT_BITS = 24, 32
 _BYTE = 0xFF

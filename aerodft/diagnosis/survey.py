@@ -9,23 +9,31 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder
-from aerodft.adapters.telemetry.mavlink.decoding import OF_POSES, Followed
-from aerodft.adapters.telemetry.mavlink.dialect import frame_table, message_name
-from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
-from aerodft.adapters.telemetry.mavlink.kernels import SIGNED, STAMP_SIZE, UNKNOWN, V1, V2, measure
-from aerodft.adapters.telemetry.signing import SigningCounts
+from aerodft.adapters.telemetry import CompositeDecoder, SigningCounts
+from aerodft.adapters.telemetry.mavlink import (
+    OF_POSES,
+    SIGNED,
+    STAMP_SIZE,
+    UNKNOWN,
+    V1,
+    V2,
+    Followed,
+    FrameCounts,
+    frame_table,
+    measure,
+    message_name,
+)
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.flight import HeightPairs, Poses, PoseSurvey
 from aerodft.diagnosis.message_requests import MessageRequest, wanted, wanted_of_cameras
 from aerodft.diagnosis.streams import Parameters, ParameterTable, Stream, StreamTable, rangefinder_readings_m
 from aerodft.diagnosis.vehicle_health import HealthSurvey
-from aerodft.geometry.rotation import yaw_pitch_roll
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.telemetry import (
+from aerodft.geometry import yaw_pitch_roll
+from aerodft.model import (
     NO_BOOT_TIME,
+    Camera,
     ClockTrack,
+    FloatArray,
     GimbalTrack,
     HeightTrack,
     PositionTrack,
@@ -34,12 +42,10 @@ from aerodft.model.telemetry import (
     VehicleTrack,
     WireProtocol,
 )
-from aerodft.service.attitude.gimbal_frame import FrameEvidence
-from aerodft.service.clocks.clock_map import ClockHealth
-from aerodft.service.clocks.line import JUMP_NS
-from aerodft.service.clocks.ticks import Ticks
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.settings import TelemetrySettings
+from aerodft.service import TelemetrySettings
+from aerodft.service.attitude import FrameEvidence
+from aerodft.service.clocks import JUMP_NS, ClockHealth, Ticks
+from aerodft.service.pose import PoseSource
 
 USED: Final = frozenset(map(message_name, OF_POSES)) | {"ATT", "GPS", "MNT", "POS", "RFND", "TERR"}
 """Messages that poses are made of; only their gaps matter."""

@@ -8,12 +8,23 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.camera import Camera, ZoomSource
-from aerodft.model.health import FIX_3D, RATIOS, EstimatorTrack, GpsTrack, HeartbeatTrack, LinkTrack
-from aerodft.model.telemetry import CameraTrack, Track
-from aerodft.service.pose.zoom import LEVEL_SLACK, apart_std_rad
-from aerodft.service.settings import HealthSettings, TelemetrySettings, ZoomSettings
+from aerodft.model import (
+    FIX_3D,
+    RATIOS,
+    BoolArray,
+    Camera,
+    CameraTrack,
+    EstimatorTrack,
+    FloatArray,
+    GpsTrack,
+    HeartbeatTrack,
+    IntArray,
+    LinkTrack,
+    Track,
+    ZoomSource,
+)
+from aerodft.service import HealthSettings, TelemetrySettings, ZoomSettings
+from aerodft.service.pose import LEVEL_SLACK, apart_std_rad
 
 _SAME_DEG: Final = 0.1
 _NOTABLE_LOSS: Final = 0.01

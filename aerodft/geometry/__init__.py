@@ -1,1 +1,60 @@
 """Pure array functions: rotations, lens, rays, ground, geodesy, interpolation. Batch-first, no I/O, no state."""
+
+from aerodft.geometry.footprint import footprint, horizon_line, ring_area
+from aerodft.geometry.geodesy import east_north, lat_lon
+from aerodft.geometry.ground import Ground, GroundHits, Plane, jacobians, meet_level
+from aerodft.geometry.interpolation import Brackets, brackets
+from aerodft.geometry.intrinsics import (
+    PINHOLE_PARAMETERS,
+    intrinsics_covariance,
+    pixels_by_intrinsics,
+    rays_by_intrinsics,
+    reproject,
+)
+from aerodft.geometry.kernels import (
+    GSD,
+    PITCH,
+    RANGE,
+    RAY_Z,
+    BrownLens,
+    FisheyeLens,
+    Float32Array,
+    X,
+    Y,
+    meet_brown,
+    meet_dense,
+    meet_fisheye,
+    meet_straight,
+)
+from aerodft.geometry.lens import (
+    brown_limit,
+    distorted_with_jacobian,
+    fisheye_limit,
+    padded,
+    pixels_from_rays,
+    rays_from_pixels,
+    rays_with_jacobian,
+)
+from aerodft.geometry.poses import camera_pose, moved_on, pose_covariance
+from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, rotated_pixels
+from aerodft.geometry.robust import middle_and_std, robust_std
+from aerodft.geometry.rotation import (
+    angles_of_matrix,
+    camera_angles,
+    camera_attitude,
+    camera_from_gimbal,
+    cross,
+    from_rotation_vector,
+    from_yaw_pitch_roll,
+    gimbal_from_camera,
+    inverse,
+    matrix,
+    multiply,
+    right_jacobian,
+    rotate,
+    skew,
+    slerp,
+    to_rotation_vector,
+    yaw_pitch_roll,
+)
+from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION, ElevationGrid, Terrain, sample_all

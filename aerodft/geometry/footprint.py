@@ -15,9 +15,7 @@ from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.geometry.ground import Ground, Plane
 from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
 from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import BoolArray, FloatArray, read_only
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.model import BoolArray, Camera, FloatArray, Pose, read_only
 
 _EDGE_POINTS = 64  # on each side of the image: a lens bends it smoothly
 _AZIMUTHS = 4096  # of the horizon and of the farthest ground that is looked for: one in 0.09 degrees

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin
+from aerodft.model import FloatArray, GeoOrigin
 
 if TYPE_CHECKING:
     from pyproj import Transformer

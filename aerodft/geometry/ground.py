@@ -12,8 +12,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.model.arrays import FloatArray, read_only
-from aerodft.model.status import CODE_OF, Status
+from aerodft.model import CODE_OF, FloatArray, Status, read_only
 
 _UP = read_only([0.0, 0.0, 1.0])
 _UNIT = 1e-9  # a normal's length may differ from 1 by this

@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model import BoolArray, FloatArray, IntArray
 
 _Number = TypeVar("_Number", np.float64, np.int64)
 

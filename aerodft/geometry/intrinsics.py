@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.geometry.lens import distorted_with_jacobian, padded, rays_with_jacobian
-from aerodft.model.arrays import FloatArray, read_only
-from aerodft.model.camera import Camera, LensModel
+from aerodft.model import Camera, FloatArray, LensModel, read_only
 
 PINHOLE_PARAMETERS: Final = 4
 """fx, fy, cx, cy: all that is uncertain where distortion is taken as exact."""

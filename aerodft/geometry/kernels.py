@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.jit import njit_fused, njit_ieee
-from aerodft.model.arrays import FloatArray
+from aerodft.model import FloatArray
 
 Number = TypeVar("Number", float, FloatArray)
 Float32Array: TypeAlias = npt.NDArray[np.float32]

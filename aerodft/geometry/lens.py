@@ -13,8 +13,7 @@ import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
 from aerodft.geometry.kernels import brown, fisheye_angles, undistort
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera, LensModel
+from aerodft.model import Camera, FloatArray, LensModel
 
 _NOTHING = 1e-9  # a reciprocal root beyond any image
 

@@ -5,8 +5,7 @@ from dataclasses import astuple, replace
 import numpy as np
 
 from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import Pose, PoseStd
+from aerodft.model import FloatArray, Pose, PoseStd
 
 
 def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> FloatArray:

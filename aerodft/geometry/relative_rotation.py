@@ -13,8 +13,7 @@ from aerodft.geometry.intrinsics import rays_by_intrinsics
 from aerodft.geometry.lens import distorted_with_jacobian, rays_from_pixels
 from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, skew
-from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.camera import Camera
+from aerodft.model import BoolArray, Camera, FloatArray
 
 LEAST_POINTS: Final = 6
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import ENU_SO3_NED_WXYZ, GIMBAL_SO3_CAM_WXYZ, NADIR_TILT_RAD
-from aerodft.model.arrays import FloatArray
+from aerodft.model import FloatArray
 
 
 def multiply(a_wxyz: FloatArray, b_wxyz: FloatArray) -> FloatArray:

@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from aerodft.geometry.ground import GroundHits, finite
 from aerodft.jit import njit
-from aerodft.model.arrays import FloatArray, read_only
-from aerodft.model.status import CODE_OF, Status
+from aerodft.model import CODE_OF, FloatArray, Status, read_only
 
 EARTH_RADIUS_M: Final = 6_371_009.0
 """The earth's mean radius (IUGG); its radii of curvature differ from it by half a percent."""

@@ -1,1 +1,77 @@
 """Values only: frozen, without I/O, in SI units and radians."""
+
+from aerodft.model.arrays import BoolArray, FloatArray, FloatLike, ImageArray, IntArray, read_only
+from aerodft.model.calibration import (
+    BIASES,
+    STEADY,
+    BiasValues,
+    Calibration,
+    CalibrationEstimate,
+    Innovation,
+    Steadiness,
+    SteadinessEstimate,
+)
+from aerodft.model.camera import Camera, CameraMode, CameraStd, LensModel, Zoom, ZoomSource
+from aerodft.model.evidence import (
+    Evidence,
+    EvidenceSet,
+    GroundLines,
+    GroundPoint,
+    Horizon,
+    KnownHeight,
+    KnownLength,
+    Landmark,
+    MarkerSighting,
+    MarkerSurvey,
+    Prior,
+    Px,
+    SlantRange,
+    SurveyedLandmark,
+    SurveyedMarker,
+    Vertical,
+    marker_name,
+)
+from aerodft.model.health import (
+    FIX_3D,
+    RATIOS,
+    EstimatorTrack,
+    GimbalFailureTrack,
+    GpsTrack,
+    Health,
+    HeartbeatTrack,
+    LinkTrack,
+    RivalTrack,
+)
+from aerodft.model.image import Image, ImageRows, StampClock, VideoPacket, image_indices, joined_images
+from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
+from aerodft.model.observation import VISION, Arrival, Box, Event, Observation
+from aerodft.model.pose import (
+    HORIZONTAL,
+    TIME,
+    GeoOrigin,
+    GimbalSource,
+    HeightDifference,
+    HeightSource,
+    HeightSwitch,
+    Pose,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+)
+from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model.status import CODE_OF, CODES, Status
+from aerodft.model.telemetry import (
+    NO_BOOT_TIME,
+    CameraTrack,
+    ClockTrack,
+    GimbalTrack,
+    HeightTrack,
+    PositionTrack,
+    RawBlock,
+    ReportFrame,
+    SyncTrack,
+    Track,
+    VehicleTrack,
+    WireProtocol,
+    joined,
+)

@@ -15,11 +15,10 @@ import numpy as np
 import orjson
 from pyproj import CRS, Transformer
 
-from aerodft.dft.maps.orthophoto import TopView
+from aerodft.dft.maps import TopView
 from aerodft.errors import InputError
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin
+from aerodft.geometry import lat_lon
+from aerodft.model import FloatArray, GeoOrigin
 
 _SOUTHERNMOST_DEG, _NORTHERNMOST_DEG = -80.0, 84.0  # of UTM; the polar caps have a projection of their own
 _UPS_SOUTH, _UPS_NORTH = 32761, 32661

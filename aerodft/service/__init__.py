@@ -1,1 +1,30 @@
 """The pipeline and what it needs, behind ports; it knows no wire, no file and no wall clock."""
+
+from aerodft.service.arrivals import Pace, first_arrival_ns
+from aerodft.service.batches import Batches
+from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
+from aerodft.service.observers import LiveLook, LookCounts, LookedAt, Lookout
+from aerodft.service.outline_requests import standing_of
+from aerodft.service.outputs import ImageOutputs, Sink, StepOutputs
+from aerodft.service.pipeline import Counts, Pipeline
+from aerodft.service.ports import Clock, Feed, ImageObserver, ObjectTracker, Source
+from aerodft.service.settings import (
+    DEMAND_TILT_STD_RAD,
+    DRIFT,
+    OBJECTS,
+    RADIO_STATUS,
+    AttitudeSettings,
+    ErrorStd,
+    FixedMount,
+    HealthSettings,
+    HeightSettings,
+    LiveCalibration,
+    ObjectSettings,
+    PipelineSettings,
+    RiverLook,
+    SigningSettings,
+    TelemetrySettings,
+    WatchSettings,
+    ZoomSettings,
+)
+from aerodft.service.streams import LAST

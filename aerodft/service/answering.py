@@ -7,16 +7,23 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from aerodft.dft.measure import measure
-from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch
-from aerodft.dft.request import Request, Setup, linked
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.arrays import IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, HeightSwitch, PoseBatch, PoseSample, PoseStd
-from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, takes_pixels
-from aerodft.model.status import Status
+from aerodft.dft import NO_IMAGE, MeasurementBatch, Request, Setup, linked, measure
+from aerodft.geometry import camera_pose
+from aerodft.model import (
+    ASKED_KINDS,
+    Camera,
+    HeightSource,
+    HeightSwitch,
+    IntArray,
+    Observation,
+    PixelSource,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    Probe,
+    Status,
+    takes_pixels,
+)
 from aerodft.service.outline_requests import can_answer, request_of, unseen
 from aerodft.service.outputs import Estimate, ImageOutputs, ObservationOutputs, SingleOutput, StepOutputs
 from aerodft.service.pending import Task, WorkList

@@ -6,10 +6,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import IntArray
-from aerodft.model.image import ImageRows
-from aerodft.model.observation import Arrival
-from aerodft.model.telemetry import RawBlock
+from aerodft.model import Arrival, ImageRows, IntArray, RawBlock
 
 _MANY: Final = (RawBlock, ImageRows)
 _MOST_FRAMES: Final = 5000  # a second: ten and more vehicles

@@ -7,11 +7,19 @@ from itertools import groupby
 
 import numpy as np
 
-from aerodft.dft.measurement_batch import NO_IMAGE
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.image import Image, ImageRows, StampClock, joined_images
-from aerodft.model.observation import Arrival, Observation
-from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.dft import NO_IMAGE
+from aerodft.model import (
+    Arrival,
+    BoolArray,
+    Image,
+    ImageRows,
+    IntArray,
+    Observation,
+    RawBlock,
+    StampClock,
+    WireProtocol,
+    joined_images,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

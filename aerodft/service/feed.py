@@ -16,10 +16,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import IntArray
-from aerodft.model.image import Image
-from aerodft.model.observation import Arrival, Observation
-from aerodft.model.telemetry import RawBlock, WireProtocol
+from aerodft.model import Arrival, Image, IntArray, Observation, RawBlock, WireProtocol
 from aerodft.service.arrivals import arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
 from aerodft.service.batches import Batches
 from aerodft.service.ports import Clock, GatheredSource, Source

@@ -13,8 +13,7 @@ from typing import Self
 
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError
-from aerodft.model.image import Image
-from aerodft.model.observation import Event, Observation
+from aerodft.model import Event, Image, Observation
 from aerodft.service.ports import ImageObserver, Source
 
 _SLACK = 0.9  # of the period: a camera at exactly the rate jitters around it

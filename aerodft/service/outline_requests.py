@@ -6,16 +6,34 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.measurement_batch import MeasurementBatch, MeasurementColumn
-from aerodft.dft.quantities import KINDS
-from aerodft.dft.request import Request, Setup, zoomed
-from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseBatch
-from aerodft.model.probe import PixelSource, Probe, ProbeKind, takes_pixels
-from aerodft.model.status import CODE_OF, Status
+from aerodft.dft import (
+    EDGE_STD_PX,
+    KINDS,
+    MeasurementBatch,
+    MeasurementColumn,
+    Request,
+    Setup,
+    Standing,
+    corners_of,
+    down_in_image,
+    standing_box,
+    standing_outline,
+    zoomed,
+)
+from aerodft.model import (
+    CODE_OF,
+    Camera,
+    FloatArray,
+    IntArray,
+    Observation,
+    PixelSource,
+    Pose,
+    PoseBatch,
+    Probe,
+    ProbeKind,
+    Status,
+    takes_pixels,
+)
 
 _OF_STANDING: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
 

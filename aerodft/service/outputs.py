@@ -6,11 +6,8 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from aerodft.dft.measurement_batch import MeasurementBatch
-from aerodft.model.arrays import IntArray
-from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSwitch, PoseBatch
+from aerodft.dft import MeasurementBatch
+from aerodft.model import CalibrationEstimate, HeightSwitch, IntArray, Observation, PoseBatch, SteadinessEstimate
 from aerodft.service.batches import Batches
 
 Estimate: TypeAlias = CalibrationEstimate | SteadinessEstimate

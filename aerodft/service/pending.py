@@ -7,11 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.measurement_batch import NO_IMAGE
+from aerodft.dft import NO_IMAGE
 from aerodft.jit import njit
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
+from aerodft.model import BoolArray, IntArray, Observation, PoseSample
 
 _REMEMBERED: Final = 512  # an observation comes at most this many images after its own
 

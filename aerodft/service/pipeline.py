@@ -13,23 +13,28 @@ from typing import Any, Final
 
 import numpy as np
 
-from aerodft.dft.measure import measure
-from aerodft.dft.measurement_batch import NO_IMAGE
-from aerodft.dft.request import Request, Setup
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.health import Health
-from aerodft.model.image import Image, StampClock
-from aerodft.model.measurement import Measurement
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, HeightSwitch, PoseBatch, PoseSample
-from aerodft.model.status import Status
+from aerodft.dft import NO_IMAGE, Request, Setup, measure
+from aerodft.model import (
+    BoolArray,
+    Health,
+    HeightSource,
+    HeightSwitch,
+    Image,
+    IntArray,
+    Measurement,
+    Observation,
+    PoseBatch,
+    PoseSample,
+    StampClock,
+    Status,
+)
 from aerodft.service.answering import Answering, Helpers, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of
-from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.clocks import Ticks
 from aerodft.service.outputs import StepOutputs
 from aerodft.service.pending import Occasions, RecentImages, Task, WorkList, answer_in_order
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, TelemetryDecoder
-from aerodft.service.pose.source import PoseSource
+from aerodft.service.pose import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.streams import LAST
 

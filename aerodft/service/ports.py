@@ -3,13 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol, TypeVar, runtime_checkable
 
-from aerodft.dft.measurement_batch import MeasurementBatch
-from aerodft.dft.request import Setup
-from aerodft.model.arrays import IntArray
-from aerodft.model.image import Image
-from aerodft.model.observation import Arrival, Event, Observation
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.telemetry import RawBlock, Track
+from aerodft.dft import MeasurementBatch, Setup
+from aerodft.model import Arrival, Event, Image, IntArray, Observation, PoseBatch, PoseSample, RawBlock, Track
 from aerodft.service.batches import Batches
 from aerodft.service.outputs import Estimate
 

@@ -6,13 +6,20 @@ from pathlib import Path
 from typing import Final
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.ground import Ground
-from aerodft.model.camera import Camera, ZoomSource
-from aerodft.model.evidence import SurveyedLandmark
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseSample, PoseStd
-from aerodft.model.probe import Probe
-from aerodft.model.telemetry import ReportFrame
+from aerodft.geometry import Ground
+from aerodft.model import (
+    Camera,
+    GeoOrigin,
+    GimbalSource,
+    HeightSource,
+    PoseSample,
+    PoseStd,
+    Probe,
+    ProjectionModel,
+    ReportFrame,
+    SurveyedLandmark,
+    ZoomSource,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

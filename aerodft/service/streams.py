@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Brackets, brackets
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.geometry import Brackets, brackets
+from aerodft.model import BoolArray, FloatArray, IntArray
 
 HISTORY_NS: Final = 120 * SECOND_NS
 """How long samples are kept: longer than any image waits for its telemetry."""

@@ -14,12 +14,12 @@ import typer
 from rich.console import Console
 from rich.progress import Progress as Bar
 
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.telemetry.signing import load_key
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.telemetry import load_key
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, UsageError
-from aerodft.model.pose import PoseStd
-from aerodft.service.clocks.system_clock import WallClock
+from aerodft.model import PoseStd
+from aerodft.service.clocks import WallClock
 from aerodft.sim.live import Outlets, encoded, observation_publisher, perform, signed, udp_sender
 from aerodft.sim.scenario import Progress, Scenario, default_camera, generated, recorded, write_files
 from aerodft.sim.telemetry import Biases, Radio, drawn_biases

@@ -9,11 +9,11 @@ from urllib.parse import urlsplit
 
 import zenoh
 
-from aerodft.adapters.bus.session import session_on
-from aerodft.adapters.telemetry.signing import SignatureCheck, SigningState
+from aerodft.adapters.bus import session_on
+from aerodft.adapters.telemetry import SignatureCheck, SigningState
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError, UsageError
-from aerodft.service.ports import Clock
+from aerodft.service import Clock
 from aerodft.sim.observations import Sighting, sightings
 from aerodft.sim.scenario import Progress, Scenario, watched
 from aerodft.sim.telemetry import datagrams, received

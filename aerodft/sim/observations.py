@@ -9,12 +9,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.rotation import camera_angles, inverse, matrix
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
-from aerodft.model.probe import ProbeKind
+from aerodft.geometry import camera_angles, inverse, matrix, pixels_from_rays
+from aerodft.model import BoolArray, Camera, FloatArray, IntArray, Pose, ProbeKind
 from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import World
 

@@ -11,11 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.rotation import inverse, matrix
-from aerodft.model.arrays import FloatArray, ImageArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.geometry import inverse, matrix, pixels_from_rays, rays_from_pixels
+from aerodft.model import Camera, FloatArray, ImageArray, IntArray, Pose
 from aerodft.sim.river import River
 from aerodft.sim.shading import Rays, RiverFrame, Texels, shade, stamp
 from aerodft.sim.world import Marker, Walker, Wall, World

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.model.arrays import FloatArray
+from aerodft.model import FloatArray
 
 _NEWTON_STEPS = 12
 

@@ -14,20 +14,21 @@ import numpy as np
 import orjson
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document
-from aerodft.adapters.telemetry.logs import TlogSource
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.telemetry import TlogSource
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.geometry.geodesy import east_north, lat_lon
-from aerodft.geometry.rotation import camera_from_gimbal, inverse, multiply, slerp
-from aerodft.model.arrays import FloatArray, ImageArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import GeoOrigin
-from aerodft.model.telemetry import (
+from aerodft.geometry import camera_from_gimbal, east_north, inverse, lat_lon, multiply, slerp
+from aerodft.model import (
     NO_BOOT_TIME,
+    Camera,
     ClockTrack,
+    FloatArray,
+    GeoOrigin,
     GimbalTrack,
+    ImageArray,
+    IntArray,
     PositionTrack,
     RawBlock,
     Track,

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.jit import njit, njit_inline
-from aerodft.model.arrays import FloatArray, ImageArray, IntArray
+from aerodft.model import FloatArray, ImageArray, IntArray
 
 Rays: TypeAlias = npt.NDArray[np.float32]
 Texels: TypeAlias = npt.NDArray[np.int8]

@@ -10,10 +10,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.geometry.rotation import from_rotation_vector, multiply, yaw_pitch_roll
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import PoseStd
+from aerodft.geometry import from_rotation_vector, lat_lon, multiply, yaw_pitch_roll
+from aerodft.model import FloatArray, PoseStd
 from aerodft.sim.trajectory import Trajectory
 
 GIMBAL_FLAGS = (

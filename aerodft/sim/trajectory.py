@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from aerodft.geometry.rotation import (
+from aerodft.geometry import (
     camera_from_gimbal,
     from_rotation_vector,
     from_yaw_pitch_roll,
@@ -21,8 +21,7 @@ from aerodft.geometry.rotation import (
     to_rotation_vector,
     yaw_pitch_roll,
 )
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import GeoOrigin, Pose
+from aerodft.model import FloatArray, GeoOrigin, IntArray, Pose
 from aerodft.sim.river import River
 
 

@@ -13,7 +13,7 @@ from av.container import OutputContainer
 from av.video.stream import VideoStream
 
 from aerodft.errors import InputError
-from aerodft.model.arrays import ImageArray
+from aerodft.model import ImageArray
 
 FILE_TIME_BASE = Fraction(1, 1_000_000)
 STREAM_TIME_BASE = Fraction(1, 90_000)

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin
+from aerodft.model import FloatArray, GeoOrigin
 from aerodft.sim.river import River
 
 

@@ -15,14 +15,13 @@ from typing import Final
 import numpy as np
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.arrays import ImageArray
-from aerodft.model.camera import Camera
-from aerodft.service.clocks.system_clock import WallClock
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, ImageArray
+from aerodft.service.clocks import WallClock
 from aerodft.sim.live import Outlets, encoded, perform, udp_sender
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River

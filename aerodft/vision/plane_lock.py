@@ -19,14 +19,9 @@ import cv2
 import numpy as np
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX, SECOND_NS
-from aerodft.geometry.ground import Ground
-from aerodft.geometry.robust import robust_std
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.model.probe import Probe
-from aerodft.vision.common.keyframes import (
+from aerodft.geometry import Ground, robust_std
+from aerodft.model import BoolArray, Camera, FloatArray, Image, ImageArray, IntArray, Observation, Probe
+from aerodft.vision.common import (
     FEWEST,
     FREE,
     LAND_AS_BEFORE,
@@ -39,10 +34,13 @@ from aerodft.vision.common.keyframes import (
     Standpoint,
     Standpoints,
     Stillness,
+    StraightView,
     by_elements,
+    carried,
     change_between,
     changed,
     corners_of,
+    followed,
     foretold_cov,
     moved_on,
     nearest_px,
@@ -50,7 +48,6 @@ from aerodft.vision.common.keyframes import (
     share_moving,
     shift_cov,
 )
-from aerodft.vision.common.tracking import StraightView, carried, followed
 
 _STRAY_PX: Final = 1.0  # what is farther off moves by itself, or lies on something else
 _TOGETHER_PX: Final = 0.8

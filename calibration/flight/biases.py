@@ -12,13 +12,22 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.geometry.poses import pose_covariance
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, right_jacobian, rotate
-from aerodft.model.arrays import FloatArray, FloatLike, IntArray
-from aerodft.model.calibration import BIASES, Calibration
-from aerodft.model.pose import HORIZONTAL, TIME, HeightSource, Pose, PoseBatch, PoseSample, PoseStd
-from aerodft.service.settings import LiveCalibration, TelemetrySettings
+from aerodft.geometry import from_rotation_vector, lat_lon, matrix, multiply, pose_covariance, right_jacobian, rotate
+from aerodft.model import (
+    BIASES,
+    HORIZONTAL,
+    TIME,
+    Calibration,
+    FloatArray,
+    FloatLike,
+    HeightSource,
+    IntArray,
+    Pose,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+)
+from aerodft.service import LiveCalibration, TelemetrySettings
 
 _ANGLES: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _VALUES: Final = ("height_m", *_ANGLES, "east_m", "north_m", "time_s")

@@ -9,31 +9,42 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import BIASES
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import Evidence, EvidenceSet, Landmark, Prior
-from aerodft.model.measurement import ProjectionModel
+from aerodft.model import BIASES, Camera, Evidence, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
 from calibration.flight.state import OWN, ImagesState, SharedUnknowns, View
-from calibration.pose.descent import Loss, NormalEquations, Rows, descend, eliminated, own_steps
-from calibration.pose.residuals import Problem, Residuals, joined
-from calibration.pose.result import (
+from calibration.pose import (
+    BOUNDS,
     LIMIT,
+    ROBUST,
+    Fit,
     Leftover,
+    Loss,
+    NormalEquations,
     Observability,
     Outcome,
+    Problem,
+    Residuals,
+    Rows,
+    State,
+    Unknowns,
     above_ground,
+    coefficient_names,
     combined,
+    covariance_of,
+    descend,
     each_possible,
+    eliminated,
+    expanded,
+    goodness,
     ground_error_m,
+    joined,
     left_of_each,
     natural_size,
+    own_steps,
     rms_px,
     said,
     start_state,
+    without_outliers,
 )
-from calibration.pose.solve import ROBUST, Fit, covariance_of, goodness, without_outliers
-from calibration.pose.state import BOUNDS, State, Unknowns, coefficient_names, expanded
 
 _WORTH: Final = 4.0
 """A bias of which images tell less than half of this many of its prior's standard deviations is not told by them."""

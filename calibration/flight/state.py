@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.projection import INTRINSICS, ROTATION
-from aerodft.geometry.rotation import (
+from aerodft.dft import INTRINSICS, ROTATION
+from aerodft.geometry import (
     from_rotation_vector,
     inverse,
     matrix,
@@ -22,13 +22,10 @@ from aerodft.geometry.rotation import (
     slerp,
     to_rotation_vector,
 )
-from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import BIASES
-from aerodft.model.evidence import Evidence, Prior
-from aerodft.model.pose import Pose, PoseStd
-from aerodft.service.settings import ErrorStd
+from aerodft.model import BIASES, Evidence, FloatArray, Pose, PoseStd, Prior
+from aerodft.service import ErrorStd
 from calibration.flight.biases import ORDER, TIME_OFFSET, BiasedPoses, excess
-from calibration.pose.state import State, Unknowns
+from calibration.pose import State, Unknowns
 
 _APART_S = 0.02  # over twice this, motion is seen as even: about an interval between two attitudes
 _OWN = ("horizontal_m", "horizontal_m", "height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad")

@@ -13,11 +13,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.intrinsics import pixels_by_intrinsics
-from aerodft.geometry.lens import distorted_with_jacobian, rays_from_pixels
-from aerodft.geometry.rotation import skew
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.camera import Camera, CameraStd, LensModel
+from aerodft.geometry import distorted_with_jacobian, pixels_by_intrinsics, rays_from_pixels, skew
+from aerodft.model import Camera, CameraStd, FloatArray, IntArray, LensModel
 
 _MOST_STEPS = 100
 _SETTLED = 1e-12  # share by which the sum of squares may still fall

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from aerodft.errors import UsageError
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.vision.common.tracking import grey_of
+from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.vision.common import grey_of
 from calibration.lens.adjustment import View
 
 DEFAULT_CHARUCO: Final = "charuco:10x7:25mm:18mm:4X4_50"

@@ -14,12 +14,15 @@ from typing import Final
 import numpy as np
 
 from aerodft.errors import NoAnswerError
-from aerodft.geometry.intrinsics import rays_by_intrinsics
-from aerodft.geometry.lens import distorted_with_jacobian, pixels_from_rays, rays_from_pixels
-from aerodft.geometry.robust import robust_std
-from aerodft.geometry.rotation import skew
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera, LensModel
+from aerodft.geometry import (
+    distorted_with_jacobian,
+    pixels_from_rays,
+    rays_by_intrinsics,
+    rays_from_pixels,
+    robust_std,
+    skew,
+)
+from aerodft.model import Camera, FloatArray, LensModel
 from calibration.lens.adjustment import (
     Bundle,
     Corners,

@@ -21,14 +21,23 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import MarkerSighting, MarkerSurvey, Px, SurveyedMarker, marker_name
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.vision.common.tracking import grey_of
-from calibration.lens.board import dictionary, dictionary_names
+from aerodft.geometry import pixels_from_rays, rays_from_pixels
+from aerodft.model import (
+    BoolArray,
+    Camera,
+    FloatArray,
+    Image,
+    ImageArray,
+    IntArray,
+    MarkerSighting,
+    MarkerSurvey,
+    Observation,
+    Px,
+    SurveyedMarker,
+    marker_name,
+)
+from aerodft.vision.common import grey_of
+from calibration.lens import dictionary, dictionary_names
 from calibration.markers.geometry import SIZE, STDS, apparent_side
 
 _SAMPLES: Final = 24  # along an edge

@@ -8,12 +8,9 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtri, fdtri
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, Landmark, MarkerSighting, marker_name
-from calibration.pose.result import LIMIT, Result
-from calibration.pose.state import State
+from aerodft.geometry import pixels_from_rays, rays_from_pixels
+from aerodft.model import Camera, EvidenceSet, FloatArray, Landmark, MarkerSighting, marker_name
+from calibration.pose import LIMIT, Result, State
 
 SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
 STDS: Final = 5.0  # and what its corners' errors may add

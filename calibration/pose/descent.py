@@ -6,7 +6,7 @@ from typing import Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray
+from aerodft.model import FloatArray
 
 _MOST_STEPS: Final = 60
 _DAMPING, _LEAST, _MOST = 1e-4, 1e-12, 1e10

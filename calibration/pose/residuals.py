@@ -14,9 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from aerodft.dft.covariance import dependence, scalars
-from aerodft.dft.equations import vertical_angle
-from aerodft.dft.projection import (
+from aerodft.dft import (
     ELEVATION,
     FOCAL,
     INTRINSICS,
@@ -24,33 +22,42 @@ from aerodft.dft.projection import (
     PRINCIPAL_POINT,
     ROTATION,
     GroundPoints,
+    Sight,
+    dependence,
     pixel_directions,
     pixel_rays,
     project,
+    scalars,
     shared_count,
+    vertical_angle,
 )
-from aerodft.dft.quantities import Sight
-from aerodft.geometry.intrinsics import rays_by_intrinsics, reproject
-from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import camera_angles, cross, skew
-from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION
-from aerodft.model.arrays import FloatArray
-from aerodft.model.evidence import (
+from aerodft.geometry import (
+    EARTH_RADIUS_M,
+    STANDARD_REFRACTION,
+    camera_angles,
+    cross,
+    rays_by_intrinsics,
+    rays_with_jacobian,
+    reproject,
+    skew,
+)
+from aerodft.model import (
     Evidence,
     EvidenceSet,
+    FloatArray,
     GroundLines,
     GroundPoint,
     Horizon,
     KnownHeight,
     KnownLength,
     Landmark,
+    Pose,
+    ProbeKind,
+    ProjectionModel,
     Px,
     SlantRange,
     Vertical,
 )
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
-from aerodft.model.probe import ProbeKind
 from calibration.pose.descent import NormalEquations, Rows
 from calibration.pose.state import BOUNDS, State, Unknowns
 

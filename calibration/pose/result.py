@@ -12,25 +12,22 @@ from typing import Final, Generic, TypeVar
 
 import numpy as np
 
-from aerodft.dft.projection import INTRINSICS, POSITION, project
-from aerodft.geometry.ground import meet_level
-from aerodft.geometry.intrinsics import intrinsics_covariance
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import camera_angles, matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import (
+from aerodft.dft import INTRINSICS, POSITION, project
+from aerodft.geometry import camera_angles, intrinsics_covariance, matrix, meet_level, rays_from_pixels
+from aerodft.model import (
+    Camera,
     Evidence,
     EvidenceSet,
+    FloatArray,
     GroundLines,
     GroundPoint,
     Landmark,
+    Pose,
     Prior,
+    ProjectionModel,
     SlantRange,
     Vertical,
 )
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
 from calibration.pose.descent import Rows, used_rows
 from calibration.pose.residuals import Problem
 from calibration.pose.solve import Solution, covariance_of, solve

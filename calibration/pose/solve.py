@@ -14,10 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri, ndtri, stdtrit
 
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, inverse, matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.measurement import ProjectionModel
+from aerodft.geometry import camera_attitude, from_rotation_vector, inverse, matrix, rays_from_pixels
+from aerodft.model import FloatArray, ProjectionModel
 from calibration.pose.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend, used_rows
 from calibration.pose.residuals import Problem, Residuals
 from calibration.pose.state import State

@@ -7,11 +7,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION
-from aerodft.geometry.rotation import angles_of_matrix, camera_attitude, from_rotation_vector, matrix, multiply
-from aerodft.model.arrays import FloatArray, read_only
-from aerodft.model.camera import Camera, CameraStd, LensModel
-from aerodft.model.measurement import ProjectionModel
+from aerodft.dft import ELEVATION, INTRINSICS, ROTATION
+from aerodft.geometry import angles_of_matrix, camera_attitude, from_rotation_vector, matrix, multiply
+from aerodft.model import Camera, CameraStd, FloatArray, LensModel, ProjectionModel, read_only
 
 _COEFFICIENTS = {
     LensModel.BROWN: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),

@@ -12,11 +12,10 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import GimbalSource
-from aerodft.service.attitude.history import AttitudeHistory
-from aerodft.service.settings import AttitudeSettings
-from aerodft.vision.camera_motion.rotation import ImagePair, PlaneMotion, layered_motion, plane_motion
+from aerodft.model import FloatArray, GimbalSource, IntArray
+from aerodft.service import AttitudeSettings
+from aerodft.service.attitude import AttitudeHistory
+from aerodft.vision.camera_motion import ImagePair, PlaneMotion, layered_motion, plane_motion
 from calibration.sync.fit import (
     FEWEST_REPORTS,
     LAG,

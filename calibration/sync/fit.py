@@ -25,10 +25,9 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import maximum_filter1d
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
-from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.pose import GimbalSource
-from aerodft.vision.camera_motion.rotation import FREE, PlaneMotion, Turns, turns_over_plane
+from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
+from aerodft.model import BoolArray, FloatArray, GimbalSource
+from aerodft.vision.camera_motion import FREE, PlaneMotion, Turns, turns_over_plane
 from calibration.sync.motion import CameraMotion, CameraPath, Predicted, predicted
 
 MAX_DRIFT = 0.03

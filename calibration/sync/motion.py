@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.rotation import (
+from aerodft.geometry import (
     camera_from_gimbal,
     from_rotation_vector,
     from_yaw_pitch_roll,
@@ -21,13 +21,10 @@ from aerodft.geometry.rotation import (
     multiply,
     to_rotation_vector,
 )
-from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import ReportFrame
-from aerodft.service.attitude.attitude_kinematics import reference_of
-from aerodft.service.attitude.history import AttitudeHistory, AttitudeSeries
-from aerodft.service.settings import AttitudeSettings, FixedMount
-from aerodft.vision.camera_motion.rotation import ImagePair, PlaneMotion, Turns
+from aerodft.model import BoolArray, FloatArray, GimbalSource, ReportFrame
+from aerodft.service import AttitudeSettings, FixedMount
+from aerodft.service.attitude import AttitudeHistory, AttitudeSeries, reference_of
+from aerodft.vision.camera_motion import ImagePair, PlaneMotion, Turns
 
 _FEWEST = 20  # samples of a curve
 _SMOOTHNESS = tuple(10.0**power for power in range(-8, 2))  # s3; weights of the second derivative

@@ -13,7 +13,7 @@ import orjson
 
 from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.errors import InputError
-from replay.export.parquet import parquet_metadata
+from replay.export import parquet_metadata
 
 _KEY = "aerodft.key"
 _STATUSES = "aerodft.statuses"

@@ -20,11 +20,8 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
-from aerodft.geometry.geodesy import east_north
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.pose import GeoOrigin
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import CODES
+from aerodft.geometry import east_north
+from aerodft.model import CODES, BoolArray, FloatArray, GeoOrigin, IntArray, ProbeKind
 from replay.compare.pairing import PairBy, Pairing, pairing
 from replay.compare.probe_series import ProbeKey, Series, read_side
 

@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.station.loading import parse_station
+from aerodft.adapters.config.station import parse_station
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError
-from aerodft.model.arrays import IntArray
-from aerodft.service.clocks.camera_clock import ImageClock
+from aerodft.model import IntArray
+from aerodft.service.clocks import ImageClock
 from replay.compare.probe_series import NO_IMAGE, ProbeKey, Series, Side
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 
 _SAME_NS = 1000  # a stamp moved by one clock and back by another is off by nanoseconds
 _MOST_SHIFT_S: Final = 60.0  # more than a camera's clock is off

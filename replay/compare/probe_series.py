@@ -15,14 +15,11 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.wire import events
-from aerodft.dft.quantities import KINDS
+from aerodft.dft import KINDS
 from aerodft.errors import InputError, located
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import CODE_OF, Status
-from replay.export.parquet import parquet_rows
-from replay.export.table import LARGEST_NUMBER, Item, check_on_earth, parsed, row_of
-from replay.recordings.recording import Recording
+from aerodft.model import CODE_OF, FloatArray, IntArray, ProbeKind, Status
+from replay.export import LARGEST_NUMBER, Item, check_on_earth, parquet_rows, parsed, row_of
+from replay.recordings import Recording
 
 NO_IMAGE: Final = -1
 _TABLES: Final = frozenset({".csv", ".parquet"})

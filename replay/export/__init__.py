@@ -1,1 +1,15 @@
 """Recordings as tables, maps, videos and single files."""
+
+from replay.export.merging import merge_segments
+from replay.export.parquet import ParquetRows, parquet_metadata, parquet_rows
+from replay.export.table import (
+    LARGEST_NUMBER,
+    ExportFormat,
+    Item,
+    check_on_earth,
+    export_text,
+    parsed,
+    row_of,
+    time_utc,
+)
+from replay.export.video import Overlay, write_video

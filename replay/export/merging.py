@@ -19,16 +19,18 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.layout import MAGIC, RECORD_HEAD, ChunkBuffer, Registry, encoded
-from aerodft.adapters.recording.read.chunk_index import SegmentScan
-from aerodft.adapters.recording.read.chunks import ATTACHMENT_HEAD_BYTES, MOST_ATTACHMENTS, attachment_head
-from aerodft.adapters.recording.read.messages import ReadMessage
-from aerodft.adapters.recording.write.segment import PROFILE, Summary
+from aerodft.adapters.recording import MAGIC, RECORD_HEAD, Channel, ChunkBuffer, Registry, encoded
+from aerodft.adapters.recording.read import (
+    ATTACHMENT_HEAD_BYTES,
+    MOST_ATTACHMENTS,
+    ReadMessage,
+    SegmentScan,
+    attachment_head,
+)
+from aerodft.adapters.recording.write import PROFILE, Summary
 from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.errors import InputError
-from replay.recordings.recording import Recording
-from replay.recordings.segments import nearly_sorted
+from replay.recordings import Recording, nearly_sorted
 
 _MOST_METADATA_BYTES: Final = 4 << 20
 _HEAD: Final = struct.Struct("<BQ")

@@ -16,7 +16,7 @@ import orjson
 from aerodft.adapters.wire import bounded_json
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.errors import InputError
-from aerodft.model.probe import ProbeKind
+from aerodft.model import ProbeKind
 
 LARGEST_NUMBER: Final = 1e100
 """In a table: its square is finite."""

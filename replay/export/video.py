@@ -18,13 +18,9 @@ from PIL import ImageDraw, ImageFont
 from aerodft.adapters.wire import events
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.image import Image
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
+from aerodft.model import FloatArray, Image, ImageArray, ProbeKind, Status
 from replay.export.table import Item, parsed, row_of, time_utc
-from replay.recordings.pixels import PixelStore
-from replay.recordings.recording import Recording
+from replay.recordings import PixelStore, Recording
 
 LEAST_HEIGHT_PX: Final = 480
 """Smaller images are enlarged, so that what is written in them can be read."""

@@ -10,12 +10,10 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega
 
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES
-from aerodft.adapters.telemetry.mavlink.framing import Cut, FrameCounts, StreamFramer
-from aerodft.adapters.telemetry.mavlink.kernels import SIGNATURE, SIGNED, V1, V2
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V1, V2, Cut, FrameCounts, StreamFramer
 from aerodft.adapters.wire import bounded_json
-from aerodft.model.arrays import IntArray
+from aerodft.model import IntArray
 from replay.foreign.kinds import JSON, ROS1, type_of
 from replay.foreign.ros_fields import Fields
 

@@ -11,12 +11,12 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording import Channel
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.adapters.wire import bounded_json
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
-from aerodft.model.camera import Camera, LensModel
+from aerodft.model import Camera, LensModel
 from replay.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
 from replay.foreign.ros_fields import Fields
 

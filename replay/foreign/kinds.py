@@ -4,7 +4,7 @@ import re
 from enum import StrEnum
 from typing import Final
 
-from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording import Channel
 
 JSON, PROTOBUF, CDR, ROS1 = "json", "protobuf", "cdr", "ros1"
 _READABLE: Final = frozenset({JSON, PROTOBUF, CDR, ROS1})

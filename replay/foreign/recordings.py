@@ -17,25 +17,19 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from PIL import Image as PillowImage
 
-from aerodft.adapters.config.station.inputs import Topics
-from aerodft.adapters.images.pixels import FramePixels, PacketDecoder, StillPixels
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.read.chunk_index import SegmentScan
-from aerodft.adapters.recording.read.messages import ReadMessage
-from aerodft.adapters.recording.read.scanning import scan_segment
-from aerodft.adapters.telemetry.mavlink.framing import FrameCounts, StreamFramer
+from aerodft.adapters.config.station import Topics
+from aerodft.adapters.images import FramePixels, PacketDecoder, StillPixels
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording.read import ReadMessage, SegmentScan, scan_segment
+from aerodft.adapters.telemetry.mavlink import FrameCounts, StreamFramer
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image, StampClock
-from aerodft.model.observation import Event
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.arrivals import Pace, first_arrival_ns
+from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
+from aerodft.service import Pace, first_arrival_ns
 from replay.foreign.frames import FrameReader
 from replay.foreign.images import Picture, read_camera, read_picture
 from replay.foreign.kinds import JSON, Kind, kind_of
-from replay.recordings.recording import Recording
-from replay.recordings.segments import channels_of, is_mcap, messages_of, numbered
+from replay.recordings import Recording, channels_of, is_mcap, messages_of, numbered
 
 if TYPE_CHECKING:
     import av

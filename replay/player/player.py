@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from aerodft.conventions import SECOND_NS
-from aerodft.service.clocks.log_span import PAUSE_NS
-from aerodft.service.ports import Clock
+from aerodft.service import Clock
+from aerodft.service.clocks import PAUSE_NS
 from replay.player.timeline import Item
 
 _SLICE_NS = SECOND_NS // 50  # how long a key may wait

@@ -19,28 +19,32 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError, Message
 
-from aerodft.adapters.images.jpeg import encode_jpeg
-from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.read.messages import ReadMessage
-from aerodft.adapters.telemetry.mavlink.kernels import V1, V2
-from aerodft.adapters.telemetry.mavlink.transport import Transport
+from aerodft.adapters.images import FramePixels, PacketDecoder, encode_jpeg
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording.read import ReadMessage
+from aerodft.adapters.telemetry.mavlink import V1, V2, Transport
 from aerodft.adapters.wire import bounded_json, estimate, events, height, measurement, pose, status
 from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.keys import Keys, key_part
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model.image import Image, StampClock
-from aerodft.model.telemetry import WireProtocol
-from replay.foreign.frames import FrameReader
-from replay.foreign.images import NANOSECONDS, SECONDS, read_picture
-from replay.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of
-from replay.foreign.recordings import ForeignRecording
+from aerodft.model import Image, StampClock, WireProtocol
+from replay.foreign import (
+    CDR,
+    JSON,
+    NANOSECONDS,
+    PROTOBUF,
+    ROS1,
+    SECONDS,
+    ForeignRecording,
+    FrameReader,
+    Kind,
+    kind_of,
+    read_picture,
+)
 from replay.player.timeline import AnyRecording, Item, name_of
-from replay.recordings.pixels import jpeg_of
-from replay.recordings.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
-from replay.recordings.segments import channels_of
+from replay.recordings import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording, channels_of, jpeg_of
 
 Shift = Callable[[bytes, int], bytes]
 _STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d{1,20})(")')

@@ -6,15 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.read.chunk_index import SegmentScan
-from aerodft.adapters.recording.read.messages import ReadMessage, content_bytes
-from aerodft.adapters.recording.read.messages import Wanted as ChannelWanted
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording.read import ReadMessage, SegmentScan, content_bytes
+from aerodft.adapters.recording.read import Wanted as ChannelWanted
 from aerodft.adapters.wire import events
 from aerodft.conventions import SECOND_NS
-from replay.foreign.recordings import ForeignRecording
-from replay.recordings.recording import Recording
-from replay.recordings.segments import channels_of, in_time, messages_of, nearly_sorted
+from replay.foreign import ForeignRecording
+from replay.recordings import Recording, channels_of, in_time, messages_of, nearly_sorted
 
 _APART_NS: Final = SECOND_NS  # what recorders put off writing
 _MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them

@@ -8,15 +8,11 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.images.jpeg import decode_jpeg
-from aerodft.adapters.images.pixels import FramePixels, PacketDecoder
-from aerodft.adapters.recording.read.chunk_index import ChunkPlace, SegmentScan
-from aerodft.adapters.recording.read.messages import ChunkReader, ReadMessage
-from aerodft.adapters.recording.read.scanning import log_times
-from aerodft.adapters.recording.write.records import image_sequence
+from aerodft.adapters.images import FramePixels, PacketDecoder, decode_jpeg
+from aerodft.adapters.recording.read import ChunkPlace, ChunkReader, ReadMessage, SegmentScan, log_times
+from aerodft.adapters.recording.write import image_sequence
 from aerodft.errors import InputError
-from aerodft.model.arrays import ImageArray
-from aerodft.model.image import Image
+from aerodft.model import Image, ImageArray
 from replay.recordings.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.recordings.segments import channels_of
 

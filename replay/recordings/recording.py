@@ -8,10 +8,8 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from aerodft.adapters.file_kind import looks_like
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.read.chunk_index import SegmentScan
-from aerodft.adapters.recording.read.messages import ChunkTable, ReadMessage, Wanted
-from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording.read import ChunkTable, ReadMessage, SegmentScan, Wanted, scan_segment
 from aerodft.adapters.wire import measurement
 from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.adapters.wire.schemas import SCHEMAS

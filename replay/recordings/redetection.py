@@ -6,12 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import STEADY
-from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Event, Observation
-from aerodft.service.observers import LookCounts, LookedAt, Lookout
-from aerodft.service.ports import ImageObserver, Source
+from aerodft.model import STEADY, VISION, Event, FloatArray, Image, Observation
+from aerodft.service import ImageObserver, LookCounts, LookedAt, Lookout, Source
 
 _SAME_PX: Final = 1.0  # two references' corners that are one
 _Key = tuple[str, int]

@@ -9,10 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.layout import MAGIC
-from aerodft.adapters.recording.read.chunk_index import ChunkPlace, SegmentScan
-from aerodft.adapters.recording.read.messages import ChunkReader, ChunkTable, ReadMessage, Wanted
+from aerodft.adapters.recording import MAGIC, Channel
+from aerodft.adapters.recording.read import ChunkPlace, ChunkReader, ChunkTable, ReadMessage, SegmentScan, Wanted
 
 
 def numbered(path: Path) -> tuple[list[int], str]:

@@ -7,17 +7,14 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from aerodft.adapters.recording.channels import SENDER_KEY, Channel
-from aerodft.adapters.recording.read.messages import ChunkTable, is_one_of
+from aerodft.adapters.recording import SENDER_KEY, Channel
+from aerodft.adapters.recording.read import ChunkTable, is_one_of
 from aerodft.adapters.wire import events
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
-from aerodft.model.arrays import IntArray
-from aerodft.model.image import Image, ImageRows
-from aerodft.model.observation import Arrival, Event, Observation
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.arrivals import first_arrival_ns
+from aerodft.model import Arrival, Event, Image, ImageRows, IntArray, Observation, RawBlock, WireProtocol
+from aerodft.service import first_arrival_ns
 from replay.recordings.pixels import PixelStore
 from replay.recordings.recording import Recording
 

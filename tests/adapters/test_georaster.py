@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 from pyproj import CRS, Geod, Transformer
 
-from aerodft.dft.maps.orthophoto import TopView
+from aerodft.dft.maps import TopView
 from aerodft.errors import InputError
-from aerodft.geometry.geodesy import lat_lon
-from aerodft.model.pose import GeoOrigin
+from aerodft.geometry import lat_lon
+from aerodft.model import GeoOrigin
 from aerodft.reports.georaster import georeference, map_projection, write_top_view
 
 MILLIMETRE = 1e-3

@@ -12,10 +12,9 @@ from pyproj import CRS, Transformer
 from aerodft.adapters import terrain
 from aerodft.adapters.terrain import load_elevation
 from aerodft.errors import InputError
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.terrain import Terrain, elevation_at
-from aerodft.model.pose import GeoOrigin
-from aerodft.model.status import CODES, Status
+from aerodft.geometry import Plane, Terrain
+from aerodft.geometry.terrain import elevation_at
+from aerodft.model import CODES, GeoOrigin, Status
 
 rasterio = pytest.importorskip("rasterio", reason="the extra terrain is not installed")
 affine = pytest.importorskip("affine", reason="the extra terrain is not installed")

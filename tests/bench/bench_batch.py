@@ -18,8 +18,7 @@ from pathlib import Path
 
 from aerodft.cli.main import main as aerodft
 from aerodft.cli.recompute_many import Many, recompute_rows
-from replay.batch.cluster import Job, Outcome, State, jobs_of, run_batch
-from replay.batch.dataset import Dataset
+from replay.batch import Dataset, Job, Outcome, State, jobs_of, run_batch
 
 MOST = 0.6
 

@@ -18,14 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, Landmark, Prior
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.residuals import Problem
-from calibration.pose.result import calibrate
+from aerodft.geometry import rays_from_pixels
+from aerodft.model import Camera, EvidenceSet, Landmark, Prior, ProjectionModel
+from calibration.pose import Problem, State, Unknowns, calibrate
 from calibration.pose.solve import solve
-from calibration.pose.state import State, Unknowns
 
 HERE = Path(__file__).parent
 CAMERA = Camera(name="bench", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1500.0, cx_px=959.5, cy_px=539.5)

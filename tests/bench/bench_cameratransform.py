@@ -19,15 +19,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.dft.maps.ground_points import GroundMap
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup
+from aerodft.dft.maps import GroundMap
+from aerodft.geometry import camera_pose, matrix, pixels_from_rays
+from aerodft.model import Camera, Pose, PoseSample, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 PEER = "cameratransform==1.2.1"

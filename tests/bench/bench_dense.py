@@ -8,11 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodft.dft.maps.depth import depth_map
-from aerodft.dft.maps.ground_points import GroundMap
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.dft.maps import GroundMap, depth_map
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, Pose
 
 SINGLES = 5000
 

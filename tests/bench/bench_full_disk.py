@@ -22,9 +22,9 @@ import orjson
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.adapters.bus.session import session_on
-from aerodft.adapters.recording.recover.recovery import recover_folder
-from replay.recordings.recording import Recording
+from aerodft.adapters.bus import session_on
+from aerodft.adapters.recording.recover import recover_folder
+from replay.recordings import Recording
 from tests.faults.live_flight import Flight
 from tests.ports import free_endpoint
 

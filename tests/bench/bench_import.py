@@ -12,16 +12,17 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from aerodft.adapters.config.station.loading import load_station
+from aerodft.adapters.config.station import load_station
 from aerodft.cli.flight import open_flight
 from aerodft.cli.import_ import import_
 from aerodft.cli.recompute import recompute
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.wiring import build_pipeline, run
-from aerodft.service.feed import MergedFeed
+from aerodft.service import MergedFeed
+from aerodft.sim import Autopilot, datagrams
 from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import Autopilot, datagrams, write_tlog
+from aerodft.sim.telemetry import write_tlog
 from aerodft.sim.trajectory import survey
 from aerodft.sim.world import DEFAULT_ORIGIN
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from pymavlink import mavutil
 
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
-from aerodft.model.telemetry import VehicleTrack
-from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.feed import Inbox
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder, MavlinkLink
+from aerodft.model import VehicleTrack
+from aerodft.service import Inbox
+from aerodft.service.clocks import WallClock
 
 HOST = "127.0.0.1"
 SENDER = Path(__file__).with_name("peer_sender.py")

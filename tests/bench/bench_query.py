@@ -19,7 +19,7 @@ import zenoh
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.bus import session_on
 from tests.ports import free_endpoint
 
 GOAL_MS = 10.0

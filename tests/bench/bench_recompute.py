@@ -25,19 +25,18 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.config.station.loading import load_station
-from aerodft.adapters.images.rate import RateSource
-from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.config.station import load_station
+from aerodft.adapters.images import RateSource
+from aerodft.adapters.telemetry import TlogSource
 from aerodft.cli.recompute import recompute
 from aerodft.cli.wiring import Late, build_recorder
-from aerodft.model.camera import Camera
-from aerodft.model.observation import Observation
-from aerodft.service.feed import MergedFeed
-from aerodft.service.outputs import StepOutputs
+from aerodft.model import Camera, Observation
+from aerodft.service import MergedFeed, StepOutputs
+from aerodft.sim import Autopilot, Waypoint, datagrams, fly
 from aerodft.sim.observations import pixels_of
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import Autopilot, Datagram, datagrams, write_tlog
-from aerodft.sim.trajectory import Trajectory, Waypoint, fly
+from aerodft.sim.telemetry import Datagram, write_tlog
+from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import DEFAULT_ORIGIN
 
 BENCH_IMPORT = runpy.run_path(str(Path(__file__).with_name("bench_import.py")))

@@ -18,19 +18,13 @@ from mcap.writer import CompressionType, Writer
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.bus import session_on
 from aerodft.adapters.wire import events, measurement
 from aerodft.adapters.wire.measurement import encode_measurement
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from replay.player.player import Player
-from replay.player.publish import Republisher, is_published
-from replay.player.timeline import timeline
-from replay.recordings.recording import Recording
+from aerodft.geometry import camera_attitude
+from aerodft.model import Image, Measurement, Pose, PoseSample, ProbeKind, ProjectionModel, Status
+from replay.player import Player, Republisher, is_published, timeline
+from replay.recordings import Recording
 from tests.clock import VirtualClock
 
 START_NS, STEP_NS = 1_795_221_278_000_000_000, 5_000_000

@@ -12,13 +12,13 @@ import cv2
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from aerodft.dft.request import Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.pose import PoseStd
+from aerodft.dft import Setup
+from aerodft.geometry import camera_pose
+from aerodft.model import PoseStd
+from aerodft.sim import default_camera
 from aerodft.sim.river import River as SimulatedRiver
-from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import furnished
-from aerodft.vision.river.observer import River, RiverQuestion, find_river
+from aerodft.vision.river import River, RiverQuestion, find_river
 from tests.waterside import Waterside, WatersideRenderer
 
 PARTS = {

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document, load_camera
-from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.config.camera import camera_document, load_camera
+from aerodft.adapters.images import VideoFileSource
 from aerodft.cli.sync_run import run_sync
 from aerodft.errors import NoAnswerError
-from aerodft.service.settings import TelemetrySettings
-from calibration.sync.alignment import Alignment
+from aerodft.service import TelemetrySettings
+from calibration.sync import Alignment
 
 HERE = Path(__file__).parent
 SIGMAS_95 = 1.96

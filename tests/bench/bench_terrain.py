@@ -6,12 +6,8 @@ import time
 
 import numpy as np
 
-from aerodft.geometry.ground import jacobians, meet_level
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import camera_attitude, matrix
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.camera import Camera
-from aerodft.model.status import CODE_OF, Status
+from aerodft.geometry import ElevationGrid, Terrain, camera_attitude, jacobians, matrix, meet_level, rays_from_pixels
+from aerodft.model import CODE_OF, Camera, Status
 
 CAMERA_ENU_M = np.array([0.0, 0.0, 120.0])
 SINGLES = 200

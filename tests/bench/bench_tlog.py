@@ -11,9 +11,8 @@ from pathlib import Path
 
 from pymavlink import mavutil
 
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder, open_log
-from aerodft.adapters.telemetry.logs import TlogSource
-from aerodft.model.telemetry import RawBlock
+from aerodft.adapters.telemetry import CompositeDecoder, TlogSource, open_log
+from aerodft.model import RawBlock
 
 SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
 USED = [

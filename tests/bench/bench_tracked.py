@@ -14,15 +14,12 @@ import cv2
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.image import Image
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.settings import ObjectSettings
+from aerodft.geometry import camera_pose
+from aerodft.model import Image, PixelSource, PoseSample, Probe, ProbeKind, Status
+from aerodft.service import ObjectSettings
+from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
-from aerodft.sim.scenario import default_camera
 from aerodft.sim.trajectory import survey
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 from aerodft.sim.yard import YARD, yard_flight

@@ -6,7 +6,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from calibration.lens.board import BoardKind, draw_board
+from calibration.lens import draw_board
+from calibration.lens.board import BoardKind
 
 SQUARE_TEXELS = 32
 WHITE_SQUARES = 0.8  # of a square: the margin around the board

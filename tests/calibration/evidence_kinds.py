@@ -6,9 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from aerodft.geometry.rotation import from_rotation_vector, multiply
-from aerodft.model.camera import LensModel
-from aerodft.model.evidence import KnownLength, Landmark, SlantRange
+from aerodft.geometry import from_rotation_vector, multiply
+from aerodft.model import KnownLength, Landmark, LensModel, SlantRange
 from calibration.pose.residuals import Distances, Found
 from calibration.pose.residuals import condition_of as condition_alone
 from tests.truth.calibration_scenes import ImpossibleError, World

@@ -7,11 +7,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodft.model.calibration import BIASES
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import Landmark, Prior
-from aerodft.model.pose import Pose
-from calibration.flight.state import PoseTrack, View
+from aerodft.model import BIASES, Camera, Landmark, Pose, Prior
+from calibration.flight import PoseTrack, View
 
 DEG = math.radians(1.0)
 CAMERA = Camera(

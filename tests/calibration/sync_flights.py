@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.pose import PoseStd
+from aerodft.model import PoseStd
+from aerodft.sim import Autopilot, Waypoint, datagrams, default_camera, fly
 from aerodft.sim.render import Imaging
 from aerodft.sim.river import River
-from aerodft.sim.scenario import EPOCH_NS, Scenario, default_camera
-from aerodft.sim.telemetry import Autopilot, Radio, datagrams, drawn_biases, received, write_tlog
-from aerodft.sim.trajectory import Trajectory, Waypoint, fly, survey
+from aerodft.sim.scenario import EPOCH_NS, Scenario
+from aerodft.sim.telemetry import Radio, drawn_biases, received, write_tlog
+from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.video import write_video
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
 

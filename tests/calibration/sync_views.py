@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
-from aerodft.model.camera import Camera
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import ReportFrame
-from aerodft.service.attitude.history import AttitudeHistory, AttitudeSeries
+from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
+from aerodft.model import Camera, GimbalSource, ReportFrame
+from aerodft.service.attitude import AttitudeHistory, AttitudeSeries
 from aerodft.sim.trajectory import Trajectory, heading_wxyz
-from aerodft.vision.camera_motion.rotation import ImagePair, Matches, matches_of
+from aerodft.vision.camera_motion import ImagePair
+from aerodft.vision.camera_motion.rotation import Matches, matches_of
 
 CAMERA = Camera(name="views", width_px=640, height_px=360, fx_px=532.0, fy_px=532.0, cx_px=319.5, cy_px=179.5)
 REPORT_HZ = 20.0

@@ -8,12 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import camera_angles
-from aerodft.model.calibration import BiasValues, Calibration
-from aerodft.model.pose import PoseBatch, PoseSample, PoseStd
-from aerodft.model.status import Status
-from calibration.flight.biases import BiasCalibrator
+from aerodft.geometry import camera_angles, camera_pose
+from aerodft.model import BiasValues, Calibration, PoseBatch, PoseSample, PoseStd, Status
+from calibration.flight import BiasCalibrator
 
 DEG = math.pi / 180
 STD = PoseStd(

@@ -9,13 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.projection import project
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import GroundPoint, KnownHeight, KnownLength, Landmark, SlantRange
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
+from aerodft.dft import project
+from aerodft.model import Camera, GroundPoint, KnownHeight, KnownLength, Landmark, Pose, ProjectionModel, SlantRange
+from calibration.pose import State, Unknowns
 from calibration.pose.residuals import Distances
-from calibration.pose.state import State, Unknowns
 
 from .evidence_kinds import (
     KINDS,

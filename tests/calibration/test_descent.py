@@ -5,12 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from aerodft.model.evidence import EvidenceSet
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.descent import Loss, descend
-from calibration.pose.residuals import Problem, Residuals
-from calibration.pose.solve import ROBUST
-from calibration.pose.state import Unknowns
+from aerodft.model import EvidenceSet, ProjectionModel
+from calibration.pose import ROBUST, Loss, Problem, Residuals, Unknowns, descend
 from tests.truth.calibration_sets import Task, drawn, landmarks, lengths, ranges, together
 
 OWNER = np.array([0, 0, 1, 2, 2, 2, -1])

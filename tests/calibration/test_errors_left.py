@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.model.evidence import EvidenceSet
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.residuals import Problem
-from calibration.pose.result import ground_error_m, leftovers, rms_px, steps_without_each
+from aerodft.model import EvidenceSet, ProjectionModel
+from calibration.pose import Problem, Unknowns, ground_error_m, rms_px
+from calibration.pose.result import leftovers, steps_without_each
 from calibration.pose.solve import solve
-from calibration.pose.state import Unknowns
 from tests.truth.calibration_sets import TASKS, Task, drawn, landmarks, ranges, solved
 from tests.truth.scenes import opencv_pixels, opencv_rays
 

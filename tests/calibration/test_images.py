@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.model.calibration import BIASES
-from aerodft.model.evidence import Landmark, Prior, SlantRange
-from aerodft.model.measurement import ProjectionModel
-from calibration.flight.result import ImagesProblem, calibrate_images, solve_images
+from aerodft.model import BIASES, Landmark, Prior, ProjectionModel, SlantRange
+from calibration.flight import calibrate_images
+from calibration.flight.result import ImagesProblem, solve_images
 from calibration.flight.state import OWN, ImagesState, SharedUnknowns
-from calibration.pose.descent import NormalEquations
-from calibration.pose.result import LIMIT, start_state
+from calibration.pose import LIMIT, NormalEquations, start_state
 
 from .image_flights import CAMERA, DEG, NOISE, SHARE, STD, Flight, drawn
 
@@ -118,7 +116,7 @@ def test_an_even_turn_does_not_tell_heading_from_time():
 
 def turned(track):
     """The same pose in the middle, turning clockwise by 0.3 rad/s about the vertical."""
-    from aerodft.geometry.rotation import from_rotation_vector, multiply  # noqa: PLC0415
+    from aerodft.geometry import from_rotation_vector, multiply  # noqa: PLC0415
 
     about = np.zeros((len(track.offset_s), 3))
     about[:, 2] = -0.3 * track.offset_s
@@ -166,7 +164,7 @@ def test_without_an_observation_is_as_a_fit_that_never_saw_it():
     views = Flight(drawn(np.random.default_rng(1)), images=4, landmarks=4).views(np.random.default_rng(11))
     whole = calibrate_images(views, PRIORS, CAMERA, ASKED)
     less = (replace(views[0], evidence=views[0].evidence[1:]), *views[1:])
-    from calibration.pose.result import ground_error_m  # noqa: PLC0415
+    from calibration.pose import ground_error_m  # noqa: PLC0415
 
     again = calibrate_images(less, PRIORS, CAMERA, ASKED)
     expected = ground_error_m(again.solution.cameras[0], views[0].evidence[0])

@@ -6,21 +6,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.model.camera import LensModel
-from calibration.lens.adjustment import (
-    Bundle,
-    Corners,
-    View,
-    adjust,
-    camera_guess,
-    covariance,
-    intrinsics_of,
-    residuals_px,
-    with_intrinsics,
-)
-from calibration.lens.board import parse_board
-from calibration.lens.solution import LensChoice, ray_std_px, solve_lens
+from aerodft.geometry import pixels_from_rays, rays_from_pixels
+from aerodft.model import LensModel
+from calibration.lens import LensChoice, View, intrinsics_of, parse_board, ray_std_px, solve_lens
+from calibration.lens.adjustment import Bundle, Corners, adjust, camera_guess, covariance, residuals_px, with_intrinsics
 
 from .board_pictures import STOP, TrueCamera
 

@@ -6,7 +6,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodft.errors import UsageError
-from calibration.lens.board import DEFAULT_CHARUCO, BoardFinder, BoardKind, draw_board, parse_board, suggestion
+from calibration.lens import DEFAULT_CHARUCO, BoardFinder, draw_board, parse_board, suggestion
+from calibration.lens.board import BoardKind
 
 from .board_pictures import TrueCamera, picture, poses
 

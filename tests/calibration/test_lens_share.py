@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.projection import project
-from aerodft.model.camera import CameraStd
-from aerodft.model.evidence import Prior
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
-from calibration.pose.descent import descend
-from calibration.pose.residuals import Problem
-from calibration.pose.result import calibrate
+from aerodft.dft import project
+from aerodft.model import CameraStd, Pose, Prior, ProjectionModel
+from calibration.pose import Problem, calibrate, descend
 from tests.truth.calibration_sets import Task, drawn, heights, horizon, landmarks, together
 
 POSE = ("east", "north", "height", "tilt", "roll", "heading")

@@ -9,11 +9,20 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from aerodft.errors import NoAnswerError
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.model.camera import Camera
-from calibration.lens.adjustment import View, intrinsics_of, with_intrinsics
-from calibration.lens.board import parse_board
-from calibration.lens.solution import LensChoice, choose, distortion_px, missing, ray_std_px, solve_lens
+from aerodft.geometry import pixels_from_rays, rays_from_pixels
+from aerodft.model import Camera
+from calibration.lens import (
+    LensChoice,
+    View,
+    choose,
+    distortion_px,
+    intrinsics_of,
+    missing,
+    parse_board,
+    ray_std_px,
+    solve_lens,
+)
+from calibration.lens.adjustment import with_intrinsics
 
 from .board_pictures import TrueCamera, poses
 

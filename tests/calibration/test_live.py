@@ -12,17 +12,21 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.intrinsics import intrinsics_covariance, reproject
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
-from aerodft.model.calibration import BiasValues, Calibration
-from aerodft.model.camera import CameraStd
-from aerodft.model.evidence import SurveyedLandmark
-from aerodft.model.observation import Observation
-from aerodft.model.pose import GeoOrigin, HeightSource, PoseBatch, PoseSample, PoseStd
-from aerodft.model.status import Status
-from aerodft.service.settings import (
+from aerodft.geometry import camera_pose, intrinsics_covariance, matrix, pixels_from_rays, reproject
+from aerodft.model import (
+    BiasValues,
+    Calibration,
+    CameraStd,
+    GeoOrigin,
+    HeightSource,
+    Observation,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    Status,
+    SurveyedLandmark,
+)
+from aerodft.service import (
     AttitudeSettings,
     ErrorStd,
     HeightSettings,
@@ -30,8 +34,8 @@ from aerodft.service.settings import (
     PipelineSettings,
     TelemetrySettings,
 )
-from aerodft.sim.scenario import default_camera
-from calibration.flight.biases import BiasCalibrator
+from aerodft.sim import default_camera
+from calibration.flight import BiasCalibrator
 from calibration.live import BiasModel, LiveCalibrator
 
 DEG = math.pi / 180

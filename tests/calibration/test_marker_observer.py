@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from aerodft.errors import InputError
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import MarkerSurvey, SurveyedMarker
-from aerodft.model.image import Image, StampClock
-from calibration.markers.detection import CameraPlace, MarkerObserver
+from aerodft.model import Camera, Image, MarkerSurvey, StampClock, SurveyedMarker
+from calibration.markers import CameraPlace, MarkerObserver
 
 from .marker_pictures import Lens, View, flat, picture
 

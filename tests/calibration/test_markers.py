@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import MarkerSurvey, SurveyedMarker
-from calibration.markers.detection import LEAST_STD_PX, find_markers, other_dictionary
+from aerodft.model import Camera, MarkerSurvey, SurveyedMarker
+from calibration.markers import find_markers, other_dictionary
+from calibration.markers.detection import LEAST_STD_PX
 
 from .marker_pictures import Lens, View, flat, picture, upright
 

@@ -9,10 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.model.evidence import EvidenceSet, Landmark, Prior
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.residuals import OUT_OF_SIGHT, Problem
-from calibration.pose.state import Unknowns, coefficient_names
+from aerodft.model import EvidenceSet, Landmark, Prior, ProjectionModel
+from calibration.pose import OUT_OF_SIGHT, Problem, Unknowns, coefficient_names
 from tests.truth.scenes import opencv_pixels
 
 from .evidence_kinds import KINDS, LENSES, central, nearby, off_by, scene, with_stds

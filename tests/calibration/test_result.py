@@ -7,15 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.projection import project
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.camera import Camera, CameraMode, LensModel
-from aerodft.model.evidence import EvidenceSet, Horizon, Prior, Vertical
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
-from calibration.pose.descent import descend
-from calibration.pose.residuals import Problem
-from calibration.pose.result import calibrate, unknowns_of
+from aerodft.dft import project
+from aerodft.geometry import camera_attitude
+from aerodft.model import Camera, CameraMode, EvidenceSet, Horizon, LensModel, Pose, Prior, ProjectionModel, Vertical
+from calibration.pose import Problem, calibrate, descend, unknowns_of
 from tests.truth.calibration_scenes import World
 from tests.truth.calibration_sets import DEG, TASKS, Task, drawn, landmarks, ranges, together
 

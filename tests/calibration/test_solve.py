@@ -8,11 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import kstest
 
-from aerodft.model.evidence import EvidenceSet, Prior
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.residuals import Problem
+from aerodft.model import EvidenceSet, Prior, ProjectionModel
+from calibration.pose import Problem, Unknowns
 from calibration.pose.solve import solve
-from calibration.pose.state import Unknowns
 from tests.truth.calibration_scenes import World
 from tests.truth.calibration_sets import (
     DEG,

@@ -2,11 +2,8 @@
 
 import numpy as np
 
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, Landmark
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.residuals import Problem
-from calibration.pose.result import start_state, unknowns_of
+from aerodft.model import Camera, EvidenceSet, Landmark, ProjectionModel
+from calibration.pose import Problem, start_state, unknowns_of
 from calibration.pose.solve import placed
 
 CAMERA = Camera(name="field", width_px=1920, height_px=1080, fx_px=1600.0, fy_px=1600.0, cx_px=959.5, cy_px=539.5)

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.geometry.rotation import camera_angles, inverse, multiply, to_rotation_vector
-from aerodft.model.camera import Camera
-from calibration.pose.state import BOUNDS, State, Unknowns, coefficient_names, expanded
+from aerodft.geometry import camera_angles, inverse, multiply, to_rotation_vector
+from aerodft.model import Camera
+from calibration.pose import BOUNDS, State, Unknowns, coefficient_names, expanded
 
 from .evidence_kinds import LENSES, central, turned
 

@@ -6,18 +6,34 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.relative_rotation import Turn, find_turn, rotated_pixels
-from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
-from aerodft.model.calibration import STEADY, Steadiness
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseBatch, PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.settings import PipelineSettings, WatchSettings
+from aerodft.dft import Request, Setup
+from aerodft.geometry import (
+    Turn,
+    camera_pose,
+    find_turn,
+    from_rotation_vector,
+    inverse,
+    matrix,
+    multiply,
+    pixels_from_rays,
+    rays_from_pixels,
+    rotated_pixels,
+    to_rotation_vector,
+)
+from aerodft.model import (
+    STEADY,
+    Camera,
+    CameraStd,
+    Observation,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    Probe,
+    ProbeKind,
+    Status,
+    Steadiness,
+)
+from aerodft.service import PipelineSettings, WatchSettings
 from calibration.camera_motion import KnownTurn, Look, SteadyCalibrator, SteadyState, turned_pose
 from tests.one_image import measure
 

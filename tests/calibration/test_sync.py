@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from aerodft.errors import NoAnswerError
-from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import ReportFrame
-from aerodft.service.attitude.history import AttitudeHistory, AttitudeSeries
-from aerodft.service.settings import AttitudeSettings, FixedMount
+from aerodft.geometry import inverse, multiply, to_rotation_vector
+from aerodft.model import GimbalSource, ReportFrame
+from aerodft.service import AttitudeSettings, FixedMount
+from aerodft.service.attitude import AttitudeHistory, AttitudeSeries
 from aerodft.sim.trajectory import heading_wxyz
-from aerodft.vision.camera_motion.rotation import PlaneMotion, Turns
-from calibration.sync.alignment import align
+from aerodft.vision.camera_motion import PlaneMotion, Turns
+from calibration.sync import align
 from calibration.sync.motion import CameraMotion, followed_path
 
 from .sync_flights import Clocks, hovering, wandering

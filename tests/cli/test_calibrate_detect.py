@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.camera import load_camera
 from aerodft.cli.detect import detected_evidence
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
-from calibration.lens.board import dictionary_names
-from calibration.markers.detection import find_markers
-from calibration.markers.geometry import judge
-from calibration.pose.result import calibrate
+from calibration.lens import dictionary_names
+from calibration.markers import find_markers, judge
+from calibration.pose import calibrate
 
 from ..calibration.marker_pictures import (  # noqa: TID252 - test folders are no packages that could be named
     STOP,
@@ -202,7 +201,7 @@ def test_held_out_errors_are_those_of_opencv(scene, pixels):
 
 
 def _survey(scene):
-    from aerodft.adapters.config.evidence.markers import load_markers  # noqa: PLC0415 - only here
+    from aerodft.adapters.config.evidence import load_markers  # noqa: PLC0415 - only here
 
     return load_markers(scene.folder / "markers.toml").survey
 

@@ -10,17 +10,15 @@ import pytest
 import tomli_w
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.camera.calibration import load_calibration
+from aerodft.adapters.config.camera import load_calibration
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.model.calibration import BIASES
-from aerodft.model.image import Image
-from aerodft.model.pose import PoseStd
+from aerodft.model import BIASES, Image, PoseStd
+from aerodft.sim import Autopilot, default_camera
 from aerodft.sim.observations import pixels_of
-from aerodft.sim.scenario import Scenario, default_camera, generated, write_files
-from aerodft.sim.telemetry import Autopilot, Biases
+from aerodft.sim.scenario import Scenario, generated, write_files
+from aerodft.sim.telemetry import Biases
 from aerodft.sim.world import DEFAULT_ORIGIN
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from replay.recordings import Recording, RecordingSource
 
 REPOSITORY = Path(__file__).parents[2]
 SAMPLE = REPOSITORY / "configs/calibration/flight-images.toml"

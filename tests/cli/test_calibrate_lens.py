@@ -10,10 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image as PillowImage
 
-from aerodft.adapters.config.camera.camera import load_camera
-from calibration.lens.adjustment import intrinsics_of
-from calibration.lens.board import BoardFinder, parse_board
-from calibration.lens.solution import distortion_px
+from aerodft.adapters.config.camera import load_camera
+from calibration.lens import BoardFinder, distortion_px, intrinsics_of, parse_board
 
 from ..calibration.board_pictures import (  # noqa: TID252 - test folders are no packages that could be named
     STOP,

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
-from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.camera import load_camera
 
 from .calibration_scene import CAMERA, HEIGHT_PX, POSE, WIDTH_PX, Field, landmarks
 from .conftest import run_aerodft

@@ -10,23 +10,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.evidence.local_frame import LocalFrame
+from aerodft.adapters.config.evidence import LocalFrame
 from aerodft.cli.calibrate_report_grid import GAP, ground_grid, horizon_px, map_axes
 from aerodft.cli.calibrate_report_marks import from_foot, mark_of, pixels_of
 from aerodft.dft import equations
-from aerodft.model.camera import Camera, LensModel
-from aerodft.model.evidence import (
+from aerodft.model import (
+    Camera,
     GroundLines,
     GroundPoint,
     Horizon,
     KnownHeight,
     KnownLength,
     Landmark,
+    LensModel,
+    ProjectionModel,
     SlantRange,
     Vertical,
 )
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.state import State
+from calibration.pose import State
 
 MICRO_PX, MILLIMETRE = 1e-6, 1e-3
 LENS = {

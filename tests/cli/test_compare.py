@@ -2,7 +2,7 @@
 
 import pytest
 
-from aerodft.adapters.images.jpeg import decode_jpeg
+from aerodft.adapters.images import decode_jpeg
 
 
 @pytest.fixture(scope="module")

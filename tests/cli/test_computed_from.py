@@ -8,7 +8,7 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 
 BETTER = """
 [bias]

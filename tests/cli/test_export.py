@@ -9,8 +9,9 @@ import orjson
 import pyarrow.parquet as pq
 import pytest
 
-from replay.export.table import COLUMNS, ExportFormat, Kind, export_text, positions
-from replay.recordings.recording import Recording
+from replay.export import ExportFormat, export_text
+from replay.export.table import COLUMNS, Kind, positions
+from replay.recordings import Recording
 
 
 def rows_of_csv(text):

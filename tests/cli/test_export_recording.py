@@ -8,10 +8,10 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from aerodft.model.image import Image
-from replay.export.video import Overlay, label_of
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import Image
+from replay.export import Overlay
+from replay.export.video import label_of
+from replay.recordings import Recording, RecordingSource
 
 
 def messages(path):

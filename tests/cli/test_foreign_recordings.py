@@ -9,7 +9,7 @@ import pytest
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from mcap.writer import Writer
 
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 from tests.cli.conftest import HEIGHT_PX, UTC0_NS, WIDTH_PX
 from tests.replay.foreign_files import LINK, PICTURES, frames_of, jpegs, write_foreign
 

@@ -14,10 +14,9 @@ from pathlib import Path
 import orjson
 import pytest
 
-from aerodft.adapters.recording.recover.recovery import recover_folder
-from aerodft.model.image import Image
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.adapters.recording.recover import recover_folder
+from aerodft.model import Image
+from replay.recordings import Recording, RecordingSource
 from tests.ports import free_endpoint
 
 FROZEN = Path(__file__).parent / "frozen-0.1"

@@ -8,7 +8,7 @@ import orjson
 import pytest
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 from tests.payloads import decode_observation
 
 UTC0_NS = 1_795_221_168_000_000_000

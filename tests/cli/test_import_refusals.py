@@ -8,8 +8,8 @@ import orjson
 import pytest
 
 from aerodft.errors import InputError
-from aerodft.service.outputs import StepOutputs
-from replay.recordings.recording import Recording
+from aerodft.service import StepOutputs
+from replay.recordings import Recording
 
 UTC0_NS = 1_795_221_168_000_000_000
 START = "2026-11-21T00:32:48.55Z"

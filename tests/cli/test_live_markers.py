@@ -12,13 +12,14 @@ import orjson
 import pytest
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
-from aerodft.model.image import StampClock
-from aerodft.sim.scenario import default_camera, generated, write_files
+from aerodft.model import StampClock
+from aerodft.sim import default_camera
+from aerodft.sim.scenario import generated, write_files
 from aerodft.sim.telemetry import Biases
-from replay.compare.comparison import Comparing, Tolerance
-from replay.recordings.recording import Recording
+from replay.compare import Comparing, Tolerance
+from replay.recordings import Recording
 from tests.payloads import decode_observation
 from tests.ports import free_endpoint, free_udp_port
 

@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 from PIL import Image as PillowImage
 from pyproj import Geod, Transformer
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
+from aerodft.geometry import camera_pose, matrix
 
 CAMERA = 'name = "wide"\nwidth_px = 320\nheight_px = 240\nhfov_deg = 60.0\nvfov_deg = 46.8264489\n'
 

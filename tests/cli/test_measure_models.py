@@ -6,11 +6,10 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.camera import load_camera
 from aerodft.cli.measure import cautions
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.pose import PoseSample
-from aerodft.model.status import Status
+from aerodft.geometry import camera_pose
+from aerodft.model import PoseSample, Status
 
 CANON = Path(__file__).parents[2] / "configs/cameras/canon-1000d.toml"
 PIXELS = ("distance 1000,1296 2900,1296", "position 3000,900 elevation=0.5")

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from aerodft.cli.pose_options import Stds, assumed_stds, parse_stds
 from aerodft.cli.probes import parse_probes
 from aerodft.errors import UsageError
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.probe import ProbeKind
+from aerodft.model import Camera, CameraStd, ProbeKind
 
 NUMBERS = st.floats(-1e12, 1e12)
 

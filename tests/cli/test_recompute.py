@@ -6,11 +6,9 @@ import shutil
 import orjson
 import pytest
 
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
+from aerodft.model import Camera, Image
+from replay.recordings import Recording, RecordingSource
 
 CALIBRATION = """
 [bias]

@@ -10,9 +10,8 @@ import pyarrow.dataset as ds
 import pytest
 
 from aerodft.cli.recompute_many import Many, recompute_rows
-from replay.batch.cluster import Job, State
-from replay.batch.dataset import Dataset
-from replay.recordings.recording import Recording
+from replay.batch import Dataset, Job, State
+from replay.recordings import Recording
 
 
 def many(*arguments):

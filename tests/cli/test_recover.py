@@ -12,10 +12,10 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from aerodft.adapters.recording.layout import MAGIC
-from aerodft.adapters.recording.read.scanning import scan_segment
-from aerodft.adapters.recording.write.recorder import McapRecorder
-from replay.recordings.recording import Recording
+from aerodft.adapters.recording import MAGIC
+from aerodft.adapters.recording.read import scan_segment
+from aerodft.adapters.recording.write import McapRecorder
+from replay.recordings import Recording
 
 
 def frames(path, reader=make_reader):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import orjson
 
-from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.bus import session_on
 from tests.cli import serving
 from tests.faults.live_flight import Flight
 from tests.ports import free_endpoint

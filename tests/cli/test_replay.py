@@ -16,7 +16,7 @@ import orjson
 import pytest
 from pymavlink import mavutil
 
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 from tests.cli.conftest import HEIGHT_M, UTC0_NS
 from tests.ports import free_endpoint
 from tests.replay.foreign_files import frames_of, write_foreign

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.config.camera import camera_document
 from aerodft.cli.river_files import COLUMNS
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.config.camera import camera_document
 from aerodft.cli.river_document import scatter_remarks
 from aerodft.cli.river_files import COLUMNS
-from aerodft.geometry.geodesy import east_north
-from aerodft.sim.scenario import default_camera, generated, write_files
+from aerodft.geometry import east_north
+from aerodft.sim import default_camera
+from aerodft.sim.scenario import generated, write_files
 from aerodft.sim.telemetry import Biases
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 

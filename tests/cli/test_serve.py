@@ -13,14 +13,13 @@ import jsonschema
 import pytest
 import tomli_w
 
-from aerodft.adapters.bus.session import session_on
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.bus import session_on
+from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.wire.schemas import SCHEMAS
-from aerodft.model.image import Image
-from aerodft.sim.scenario import default_camera
-from replay.compare.comparison import Comparing, Tolerance
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import Image
+from aerodft.sim import default_camera
+from replay.compare import Comparing, Tolerance
+from replay.recordings import Recording, RecordingSource
 from tests.ports import free_endpoint, free_udp_port
 
 PATIENCE_S = 60.0

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

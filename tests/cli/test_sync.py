@@ -9,12 +9,12 @@ import orjson
 import pytest
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document
-from aerodft.adapters.images.video import video_info
+from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.images import video_info
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.sync_lines import next_best
-from aerodft.geometry.rotation import camera_angles
-from replay.recordings.recording import Recording
+from aerodft.geometry import camera_angles
+from replay.recordings import Recording
 
 from ..calibration.sync_flights import (  # noqa: TID252 - test folders are no packages that could be named
     Clocks,

@@ -13,8 +13,8 @@ from pyproj import Geod
 
 from aerodft.adapters.wire.pose import SCHEMA
 from aerodft.cli import wiring
-from aerodft.model.status import Status
-from replay.recordings.recording import Recording
+from aerodft.model import Status
+from replay.recordings import Recording
 from tests.payloads import decode_pose
 
 UTC0_NS = 1_795_221_168_000_000_000

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from aerodft.adapters.recording.write import segmented_writer as series
-from aerodft.service.pipeline import Pipeline
-from replay.recordings.recording import Recording
+from aerodft.service import Pipeline
+from replay.recordings import Recording
 
 FROZEN = Path(__file__).parent / "frozen-0.1"
 READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,bind,ro "$0" || exit 77; exec "$@"'

@@ -12,16 +12,12 @@ import orjson
 import pytest
 import tomli_w
 
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.wire import camera_motion as steadiness
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
-from replay.recordings.recording import Recording
+from aerodft.dft import Request, Setup
+from aerodft.geometry import camera_pose, from_rotation_vector, inverse, multiply
+from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
+from replay.recordings import Recording
 from tests.one_image import measure
 from tests.payloads import decode_steadiness
 

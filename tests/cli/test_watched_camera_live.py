@@ -7,10 +7,10 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.bus.session import session_on
+from aerodft.adapters.bus import session_on
 from aerodft.sim.live import udp_sender
 from aerodft.sim.video import TransportStream
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 from tests.ports import free_endpoint, free_udp_port
 
 from .test_serve import Service

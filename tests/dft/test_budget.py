@@ -6,14 +6,9 @@ from dataclasses import replace
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.budget import advice
-from aerodft.dft.measure import explain
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup, advice, explain
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, CameraStd, PoseSample, PoseStd, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 STD = PoseStd(height_agl_m=0.5, horizontal_m=1.0, tilt_rad=0.005, pan_rad=0.006, roll_rad=0.004, heading_rad=0.03)

@@ -10,15 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.maps.depth import depth_map
-from aerodft.dft.maps.ground_points import GroundMap
-from aerodft.dft.projection import project, to_ground_frame
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.camera import Camera, LensModel
-from aerodft.model.measurement import ProjectionModel
+from aerodft.dft import project, to_ground_frame
+from aerodft.dft.maps import GroundMap, depth_map
+from aerodft.geometry import ElevationGrid, Plane, Terrain, camera_pose, matrix
+from aerodft.model import Camera, LensModel, ProjectionModel
 
 PLAIN = Camera(name="plain", width_px=96, height_px=64, fx_px=80.0, fy_px=70.0, cx_px=40.0, cy_px=35.0)
 BROWN = replace(PLAIN, name="brown", distortion=(-0.2, 0.05, 0.002, -0.001, 0.0))

@@ -10,16 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.covariance import shared_covariance
-from aerodft.dft.maps.depth import depth_map, measured_plane
-from aerodft.dft.maps.depth_std import range_std
-from aerodft.dft.projection import POSITION, project
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
-from aerodft.model.camera import Camera, CameraStd, LensModel
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseStd
+from aerodft.dft import POSITION, project, shared_covariance
+from aerodft.dft.maps import depth_map, measured_plane, range_std
+from aerodft.geometry import Plane, camera_pose, matrix
+from aerodft.model import Camera, CameraStd, LensModel, PoseStd, ProjectionModel
 
 STD = CameraStd(focal_px=1.0, principal_point_px=0.5)
 PLAIN = Camera(name="plain", width_px=48, height_px=36, fx_px=60.0, fy_px=55.0, cx_px=20.0, cy_px=19.0, std=STD)

@@ -6,13 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, multiply
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup
+from aerodft.geometry import camera_pose, from_rotation_vector, multiply
+from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 PIXELS = ((300.0, 500.0), (1600.0, 800.0))

@@ -7,15 +7,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.projection import project
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, multiply
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup, project
+from aerodft.geometry import camera_pose, from_rotation_vector, multiply
+from aerodft.model import (
+    Camera,
+    CameraStd,
+    GeoOrigin,
+    HeightSource,
+    Pose,
+    PoseSample,
+    PoseStd,
+    Probe,
+    ProbeKind,
+    ProjectionModel,
+    Status,
+)
 from tests.one_image import measure
 
 CAMERA = Camera(

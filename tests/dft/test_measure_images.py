@@ -6,15 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft.measure import measure
-from aerodft.dft.request import Request, Setup, linked
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera, CameraStd, Zoom, ZoomSource
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin, PoseBatch, PoseSample, PoseStd
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup, linked, measure
+from aerodft.geometry import Plane, camera_pose
+from aerodft.model import (
+    Camera,
+    CameraStd,
+    GeoOrigin,
+    PixelSource,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    Probe,
+    ProbeKind,
+    ProjectionModel,
+    Status,
+    Zoom,
+    ZoomSource,
+)
 
 CAMERA = Camera(
     name="c",

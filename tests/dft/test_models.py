@@ -7,13 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.model_comparison import compare_models, right_by_geometry
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup, compare_models
+from aerodft.dft.model_comparison import right_by_geometry
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
 
 # Half a degree wide: angles are linear in pixels to 1e-5 of themselves, so all of the difference is Eq. 5.
 NARROW = Camera(

@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.dft.measure import explain
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
-from aerodft.model.camera import Camera, CameraStd
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup, explain
+from aerodft.geometry import Plane, camera_pose, from_rotation_vector, matrix, multiply, pixels_from_rays
+from aerodft.model import Camera, CameraStd, PoseSample, PoseStd, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 CAMERA = Camera(

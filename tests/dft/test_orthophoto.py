@@ -7,13 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.dft.maps.depth import depth_map
-from aerodft.dft.maps.orthophoto import COARSEST, Sampling, top_view
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.camera import Camera
+from aerodft.dft.maps import Sampling, depth_map, top_view
+from aerodft.dft.maps.orthophoto import COARSEST
+from aerodft.geometry import ElevationGrid, Plane, Terrain, camera_pose, matrix
+from aerodft.model import Camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Marker, World

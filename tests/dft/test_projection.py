@@ -11,14 +11,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.projection import ELEVATION, POSITION, ROTATION, project, shared_count
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
-from aerodft.model.camera import Camera, CameraStd, LensModel
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import Pose
-from aerodft.model.status import CODES, Status
+from aerodft.dft import ELEVATION, POSITION, ROTATION, project, shared_count
+from aerodft.geometry import Plane, camera_pose, from_rotation_vector, matrix, multiply
+from aerodft.model import CODES, Camera, CameraStd, LensModel, Pose, ProjectionModel, Status
 
 MICROMETRE = 1e-6
 PINHOLE, DFT = ProjectionModel.PINHOLE, ProjectionModel.DFT

@@ -8,15 +8,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.quantities import KINDS, Sight, beside, crosses_itself
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import KINDS, Request, Setup, Sight
+from aerodft.dft.quantities import beside, crosses_itself
+from aerodft.geometry import camera_pose, matrix, pixels_from_rays
+from aerodft.model import Camera, PoseSample, PoseStd, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 CAMERA = Camera(

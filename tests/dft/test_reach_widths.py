@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from aerodft.dft.river.reach import SeenWidths, fuse
-from aerodft.dft.river.widths import RiverWidths
+from aerodft.dft.river import RiverWidths, SeenWidths, fuse
 
 TRUE_M = np.linspace(18.0, 26.0, 25)
 OWN_M, SHARED_M = 0.12, 0.2

@@ -5,12 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, PoseSample, PoseStd, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 CAMERA = Camera(name="c", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1500.0, cx_px=959.5, cy_px=539.5)

@@ -7,13 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.dft.silhouette import corners_of, down_in_image, standing_box, standing_outline
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import inverse, matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.dft import corners_of, down_in_image, standing_box, standing_outline
+from aerodft.geometry import camera_pose, inverse, matrix, pixels_from_rays
+from aerodft.model import Camera, FloatArray, Pose
 from aerodft.vision.objects.moving import outlines_of
 
 HALF_PIXEL = 0.5

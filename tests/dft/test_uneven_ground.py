@@ -11,15 +11,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup
+from aerodft.geometry import ElevationGrid, Plane, Terrain, camera_pose, from_rotation_vector, matrix, multiply
+from aerodft.model import Camera, PoseSample, PoseStd, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 CAMERA = Camera(

@@ -15,9 +15,9 @@ import numpy as np
 import tomli_w
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.config.camera.camera import camera_document
+from aerodft.adapters.config.camera import camera_document
 from aerodft.conventions import SECOND_NS
-from aerodft.sim.scenario import default_camera
+from aerodft.sim import default_camera
 
 RATE_HZ, IMAGES_HZ = 200, 10
 PATIENCE_S = 120.0

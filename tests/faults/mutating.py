@@ -13,17 +13,13 @@ import numpy as np
 import zstandard
 from mcap.reader import make_reader
 
-from aerodft.adapters.recording.recover.recovery import recover_folder
+from aerodft.adapters.recording.recover import recover_folder
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.recording.write import segmented_writer as series
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
 from aerodft.errors import AerodftError
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import block_of
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import Camera, Image, Observation, WireProtocol
+from aerodft.service import block_of
+from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)

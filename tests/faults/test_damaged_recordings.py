@@ -10,14 +10,12 @@ import zstandard
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from aerodft.adapters.recording.read.scanning import scan_segment
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.read import scan_segment
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.errors import AerodftError, InputError
-from aerodft.model.camera import Camera
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import MergedFeed, block_of
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import Camera, WireProtocol
+from aerodft.service import MergedFeed, block_of
+from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)

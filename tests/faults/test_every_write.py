@@ -13,16 +13,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from aerodft.adapters.recording.recover.recovery import recover_folder
-from aerodft.adapters.recording.write import recorder, segment
+from aerodft.adapters.recording.recover import recover_folder
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings, RecordingTotals, recorder, segment
 from aerodft.adapters.recording.write import segmented_writer as series
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings, RecordingTotals
 from aerodft.errors import InputError
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import block_of
-from replay.recordings.recording import Recording
+from aerodft.model import Camera, Image, WireProtocol
+from aerodft.service import block_of
+from replay.recordings import Recording
 from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)

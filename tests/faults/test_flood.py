@@ -7,9 +7,9 @@ from contextlib import ExitStack
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
-from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.feed import Inbox
+from aerodft.adapters.telemetry.mavlink import MavlinkLink
+from aerodft.service import Inbox
+from aerodft.service.clocks import WallClock
 
 SHOUTERS = 150  # more than a link keeps framers for
 BURST = 500

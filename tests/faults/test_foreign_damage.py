@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording.read import scan_segment
 from aerodft.errors import AerodftError
-from aerodft.model.image import Image
-from aerodft.model.telemetry import RawBlock
-from replay.foreign.recordings import ForeignImages, ForeignRecording, ForeignTelemetry, open_recording
-from replay.player.timeline import AnyRecording, timeline
+from aerodft.model import Image, RawBlock
+from replay.foreign import ForeignImages, ForeignRecording, ForeignTelemetry, open_recording
+from replay.player import AnyRecording, timeline
 from tests.peak import CAN_MEASURE, taken_by
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign
 

@@ -15,9 +15,9 @@ import pytest
 from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.recording.recover.recovery import recover_folder
+from aerodft.adapters.recording.recover import recover_folder
 from aerodft.conventions import SECOND_NS
-from replay.recordings.recording import Recording
+from replay.recordings import Recording
 
 from .live_flight import IMAGES_HZ, Flight
 

@@ -6,13 +6,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.telemetry.logs import TlogSource
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.adapters.telemetry.mavlink.framing import StreamFramer
-from aerodft.adapters.telemetry.mavlink.kernels import SIGNATURE, V1, V2
+from aerodft.adapters.telemetry import TlogSource
+from aerodft.adapters.telemetry.mavlink import SIGNATURE, V1, V2, MavlinkDecoder, StreamFramer
 from aerodft.adapters.telemetry.signing import sign
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.feed import block_of
+from aerodft.model import RawBlock, WireProtocol
+from aerodft.service import block_of
 
 FRAMES = 5000
 NOISE_BYTES = 10_000_000

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
-from aerodft.adapters.recording.layout import MAGIC, RECORD_HEAD, encoded
+from aerodft.adapters.recording import MAGIC, RECORD_HEAD, encoded
 from tests.peak import CAN_MEASURE, Taken, taken_by
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign
 

@@ -9,11 +9,11 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
-from aerodft.adapters.telemetry.signing import open_signing, signing_time
-from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.feed import Inbox
-from aerodft.service.settings import SigningSettings
+from aerodft.adapters.telemetry import open_signing
+from aerodft.adapters.telemetry.mavlink import MavlinkLink
+from aerodft.adapters.telemetry.signing import signing_time
+from aerodft.service import Inbox, SigningSettings
+from aerodft.service.clocks import WallClock
 
 KEY = bytes(range(100, 132))
 ROUNDS = 300

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from aerodft.geometry import pixels_from_rays, rays_from_pixels
 from aerodft.geometry.kernels import brown, normalise, undistort
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.model.camera import Camera
+from aerodft.model import Camera
 
 ROUNDING = 2e-15
 INTRINSICS = (1000.0, 1100.0, 1010.0, 490.0)

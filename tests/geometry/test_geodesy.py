@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from pyproj import Geod
 
-from aerodft.geometry.geodesy import east_north, lat_lon
-from aerodft.model.pose import GeoOrigin
+from aerodft.geometry import east_north, lat_lon
+from aerodft.model import GeoOrigin
 
 ORIGIN = GeoOrigin(lat_rad=math.radians(-35.3632), lon_rad=math.radians(149.1652), alt_msl_m=584.0)
 WGS84 = Geod(ellps="WGS84")

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aerodft.geometry.ground import GroundHits, Plane, jacobians, meet_level
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.status import CODE_OF, CODES, Status
+from aerodft.geometry import ElevationGrid, GroundHits, Plane, Terrain, jacobians, meet_level
+from aerodft.model import CODE_OF, CODES, Status
 
 OK = CODE_OF[Status.OK]
 NANOMETRE = 1e-9

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels, rays_with_jacobian
-from aerodft.model.camera import Camera, LensModel
+from aerodft.geometry import pixels_from_rays, rays_from_pixels, rays_with_jacobian
+from aerodft.model import Camera, LensModel
 
 ROUND_TRIP_PX = 1e-9
 OPENCV_PX = 1e-8

@@ -10,14 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.maps.depth import depth_map
-from aerodft.geometry.footprint import footprint, horizon_line, ring_area
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import matrix
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.camera import Camera, LensModel
+from aerodft.dft.maps import depth_map
+from aerodft.geometry import (
+    ElevationGrid,
+    Plane,
+    Terrain,
+    camera_pose,
+    footprint,
+    horizon_line,
+    matrix,
+    pixels_from_rays,
+    rays_from_pixels,
+    ring_area,
+)
+from aerodft.model import Camera, LensModel
 
 PLAIN = Camera(name="plain", width_px=640, height_px=480, fx_px=500.0, fy_px=510.0, cx_px=330.0, cy_px=228.0)
 BROWN = replace(PLAIN, name="brown", distortion=(-0.2, 0.05, 0.002, -0.001, 0.0))

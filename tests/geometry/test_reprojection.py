@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.intrinsics import reproject
-from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
-from aerodft.model.camera import Camera, CameraStd, LensModel
+from aerodft.geometry import camera_attitude, from_rotation_vector, matrix, multiply, reproject
+from aerodft.model import Camera, CameraStd, LensModel
 
 BROWN = Camera(
     name="brown", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1480.0, cx_px=970.0, cy_px=530.0,

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import RegularGridInterpolator
 
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.terrain import EARTH_RADIUS_M, STANDARD_REFRACTION, ElevationGrid, Terrain, elevation_at
-from aerodft.model.status import CODES, Status
+from aerodft.geometry import EARTH_RADIUS_M, STANDARD_REFRACTION, ElevationGrid, Plane, Terrain
+from aerodft.geometry.terrain import elevation_at
+from aerodft.model import CODES, Status
 
 FLAT_EARTH_M = math.inf
 CENTIMETRE = 0.01

@@ -8,9 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aerodft.geometry.relative_rotation import find_turn, rotated_pixels
-from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
-from aerodft.model.camera import Camera, CameraStd, LensModel
+from aerodft.geometry import (
+    find_turn,
+    from_rotation_vector,
+    inverse,
+    matrix,
+    multiply,
+    rotated_pixels,
+    to_rotation_vector,
+)
+from aerodft.model import Camera, CameraStd, LensModel
 
 BROWN = Camera(
     name="brown",

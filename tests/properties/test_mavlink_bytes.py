@@ -12,13 +12,11 @@ from pymavlink.generator.mavcrc import x25crc
 
 from aerodft.adapters.telemetry.dataflash import DataflashDecoder
 from aerodft.adapters.telemetry.logs import DataflashSource
-from aerodft.adapters.telemetry.mavlink.decoding import WANTED, MavlinkDecoder
-from aerodft.adapters.telemetry.mavlink.framing import StreamFramer, headers
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder, StreamFramer, headers
+from aerodft.adapters.telemetry.mavlink.decoding import WANTED
 from aerodft.errors import InputError
-from aerodft.model.camera import ZoomSource
-from aerodft.model.health import GpsTrack
-from aerodft.model.telemetry import CameraTrack, HeightTrack, RawBlock, Track, WireProtocol
-from aerodft.service.feed import block_of
+from aerodft.model import CameraTrack, GpsTrack, HeightTrack, RawBlock, Track, WireProtocol, ZoomSource
+from aerodft.service import block_of
 
 START_NS = 10**18
 SPECIAL = [struct.pack("<f", value) for value in (0, 1, -1, 30, 1e-40, 1e30, np.nan, np.inf, -np.inf)] + [b"\xff" * 4]

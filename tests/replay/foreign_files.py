@@ -12,7 +12,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.telemetry import TlogSource
 
 LINK, PICTURES, CAMERA = "/drone/link", "/camera/image/compressed", "/camera/calibration"
 Frames = Sequence[tuple[int, bytes]]

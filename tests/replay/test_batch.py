@@ -10,9 +10,8 @@ import pyarrow.dataset as ds
 import pytest
 
 from aerodft.errors import InputError
-from replay.batch.cluster import jobs_of
-from replay.batch.dataset import Dataset, input_key
-from replay.export.parquet import ParquetRows
+from replay.batch import Dataset, input_key, jobs_of
+from replay.export import ParquetRows
 
 MORTAL = """
 import os, signal, sys

@@ -9,8 +9,8 @@ import pytest
 from aerodft.adapters.wire import events, measurement
 from aerodft.errors import InputError
 from replay.compare.probe_series import _row_of_payload
-from replay.export.table import parsed, row_of
-from replay.recordings.recording import Recording
+from replay.export import parsed, row_of
+from replay.recordings import Recording
 from tests.payloads import decode_observation
 
 FROZEN = Path(__file__).parents[1] / "cli/frozen-0.1"

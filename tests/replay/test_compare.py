@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from aerodft.errors import UsageError
-from aerodft.model.status import CODE_OF, Status
-from replay.compare.comparison import Tolerance, apart_of_places, apart_of_values, paired, parse_tolerance, summarise
-from replay.compare.pairing import PairBy, Pairing, pairing
+from aerodft.model import CODE_OF, Status
+from replay.compare import PairBy, Tolerance, parse_tolerance
+from replay.compare.comparison import apart_of_places, apart_of_values, paired, summarise
+from replay.compare.pairing import Pairing, pairing
 from replay.compare.probe_series import NO_IMAGE, ProbeKey, Series, Side
 
 KEY = ProbeKey("w", "distance", "m")

@@ -9,12 +9,12 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Attachment
 from mcap.writer import Writer
 
-from aerodft.adapters.recording.layout import encoded
-from aerodft.adapters.recording.recover.recovery import recover_folder
+from aerodft.adapters.recording import encoded
+from aerodft.adapters.recording.recover import recover_folder
 from aerodft.errors import InputError
-from replay.export.merging import Attached, MergedFile, merge_segments
-from replay.recordings import segments
-from replay.recordings.recording import Recording
+from replay.export import merge_segments
+from replay.export.merging import Attached, MergedFile
+from replay.recordings import Recording, segments
 
 COUNT = 300
 PAYLOAD = bytes(100)

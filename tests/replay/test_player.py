@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.read.messages import ReadMessage
-from replay.player.player import Controls, Player
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording.read import ReadMessage
+from replay.player import Controls, Player
 from replay.player.timeline import Item
 from tests.clock import VirtualClock
 

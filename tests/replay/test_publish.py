@@ -12,20 +12,14 @@ import orjson
 import pytest
 import zenoh
 
-from aerodft.adapters.bus.session import session_on
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.bus import session_on
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.wire.measurement import encode_measurement
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from replay.player.player import Player
-from replay.player.publish import Republisher, WaitingPublishers, is_published
-from replay.player.timeline import timeline
-from replay.recordings.recording import Recording
+from aerodft.geometry import camera_attitude
+from aerodft.model import Camera, Image, Measurement, Pose, PoseSample, ProbeKind, ProjectionModel, Status
+from replay.player import Player, Republisher, is_published, timeline
+from replay.player.publish import WaitingPublishers
+from replay.recordings import Recording
 from tests.batches import one_tick, take
 from tests.clock import VirtualClock
 from tests.ports import free_endpoint

@@ -8,13 +8,11 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.errors import InputError
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
+from aerodft.model import Camera, Image
 from replay.player.publish import VideoStills
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
 from tests.cli.test_foreign_recordings import h264
 

@@ -6,8 +6,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
-from aerodft.adapters.recording.read.scanning import scan_segment
-from replay.recordings.segments import channels_of, messages_of
+from aerodft.adapters.recording.read import scan_segment
+from replay.recordings import channels_of, messages_of
 
 START_NS = 1_795_221_278_000_000_000
 STEP_NS = 1_000_000

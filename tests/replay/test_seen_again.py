@@ -4,11 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aerodft.model.calibration import STEADY
-from aerodft.model.image import Image
-from aerodft.model.observation import VISION, Event, Observation
-from aerodft.service.observers import Lookout
-from replay.recordings.redetection import SeenAgain
+from aerodft.model import STEADY, VISION, Event, Image, Observation
+from aerodft.service import Lookout
+from replay.recordings import SeenAgain
 
 
 def image(index: int, *, pixels: bool = True) -> Image:

@@ -8,7 +8,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording import Channel
 from aerodft.adapters.wire.schemas import schema_text
 from replay.player.publish import shift_of, shifted
 

@@ -13,19 +13,15 @@ import orjson
 import pytest
 from mcap.writer import Writer
 
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.wire.measurement import SCHEMA, encode_measurement
 from aerodft.adapters.wire.schemas import schema_text
 from aerodft.cli.main import main
 from aerodft.errors import InputError
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import GeoPoint, Measurement, ProjectionModel
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from replay.compare.comparison import Comparing, Comparison, Tolerance, parse_tolerance
-from replay.export.table import ExportFormat, export_text
-from replay.recordings.recording import Recording
+from aerodft.model import Camera, GeoPoint, Measurement, PoseSample, ProbeKind, ProjectionModel, Status
+from replay.compare import Comparing, Comparison, Tolerance, parse_tolerance
+from replay.export import ExportFormat, export_text
+from replay.recordings import Recording
 from tests.batches import one_tick, take
 
 START_NS = 1_795_221_278_000_000_000

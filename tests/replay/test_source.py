@@ -2,16 +2,11 @@
 
 from pathlib import Path
 
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.wire.events import encode_image, encode_observation
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image, ImageRows, StampClock
-from aerodft.model.observation import Arrival, Observation
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.arrivals import first_arrival_ns
-from aerodft.service.feed import block_of
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import Arrival, Camera, Image, ImageRows, Observation, RawBlock, StampClock, WireProtocol
+from aerodft.service import block_of, first_arrival_ns
+from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from replay.foreign.recordings import ForeignRecording
+from replay.foreign import ForeignRecording
+from replay.player import timeline
 from replay.player import timeline as module
-from replay.player.timeline import timeline
 
 START_NS = 1_795_221_278_000_000_000
 

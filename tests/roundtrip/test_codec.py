@@ -17,13 +17,24 @@ from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.adapters.wire.pose import camera_angles_deg
 from aerodft.errors import InputError
-from aerodft.geometry.rotation import camera_angles, camera_attitude
-from aerodft.model.image import Image, StampClock
-from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
-from aerodft.model.observation import Observation
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
+from aerodft.geometry import camera_angles, camera_attitude
+from aerodft.model import (
+    Ellipse95,
+    GeoOrigin,
+    GeoPoint,
+    GimbalSource,
+    HeightSource,
+    Image,
+    Measurement,
+    Observation,
+    Pose,
+    PoseSample,
+    PoseStd,
+    ProbeKind,
+    ProjectionModel,
+    StampClock,
+    Status,
+)
 from tests.batches import measurement_batch
 from tests.payloads import decode_measurement, decode_observation, decode_pose, decode_status, encode_pose
 

@@ -12,8 +12,7 @@ from jsonschema import Draft202012Validator
 from aerodft.adapters.wire import estimate
 from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.schemas import SCHEMAS
-from aerodft.model.calibration import BiasValues, CalibrationEstimate, Innovation
-from aerodft.model.pose import HeightSource
+from aerodft.model import BiasValues, CalibrationEstimate, HeightSource, Innovation
 from tests.payloads import decode_estimate
 
 real = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)

@@ -7,21 +7,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.config.camera.calibration import load_calibration
-from aerodft.adapters.config.camera.fixed_pose import FixedPose
-from aerodft.adapters.config.station.inputs import ObservationSettings, Rate, Stills, VideoFile
-from aerodft.adapters.config.station.loading import (
+from aerodft.adapters.config.camera import FixedPose, load_calibration
+from aerodft.adapters.config.station import (
+    Rate,
+    StationConfig,
+    Stills,
+    VideoFile,
     load_station,
     parse_station,
     refreshed,
     resolved_toml,
     with_calibration,
 )
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.station.inputs import ObservationSettings
 from aerodft.adapters.config.units import to_deg, to_ns, to_s
 from aerodft.adapters.timestamps import iso_to_unix_ns, unix_ns_to_iso
-from aerodft.model.pose import GeoOrigin, PoseStd
-from aerodft.model.probe import Probe, ProbeKind
+from aerodft.model import GeoOrigin, PoseStd, Probe, ProbeKind
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SERVICES = sorted((CONFIGS / "services").glob("*.toml"))

@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.adapters.wire.schemas import SCHEMAS
-from aerodft.model.calibration import Steadiness, SteadinessEstimate
+from aerodft.model import Steadiness, SteadinessEstimate
 from tests.payloads import decode_steadiness
 
 angle = st.floats(-math.pi, math.pi)

@@ -7,22 +7,33 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
 from aerodft.adapters.wire.estimate import encode_estimate
 from aerodft.adapters.wire.events import encode_observation
 from aerodft.adapters.wire.height import encode_height_switch
 from aerodft.adapters.wire.measurement import encode_measurements
-from aerodft.model.calibration import CalibrationEstimate
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image, StampClock
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, HeightSwitch
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.arrivals import first_arrival_ns
-from aerodft.service.feed import MergedFeed, block_of
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import HeightSettings, PipelineSettings, TelemetrySettings
+from aerodft.model import (
+    CalibrationEstimate,
+    Camera,
+    HeightSource,
+    HeightSwitch,
+    Image,
+    Observation,
+    PixelSource,
+    Probe,
+    ProbeKind,
+    StampClock,
+    WireProtocol,
+)
+from aerodft.service import (
+    HeightSettings,
+    MergedFeed,
+    Pipeline,
+    PipelineSettings,
+    TelemetrySettings,
+    block_of,
+    first_arrival_ns,
+)
 from tests.answers import ImageAnswer, ObservationAnswer, answers_of, measurements_of
 from tests.payloads import encode_pose
 

@@ -6,12 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.model.image import StampClock
-from aerodft.model.pose import HeightSource
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.feed import block_of
-from aerodft.service.settings import OBJECTS, HeightSettings, ZoomSettings
+from aerodft.model import HeightSource, PixelSource, Probe, ProbeKind, StampClock, WireProtocol
+from aerodft.service import OBJECTS, HeightSettings, ZoomSettings, block_of
 
 MS = 1_000_000
 AUTOPILOT, CAMERA, RIVAL = (1, 1), (1, 100), (2, 1)  # system and component

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aerodft.service import LAST, HeightSettings
 from aerodft.service.pose.height_sources import DATUM, SOURCES, HeightSources
-from aerodft.service.settings import HeightSettings
-from aerodft.service.streams import LAST, Missing
+from aerodft.service.streams import Missing
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from aerodft.model.calibration import CalibrationEstimate
+from aerodft.model import CalibrationEstimate
 
 
 class Counting:

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry.mavlink.decoding import WANTED
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.settings import ZoomSettings
+from aerodft.model import Probe, ProbeKind, Status
+from aerodft.service import ZoomSettings
 from tests.answers import measurements_of
 
 MS = 1_000_000

@@ -3,7 +3,7 @@
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.service.arrivals import Pace
+from aerodft.service import Pace
 
 START_NS, MOST = 10**18, 5000
 

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, Slerp
 
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import GimbalTrack, ReportFrame, VehicleTrack
-from aerodft.service.attitude.sources import AttitudeSources
-from aerodft.service.settings import AttitudeSettings, FixedMount
-from aerodft.service.streams import END_OF_TIME, LAST, Missing
+from aerodft.model import GimbalSource, GimbalTrack, ReportFrame, VehicleTrack
+from aerodft.service import LAST, AttitudeSettings, FixedMount
+from aerodft.service.attitude import AttitudeSources
+from aerodft.service.streams import END_OF_TIME, Missing
 
 MS, SECOND = 1_000_000, 1_000_000_000
 NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.model.telemetry import NO_BOOT_TIME, SyncTrack, Track
+from aerodft.model import NO_BOOT_TIME, SyncTrack, Track
 from aerodft.service.clocks.boot_clock import WRAP_NS, BootClock
 
 MS, SECOND = 1_000_000, 1_000_000_000

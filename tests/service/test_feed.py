@@ -9,14 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.model.image import Image, ImageRows, StampClock, joined_images
-from aerodft.model.observation import Arrival, Event, Observation
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service import feed
-from aerodft.service.arrivals import first_arrival_ns
-from aerodft.service.batches import Batches
-from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of, tick_after
+from aerodft.model import (
+    Arrival,
+    Event,
+    Image,
+    ImageRows,
+    Observation,
+    RawBlock,
+    StampClock,
+    WireProtocol,
+    joined_images,
+)
+from aerodft.service import Batches, Inbox, LiveFeed, MergedFeed, block_of, feed, first_arrival_ns
+from aerodft.service.clocks import WallClock
+from aerodft.service.feed import tick_after
 from tests.answers import one_by_one
 from tests.batches import one_tick
 from tests.clock import VirtualClock

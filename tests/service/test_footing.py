@@ -9,17 +9,24 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from pyproj import Geod
 
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_yaw_pitch_roll
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseStd
-from aerodft.model.status import CODE_OF, Status
-from aerodft.model.telemetry import ClockTrack, GimbalTrack, HeightTrack, PositionTrack, VehicleTrack
-from aerodft.service.clocks.ticks import Ticks
-from aerodft.service.pose.ground_below import footing, raised
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.geometry import ElevationGrid, Plane, Terrain, camera_pose, from_yaw_pitch_roll
+from aerodft.model import (
+    CODE_OF,
+    ClockTrack,
+    GeoOrigin,
+    GimbalSource,
+    GimbalTrack,
+    HeightSource,
+    HeightTrack,
+    Pose,
+    PoseStd,
+    PositionTrack,
+    Status,
+    VehicleTrack,
+)
+from aerodft.service import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.service.clocks import Ticks
+from aerodft.service.pose import PoseSource, footing, raised
 from tests.one_image import sample_at
 
 MS, SECOND = 1_000_000, 1_000_000_000

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.rotation import from_yaw_pitch_roll
-from aerodft.model.telemetry import ReportFrame
+from aerodft.geometry import from_yaw_pitch_roll
+from aerodft.model import ReportFrame
 from aerodft.service.attitude.gimbal_frame import LAGS_NS, PRIOR_BODY, FrameDetector, Moment, Moments, moments
 from aerodft.service.streams import Stream
 

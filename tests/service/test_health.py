@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.health import EstimatorTrack, GpsTrack
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.status import Status
-from aerodft.service.health.sources import HealthSources
-from aerodft.service.settings import HealthSettings
+from aerodft.geometry import camera_pose
+from aerodft.model import EstimatorTrack, GpsTrack, PoseBatch, PoseSample, Status
+from aerodft.service import HealthSettings
+from aerodft.service.health import HealthSources
 from tests.payloads import encode_pose
 
 MS = 1_000_000

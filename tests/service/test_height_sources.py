@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
-from aerodft.model.health import GpsTrack
-from aerodft.model.pose import HeightSource
-from aerodft.model.telemetry import HeightTrack, PositionTrack
+from aerodft.geometry import from_yaw_pitch_roll, matrix
+from aerodft.model import GpsTrack, HeightSource, HeightTrack, PositionTrack
 from aerodft.service.streams import END_OF_TIME, Missing
 
 from .heights import Heights

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
-from aerodft.model.image import Image, StampClock
-from aerodft.model.observation import Observation
-from aerodft.service.feed import Inbox, MergedFeed
-from aerodft.service.observers import LiveLook, LookedAt, Lookout
+from aerodft.model import Image, Observation, StampClock
+from aerodft.service import Inbox, LiveLook, LookedAt, Lookout, MergedFeed
 from tests.clock import VirtualClock
 
 PATIENCE_S = 30.0

@@ -5,15 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import inverse, matrix
-from aerodft.model.camera import Camera
-from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample, PoseStd
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import PipelineSettings
+from aerodft.geometry import camera_pose, inverse, matrix
+from aerodft.model import Camera, Observation, PixelSource, PoseSample, PoseStd, Probe, ProbeKind, Status
+from aerodft.service import Pipeline, PipelineSettings
 from tests.answers import answers_of, measurements_of
 from tests.batches import one_tick
 

@@ -7,19 +7,26 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
+from aerodft.dft import Request
 from aerodft.dft.monte_carlo import standard_draws
-from aerodft.dft.request import Request
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.calibration import BiasValues, Calibration
-from aerodft.model.image import StampClock
-from aerodft.model.pose import HeightSource, HeightSwitch, PoseSample
-from aerodft.model.probe import ASKED_KINDS, Probe, ProbeKind, takes_pixels
-from aerodft.model.status import Status
-from aerodft.service.batches import Batches
+from aerodft.geometry import camera_pose
+from aerodft.model import (
+    ASKED_KINDS,
+    BiasValues,
+    Calibration,
+    HeightSource,
+    HeightSwitch,
+    PoseSample,
+    Probe,
+    ProbeKind,
+    StampClock,
+    Status,
+    takes_pixels,
+)
+from aerodft.service import Batches, Pipeline
 from aerodft.service.feed import tick_after
-from aerodft.service.pipeline import Pipeline
-from calibration.flight.biases import BiasCalibrator
+from calibration.flight import BiasCalibrator
 from tests.answers import ImageAnswer, ObservationAnswer, in_order, timed
 from tests.batches import one_tick
 

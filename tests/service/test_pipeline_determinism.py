@@ -9,13 +9,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.model.status import Status
-from aerodft.service import feed
-from aerodft.service.batches import Batches
-from aerodft.service.feed import MergedFeed
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.pose.source import PoseSource
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
+from aerodft.model import Status
+from aerodft.service import Batches, MergedFeed, Pipeline, feed
+from aerodft.service.pose import PoseSource
 from tests.answers import cut_at, one_by_one, timed
 
 from .eventful import Happenings, events_of, settings_of

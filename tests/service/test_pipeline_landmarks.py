@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.model.calibration import CalibrationEstimate
-from aerodft.model.image import StampClock
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.service.pipeline import Pipeline
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
+from aerodft.model import CalibrationEstimate, PixelSource, Probe, ProbeKind, StampClock
+from aerodft.service import Pipeline
 
 from .learning import Counting
 

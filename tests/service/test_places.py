@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.telemetry import PositionTrack
+from aerodft.model import PositionTrack
+from aerodft.service import LAST, HeightSettings
 from aerodft.service.pose.vehicle_position import Places
-from aerodft.service.settings import HeightSettings
-from aerodft.service.streams import END_OF_TIME, LAST, Missing
+from aerodft.service.streams import END_OF_TIME, Missing
 
 METRE_RAD = 1 / 6_378_137.0  # of longitude on the equator
 HALF_SECOND = SECOND_NS // 2

@@ -10,14 +10,23 @@ from numpy.testing import assert_allclose
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.poses import pose_covariance
-from aerodft.geometry.rotation import camera_angles, from_yaw_pitch_roll
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseStd
-from aerodft.model.status import Status
-from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, GimbalTrack, HeightTrack, PositionTrack, VehicleTrack
-from aerodft.service.clocks.ticks import Ticks
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.geometry import camera_angles, from_yaw_pitch_roll, pose_covariance
+from aerodft.model import (
+    NO_BOOT_TIME,
+    ClockTrack,
+    GeoOrigin,
+    GimbalSource,
+    GimbalTrack,
+    HeightSource,
+    HeightTrack,
+    PoseStd,
+    PositionTrack,
+    Status,
+    VehicleTrack,
+)
+from aerodft.service import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.service.clocks import Ticks
+from aerodft.service.pose import PoseSource
 from tests.one_image import sample_at
 
 MS, SECOND = 1_000_000, 1_000_000_000

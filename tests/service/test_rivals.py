@@ -6,9 +6,9 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.decoding import Followed, MavlinkDecoder
-from aerodft.model.status import Status
-from aerodft.service.pipeline import Pipeline
+from aerodft.adapters.telemetry.mavlink import Followed, MavlinkDecoder
+from aerodft.model import Status
+from aerodft.service import Pipeline
 
 MS = 1_000_000
 DOWN_20 = [math.cos(math.pi / 18), 0.0, math.sin(-math.pi / 18), 0.0]

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.interpolation import brackets
-from aerodft.geometry.rotation import slerp
+from aerodft.geometry import brackets, slerp
 from aerodft.service.attitude.slew import demands_before, lag_std
 
 MS, SECOND = 1_000_000, 1_000_000_000

@@ -3,18 +3,19 @@
 import numpy as np
 import pytest
 
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import (
+from aerodft.model import (
     NO_BOOT_TIME,
     ClockTrack,
+    GimbalSource,
     GimbalTrack,
+    HeightSource,
     HeightTrack,
     PositionTrack,
     VehicleTrack,
     WireProtocol,
 )
-from aerodft.service.clocks.log_span import survey_span
-from aerodft.service.feed import block_of
+from aerodft.service import block_of
+from aerodft.service.clocks import survey_span
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.service.streams import END_OF_TIME, HISTORY_NS, LAST, Missing, Stream
+from aerodft.service import LAST
+from aerodft.service.streams import END_OF_TIME, HISTORY_NS, Missing, Stream
 
 GAP = 1000
 CHUNKS = st.lists(st.lists(st.integers(0, 3000), max_size=12), max_size=25)

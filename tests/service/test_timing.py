@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
-from aerodft.service.clocks.clock_map import ClockMap
-from aerodft.service.clocks.line import JUMP_NS, Line, StatedLine
-from aerodft.service.clocks.ticks import LineTable, Ticks
-from aerodft.service.streams import LAST
+from aerodft.model import NO_BOOT_TIME, ClockTrack, Track
+from aerodft.service import LAST
+from aerodft.service.clocks import JUMP_NS, ClockMap, Ticks
+from aerodft.service.clocks.line import Line, StatedLine
+from aerodft.service.clocks.ticks import LineTable
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND  # UTC at power-on

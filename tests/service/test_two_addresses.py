@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder
-from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
-from aerodft.diagnosis.findings import problems
-from aerodft.diagnosis.survey import Survey
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import TelemetrySettings
+from aerodft.adapters.telemetry import CompositeDecoder
+from aerodft.adapters.telemetry.mavlink import FrameCounts
+from aerodft.diagnosis import Survey, problems
+from aerodft.service import Pipeline, TelemetrySettings
 
 MS = 1_000_000
 OTHER_ROLL_RAD = 0.4

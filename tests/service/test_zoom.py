@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.model.camera import Camera, ZoomSource
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.settings import ZoomSettings
+from aerodft.model import Camera, Probe, ProbeKind, Status, ZoomSource
+from aerodft.service import ZoomSettings
 
 MS = 1_000_000
 HFOV_RAD = 1.1

@@ -13,10 +13,10 @@ import pytest
 import zenoh
 
 from aerodft.errors import LinkError, UsageError
-from aerodft.service.clocks.system_clock import WallClock
+from aerodft.service.clocks import WallClock
+from aerodft.sim import datagrams, default_camera
 from aerodft.sim.live import Outlets, encoded, observation_publisher, parse_udp, perform, udp_sender
-from aerodft.sim.scenario import Scenario, default_camera, generated
-from aerodft.sim.telemetry import datagrams
+from aerodft.sim.scenario import Scenario, generated
 from tests.clock import VirtualClock
 
 if TYPE_CHECKING:

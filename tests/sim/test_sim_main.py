@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.images import VideoFileSource
 from aerodft.errors import UsageError
 from aerodft.sim.__main__ import main, parse_biases, parse_numbers, parse_radio, parse_size, parse_stds
 from aerodft.sim.scenario import EPOCH_NS, from_log

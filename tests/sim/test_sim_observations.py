@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.geometry.rotation import inverse, matrix
-from aerodft.model.probe import ProbeKind
+from aerodft.geometry import inverse, matrix
+from aerodft.model import ProbeKind
+from aerodft.sim import default_camera
 from aerodft.sim.observations import MARGIN_PX, Observing, Sighting, sightings, write_lines
-from aerodft.sim.scenario import Scenario, default_camera, generated
+from aerodft.sim.scenario import Scenario, generated
 
 
 @pytest.fixture(scope="module")

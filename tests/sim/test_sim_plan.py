@@ -3,9 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.geometry.rotation import camera_angles, yaw_pitch_roll
+from aerodft.geometry import camera_angles, yaw_pitch_roll
+from aerodft.sim import Waypoint, fly
 from aerodft.sim.river import River
-from aerodft.sim.trajectory import GRAVITY_MPS2, Waypoint, fly, survey
+from aerodft.sim.trajectory import GRAVITY_MPS2, survey
 from aerodft.sim.world import DEFAULT_ORIGIN
 
 RIVER = River(origin_en_m=(0.0, -26.0))

@@ -5,10 +5,11 @@ import pytest
 from pymavlink import mavutil
 
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.geometry.rotation import camera_angles
+from aerodft.geometry import camera_angles
+from aerodft.sim import Autopilot, datagrams, default_camera
 from aerodft.sim.river import River
-from aerodft.sim.scenario import EPOCH_NS, default_camera, from_log, recorded, thin_log
-from aerodft.sim.telemetry import Autopilot, datagrams, write_tlog
+from aerodft.sim.scenario import EPOCH_NS, from_log, recorded, thin_log
+from aerodft.sim.telemetry import write_tlog
 from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.world import DEFAULT_ORIGIN
 

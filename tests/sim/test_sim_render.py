@@ -5,11 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import inverse, matrix
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.camera import Camera, LensModel
-from aerodft.model.pose import Pose
+from aerodft.geometry import camera_pose, inverse, matrix
+from aerodft.model import Camera, FloatArray, ImageArray, LensModel, Pose
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import Island, River
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Marker, Post, Walker, World

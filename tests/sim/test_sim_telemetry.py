@@ -8,12 +8,12 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.geometry.geodesy import east_north
-from aerodft.geometry.rotation import camera_angles, camera_from_gimbal, multiply, yaw_pitch_roll
-from aerodft.model.pose import PoseStd
+from aerodft.geometry import camera_angles, camera_from_gimbal, east_north, multiply, yaw_pitch_roll
+from aerodft.model import PoseStd
+from aerodft.sim import Autopilot, datagrams
 from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import Autopilot, Biases, Datagram, Radio, datagrams, drawn_biases, received, write_tlog
+from aerodft.sim.telemetry import Biases, Datagram, Radio, drawn_biases, received, write_tlog
 from aerodft.sim.trajectory import Trajectory, camera_of, heading_wxyz, survey
 from aerodft.sim.world import DEFAULT_ORIGIN
 

@@ -6,9 +6,9 @@ import av
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.images import VideoFileSource
 from aerodft.errors import InputError
-from aerodft.model.arrays import ImageArray
+from aerodft.model import ImageArray
 from aerodft.sim.video import DATAGRAM_BYTES, TransportStream, write_video
 
 START_NS = 1_795_221_278_868_833_000

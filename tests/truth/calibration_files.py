@@ -5,16 +5,7 @@ from pathlib import Path
 
 import tomli_w
 
-from aerodft.model.evidence import (
-    GroundLines,
-    GroundPoint,
-    Horizon,
-    KnownHeight,
-    KnownLength,
-    Landmark,
-    SlantRange,
-    Vertical,
-)
+from aerodft.model import GroundLines, GroundPoint, Horizon, KnownHeight, KnownLength, Landmark, SlantRange, Vertical
 from tests.commands import run_aerodft
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import (
+from aerodft.model import (
+    Camera,
     GroundLines,
     GroundPoint,
     Horizon,
@@ -17,7 +17,7 @@ from aerodft.model.evidence import (
     SlantRange,
     Vertical,
 )
-from calibration.pose.state import State
+from calibration.pose import State
 
 from .scenes import camera_axes, depression_rad, opencv_pixels, opencv_rays
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from aerodft.model.evidence import EvidenceSet, Prior
-from aerodft.model.measurement import ProjectionModel
-from calibration.pose.residuals import Problem
+from aerodft.model import EvidenceSet, Prior, ProjectionModel
+from calibration.pose import Problem, State, Unknowns
 from calibration.pose.solve import solve
-from calibration.pose.state import State, Unknowns
 
 from .calibration_scenes import HEIGHT_PX, WIDTH_PX, ImpossibleError, World
 

@@ -7,16 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.camera import Camera, Zoom, ZoomSource
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.status import Status
+from aerodft.geometry import from_rotation_vector, matrix, multiply, pixels_from_rays
+from aerodft.model import Camera, FloatArray, ImageArray, Pose, PoseSample, Status, Zoom, ZoomSource
+from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
-from aerodft.sim.scenario import default_camera
-from aerodft.sim.trajectory import Trajectory, Waypoint, fly, survey
+from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.world import DEFAULT_ORIGIN, World, furnished
 
 SECONDS = 60.0

@@ -10,17 +10,18 @@ from functools import partial
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image, StampClock
-from aerodft.model.pose import HeightSource, PoseSample
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.arrivals import first_arrival_ns
-from aerodft.service.clocks.clock_map import ClockMap
-from aerodft.service.clocks.ticks import Ticks
-from aerodft.service.feed import MergedFeed, block_of
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import HeightSettings, PipelineSettings, TelemetrySettings
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
+from aerodft.model import Camera, HeightSource, Image, PoseSample, StampClock, WireProtocol
+from aerodft.service import (
+    HeightSettings,
+    MergedFeed,
+    Pipeline,
+    PipelineSettings,
+    TelemetrySettings,
+    block_of,
+    first_arrival_ns,
+)
+from aerodft.service.clocks import ClockMap, Ticks
 from tests.answers import ImageAnswer, answers_of, one_by_one
 
 MS, SECOND = 1_000_000, 1_000_000_000

@@ -14,9 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from aerodft.dft.request import Setup
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Setup
+from aerodft.model import ProbeKind, Status
 from tests.one_image import measure
 
 from .random_scenes import PIXELS, TOP, Level, Said, random_scene, truths

@@ -11,9 +11,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
-from aerodft.geometry.rotation import yaw_pitch_roll
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, GimbalTrack, PositionTrack, ReportFrame, VehicleTrack
+from aerodft.geometry import yaw_pitch_roll
+from aerodft.model import NO_BOOT_TIME, ClockTrack, GimbalSource, GimbalTrack, PositionTrack, ReportFrame, VehicleTrack
 
 STEP_NS = 10_000_000
 UTC0_NS = 1_795_221_168_000_000_000

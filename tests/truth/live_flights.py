@@ -4,30 +4,36 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder
+from aerodft.adapters.telemetry import CompositeDecoder
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
-from aerodft.model.calibration import CalibrationEstimate
-from aerodft.model.evidence import SurveyedLandmark
-from aerodft.model.measurement import Measurement
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, PoseStd
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.telemetry import ReportFrame, WireProtocol
-from aerodft.service.batches import Batches
-from aerodft.service.feed import block_of
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import (
+from aerodft.geometry import from_yaw_pitch_roll, matrix, rays_from_pixels
+from aerodft.model import (
+    CalibrationEstimate,
+    HeightSource,
+    Measurement,
+    Observation,
+    PixelSource,
+    PoseStd,
+    Probe,
+    ProbeKind,
+    ReportFrame,
+    SurveyedLandmark,
+    WireProtocol,
+)
+from aerodft.service import (
     AttitudeSettings,
+    Batches,
     HeightSettings,
     LiveCalibration,
+    Pipeline,
     PipelineSettings,
     TelemetrySettings,
+    block_of,
 )
+from aerodft.sim import Autopilot, datagrams, default_camera
 from aerodft.sim.observations import pixels_of
-from aerodft.sim.scenario import EPOCH_NS, default_camera
-from aerodft.sim.telemetry import Autopilot, Biases, datagrams
+from aerodft.sim.scenario import EPOCH_NS
+from aerodft.sim.telemetry import Biases
 from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
 from calibration.live import LiveCalibrator

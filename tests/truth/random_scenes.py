@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.request import Request
-from aerodft.model.camera import Camera
-from aerodft.model.probe import Probe, ProbeKind
+from aerodft.dft import Request
+from aerodft.model import Camera, Probe, ProbeKind
 
 from .scenes import as_pixels, camera_axes, depression_rad, opencv_pixels, opencv_rays, sample_of
 

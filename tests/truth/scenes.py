@@ -7,9 +7,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodft.model.camera import LensModel
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.status import Status
+from aerodft.model import LensModel, Pose, PoseSample, Status
 
 _EXACT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-10)
 

@@ -10,13 +10,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera, LensModel
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, LensModel, PoseSample, Probe, ProbeKind, ProjectionModel, Status
 from tests.commands import run_aerodft
 from tests.one_image import measure
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.dft.paper.tables import CANON, table_2
+from aerodft.dft.paper import CANON, table_2
 
 from .calibration_files import aerodft, write_evidence
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from aerodft.model.camera import Camera
+from aerodft.model import Camera
 
 from .calibration_files import aerodft, write_camera, write_landmarks
 

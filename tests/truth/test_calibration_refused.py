@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, Landmark, SlantRange
-from calibration.pose.result import calibrate
+from aerodft.model import Camera, EvidenceSet, Landmark, SlantRange
+from calibration.pose import calibrate
 
 from .calibration_files import aerodft, tables, write_camera, write_evidence
 from .calibration_scenes import World

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.model.image import StampClock
-from aerodft.model.status import Status
+from aerodft.model import StampClock, Status
 
 from .clock_flights import UTC0, WRAP_MS, Clocks, flown
 

@@ -10,23 +10,37 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder
+from aerodft.adapters.telemetry import CompositeDecoder
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix
-from aerodft.model.measurement import Ellipse95, Measurement
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSource, Pose, PoseStd
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.status import Status
-from aerodft.model.telemetry import RawBlock, ReportFrame, WireProtocol
-from aerodft.service.batches import Batches
-from aerodft.service.feed import block_of
-from aerodft.service.pipeline import Pipeline
-from aerodft.service.settings import AttitudeSettings, HeightSettings, PipelineSettings, TelemetrySettings
+from aerodft.geometry import from_yaw_pitch_roll, matrix, rays_from_pixels
+from aerodft.model import (
+    Ellipse95,
+    HeightSource,
+    Measurement,
+    Observation,
+    PixelSource,
+    Pose,
+    PoseStd,
+    Probe,
+    ProbeKind,
+    RawBlock,
+    ReportFrame,
+    Status,
+    WireProtocol,
+)
+from aerodft.service import (
+    AttitudeSettings,
+    Batches,
+    HeightSettings,
+    Pipeline,
+    PipelineSettings,
+    TelemetrySettings,
+    block_of,
+)
+from aerodft.sim import Autopilot, datagrams, default_camera
 from aerodft.sim.observations import pixels_of
-from aerodft.sim.scenario import EPOCH_NS, default_camera
-from aerodft.sim.telemetry import Autopilot, datagrams, drawn_biases
+from aerodft.sim.scenario import EPOCH_NS
+from aerodft.sim.telemetry import drawn_biases
 from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
 from tests.answers import answers_of, measurements_of

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry.rotation import camera_from_gimbal
-from aerodft.model.pose import HeightSource, PoseStd
-from aerodft.model.status import Status
-from aerodft.model.telemetry import ReportFrame
-from aerodft.service.clocks.ticks import Ticks
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.geometry import camera_from_gimbal
+from aerodft.model import HeightSource, PoseStd, ReportFrame, Status
+from aerodft.service import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.service.clocks import Ticks
+from aerodft.service.pose import PoseSource
 from tests.one_image import sample_at
 
 from .gimbal_flights import MESSAGES, STEP_NS, UTC0_NS, Plan, made

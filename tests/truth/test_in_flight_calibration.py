@@ -14,11 +14,11 @@ from aerodft.adapters.wire import estimate, pose
 from aerodft.cli.main import main
 from aerodft.cli.recorded_pose import Instead, recorded_setup
 from aerodft.conventions import SECOND_NS
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from aerodft.sim.scenario import default_camera, generated, write_files
-from aerodft.sim.telemetry import Autopilot, Biases
-from replay.recordings.recording import Recording
+from aerodft.model import ProbeKind, Status
+from aerodft.sim import Autopilot, default_camera
+from aerodft.sim.scenario import generated, write_files
+from aerodft.sim.telemetry import Biases
+from replay.recordings import Recording
 from tests.payloads import decode_estimate, decode_pose, encode_pose
 
 from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory

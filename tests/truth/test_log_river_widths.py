@@ -12,21 +12,17 @@ import orjson
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.images.video import VideoFileSource
+from aerodft.adapters.images import VideoFileSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.pose import SCHEMA as POSE_SCHEMA
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.rotation import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup
+from aerodft.geometry import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
+from aerodft.model import Camera, Image, PixelSource, Pose, PoseSample, Probe, ProbeKind, Status
+from aerodft.sim import default_camera
 from aerodft.sim.river import River
-from aerodft.sim.scenario import Scenario, default_camera, recorded, write_files
+from aerodft.sim.scenario import Scenario, recorded, write_files
 from aerodft.sim.trajectory import Trajectory
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from replay.recordings import Recording, RecordingSource
 from tests.commands import run_aerodft
 from tests.one_image import measure
 

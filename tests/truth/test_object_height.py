@@ -11,12 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.dft.request import Request, Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.dft import Request, Setup
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
 from tests.one_image import measure
 
 from .scenes import as_pixels, camera_axes, depression_rad, opencv_matrix, opencv_pixels, sample_of

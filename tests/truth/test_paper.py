@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.camera.camera import load_camera
+from aerodft.adapters.config.camera import load_camera
 from aerodft.dft import equations as eq
-from aerodft.dft.paper.printed import TABLE_1, TABLE_2, TABLE_3
-from aerodft.dft.paper.sensitivity import sensitivity, table_3
-from aerodft.dft.paper.tables import figure_12, figure_14, figure_14_text_depth, table_1, table_2
+from aerodft.dft.paper import TABLE_1, figure_12, figure_14, figure_14_text_depth, table_1, table_2, table_3
+from aerodft.dft.paper.printed import TABLE_2, TABLE_3
+from aerodft.dft.paper.sensitivity import sensitivity
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT.parent / "shared" / "paper" / "000_e041da3aab01ec20.txt"

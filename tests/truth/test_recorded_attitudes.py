@@ -10,16 +10,12 @@ import pytest
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder, open_log
-from aerodft.geometry.geodesy import east_north
-from aerodft.geometry.rotation import camera_angles, camera_from_gimbal, matrix
-from aerodft.geometry.terrain import ElevationGrid, Terrain
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseStd
-from aerodft.model.status import Status
-from aerodft.model.telemetry import RawBlock, ReportFrame
-from aerodft.service.clocks.ticks import Ticks
-from aerodft.service.pose.source import PoseSource
-from aerodft.service.settings import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.adapters.telemetry import CompositeDecoder, open_log
+from aerodft.geometry import ElevationGrid, Terrain, camera_angles, camera_from_gimbal, east_north, matrix
+from aerodft.model import GeoOrigin, GimbalSource, HeightSource, PoseStd, RawBlock, ReportFrame, Status
+from aerodft.service import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.service.clocks import Ticks
+from aerodft.service.pose import PoseSource
 from tests.one_image import sample_at
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"

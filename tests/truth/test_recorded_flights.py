@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 from pymavlink import mavutil
 
 from aerodft.adapters.wire.pose import SCHEMA
-from aerodft.geometry.rotation import camera_angles
-from aerodft.model.status import Status
-from replay.recordings.recording import Recording
+from aerodft.geometry import camera_angles
+from aerodft.model import Status
+from replay.recordings import Recording
 from tests.commands import run_aerodft
 from tests.payloads import decode_pose
 

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Setup
-from aerodft.vision.river.observer import RiverQuestion, find_river
-from aerodft.vision.river.status import NoRiver, RiverStatus
-from aerodft.vision.river.water_features import WaterPlane
+from aerodft.dft import Setup
+from aerodft.vision.river import NoRiver, RiverQuestion, RiverStatus, WaterPlane, find_river
 from tests.vision.painted_rivers import CAMERA, LANDS, WATERS, PaintedRiver
 
 LOOKS = ({}, {"bushes": True}, {"bushes": True, "foam": True}, {"shade": True, "bushes": True}, {"glare": True})

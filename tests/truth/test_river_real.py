@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.sim.scenario import default_camera
+from aerodft.sim import default_camera
 from tests.commands import run_aerodft
 from tests.truth.calibration_files import write_camera
 from tests.truth.test_calibration_real import DATA, POSE, calibrated, geul, juncal

@@ -9,16 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Setup
-from aerodft.geometry.poses import pose_covariance
-from aerodft.geometry.rotation import from_rotation_vector, multiply
-from aerodft.model.pose import PoseStd
+from aerodft.dft import Setup
+from aerodft.geometry import from_rotation_vector, multiply, pose_covariance
+from aerodft.model import PoseStd
+from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging
-from aerodft.sim.scenario import default_camera
+from aerodft.vision.river import River, RiverQuestion, RiverStatus, WaterPlane, find_river
 from aerodft.vision.river.centreline import centreline
-from aerodft.vision.river.observer import River, RiverQuestion, channel_of, find_river, oriented, river_across
-from aerodft.vision.river.status import RiverStatus
-from aerodft.vision.river.water_features import WaterPlane
+from aerodft.vision.river.observer import channel_of, oriented, river_across
 from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing
 from tests.waterside import Waterside, WatersideRenderer
 

@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.projection import project
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.observation import Observation
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
+from aerodft.dft import project
+from aerodft.model import Camera, FloatArray, Image, Observation, PixelSource, Probe, ProbeKind, ProjectionModel
 from aerodft.vision.plane_lock import TrackedProbes
 from tests.truth import circling
 from tests.truth.circling import CAMERA, Seen

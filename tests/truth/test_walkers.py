@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.request import Setup
-from aerodft.dft.silhouette import standing_outline
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.model.pose import PoseSample
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.settings import OBJECTS, ObjectSettings
-from aerodft.vision.objects.moving import MovingObjects
-from aerodft.vision.objects.object_tracks import ObjectTracks
+from aerodft.dft import Setup, standing_outline
+from aerodft.model import Image, Observation, PoseSample, ProbeKind, Status
+from aerodft.service import OBJECTS, ObjectSettings
+from aerodft.vision.objects import MovingObjects, ObjectTracks
 from tests.truth import walkers as yard
 
 PIXEL = 1.0

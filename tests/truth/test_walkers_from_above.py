@@ -7,17 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Setup
-from aerodft.dft.silhouette import standing_outline
-from aerodft.model.arrays import FloatArray
-from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.settings import ObjectSettings
+from aerodft.dft import Setup, standing_outline
+from aerodft.model import FloatArray, Image, Measurement, ProbeKind, Status
+from aerodft.service import ObjectSettings
 from aerodft.sim.world import Post
-from aerodft.vision.objects.moving import MovingOverGround
-from aerodft.vision.objects.object_tracks import ObjectTracks
+from aerodft.vision.objects import MovingOverGround, ObjectTracks
 from tests.truth import walkers_from_above as flown
 
 PIXEL = 1.0

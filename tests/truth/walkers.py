@@ -6,14 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import inverse, matrix
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.pose import PoseStd
+from aerodft.geometry import camera_pose, inverse, matrix, pixels_from_rays
+from aerodft.model import FloatArray, ImageArray, PoseStd
+from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
-from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
 
 FPS = 10

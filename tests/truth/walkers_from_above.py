@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply
-from aerodft.model.arrays import FloatArray, ImageArray
-from aerodft.model.pose import Pose, PoseSample, PoseStd
-from aerodft.model.status import Status
+from aerodft.geometry import from_rotation_vector, matrix, multiply, pixels_from_rays
+from aerodft.model import FloatArray, ImageArray, Pose, PoseSample, PoseStd, Status
+from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River
-from aerodft.sim.scenario import default_camera
-from aerodft.sim.trajectory import Trajectory, Waypoint, fly
+from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, Post, Walker, Wall, World
 
 FPS = 10

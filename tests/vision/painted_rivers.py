@@ -10,8 +10,8 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera
 
 WIDTH, HEIGHT = 960, 540
 FOCAL_PX = WIDTH / 2 / math.tan(math.radians(35.0))

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.pose import Pose
+from aerodft.geometry import camera_pose
+from aerodft.model import Pose
+from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import Island, River
-from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import Look, World, furnished
 
 SHAPES = {

@@ -5,9 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from aerodft.geometry.rotation import from_rotation_vector, inverse, multiply, to_rotation_vector
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
+from aerodft.geometry import from_rotation_vector, inverse, multiply, to_rotation_vector
+from aerodft.model import Camera, Image
 
 BRIDGE = Path(__file__).parents[2] / "configs/calibration/bridge.jpg"
 CAMERA = Camera(

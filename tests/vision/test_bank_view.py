@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.vision.river.banks import hidden_per_metre
+from aerodft.geometry import camera_pose
+from aerodft.vision.river import hidden_per_metre
 
 
 def test_a_metre_of_reed_on_the_near_bank():

@@ -6,19 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, matrix
-from aerodft.vision.common.keyframes import (
+from aerodft.geometry import camera_pose, from_rotation_vector, matrix
+from aerodft.vision.common import (
     FREE,
     Standpoint,
     by_elements,
+    carried,
     change_between,
     changed,
     foretold_cov,
     moved_on,
     place_cov_px2,
 )
-from aerodft.vision.common.tracking import carried
 from aerodft.vision.plane_lock import Matched, groups_of
 
 UNIT = np.array([[520.0, 0, 319.5], [0, 530.0, 179.5], [0, 0, 1]])

@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
+from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
+from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Renderer
 from aerodft.sim.river import River
-from aerodft.sim.scenario import default_camera
-from aerodft.sim.trajectory import Waypoint, fly
 from aerodft.sim.world import DEFAULT_ORIGIN, furnished
-from aerodft.vision.camera_motion.rotation import (
+from aerodft.vision.camera_motion import (
     ImagePair,
     PlaneMotion,
     PlaneTracker,

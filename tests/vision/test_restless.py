@@ -3,12 +3,10 @@
 import cv2
 import numpy as np
 
-from aerodft.model.arrays import ImageArray
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.service.settings import ObjectSettings
-from aerodft.vision.objects.moving import MovingObjects, observations_of
+from aerodft.model import Camera, Image, ImageArray, Observation
+from aerodft.service import ObjectSettings
+from aerodft.vision.objects import MovingObjects
+from aerodft.vision.objects.moving import observations_of
 
 WIDTH, HEIGHT = 480, 270
 CAMERA = Camera.from_fov(name="c", width_px=WIDTH, height_px=HEIGHT, hfov_rad=1.0, vfov_rad=0.6)

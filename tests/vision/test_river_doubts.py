@@ -4,19 +4,17 @@ import numpy as np
 import pytest
 
 from aerodft.cli.river_document import doubts
-from aerodft.dft.request import Setup
-from aerodft.geometry.poses import camera_pose
+from aerodft.dft import Setup
+from aerodft.geometry import camera_pose
+from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import Island
 from aerodft.sim.river import River as SimulatedRiver
-from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import furnished
+from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, WaterMask, WaterPlane, find_river
 from aerodft.vision.river.centreline import Centreline
 from aerodft.vision.river.checks import otherwise_m
-from aerodft.vision.river.observer import River, RiverQuestion, find_river
-from aerodft.vision.river.status import NoRiver, RiverStatus
-from aerodft.vision.river.water import WaterMask
-from aerodft.vision.river.water_features import WaterFeatures, WaterPlane
+from aerodft.vision.river.water_features import WaterFeatures
 from tests.vision.painted_rivers import CAMERA, PaintedRiver
 
 

@@ -6,18 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from aerodft.dft.request import Setup
-from aerodft.sim.scenario import default_camera
-from aerodft.vision.river.banks import Islands
-from aerodft.vision.river.observer import (
-    Reach,
-    ReachView,
-    River,
-    RiverQuestion,
-    common_islands,
-    find_river,
-    measure_reach,
-)
+from aerodft.dft import Setup
+from aerodft.sim import default_camera
+from aerodft.vision.river import Islands, Reach, ReachView, River, RiverQuestion, find_river, measure_reach
+from aerodft.vision.river.observer import common_islands
 from tests.vision.river_scenes import picture, river_scene
 
 HALF_PERCENT = 0.005

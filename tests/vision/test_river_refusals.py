@@ -5,14 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Setup
-from aerodft.geometry.poses import camera_pose
+from aerodft.dft import Setup
+from aerodft.geometry import camera_pose
+from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.river import River as SimulatedRiver
-from aerodft.sim.scenario import default_camera
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, World
-from aerodft.vision.river.observer import River, RiverQuestion, find_river
-from aerodft.vision.river.status import NoRiver, RiverStatus
+from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
 
 CAMERA = default_camera(960, 540)
 MIDDLE = (480.0, 270.0)

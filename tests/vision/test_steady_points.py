@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.geometry.relative_rotation import find_turn
-from aerodft.vision.camera_motion.fixed_points import SteadyPoints
+from aerodft.geometry import find_turn
+from aerodft.vision.camera_motion import SteadyPoints
 
 from .steady_pictures import CAMERA, after_turn, as_taken, error_rad, image_of, pairs_of, scene, with_passers_by
 

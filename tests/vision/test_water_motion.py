@@ -6,15 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Setup
-from aerodft.geometry.poses import camera_pose
-from aerodft.geometry.rotation import from_rotation_vector, multiply
+from aerodft.dft import Setup
+from aerodft.geometry import camera_pose, from_rotation_vector, multiply
+from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.scenario import default_camera
-from aerodft.vision.river.observer import River, RiverQuestion, find_river
-from aerodft.vision.river.status import NoRiver, RiverStatus
-from aerodft.vision.river.water_features import WaterPlane
-from aerodft.vision.river.water_motion import LaterLook, motion_copy
+from aerodft.vision.river import (
+    LaterLook,
+    NoRiver,
+    River,
+    RiverQuestion,
+    RiverStatus,
+    WaterPlane,
+    find_river,
+    motion_copy,
+)
 from tests.vision.river_scenes import river_scene, true_crossing
 from tests.waterside import Waterside, WatersideRenderer
 

@@ -5,10 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Setup
+from aerodft.dft import Setup
 from aerodft.errors import InputError
-from aerodft.vision.river.observer import River, RiverQuestion, find_river
-from aerodft.vision.river.water import WaterNetwork
+from aerodft.vision.river import River, RiverQuestion, WaterNetwork, find_river
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 BLUER_THAN_GREEN = (0.0, -40.0, 40.0)

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from aerodft.dft.request import Setup
-from aerodft.dft.river.widths import BankPair, river_widths
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera
-from aerodft.model.pose import PoseStd
+from aerodft.dft import Setup
+from aerodft.dft.river import BankPair, river_widths
+from aerodft.geometry import camera_pose
+from aerodft.model import Camera, PoseStd
+from aerodft.vision.river import water_likeness
 from aerodft.vision.river.banks import locate_edges, stand_out
-from aerodft.vision.river.water_features import water_likeness
 
 FIFTH_OF_A_PIXEL = 0.2
 

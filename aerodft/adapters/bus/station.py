@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 import zenoh
 
 from aerodft.adapters.bus.session import DEFAULT_LISTEN, close_session, open_session
-from aerodft.adapters.images.jpeg import encode_jpeg
+from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.wire import events
 from aerodft.adapters.wire.camera_motion import encode_steadiness
 from aerodft.adapters.wire.estimate import encode_estimate
@@ -32,14 +32,8 @@ from aerodft.adapters.wire.status import StationStatus, encode_status
 from aerodft.adapters.worker_queue import Lane
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
-from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement
-from aerodft.model.observation import Observation
-from aerodft.model.pose import HeightSwitch
-from aerodft.model.probe import Probe
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import StepOutputs
+from aerodft.model import CalibrationEstimate, HeightSwitch, Image, Measurement, Observation, Probe, SteadinessEstimate
+from aerodft.service import Batches, StepOutputs
 
 _QUEUED_TICKS = 256
 _LOG_EVERY = 1000

@@ -1,1 +1,4 @@
 """Configuration: TOML files with the unit in every key, to values in SI units."""
+
+from aerodft.adapters.config.covariance import load_covariance
+from aerodft.adapters.config.tables import GEO, LOCAL

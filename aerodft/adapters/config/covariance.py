@@ -9,7 +9,7 @@ import orjson
 from aerodft.adapters.file_kind import content_looks_like, looks_like
 from aerodft.conventions import LARGEST
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.arrays import FloatArray
+from aerodft.model import FloatArray
 
 _ROUNDING = 1e-6
 """Of the correlations: rows that were printed with seven digits still pass."""

@@ -12,7 +12,7 @@ from aerodft.adapters.images.pixels import STILLS, read_still
 from aerodft.adapters.images.video import VideoFileSource
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
-from aerodft.model.arrays import ImageArray
+from aerodft.model import ImageArray
 
 MOST_OF_A_VIDEO: Final = 300
 """Images that are taken of one video."""

@@ -6,8 +6,7 @@ from io import BytesIO
 import numpy as np
 
 from aerodft.errors import InputError
-from aerodft.model.arrays import ImageArray
-from aerodft.model.image import Image
+from aerodft.model import Image, ImageArray
 
 
 def encode_jpeg(image: Image, quality: int) -> bytes:

@@ -8,8 +8,7 @@ import numpy as np
 
 from aerodft.adapters.file_kind import looks_like
 from aerodft.errors import InputError
-from aerodft.model.arrays import ImageArray
-from aerodft.model.camera import Camera
+from aerodft.model import Camera, ImageArray
 
 if TYPE_CHECKING:
     import av

@@ -7,8 +7,8 @@ from types import TracebackType
 from typing import Self
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.image import Image, StampClock
-from aerodft.service.ports import Clock
+from aerodft.model import Image, StampClock
+from aerodft.service import Clock
 
 
 def _period_ns(rate_hz: float) -> Fraction:

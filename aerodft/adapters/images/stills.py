@@ -17,8 +17,7 @@ from aerodft.adapters.images.pixels import STILLS, StillPixels
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.camera import CameraMode
-from aerodft.model.image import Image
+from aerodft.model import CameraMode, Image
 
 _FIELDS = {
     "%Y": r"(?P<year>\d{4})",

@@ -27,8 +27,8 @@ from av.video.stream import VideoStream
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, LinkError
-from aerodft.model.image import Image, StampClock, VideoPacket
-from aerodft.service.ports import Clock
+from aerodft.model import Image, StampClock, VideoPacket
+from aerodft.service import Clock
 
 _WINDOW_NS = 5 * SECOND_NS
 _JUMP_NS = SECOND_NS

@@ -23,7 +23,7 @@ from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
-from aerodft.model.image import Image
+from aerodft.model import Image
 
 _LOG = logging.getLogger(__name__)
 # The first is local time with its offset, and of the recording's start; the second is what most containers have.

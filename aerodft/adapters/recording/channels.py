@@ -15,7 +15,7 @@ from mcap.records import Schema
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from aerodft.adapters.wire.schemas import schema_text
-from aerodft.model.telemetry import WireProtocol
+from aerodft.model import WireProtocol
 
 SENDER_KEY = "sender"
 STATION_KEY = "station"

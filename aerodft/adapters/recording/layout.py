@@ -19,7 +19,7 @@ from mcap.records import (
 )
 
 from aerodft.adapters.recording.channels import Channel
-from aerodft.model.arrays import IntArray
+from aerodft.model import IntArray
 
 MAGIC = b"\x89MCAP0\r\n"
 NO_OPCODE = 0  # which the format forbids: zeros are no records

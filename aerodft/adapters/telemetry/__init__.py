@@ -1,1 +1,16 @@
 """Telemetry logs and links, whatever their format, decoded to tracks in SI units."""
+
+from aerodft.adapters.telemetry.dataflash import FMT_TYPE, HEAD_SIZE, MessageFormat
+from aerodft.adapters.telemetry.log_formats import CompositeDecoder, decoder_of, followed_by, open_log
+from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.telemetry.signing import (
+    SignatureCheck,
+    SigningCounts,
+    SigningState,
+    load_key,
+    open_signing,
+    signing_document,
+    signing_sentences,
+    unchecked,
+)
+from aerodft.adapters.telemetry.tracks import MOST_ATTACHED

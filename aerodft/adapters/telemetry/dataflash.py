@@ -13,14 +13,15 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.telemetry import tracks as to
-from aerodft.adapters.telemetry.mavlink.decoding import ORIENTATION_DOWN
-from aerodft.adapters.telemetry.mavlink.framing import payload_rows
-from aerodft.adapters.telemetry.mavlink.kernels import MAX_STAMP_US
-from aerodft.geometry.rotation import from_yaw_pitch_roll
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import (
+from aerodft.adapters.telemetry.mavlink import MAX_STAMP_US, ORIENTATION_DOWN, payload_rows
+from aerodft.geometry import from_yaw_pitch_roll
+from aerodft.model import (
+    BoolArray,
     ClockTrack,
+    FloatArray,
+    GimbalSource,
+    HeightSource,
+    IntArray,
     PositionTrack,
     RawBlock,
     Track,

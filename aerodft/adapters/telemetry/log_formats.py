@@ -5,9 +5,9 @@ from pathlib import Path
 
 from aerodft.adapters.telemetry.dataflash import HEAD, DataflashDecoder
 from aerodft.adapters.telemetry.logs import DataflashSource, LogFile, TlogSource
-from aerodft.adapters.telemetry.mavlink.decoding import Followed, MavlinkDecoder
-from aerodft.model.telemetry import RawBlock, Track, WireProtocol
-from aerodft.service.settings import TelemetrySettings
+from aerodft.adapters.telemetry.mavlink import Followed, MavlinkDecoder
+from aerodft.model import RawBlock, Track, WireProtocol
+from aerodft.service import TelemetrySettings
 
 
 class CompositeDecoder:

@@ -14,9 +14,7 @@ import numpy as np
 
 from aerodft.adapters.file_kind import content_looks_like, looks_like
 from aerodft.adapters.telemetry.dataflash import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE, DataflashDecoder
-from aerodft.adapters.telemetry.mavlink.dialect import frame_table
-from aerodft.adapters.telemetry.mavlink.framing import FrameCounts, counts_of
-from aerodft.adapters.telemetry.mavlink.kernels import (
+from aerodft.adapters.telemetry.mavlink import (
     AT_QUIET,
     AT_SYNC,
     BACKWARDS,
@@ -29,16 +27,17 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     STATE_SIZE,
     TLOG_STATE,
     Bytes,
+    FrameCounts,
+    counts_of,
+    frame_table,
     probe,
     scan_tlog,
     settle_all,
 )
 from aerodft.errors import InputError
 from aerodft.jit import njit
-from aerodft.model.arrays import IntArray
-from aerodft.model.observation import Event
-from aerodft.model.telemetry import ClockTrack, RawBlock, WireProtocol
-from aerodft.service.arrivals import Pace
+from aerodft.model import ClockTrack, Event, IntArray, RawBlock, WireProtocol
+from aerodft.service import Pace
 
 Scan = Callable[[Bytes, int, int, IntArray, IntArray], tuple[int, int]]
 

@@ -24,10 +24,9 @@ from typing import Any, Final, Self
 import numpy as np
 import orjson
 
-from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES, frame_table
-from aerodft.adapters.telemetry.mavlink.kernels import SIGNATURE, SIGNED, V2, checksum
+from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V2, checksum, frame_table
 from aerodft.errors import ConfigError, InputError
-from aerodft.service.settings import RADIO_STATUS, SigningSettings
+from aerodft.service import RADIO_STATUS, SigningSettings
 
 _LOG: Final = logging.getLogger(__name__)
 _SCHEMA: Final = "aerodft.signing/1"

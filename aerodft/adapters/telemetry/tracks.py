@@ -9,21 +9,27 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry.rotation import from_yaw_pitch_roll
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.camera import ZoomSource
-from aerodft.model.health import EstimatorTrack, GimbalFailureTrack, GpsTrack, HeartbeatTrack
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import (
+from aerodft.geometry import from_yaw_pitch_roll
+from aerodft.model import (
     NO_BOOT_TIME,
+    BoolArray,
     CameraTrack,
     ClockTrack,
+    EstimatorTrack,
+    FloatArray,
+    GimbalFailureTrack,
+    GimbalSource,
     GimbalTrack,
+    GpsTrack,
+    HeartbeatTrack,
+    HeightSource,
     HeightTrack,
+    IntArray,
     PositionTrack,
     SyncTrack,
     Track,
     VehicleTrack,
+    ZoomSource,
 )
 
 MIN_UNIX_NS: Final = 946_684_800 * 10**9  # 2000-01-01

@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.model.calibration import SteadinessEstimate
+from aerodft.model import SteadinessEstimate
 
 SCHEMA = "aerodft.steadiness/1"
 

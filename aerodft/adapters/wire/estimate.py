@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.model.calibration import BiasValues, CalibrationEstimate
+from aerodft.model import BiasValues, CalibrationEstimate
 
 SCHEMA = "aerodft.calibration_estimate/1"
 

@@ -9,8 +9,7 @@ from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.packed_bytes import Texts
 from aerodft.adapters.wire.template import encode_payloads
 from aerodft.conventions import LARGEST
-from aerodft.model.image import Image, ImageRows, StampClock
-from aerodft.model.observation import Box, Observation
+from aerodft.model import Box, Image, ImageRows, Observation, StampClock
 
 IMAGE_SCHEMA = "aerodft.image/1"
 OBSERVATION_SCHEMA = "aerodft.observation/1"

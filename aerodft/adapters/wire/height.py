@@ -1,7 +1,7 @@
 """``aerodft.height_switch/1``: heights are of another source from a stamp on, and by how much the two differ."""
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.model.pose import HeightSwitch
+from aerodft.model import HeightSwitch
 
 SCHEMA = "aerodft.height_switch/1"
 

@@ -14,10 +14,8 @@ from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.packed_bytes import Texts
 from aerodft.adapters.wire.pose import summary_numbers, summary_payload
 from aerodft.adapters.wire.template import encode_payloads, flat
-from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn
-from aerodft.model.arrays import FloatArray
-from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
-from aerodft.model.pose import PoseSample
+from aerodft.dft import NO_IMAGE, MeasurementBatch, MeasurementColumn
+from aerodft.model import Ellipse95, FloatArray, GeoPoint, Measurement, PoseSample, ProjectionModel
 
 SCHEMA = "aerodft.measurement/1"
 IMAGE_SCHEMA = "aerodft.measurements/1"

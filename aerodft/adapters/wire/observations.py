@@ -11,8 +11,7 @@ from aerodft.adapters.wire import bounded_json
 from aerodft.adapters.wire import payload as wire
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
-from aerodft.model.image import StampClock
-from aerodft.model.observation import Box, Observation
+from aerodft.model import Box, Observation, StampClock
 
 _KEYS = frozenset((
     "schema", "name", "stamp_ns", "image", "pixels", "box", "contour", "unseen", "std_px", "clock", "arrival_ns",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.jit import njit
-from aerodft.model.arrays import ImageArray, IntArray
+from aerodft.model import ImageArray, IntArray
 
 _ONE = np.uint64(1)
 

@@ -9,9 +9,7 @@ from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.packed_bytes import Texts
 from aerodft.adapters.wire.template import encode_payloads, flat
 from aerodft.conventions import NADIR_TILT_RAD
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Zoom
-from aerodft.model.pose import HORIZONTAL, TIME, GeoOrigin, PoseBatch, PoseSample
+from aerodft.model import HORIZONTAL, TIME, FloatArray, GeoOrigin, PoseBatch, PoseSample, Zoom
 
 SCHEMA = "aerodft.pose/1"
 

@@ -10,7 +10,7 @@ from aerodft.adapters.wire import bounded_json
 from aerodft.adapters.wire import payload as wire
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
-from aerodft.model.probe import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _WHERE = "measure"
 _KEYS = frozenset({"name", "kind", "pixels", "stamp_ns", "std_px", "elevation_m"})

@@ -7,13 +7,16 @@ import orjson
 
 from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.adapters.wire import estimate, events, height, measurement, pose, status
-from aerodft.model.calibration import Steadiness
-from aerodft.model.camera import ZoomSource
-from aerodft.model.image import StampClock
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
+from aerodft.model import (
+    GimbalSource,
+    HeightSource,
+    ProbeKind,
+    ProjectionModel,
+    StampClock,
+    Status,
+    Steadiness,
+    ZoomSource,
+)
 
 Schema = dict[str, Any]
 

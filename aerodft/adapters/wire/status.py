@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.model.health import Health
+from aerodft.model import Health
 
 SCHEMA = "aerodft.status/1"
 STATES = ("starting", "running", "ending")

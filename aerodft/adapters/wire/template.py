@@ -13,7 +13,7 @@ import orjson
 
 from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.packed_bytes import Form, Texts
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model import FloatArray, IntArray
 
 # What stands for a hole; no name holds it.
 _WHOLE, _NUMBER, _TEXT, _QUOTED = "\x00", "\x01", "\x02", "\x03"  # the last: a whole number's, in quotation marks

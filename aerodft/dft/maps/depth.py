@@ -10,13 +10,23 @@ from functools import lru_cache
 
 import numpy as np
 
-from aerodft.geometry.ground import Ground, GroundHits, Plane
-from aerodft.geometry.kernels import GSD, PITCH, RANGE, RAY_Z, Float32Array, X, Y, meet_dense
-from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.rotation import camera_angles, matrix
-from aerodft.model.arrays import FloatArray, read_only
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.geometry import (
+    GSD,
+    PITCH,
+    RANGE,
+    RAY_Z,
+    Float32Array,
+    Ground,
+    GroundHits,
+    Plane,
+    X,
+    Y,
+    camera_angles,
+    matrix,
+    meet_dense,
+    rays_with_jacobian,
+)
+from aerodft.model import Camera, FloatArray, Pose, read_only
 
 Z = 4  # plane of a depth map, behind those of ``dense``
 

@@ -10,14 +10,8 @@ import numpy as np
 from aerodft.dft.covariance import shared_covariance
 from aerodft.dft.maps.depth import ray_table
 from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION
-from aerodft.geometry.ground import Plane
-from aerodft.geometry.intrinsics import rays_by_intrinsics
-from aerodft.geometry.kernels import RAY_Z, Float32Array
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.geometry import RAY_Z, Float32Array, Plane, matrix, rays_by_intrinsics, rays_from_pixels
+from aerodft.model import Camera, FloatArray, Pose
 
 _AT_ONCE = 1 << 17  # pixels: some 100 MB
 

@@ -4,12 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.geometry.kernels import BrownLens, FisheyeLens, meet_brown, meet_fisheye, meet_straight
-from aerodft.geometry.lens import brown_limit, fisheye_limit, padded
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera, LensModel
-from aerodft.model.pose import Pose
+from aerodft.geometry import (
+    BrownLens,
+    FisheyeLens,
+    brown_limit,
+    fisheye_limit,
+    matrix,
+    meet_brown,
+    meet_fisheye,
+    meet_straight,
+    padded,
+)
+from aerodft.model import Camera, FloatArray, LensModel, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)

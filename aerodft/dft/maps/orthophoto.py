@@ -9,12 +9,8 @@ import numpy as np
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft.maps.depth import DepthMap, depth_map
-from aerodft.geometry.ground import Ground
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.geometry import Ground, matrix, pixels_from_rays
+from aerodft.model import BoolArray, Camera, FloatArray, ImageArray, Pose
 
 COARSEST: Final = 4.0
 """Ground that the image samples so many times more coarsely than the view, or its own median, is left out."""

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from aerodft.model.camera import Camera
+from aerodft.model import Camera
 
 TABLE_1_HEIGHT_M: Final = 10.0
 """Camera height of all cameras in Table 1 and Figure 12."""

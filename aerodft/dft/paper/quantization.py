@@ -13,8 +13,7 @@ import numpy as np
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import equations
-from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.camera import Camera
+from aerodft.model import BoolArray, Camera, FloatArray
 
 _NEIGHBOURS = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j], dtype=np.float64)
 

@@ -17,8 +17,7 @@ from aerodft.dft.paper.printed import (
     PrintedDepth,
 )
 from aerodft.dft.paper.quantization import pixel_depth, quantization_column, quantization_error
-from aerodft.model.arrays import FloatArray
-from aerodft.model.camera import Camera
+from aerodft.model import Camera, FloatArray
 
 _HALF_DIGIT_M = 0.005
 """Table 2 prints depths to 0.01 m."""

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.river.widths import RiverWidths
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model import FloatArray, IntArray
 
 _STUDENT: Final = 4.0  # degrees of freedom of what one image has off: a mask that ran onto the bank is far off
 _ROUNDS: Final = 10

@@ -13,8 +13,7 @@ from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.covariance import Z95, shared_covariance
 from aerodft.dft.projection import GroundPoints, project
 from aerodft.dft.request import Setup
-from aerodft.model.arrays import BoolArray, FloatArray
-from aerodft.model.pose import Pose
+from aerodft.model import BoolArray, FloatArray, Pose
 
 _DRAWS: Final = 4000
 _SEED: Final = 7

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Brackets
-from aerodft.geometry.rotation import (
+from aerodft.geometry import (
+    Brackets,
     from_yaw_pitch_roll,
     inverse,
     matrix,
@@ -16,8 +16,7 @@ from aerodft.geometry.rotation import (
     to_rotation_vector,
     yaw_pitch_roll,
 )
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.telemetry import ReportFrame
+from aerodft.model import FloatArray, IntArray, ReportFrame
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,8 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.rotation import from_yaw_pitch_roll, matrix, yaw_pitch_roll
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.telemetry import ReportFrame
+from aerodft.geometry import from_yaw_pitch_roll, matrix, yaw_pitch_roll
+from aerodft.model import BoolArray, FloatArray, IntArray, ReportFrame
 from aerodft.service.streams import Stream
 
 LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)

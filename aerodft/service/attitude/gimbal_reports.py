@@ -5,8 +5,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.telemetry import GimbalTrack, ReportFrame
+from aerodft.model import BoolArray, FloatArray, GimbalTrack, IntArray, ReportFrame
 from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, moments
 from aerodft.service.attitude.slew import Demands, demands_before
 from aerodft.service.feed import tick_after

@@ -5,12 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
+from aerodft.model import FloatArray, GimbalSource, GimbalTrack, IntArray, ReportFrame, Track, VehicleTrack
 from aerodft.service.attitude.sources import AttitudeSources
-from aerodft.service.clocks.clock_map import ClockMap
-from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.clocks import ClockMap, Ticks
 from aerodft.service.feed import MergedFeed
 from aerodft.service.ports import Source, TelemetryDecoder
 from aerodft.service.settings import AttitudeSettings

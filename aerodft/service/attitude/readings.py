@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ
-from aerodft.geometry.rotation import (
+from aerodft.geometry import (
     camera_from_gimbal,
     from_yaw_pitch_roll,
     inverse,
@@ -18,9 +18,7 @@ from aerodft.geometry.rotation import (
     slerp,
     to_rotation_vector,
 )
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import ReportFrame
+from aerodft.model import FloatArray, GimbalSource, IntArray, ReportFrame
 from aerodft.service.attitude.attitude_kinematics import Ends, Turning, carrier, heading_of
 from aerodft.service.attitude.slew import Demands, jump_std, lag_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.rotation import inverse, multiply, to_rotation_vector
+from aerodft.geometry import inverse, multiply, to_rotation_vector
 from aerodft.jit import njit
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model import FloatArray, IntArray
 
 _ROUNDING_RAD: Final = 1e-6  # far more than the angle between two quaternions is off by
 

@@ -6,11 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodft.geometry.interpolation import Brackets
-from aerodft.geometry.rotation import slerp
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.pose import GimbalSource
-from aerodft.model.telemetry import GimbalTrack, ReportFrame, Track, VehicleTrack
+from aerodft.geometry import Brackets, slerp
+from aerodft.model import BoolArray, FloatArray, GimbalSource, GimbalTrack, IntArray, ReportFrame, Track, VehicleTrack
 from aerodft.service.attitude.attitude_kinematics import Ends
 from aerodft.service.attitude.gimbal_frame import FrameEvidence
 from aerodft.service.attitude.gimbal_reports import Gimbal

@@ -1,1 +1,8 @@
 """Clocks: the vehicle's since boot, this machine's and the camera's, each mapped to UTC."""
+
+from aerodft.service.clocks.camera_clock import ImageClock, OnClock
+from aerodft.service.clocks.clock_map import HOST_STD_S, ClockHealth, ClockMap
+from aerodft.service.clocks.line import JUMP_NS
+from aerodft.service.clocks.log_span import PAUSE_NS, LogSpan, survey_span
+from aerodft.service.clocks.system_clock import WallClock
+from aerodft.service.clocks.ticks import Ticks, of_a_kind

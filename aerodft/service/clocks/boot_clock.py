@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.telemetry import NO_BOOT_TIME, SyncTrack, Track
+from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, SyncTrack, Track
 
 STEP_NS: Final = 2 * SECOND_NS
 """Farther back than this, or farther ahead than time has passed, is another clock, not a late message."""

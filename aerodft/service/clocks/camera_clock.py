@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from aerodft.model.observation import Event
-from aerodft.model.telemetry import RawBlock
+from aerodft.model import Event, RawBlock
 from aerodft.service.ports import Source
 
 

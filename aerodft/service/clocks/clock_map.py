@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.telemetry import NO_BOOT_TIME, SyncTrack, Track
+from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, SyncTrack, Track
 from aerodft.service.clocks.line import JUMP_NS
 from aerodft.service.clocks.state import ClockState
 from aerodft.service.clocks.ticks import Ticks

@@ -6,7 +6,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model import FloatArray, IntArray
 from aerodft.service.clocks.line import JUMP_NS, Line
 from aerodft.service.clocks.ticks import LineTable
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import FloatArray, IntArray
+from aerodft.model import FloatArray, IntArray
 
 JUMP_NS: Final = SECOND_NS // 10
 """An offset that is off by more is a jump: what time it is must be found anew."""

@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, Track, VehicleTrack
+from aerodft.model import GimbalSource, GimbalTrack, HeightSource, HeightTrack, PositionTrack, Track, VehicleTrack
 from aerodft.service.clocks.clock_map import ClockMap
 from aerodft.service.clocks.ticks import Ticks
 from aerodft.service.feed import MergedFeed

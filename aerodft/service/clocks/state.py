@@ -5,8 +5,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from aerodft.model.arrays import IntArray
-from aerodft.model.telemetry import NO_BOOT_TIME, ClockTrack, Track
+from aerodft.model import NO_BOOT_TIME, ClockTrack, IntArray, Track
 from aerodft.service.clocks.boot_clock import STEP_NS, BootClock
 from aerodft.service.clocks.delayed_line import DelayedLine
 from aerodft.service.clocks.line import JUMP_NS, Line, StatedLine

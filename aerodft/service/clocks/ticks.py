@@ -6,8 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.telemetry import NO_BOOT_TIME, Track, joined
+from aerodft.model import NO_BOOT_TIME, FloatArray, IntArray, Track, joined
 from aerodft.service.clocks.line import Line
 
 _NOTHING: Final = np.empty(0, dtype=np.int64)

@@ -9,24 +9,24 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.health import (
+from aerodft.model import (
     RATIOS,
+    BoolArray,
+    CameraTrack,
+    ClockTrack,
     EstimatorTrack,
+    FloatArray,
     GimbalFailureTrack,
+    GimbalTrack,
     GpsTrack,
     Health,
     HeartbeatTrack,
-    LinkTrack,
-    RivalTrack,
-)
-from aerodft.model.pose import PoseBatch
-from aerodft.model.telemetry import (
-    CameraTrack,
-    ClockTrack,
-    GimbalTrack,
     HeightTrack,
+    IntArray,
+    LinkTrack,
+    PoseBatch,
     PositionTrack,
+    RivalTrack,
     Track,
     VehicleTrack,
 )

@@ -7,11 +7,19 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.poses import pose_covariance
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.health import FIX_3D
-from aerodft.model.pose import HORIZONTAL, GimbalSource, PoseBatch, PoseSample
-from aerodft.model.status import CODE_OF, Status
+from aerodft.geometry import pose_covariance
+from aerodft.model import (
+    CODE_OF,
+    FIX_3D,
+    HORIZONTAL,
+    BoolArray,
+    FloatArray,
+    GimbalSource,
+    IntArray,
+    PoseBatch,
+    PoseSample,
+    Status,
+)
 from aerodft.service.settings import HealthSettings
 
 _WARNING_SHARE: Final = 0.8  # of the largest ratio

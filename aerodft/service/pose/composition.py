@@ -7,13 +7,23 @@ from typing import Final, cast
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.ground import Ground, Plane
-from aerodft.geometry.poses import pose_covariance
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.pose import TIME, GeoOrigin, HeightSource, Pose, PoseBatch, PoseSample
-from aerodft.model.status import CODE_OF, CODES, Status
-from aerodft.service.attitude.readings import AttitudeBatch
-from aerodft.service.clocks.clock_map import HOST_STD_S, ClockMap
+from aerodft.geometry import Ground, Plane, pose_covariance
+from aerodft.model import (
+    CODE_OF,
+    CODES,
+    TIME,
+    BoolArray,
+    FloatArray,
+    GeoOrigin,
+    HeightSource,
+    IntArray,
+    Pose,
+    PoseBatch,
+    PoseSample,
+    Status,
+)
+from aerodft.service.attitude import AttitudeBatch
+from aerodft.service.clocks import HOST_STD_S, ClockMap
 from aerodft.service.pose.ground_below import footing, raised
 from aerodft.service.pose.height_sources import DATUM, SOURCES, HeightBatch
 from aerodft.service.pose.vehicle_position import PlaceBatch

@@ -4,10 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodft.geometry.ground import Ground
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import Pose
-from aerodft.model.status import CODES, Status
+from aerodft.geometry import Ground
+from aerodft.model import CODES, FloatArray, IntArray, Pose, Status
 
 _ALOFT_M = 1e5  # above all ground
 _DOWN = np.array([0.0, 0.0, -1.0])

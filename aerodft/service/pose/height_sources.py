@@ -9,12 +9,20 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.interpolation import Brackets
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.health import FIX_3D, GpsTrack
-from aerodft.model.pose import HeightDifference, HeightSource, HeightSwitch
-from aerodft.model.telemetry import HeightTrack, PositionTrack, Track
+from aerodft.geometry import Brackets, matrix
+from aerodft.model import (
+    FIX_3D,
+    BoolArray,
+    FloatArray,
+    GpsTrack,
+    HeightDifference,
+    HeightSource,
+    HeightSwitch,
+    HeightTrack,
+    IntArray,
+    PositionTrack,
+    Track,
+)
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, LAST, Missing, Stream
 

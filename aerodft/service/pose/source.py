@@ -4,26 +4,27 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.ground import Ground
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.health import Health, LinkTrack
-from aerodft.model.pose import (
+from aerodft.geometry import Ground
+from aerodft.model import (
+    BoolArray,
+    Camera,
     GeoOrigin,
     GimbalSource,
+    Health,
     HeightDifference,
     HeightSource,
     HeightSwitch,
+    IntArray,
+    LinkTrack,
     PoseBatch,
     PoseSample,
+    PositionTrack,
+    Status,
+    Track,
 )
-from aerodft.model.status import Status
-from aerodft.model.telemetry import PositionTrack, Track
-from aerodft.service.attitude.gimbal_frame import FrameEvidence
-from aerodft.service.attitude.sources import AttitudeSources
-from aerodft.service.clocks.clock_map import ClockMap
-from aerodft.service.clocks.ticks import Ticks, of_a_kind
-from aerodft.service.health.sources import HealthSources
+from aerodft.service.attitude import AttitudeSources, FrameEvidence
+from aerodft.service.clocks import ClockMap, Ticks, of_a_kind
+from aerodft.service.health import HealthSources
 from aerodft.service.pose.composition import PoseInputs, PoseMaker, missed
 from aerodft.service.pose.height_sources import HeightSources
 from aerodft.service.pose.vehicle_position import Places

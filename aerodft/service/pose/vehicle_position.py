@@ -7,10 +7,8 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.geodesy import east_north
-from aerodft.model.arrays import FloatArray, IntArray
-from aerodft.model.pose import GeoOrigin
-from aerodft.model.telemetry import PositionTrack
+from aerodft.geometry import east_north
+from aerodft.model import FloatArray, GeoOrigin, IntArray, PositionTrack
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import Missing, Stream
 

@@ -8,11 +8,20 @@ from typing import Final, cast
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
-from aerodft.model.camera import Camera, Zoom, ZoomSource
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.status import CODE_OF, Status
-from aerodft.model.telemetry import CameraTrack, Track
+from aerodft.model import (
+    CODE_OF,
+    BoolArray,
+    Camera,
+    CameraTrack,
+    FloatArray,
+    IntArray,
+    PoseBatch,
+    PoseSample,
+    Status,
+    Track,
+    Zoom,
+    ZoomSource,
+)
 from aerodft.service.settings import ZoomSettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 

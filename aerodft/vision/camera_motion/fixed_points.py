@@ -11,23 +11,20 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, rotated_pixels
-from aerodft.geometry.rotation import inverse, matrix, multiply, to_rotation_vector
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.calibration import STEADY
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.vision.common.tracking import (
-    between_nodes,
-    evened,
-    followed,
-    grey_of,
-    nodes_px,
-    spread_corners,
-    well_inside,
+from aerodft.geometry import (
+    LEAST_POINTS,
+    Turn,
+    find_turn,
+    inverse,
+    matrix,
+    multiply,
+    pixels_from_rays,
+    rays_from_pixels,
+    rotated_pixels,
+    to_rotation_vector,
 )
+from aerodft.model import STEADY, BoolArray, Camera, FloatArray, Image, ImageArray, IntArray, Observation
+from aerodft.vision.common import between_nodes, evened, followed, grey_of, nodes_px, spread_corners, well_inside
 
 _FEATURES: Final = 2500
 _HALF: Final = 0.5  # of the image's size: descriptors need no more, and noise less

@@ -15,12 +15,18 @@ import cv2
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.lens import rays_with_jacobian
-from aerodft.geometry.robust import robust_std
-from aerodft.geometry.rotation import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.vision.common.tracking import StraightView, followed
+from aerodft.geometry import (
+    from_rotation_vector,
+    inverse,
+    matrix,
+    multiply,
+    rays_with_jacobian,
+    robust_std,
+    skew,
+    to_rotation_vector,
+)
+from aerodft.model import BoolArray, Camera, FloatArray, ImageArray, IntArray
+from aerodft.vision.common import StraightView, followed
 
 _WIDEST_TANGENT = 2.0  # farther from the axis a pixel says little about a plane ahead
 _CELLS = (6, 8)  # rows and columns of the grid over which points are spread

@@ -16,14 +16,19 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.geometry.ground import Ground
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray, read_only
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.status import Status
+from aerodft.geometry import Ground, matrix, rays_from_pixels
+from aerodft.model import (
+    BoolArray,
+    Camera,
+    FloatArray,
+    Image,
+    ImageArray,
+    IntArray,
+    Pose,
+    PoseSample,
+    Status,
+    read_only,
+)
 from aerodft.vision.common.tracking import StraightView, well_inside
 
 FREE: Final = 8

@@ -10,9 +10,8 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.geometry.lens import pixels_from_rays, rays_from_pixels
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
-from aerodft.model.camera import Camera
+from aerodft.geometry import pixels_from_rays, rays_from_pixels
+from aerodft.model import BoolArray, Camera, FloatArray, ImageArray
 
 SMALL_PX: Final = 640
 """Images are tracked at about this width."""

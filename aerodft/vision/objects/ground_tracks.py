@@ -15,20 +15,20 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
-from aerodft.dft.covariance import CHI2_2D_95
-from aerodft.dft.projection import ELEVATION, GroundPoints, project
-from aerodft.dft.quantities import Sight as Rays
-from aerodft.dft.quantities import upright_height
-from aerodft.dft.request import Setup
-from aerodft.dft.silhouette import EDGE_STD_PX
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose
-from aerodft.service.outline_requests import standing_of
-from aerodft.service.settings import ObjectSettings
+from aerodft.dft import (
+    CHI2_2D_95,
+    EDGE_STD_PX,
+    ELEVATION,
+    MAX_RELATIVE_RANGE_STD,
+    GroundPoints,
+    Setup,
+    project,
+    upright_height,
+)
+from aerodft.dft import Sight as Rays
+from aerodft.geometry import matrix, rays_from_pixels
+from aerodft.model import FloatArray, Observation, Pose
+from aerodft.service import ObjectSettings, standing_of
 
 _TOP_STD_PX = 3.0
 _HEIGHT_SHARE = 0.05  # of its height: heads bow, and sights differ by as much

@@ -14,15 +14,11 @@ import cv2
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry.ground import Ground
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.service.settings import OBJECTS, ObjectSettings
-from aerodft.vision.camera_motion.fixed_points import allowed_outside
-from aerodft.vision.common.keyframes import PlaneImage, PoseOf, Standpoints
-from aerodft.vision.common.tracking import NODE_PX, OUTSIDE_PX, StraightView, carried, nodes_px
+from aerodft.geometry import Ground
+from aerodft.model import BoolArray, Camera, FloatArray, Image, ImageArray, Observation
+from aerodft.service import OBJECTS, ObjectSettings
+from aerodft.vision.camera_motion import allowed_outside
+from aerodft.vision.common import NODE_PX, OUTSIDE_PX, PlaneImage, PoseOf, Standpoints, StraightView, carried, nodes_px
 from aerodft.vision.plane_lock import PlaneLock
 
 _SLACK_PX: Final = 0.3  # staircases of a mask are no corners

@@ -13,19 +13,24 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
-from aerodft.dft.covariance import Z95, ellipses95, shared_covariance
-from aerodft.dft.measurement_batch import MeasurementBatch, MeasurementColumn, of_one_image
-from aerodft.dft.projection import GroundPoints, lat_lon_alt, to_ground_frame
-from aerodft.dft.request import Request, Setup, zoomed
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import FloatArray
-from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.status import Status
-from aerodft.service.settings import ObjectSettings
+from aerodft.dft import (
+    MAX_RELATIVE_RANGE_STD,
+    Z95,
+    GroundPoints,
+    MeasurementBatch,
+    MeasurementColumn,
+    Request,
+    Setup,
+    ellipses95,
+    lat_lon_alt,
+    of_one_image,
+    shared_covariance,
+    to_ground_frame,
+    zoomed,
+)
+from aerodft.geometry import matrix, pixels_from_rays
+from aerodft.model import FloatArray, Observation, PixelSource, Pose, PoseSample, Probe, ProbeKind, Status
+from aerodft.service import ObjectSettings
 from aerodft.vision.objects.ground_tracks import GroundTrack, GroundTracks, below_top, ground_at, sights
 
 _AHEAD_S: Final = 0.5  # over which a velocity's dependence on the pose is taken

@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from scipy.special import ndtr
 
-from aerodft.geometry.robust import robust_std
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.pose import Pose
+from aerodft.geometry import robust_std
+from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose
 from aerodft.vision.river.centreline import Transects
 from aerodft.vision.river.status import RiverStatus
 from aerodft.vision.river.water_features import WaterPlane

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model import BoolArray, FloatArray, IntArray
 from aerodft.vision.river.water_features import WaterFeatures, WaterPlane
 
 _LONGEST_CELLS: Final = 240

@@ -12,8 +12,8 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.geometry.robust import middle_and_std, robust_std
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
+from aerodft.geometry import middle_and_std, robust_std
+from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.river.centreline import Centreline, centreline, transects
 from aerodft.vision.river.status import NoRiver, RiverStatus
 from aerodft.vision.river.water import Outline, WaterMask, find_water, opened, outlines, overlap, with_islands

@@ -14,16 +14,21 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from aerodft.dft.request import Setup, zoomed
-from aerodft.dft.river.reach import ReachWidths, SeenWidths, fuse
-from aerodft.dft.river.widths import BankPair, RiverWidths, river_widths
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import Probe
-from aerodft.service.settings import RiverLook
+from aerodft.dft import Setup, zoomed
+from aerodft.dft.river import BankPair, ReachWidths, RiverWidths, SeenWidths, fuse, river_widths
+from aerodft.model import (
+    BoolArray,
+    Camera,
+    FloatArray,
+    Image,
+    ImageArray,
+    IntArray,
+    Observation,
+    Pose,
+    PoseSample,
+    Probe,
+)
+from aerodft.service import RiverLook
 from aerodft.vision.river.banks import Edges, Islands, islands_across, locate_banks, stand_out
 from aerodft.vision.river.centreline import (
     MOST_TRANSECTS,

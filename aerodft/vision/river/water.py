@@ -30,8 +30,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.errors import InputError
-from aerodft.geometry.robust import middle_and_std, robust_std
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.geometry import middle_and_std, robust_std
+from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.vision.river.water_features import (
     BLUE_TO_GREEN,
     LIGHT,

@@ -15,12 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
-from aerodft.dft.maps.ground_points import GroundMap
-from aerodft.geometry.lens import pixels_from_rays
-from aerodft.geometry.rotation import matrix
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray, IntArray
-from aerodft.model.camera import Camera
-from aerodft.model.pose import Pose
+from aerodft.dft.maps import GroundMap
+from aerodft.geometry import matrix, pixels_from_rays
+from aerodft.model import BoolArray, Camera, FloatArray, ImageArray, IntArray, Pose
 
 Float32Image = npt.NDArray[np.float32]
 

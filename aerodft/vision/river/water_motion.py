@@ -12,8 +12,8 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.model.arrays import BoolArray, FloatArray, ImageArray
-from aerodft.vision.common.tracking import evened, followed, spread_corners
+from aerodft.model import BoolArray, FloatArray, ImageArray
+from aerodft.vision.common import evened, followed, spread_corners
 from aerodft.vision.river.water import GLITTER, WaterMask, around_seed
 from aerodft.vision.river.water_features import LIGHT, Float32Image, WaterFeatures, WaterPlane, outline_contrast
 

@@ -8,7 +8,7 @@ import pytest
 from aerodft.adapters.wire.events import encode_observation
 from aerodft.adapters.wire.observations import load_observations, parse_observation
 from aerodft.errors import InputError
-from aerodft.model.image import StampClock
+from aerodft.model import StampClock
 from tests.payloads import decode_observation
 
 GOOD = {"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}

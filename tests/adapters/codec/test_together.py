@@ -12,17 +12,28 @@ from aerodft.adapters.wire.events import decode_images, encode_image, encode_ima
 from aerodft.adapters.wire.measurement import IMAGE_SCHEMA, encode_batch, encode_measurement
 from aerodft.adapters.wire.pose import encode_poses
 from aerodft.adapters.wire.template import encode_payloads
-from aerodft.dft.measure import measure
-from aerodft.dft.measurement_batch import NO_IMAGE
-from aerodft.dft.request import Request, Setup, linked
+from aerodft.dft import NO_IMAGE, Request, Setup, linked, measure
 from aerodft.errors import InputError
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.camera import Camera, Zoom, ZoomSource
-from aerodft.model.image import Image, ImageRows, StampClock
-from aerodft.model.measurement import Measurement
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, PoseBatch, PoseSample, PoseStd
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.geometry import camera_pose
+from aerodft.model import (
+    Camera,
+    GeoOrigin,
+    GimbalSource,
+    HeightSource,
+    Image,
+    ImageRows,
+    Measurement,
+    PixelSource,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    Probe,
+    ProbeKind,
+    StampClock,
+    Status,
+    Zoom,
+    ZoomSource,
+)
 from tests.payloads import encode_pose
 
 CAMERA = Camera(name="c", width_px=1920, height_px=1080, fx_px=1600.0, fy_px=1590.0, cx_px=990.0, cy_px=500.0)

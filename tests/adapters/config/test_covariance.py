@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from aerodft.adapters.config.covariance import checked_covariance, load_covariance
+from aerodft.adapters.config import load_covariance
+from aerodft.adapters.config.covariance import checked_covariance
 from aerodft.errors import ConfigError, InputError
 
 SCALES = np.array([2.0, 2.0, 0.1, 5e-3, 5e-3, 2e-3])  # metres and radians

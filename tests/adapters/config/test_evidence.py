@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.config.evidence.files import check_against, load_evidence
-from aerodft.geometry.rotation import camera_attitude, matrix
-from aerodft.model.evidence import (
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.evidence import check_against, load_evidence
+from aerodft.geometry import camera_attitude, matrix
+from aerodft.model import (
     EvidenceSet,
     GroundLines,
     GroundPoint,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from aerodft.adapters.config.evidence.files import load_evidence
+from aerodft.adapters.config.evidence import load_evidence
 from aerodft.errors import ConfigError
 
 from .test_evidence_refusals import CAMERA, RD, degrees, point, sentence_of

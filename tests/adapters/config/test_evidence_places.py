@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from pyproj import CRS, Geod, Proj, Transformer
 
-from aerodft.adapters.config.evidence.files import load_evidence
-from aerodft.adapters.config.evidence.local_frame import LocalFrame
-from aerodft.geometry.geodesy import east_north
-from aerodft.model.pose import GeoOrigin
+from aerodft.adapters.config.evidence import LocalFrame, load_evidence
+from aerodft.geometry import east_north
+from aerodft.model import GeoOrigin
 
 SURVEYS = Path(__file__).parents[4] / "shared" / "data" / "landmarks"
 MICROMETRE = 1e-6

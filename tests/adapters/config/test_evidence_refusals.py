@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.config.camera.camera import load_camera
-from aerodft.adapters.config.evidence.files import check_against, load_evidence
+from aerodft.adapters.config.camera import load_camera
+from aerodft.adapters.config.evidence import check_against, load_evidence
 from aerodft.errors import AerodftError, ConfigError
-from aerodft.model.camera import Camera
+from aerodft.model import Camera
 
 EXAMPLE = Path(__file__).parents[3] / "configs" / "calibration" / "bridge-landmarks.toml"
 CAMERA = Camera.from_fov(name="C", width_px=1920, height_px=1080, hfov_rad=math.radians(60), vfov_rad=math.radians(36))

@@ -11,16 +11,11 @@ import tomli_w
 from numpy.testing import assert_allclose, assert_array_equal
 from pyproj import Geod
 
-from aerodft.adapters.config.station.loading import (
-    parse_station,
-    refreshed,
-    resolved_toml,
-    station_document,
-    with_calibration,
-)
+from aerodft.adapters.config.station import parse_station, refreshed, resolved_toml, with_calibration
+from aerodft.adapters.config.station.loading import station_document
 from aerodft.errors import ConfigError, InputError
-from aerodft.geometry.terrain import STANDARD_REFRACTION, Terrain
-from aerodft.model.probe import ProbeKind
+from aerodft.geometry import STANDARD_REFRACTION, Terrain
+from aerodft.model import ProbeKind
 
 LAT, LON = 47.5, 9.2
 CAMERA = '[camera]\nname = "A"\nwidth_px = 100\nheight_px = 50\nhfov_deg = 90\n'

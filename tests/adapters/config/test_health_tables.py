@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from aerodft.adapters.config.station.telemetry_tables import HealthTable, ZoomTable
 from aerodft.adapters.config.tables import keys_of, value_of
-from aerodft.service.settings import HealthSettings, ZoomSettings
+from aerodft.service import HealthSettings, ZoomSettings
 
 percents = st.decimals(0, 100, places=3).map(float)
 

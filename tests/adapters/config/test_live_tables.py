@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 from pyproj import Geod
 
-from aerodft.adapters.config.station.loading import parse_station, resolved_toml
+from aerodft.adapters.config.station import parse_station, resolved_toml
 from aerodft.errors import ConfigError
-from aerodft.service.settings import DRIFT
+from aerodft.service import DRIFT
 
 CAMERA = '[camera]\nname = "A"\nwidth_px = 100\nheight_px = 50\nhfov_deg = 90\n'
 ORIGIN = "origin = { lat_deg = 47.0, lon_deg = 15.0, alt_msl_m = 350.0 }\n"

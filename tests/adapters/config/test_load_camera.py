@@ -8,9 +8,9 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.adapters.config.camera.camera import camera_document, load_camera
+from aerodft.adapters.config.camera import camera_document, load_camera
 from aerodft.errors import ConfigError
-from aerodft.model.camera import Camera, CameraStd, LensModel
+from aerodft.model import Camera, CameraStd, LensModel
 
 CAMERAS = Path(__file__).parents[3] / "configs" / "cameras"
 PAPER_TABLE_1 = {  # name: width, height, horizontal and vertical field of view

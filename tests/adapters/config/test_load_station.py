@@ -6,16 +6,22 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from aerodft.adapters.config.camera.calibration import load_calibration
-from aerodft.adapters.config.station.inputs import Device, Link, Rate, Stills, Stream, VideoFile
-from aerodft.adapters.config.station.loading import load_station, parse_station, with_calibration
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.camera import load_calibration
+from aerodft.adapters.config.station import (
+    Device,
+    Rate,
+    StationConfig,
+    Stills,
+    Stream,
+    VideoFile,
+    load_station,
+    parse_station,
+    with_calibration,
+)
+from aerodft.adapters.config.station.inputs import Link
 from aerodft.errors import ConfigError
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.probe import PixelSource, ProbeKind
-from aerodft.service.settings import HeightSettings, TelemetrySettings
+from aerodft.model import Camera, GimbalSource, HeightSource, PixelSource, ProbeKind, ProjectionModel
+from aerodft.service import HeightSettings, TelemetrySettings
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 CAMERA = '[camera]\nname = "A"\nwidth_px = 100\nheight_px = 50\nhfov_deg = 90\n'

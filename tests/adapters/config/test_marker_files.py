@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pyproj import Transformer
 
-from aerodft.adapters.config.evidence.markers import load_markers
+from aerodft.adapters.config.evidence import load_markers
 from aerodft.errors import ConfigError
-from aerodft.model.evidence import Landmark, MarkerSighting, Prior
+from aerodft.model import Landmark, MarkerSighting, Prior
 
 EXAMPLE = Path(__file__).parents[3] / "configs" / "calibration" / "yard-markers.toml"
 SQUARE = [[0.0, 5.0, 1.4], [0.4, 5.0, 1.4], [0.4, 5.0, 1.0], [0.0, 5.0, 1.0]]

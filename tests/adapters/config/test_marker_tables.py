@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Transformer
 
-from aerodft.adapters.config.station.loading import load_station, parse_station, resolved_toml
+from aerodft.adapters.config.station import load_station, parse_station, resolved_toml
 from aerodft.errors import ConfigError
 
 LAT_DEG, LON_DEG, ALT_M = 52.0, 5.0, 12.0

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.config.station.loading import parse_station, resolved_toml
-from aerodft.adapters.config.station.station import StationConfig
+from aerodft.adapters.config.station import StationConfig, parse_station, resolved_toml
 from aerodft.errors import ConfigError
-from aerodft.model.probe import PixelSource
-from aerodft.service.settings import ObjectSettings
+from aerodft.model import PixelSource
+from aerodft.service import ObjectSettings
 
 CAMERA = '[camera]\nname = "c"\nwidth_px = 640\nheight_px = 480\nhfov_deg = 60\n'
 FIXED = "[pose]\nheight_agl_m = 5\ntilt_deg = 60\n"

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from aerodft.adapters.config.station.loading import load_station, parse_station, resolved_toml
+from aerodft.adapters.config.station import load_station, parse_station, resolved_toml
 from aerodft.errors import ConfigError
 
 STATION = """

@@ -11,11 +11,9 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.recording.channels import Channel
-from replay.foreign import frames
-from replay.foreign.frames import FrameReader
-from replay.foreign.images import read_camera, read_picture
-from replay.foreign.kinds import Kind, kind_of
+from aerodft.adapters.recording import Channel
+from replay.foreign import FrameReader, Kind, frames, kind_of, read_picture
+from replay.foreign.images import read_camera
 
 STAMP_NS = 1_795_221_278_868_833_001
 JPEG = bytes.fromhex("ffd8ff00")

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.jpeg import decode_jpeg
-from aerodft.adapters.images.pixels import PacketDecoder
+from aerodft.adapters.images import PacketDecoder, decode_jpeg
 from aerodft.errors import InputError
 
 WIDTH, HEIGHT = 640, 480

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.gathering import MOST_OF_A_VIDEO, gather
+from aerodft.adapters.images import gather
+from aerodft.adapters.images.gathering import MOST_OF_A_VIDEO
 from aerodft.errors import InputError
 
 NOISE = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)

@@ -4,10 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.model.image import Image
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.clocks.camera_clock import ImageClock, OnClock
-from aerodft.service.feed import block_of
+from aerodft.model import Image, WireProtocol
+from aerodft.service import block_of
+from aerodft.service.clocks import ImageClock, OnClock
 
 NOW_NS = 1_795_221_278_000_000_000
 STAMPS = st.integers(NOW_NS - 10**13, NOW_NS + 10**13)

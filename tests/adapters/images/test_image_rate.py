@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import pytest
 
-from aerodft.adapters.images.rate import LiveRate, RateSource
-from aerodft.model.image import Image, StampClock
-from aerodft.service.clocks.system_clock import WallClock
+from aerodft.adapters.images import LiveRate, RateSource
+from aerodft.model import Image, StampClock
+from aerodft.service.clocks import WallClock
 
 START_NS = 1_795_226_246_000_000_007
 

@@ -11,10 +11,11 @@ import av
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.stream import StreamReader, UdpFile
+from aerodft.adapters.images import StreamReader
+from aerodft.adapters.images.stream import UdpFile
 from aerodft.errors import ConfigError, LinkError
-from aerodft.model.image import Image, StampClock
-from aerodft.service.clocks.system_clock import WallClock
+from aerodft.model import Image, StampClock
+from aerodft.service.clocks import WallClock
 
 RATE_HZ = 30
 CLOCK = WallClock()

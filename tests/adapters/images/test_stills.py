@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
-from aerodft.adapters.images.stills import NamePattern, StillsFolderSource
+from aerodft.adapters.images import StillsFolderSource
+from aerodft.adapters.images.stills import NamePattern
 from aerodft.errors import ConfigError, InputError
-from aerodft.model.image import Image
+from aerodft.model import Image
 
 MARKERS = Path(__file__).parents[3].parent / "shared" / "data" / "landmarks" / "markers"
 NOON_NS = 1_795_226_246_000_000_000  # 2026-11-21T01:57:26Z

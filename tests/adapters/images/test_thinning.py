@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from aerodft.adapters.recording.write.thinning import Thinned, is_due
-from aerodft.model.arrays import ImageArray
-from aerodft.model.image import Image, StampClock
-from aerodft.model.observation import Event
+from aerodft.adapters.recording.write import Thinned
+from aerodft.adapters.recording.write.thinning import is_due
+from aerodft.model import Event, Image, ImageArray, StampClock
 
 SECOND_NS = 10**9
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.adapters.images.video import VideoFileSource, video_info
+from aerodft.adapters.images import VideoFileSource, video_info
 from aerodft.errors import InputError
 
 MakeVideo = Callable[..., Path]

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.feed import block_of
+from aerodft.model import RawBlock, WireProtocol
+from aerodft.service import block_of
 
 DATA = Path(__file__).parents[3].parent / "shared" / "data"
 

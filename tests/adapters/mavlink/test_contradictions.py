@@ -7,8 +7,8 @@ import pytest
 from aerodft.diagnosis.findings import clock_document, clock_sentences
 from aerodft.diagnosis.flight import HeightPairs
 from aerodft.diagnosis.survey import ClockSummary
-from aerodft.model.pose import HeightDifference, HeightSource
-from aerodft.service.clocks.clock_map import ClockHealth
+from aerodft.model import HeightDifference, HeightSource
+from aerodft.service.clocks import ClockHealth
 
 SECOND = 1_000_000_000
 QUIET = ClockHealth(drift=2.5e-6, restarts=0, wraps=0, jumps_s=(), left_out=0, rivals=False)

@@ -9,18 +9,10 @@ import pytest
 from pymavlink import DFReader
 from scipy.spatial.transform import Rotation
 
+from aerodft.adapters.telemetry import CompositeDecoder
 from aerodft.adapters.telemetry.dataflash import DataflashDecoder, gps_to_unix_ns
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder
 from aerodft.adapters.telemetry.logs import DataflashSource
-from aerodft.model.telemetry import (
-    ClockTrack,
-    GimbalTrack,
-    HeightTrack,
-    PositionTrack,
-    RawBlock,
-    Track,
-    VehicleTrack,
-)
+from aerodft.model import ClockTrack, GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
 
 USED = ("GPS", "ATT", "MNT", "POS", "RFND", "TERR")
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from aerodft.diagnosis.vehicle_health import HealthSurvey
-from aerodft.model.camera import Camera, ZoomSource
-from aerodft.model.telemetry import NO_BOOT_TIME, CameraTrack
-from aerodft.service.settings import TelemetrySettings, ZoomSettings
+from aerodft.model import NO_BOOT_TIME, Camera, CameraTrack, ZoomSource
+from aerodft.service import TelemetrySettings, ZoomSettings
 
 
 def _track(

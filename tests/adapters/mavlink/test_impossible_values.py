@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.model.health import HeartbeatTrack, LinkTrack
-from aerodft.model.telemetry import GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
+from aerodft.model import (
+    GimbalTrack,
+    HeartbeatTrack,
+    HeightTrack,
+    LinkTrack,
+    PositionTrack,
+    RawBlock,
+    Track,
+    VehicleTrack,
+)
 
 Decode = Callable[..., tuple[Track, ...]]
 

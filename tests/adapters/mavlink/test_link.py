@@ -12,10 +12,9 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink.address import LinkKind, is_link, parse_address
-from aerodft.adapters.telemetry.mavlink.link import MavlinkLink
+from aerodft.adapters.telemetry.mavlink import LinkKind, MavlinkLink, is_link, parse_address
 from aerodft.errors import LinkError
-from aerodft.model.telemetry import WireProtocol
+from aerodft.model import WireProtocol
 
 WAIT_S: Final = 5.0
 LOOPBACK: Final = "127.0.0.1"

@@ -7,17 +7,19 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.telemetry.mavlink.decoding import Followed, MavlinkDecoder
-from aerodft.adapters.telemetry.mavlink.framing import headers
-from aerodft.model.health import HeartbeatTrack, LinkTrack, RivalTrack
-from aerodft.model.pose import GimbalSource, HeightSource
-from aerodft.model.telemetry import (
+from aerodft.adapters.telemetry.mavlink import Followed, MavlinkDecoder, headers
+from aerodft.model import (
     NO_BOOT_TIME,
     ClockTrack,
+    GimbalSource,
     GimbalTrack,
+    HeartbeatTrack,
+    HeightSource,
     HeightTrack,
+    LinkTrack,
     PositionTrack,
     RawBlock,
+    RivalTrack,
     SyncTrack,
     Track,
     VehicleTrack,

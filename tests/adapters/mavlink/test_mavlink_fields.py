@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 
-from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.telemetry import TlogSource
+from aerodft.adapters.telemetry.mavlink import frame_table, message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.decoding import WANTED
-from aerodft.adapters.telemetry.mavlink.dialect import frame_table, message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.kernels import gather, read_headers
-from aerodft.model.telemetry import RawBlock
+from aerodft.model import RawBlock
 
 LOGS = [
     "logs/dronekit_quad.tlog",

@@ -11,9 +11,9 @@ import pytest
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.telemetry.logs import TlogSource
-from aerodft.adapters.telemetry.mavlink.decoding import MavlinkDecoder
-from aerodft.model.telemetry import (
+from aerodft.adapters.telemetry import TlogSource
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
+from aerodft.model import (
     NO_BOOT_TIME,
     ClockTrack,
     GimbalTrack,

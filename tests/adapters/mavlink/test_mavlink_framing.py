@@ -9,9 +9,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES, frame_table, message_name, payload_dtype
-from aerodft.adapters.telemetry.mavlink.framing import StreamFramer
-from aerodft.adapters.telemetry.mavlink.kernels import checksum
+from aerodft.adapters.telemetry.mavlink import (
+    MESSAGES,
+    StreamFramer,
+    checksum,
+    frame_table,
+    message_name,
+    payload_dtype,
+)
 
 
 @settings(deadline=None)  # the first call compiles

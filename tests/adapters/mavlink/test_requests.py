@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.diagnosis.message_requests import ARDUPILOT, OFF, PX4, MessageRequest, wanted, wanted_of_cameras
 from aerodft.diagnosis.streams import Parameters, Stream
-from aerodft.model.camera import ZoomSource
-from aerodft.service.settings import ZoomSettings
+from aerodft.model import ZoomSource
+from aerodft.service import ZoomSettings
 
 # What ArduPilot's parameter documentation says that each rate is of.
 ARDUPILOTS_GROUPS = {

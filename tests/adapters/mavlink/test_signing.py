@@ -10,22 +10,11 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.telemetry.mavlink.framing import StreamFramer
-from aerodft.adapters.telemetry.signing import (
-    FUTURE,
-    OLD,
-    REPLAYED,
-    UNSIGNED,
-    WRONG,
-    SignatureCheck,
-    SigningState,
-    load_key,
-    open_signing,
-    sign,
-    signing_time,
-)
+from aerodft.adapters.telemetry import SignatureCheck, SigningState, load_key, open_signing
+from aerodft.adapters.telemetry.mavlink import StreamFramer
+from aerodft.adapters.telemetry.signing import FUTURE, OLD, REPLAYED, UNSIGNED, WRONG, sign, signing_time
 from aerodft.errors import ConfigError, InputError
-from aerodft.service.settings import SigningSettings
+from aerodft.service import SigningSettings
 
 KEY = bytes(range(32))
 NOW_NS = 1_795_000_000 * 10**9

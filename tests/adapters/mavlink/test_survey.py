@@ -9,23 +9,18 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.log_formats import open_log
-from aerodft.adapters.telemetry.mavlink.decoding import Followed
-from aerodft.adapters.telemetry.mavlink.framing import FrameCounts
+from aerodft.adapters.telemetry import open_log
+from aerodft.adapters.telemetry.mavlink import Followed, FrameCounts
 from aerodft.adapters.telemetry.signing import sign
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis.findings import document, notes, problems
+from aerodft.diagnosis import Survey, SurveyReport, document, notes, problems
 from aerodft.diagnosis.flight import PoseSurvey
-from aerodft.diagnosis.survey import Survey, SurveyReport
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.pose import PoseBatch, PoseSample
-from aerodft.model.status import Status
-from aerodft.model.telemetry import RawBlock, WireProtocol
-from aerodft.service.clocks.clock_map import ClockMap
-from aerodft.service.feed import block_of
+from aerodft.model import BoolArray, IntArray, PoseBatch, PoseSample, RawBlock, Status, WireProtocol
+from aerodft.service import block_of
+from aerodft.service.clocks import ClockMap
 
 if TYPE_CHECKING:
-    from aerodft.service.pose.source import PoseSource
+    from aerodft.service.pose import PoseSource
 
 MakeBlock = Callable[[list[bytes]], RawBlock]
 

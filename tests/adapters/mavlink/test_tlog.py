@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry import logs
-from aerodft.adapters.telemetry.log_formats import open_log
-from aerodft.adapters.telemetry.logs import BLOCK_FRAMES, PIECE_BYTES, DataflashSource, TlogSource
+from aerodft.adapters.telemetry import TlogSource, logs, open_log
+from aerodft.adapters.telemetry.logs import BLOCK_FRAMES, PIECE_BYTES, DataflashSource
 from aerodft.errors import InputError
-from aerodft.model.telemetry import RawBlock
+from aerodft.model import RawBlock
 
 START_US = 1_700_000_000_000_000
 SAMPLE = Path(__file__).parents[3] / "samples/copter.tlog"

@@ -7,7 +7,7 @@ from itertools import chain, takewhile
 import pytest
 
 from aerodft.adapters.recording.read import messages as reading
-from aerodft.adapters.recording.read.chunks import records_in
+from aerodft.adapters.recording.read import records_in
 from aerodft.adapters.recording.read.messages import message_table, record_tables
 
 MESSAGE, FEW = 5, 64

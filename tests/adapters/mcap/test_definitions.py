@@ -5,13 +5,12 @@ from pathlib import Path
 import pytest
 from mcap.records import Channel, Schema
 
+from aerodft.adapters.recording import ChunkBuffer, encoded
 from aerodft.adapters.recording.channels import MOST_DEFINED_BYTES, Channels, Definitions, TooMuchDefinedError
-from aerodft.adapters.recording.layout import ChunkBuffer, encoded
-from aerodft.adapters.recording.read.messages import ChunkReader
-from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.recording.read import ChunkReader, scan_segment
 from aerodft.adapters.recording.recover import chunk_scanner as salvage
-from aerodft.adapters.recording.recover.recovery import recover_folder
-from aerodft.adapters.recording.write.segment import METADATA_NAME, PROFILE, Summary
+from aerodft.adapters.recording.recover import recover_folder
+from aerodft.adapters.recording.write import METADATA_NAME, PROFILE, Summary
 
 BIG = MOST_DEFINED_BYTES // 3
 

@@ -14,24 +14,27 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.wire.events import decode_image
 from aerodft.adapters.wire.measurement import split_measurements
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.camera import Camera, LensModel
-from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.observation import Observation
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.batches import Batches
-from aerodft.service.feed import MergedFeed, block_of
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.geometry import camera_attitude
+from aerodft.model import (
+    Camera,
+    Image,
+    LensModel,
+    Measurement,
+    Observation,
+    Pose,
+    PoseSample,
+    ProbeKind,
+    ProjectionModel,
+    Status,
+    WireProtocol,
+)
+from aerodft.service import Batches, MergedFeed, block_of
+from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
 from tests.payloads import decode_observation, decode_pose, decode_status
 

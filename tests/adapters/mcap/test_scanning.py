@@ -6,11 +6,10 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 
-from aerodft.adapters.recording.layout import MAGIC, RECORD_HEAD
+from aerodft.adapters.recording import MAGIC, RECORD_HEAD
 from aerodft.adapters.recording.read import chunk_index as places
-from aerodft.adapters.recording.read import scanning
+from aerodft.adapters.recording.read import scan_segment, scanning
 from aerodft.adapters.recording.read.chunk_index import ChannelSets
-from aerodft.adapters.recording.read.scanning import scan_segment
 
 EMPTY_CHUNK = struct.pack("<QQQI", 1, 2, 0, 0) + bytes(4) + bytes(8)
 

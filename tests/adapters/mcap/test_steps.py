@@ -7,21 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.calibration import CalibrationEstimate
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.observation import Event, Observation
-from aerodft.model.pose import HeightSource, HeightSwitch, Pose, PoseSample
-from aerodft.model.probe import ProbeKind
-from aerodft.model.status import Status
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.batches import Batches
-from aerodft.service.feed import block_of
-from aerodft.service.outputs import ImageOutputs, StepOutputs
-from replay.recordings.recording import Recording
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
+from aerodft.geometry import camera_attitude
+from aerodft.model import (
+    CalibrationEstimate,
+    Camera,
+    Event,
+    HeightSource,
+    HeightSwitch,
+    Image,
+    Measurement,
+    Observation,
+    Pose,
+    PoseSample,
+    ProbeKind,
+    ProjectionModel,
+    Status,
+    WireProtocol,
+)
+from aerodft.service import Batches, ImageOutputs, StepOutputs, block_of
+from replay.recordings import Recording
 from tests.batches import Content, measurement_batch, step_outputs
 
 START_NS, TICK_NS, TICKS = 1_795_221_278_000_000_000, 50_000_000, 300

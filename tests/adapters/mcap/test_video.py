@@ -12,12 +12,10 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from aerodft.adapters.images.stream import PacketTap
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.recording.write import segmented_writer as series
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image, VideoPacket
-from replay.recordings.recording import Recording
-from replay.recordings.source import RecordingSource
+from aerodft.model import Camera, Image, VideoPacket
+from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
 
 CAMERA = Camera.from_fov(name="cam", width_px=160, height_px=120, hfov_rad=1, vfov_rad=1)

@@ -17,19 +17,24 @@ import pytest
 import zenoh
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.bus.session import open_session, session_on
-from aerodft.adapters.bus.station import BusSettings, ZenohBus
+from aerodft.adapters.bus import BusSettings, ZenohBus, session_on
+from aerodft.adapters.bus.session import open_session
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.errors import InputError, LinkError
-from aerodft.geometry.rotation import camera_attitude
-from aerodft.model.calibration import CalibrationEstimate
-from aerodft.model.image import Image
-from aerodft.model.measurement import Measurement, ProjectionModel
-from aerodft.model.pose import Pose, PoseSample
-from aerodft.model.probe import Probe, ProbeKind
-from aerodft.model.status import Status
+from aerodft.geometry import camera_attitude
+from aerodft.model import (
+    CalibrationEstimate,
+    Image,
+    Measurement,
+    Pose,
+    PoseSample,
+    Probe,
+    ProbeKind,
+    ProjectionModel,
+    Status,
+)
 from tests.batches import one_tick, step_outputs, take
 from tests.payloads import decode_measurement
 from tests.ports import free_endpoint

@@ -22,9 +22,7 @@ from aerodft.adapters.config.tables import (
     value_of,
 )
 from aerodft.adapters.config.units import to_deg
-from aerodft.model.arrays import FloatArray
-from aerodft.model.calibration import BIASES, BiasValues, Calibration
-from aerodft.model.pose import PoseStd
+from aerodft.model import BIASES, BiasValues, Calibration, FloatArray, PoseStd
 
 Rows: TypeAlias = tuple[tuple[float, ...], ...] | None
 

@@ -17,9 +17,7 @@ from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import Table, impossible
 from aerodft.adapters.config.units import to_deg
 from aerodft.errors import InputError
-from aerodft.model.calibration import Calibration
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
+from aerodft.model import Calibration, Camera, ProjectionModel
 
 
 class CalibrationTable(Table):

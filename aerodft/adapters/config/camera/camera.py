@@ -24,7 +24,7 @@ from aerodft.adapters.config.tables import (
     keys_of,
     value_of,
 )
-from aerodft.model.camera import Camera, LensModel
+from aerodft.model import Camera, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")

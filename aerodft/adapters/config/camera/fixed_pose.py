@@ -6,13 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from aerodft.errors import ConfigError
-from aerodft.geometry.geodesy import east_north
-from aerodft.geometry.ground import Ground
-from aerodft.geometry.poses import camera_pose
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd
-from aerodft.model.status import CODE_OF, Status
-from aerodft.service.pose.ground_below import footing, raised
+from aerodft.geometry import Ground, camera_pose, east_north
+from aerodft.model import CODE_OF, FloatArray, GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd, Status
+from aerodft.service.pose import footing, raised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,7 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.adapters.config.units import to_deg
 from aerodft.errors import ConfigError
-from aerodft.model.pose import PoseStd
+from aerodft.model import PoseStd
 
 _POSITION_STD_M = 2.0
 _HEADING_STD_DEG = 2.0

@@ -12,10 +12,8 @@ from aerodft.adapters.config.evidence.local_frame import LocalFrame, check_on_ma
 from aerodft.adapters.config.evidence.tables import SPACE, CameraPriorTable, EvidenceTable
 from aerodft.adapters.config.tables import LOCAL
 from aerodft.errors import ConfigError
-from aerodft.geometry.lens import rays_from_pixels
-from aerodft.model.arrays import BoolArray
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import EvidenceSet, GroundPoint, Horizon, Landmark, Px, SlantRange
+from aerodft.geometry import rays_from_pixels
+from aerodft.model import BoolArray, Camera, EvidenceSet, GroundPoint, Horizon, Landmark, Px, SlantRange
 
 Place = tuple[float | None, ...]
 

@@ -43,8 +43,7 @@ from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import GEO, LOCAL, value_of
 from aerodft.adapters.file_kind import content_looks_like
 from aerodft.errors import ConfigError
-from aerodft.model.camera import Camera
-from aerodft.model.evidence import Evidence, EvidenceSet, Landmark
+from aerodft.model import Camera, Evidence, EvidenceSet, Landmark
 
 _CSV_SUFFIXES = {".csv", ".tsv", ".txt"}
 _SEPARATORS = ",;\t"

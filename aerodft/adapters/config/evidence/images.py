@@ -10,15 +10,12 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.evidence.tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.reading import validated
-from aerodft.adapters.config.station.live_tables import ErrorStdTable, errors_from
-from aerodft.adapters.config.station.tables import OriginTable
-from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
+from aerodft.adapters.config.station import ErrorStdTable, OriginTable, TelemetryTable, errors_from, telemetry_from
 from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, value_of
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError
-from aerodft.model.evidence import Evidence, Prior
-from aerodft.model.pose import GeoOrigin
-from aerodft.service.settings import ErrorStd, TelemetrySettings
+from aerodft.model import Evidence, GeoOrigin, Prior
+from aerodft.service import ErrorStd, TelemetrySettings
 
 _POSE = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg", "position_m", "lat_deg", "velocity_mps", "rates_dps")
 _LIVE = ("connection", "baud", "wait_s", "calibration", "bias")

@@ -16,8 +16,7 @@ from pyproj.exceptions import CRSError
 
 from aerodft.adapters.config.tables import GEO, LOCAL
 from aerodft.errors import ConfigError
-from aerodft.model.arrays import FloatArray
-from aerodft.model.pose import GeoOrigin
+from aerodft.model import FloatArray, GeoOrigin
 
 _WGS84 = "EPSG:4326"
 _STEP_M = 10.0

@@ -29,7 +29,7 @@ from aerodft.adapters.config.evidence.tables import GEO_KEYS, EvidenceTable, InD
 from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
 from aerodft.adapters.config.tables import Order, Positive, Real, Text, impossible
 from aerodft.errors import ConfigError
-from aerodft.model.evidence import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
+from aerodft.model import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 
 _PREFIX = "DICT_"
 _TAPE_M = 0.005  # what a survey leaves where nobody says; an exact one would put true markers beyond belief

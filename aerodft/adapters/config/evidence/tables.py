@@ -24,7 +24,7 @@ from aerodft.adapters.config.tables import (
     repeated,
     value_of,
 )
-from aerodft.model.evidence import (
+from aerodft.model import (
     Evidence,
     GroundLines,
     GroundPoint,

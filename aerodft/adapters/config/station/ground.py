@@ -27,9 +27,8 @@ from aerodft.adapters.config.tables import (
 from aerodft.adapters.config.units import to_deg
 from aerodft.adapters.file_kind import looks_like
 from aerodft.errors import ConfigError, InputError
-from aerodft.geometry.geodesy import east_north
-from aerodft.geometry.ground import Ground, Plane
-from aerodft.model.pose import GeoOrigin
+from aerodft.geometry import Ground, Plane, east_north
+from aerodft.model import GeoOrigin
 
 COPY_NAME = "terrain.tif"
 """What an elevation model is called beside a recording's segments."""
@@ -147,7 +146,7 @@ def ground_from(table: GroundTable | None, where: str, folder: Path) -> GroundSh
 def _terrain_from(table: GroundTable, where: str, path: Path) -> TerrainGround:
     """The defaults are written into it: what is recorded today means the same whatever they are by then."""
     from aerodft.adapters.terrain import RADIUS_M  # noqa: PLC0415 - compiled code, which few stations need
-    from aerodft.geometry.terrain import STANDARD_REFRACTION  # noqa: PLC0415 - as above
+    from aerodft.geometry import STANDARD_REFRACTION  # noqa: PLC0415 - as above
 
     radius_m = RADIUS_M if table.radius_m is None else table.radius_m
     if table.cell_m is not None and table.cell_m > radius_m:
@@ -208,7 +207,7 @@ def made_ground(shape: GroundShape | None, origin: GeoOrigin | None, foot_m: tup
 @lru_cache(maxsize=2)  # a station is made anew whenever the command line changes something of it
 def _terrain(shape: TerrainGround, origin: GeoOrigin) -> Ground:
     from aerodft.adapters.terrain import load_elevation  # noqa: PLC0415 - as in _terrain_from
-    from aerodft.geometry.terrain import Terrain  # noqa: PLC0415 - as in _terrain_from
+    from aerodft.geometry import Terrain  # noqa: PLC0415 - as in _terrain_from
 
     grid = load_elevation(
         shape.path,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from aerodft.service.settings import SigningSettings
+from aerodft.service import SigningSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

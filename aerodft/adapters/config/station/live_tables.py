@@ -28,14 +28,12 @@ from aerodft.adapters.config.tables import (
     value_of,
 )
 from aerodft.errors import ConfigError
-from aerodft.geometry.geodesy import east_north
-from aerodft.model.arrays import FloatArray
-from aerodft.model.evidence import MarkerSurvey, SurveyedLandmark, SurveyedMarker
-from aerodft.model.pose import GeoOrigin
-from aerodft.service.settings import DRIFT, ErrorStd, LiveCalibration
+from aerodft.geometry import east_north
+from aerodft.model import FloatArray, GeoOrigin, MarkerSurvey, SurveyedLandmark, SurveyedMarker
+from aerodft.service import DRIFT, ErrorStd, LiveCalibration
 
 if TYPE_CHECKING:
-    from aerodft.adapters.config.evidence.markers import MarkersFile
+    from aerodft.adapters.config.evidence import MarkersFile
 
 _FARTHEST_M = 1e5  # of a marker from the station's origin
 AngleStd = Annotated[float, Field(ge=0, le=180)]
@@ -191,7 +189,7 @@ def marker_settings(
     """
     if document is None:
         return None
-    from aerodft.adapters.config.evidence.markers import load_markers, markers_from  # noqa: PLC0415 - 15 MB that few need
+    from aerodft.adapters.config.evidence import load_markers, markers_from  # noqa: PLC0415 - 15 MB that few need
 
     origin = needed_origin(origin, "[markers]", where)
     if "file" in document:

@@ -11,11 +11,20 @@ from typing import Any
 
 import tomli_w
 
-from aerodft.adapters.config.camera.bias_tables import bias_document, biases_from
-from aerodft.adapters.config.camera.calibration import load_calibration
-from aerodft.adapters.config.camera.camera import CameraTable, camera_document, camera_from, load_camera
-from aerodft.adapters.config.camera.fixed_pose import FixedPose, placed, pose_sample
-from aerodft.adapters.config.camera.pose_tables import PoseTable, fixed_pose_from
+from aerodft.adapters.config.camera import (
+    CameraTable,
+    FixedPose,
+    PoseTable,
+    bias_document,
+    biases_from,
+    camera_document,
+    camera_from,
+    fixed_pose_from,
+    load_calibration,
+    load_camera,
+    placed,
+    pose_sample,
+)
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import (
     GroundShape,
@@ -70,12 +79,8 @@ from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, tel
 from aerodft.adapters.config.tables import Table, Text, keys_of, value_of
 from aerodft.adapters.config.units import to_ns, to_s
 from aerodft.errors import ConfigError
-from aerodft.model.calibration import Calibration
-from aerodft.model.camera import Camera
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.pose import GeoOrigin
-from aerodft.model.probe import Probe
-from aerodft.service.settings import LiveCalibration, PipelineSettings, TelemetrySettings
+from aerodft.model import Calibration, Camera, GeoOrigin, Probe, ProjectionModel
+from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
 
 
 class _CameraFile(Table):

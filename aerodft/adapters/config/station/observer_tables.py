@@ -19,10 +19,8 @@ from aerodft.adapters.config.tables import (
     value_of,
 )
 from aerodft.errors import ConfigError
-from aerodft.model.calibration import STEADY
-from aerodft.model.measurement import ProjectionModel
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
-from aerodft.service.settings import OBJECTS, ObjectSettings, RiverLook, WatchSettings
+from aerodft.model import STEADY, PixelSource, Probe, ProbeKind, ProjectionModel
+from aerodft.service import OBJECTS, ObjectSettings, RiverLook, WatchSettings
 
 Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
 

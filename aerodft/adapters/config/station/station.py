@@ -3,14 +3,13 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from aerodft.adapters.config.camera.fixed_pose import FixedPose
+from aerodft.adapters.config.camera import FixedPose
 from aerodft.adapters.config.station.ground import GroundShape
 from aerodft.adapters.config.station.inputs import ImageSettings, Link, ObservationSettings, Topics
 from aerodft.conventions import SECOND_NS
-from aerodft.model.calibration import Calibration
-from aerodft.model.evidence import MarkerSurvey
-from aerodft.service.clocks.camera_clock import ImageClock
-from aerodft.service.settings import LiveCalibration, ObjectSettings, PipelineSettings, RiverLook, WatchSettings
+from aerodft.model import Calibration, MarkerSurvey
+from aerodft.service import LiveCalibration, ObjectSettings, PipelineSettings, RiverLook, WatchSettings
+from aerodft.service.clocks import ImageClock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from aerodft.adapters.config.camera.pose_tables import PoseTable
+from aerodft.adapters.config.camera import PoseTable
 from aerodft.adapters.config.station.ground import GroundTable
 from aerodft.adapters.config.station.inputs import (
     Device,
@@ -41,8 +41,7 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
 from aerodft.errors import ConfigError
-from aerodft.model.camera import Camera
-from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model import ASKED_KINDS, Camera, PixelSource, Probe, ProbeKind, pixels_wanted, takes_pixels
 
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
 _ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")

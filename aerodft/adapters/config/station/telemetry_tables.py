@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.camera.bias_tables import BiasTable
+from aerodft.adapters.config.camera import BiasTable
 from aerodft.adapters.config.tables import (
     AS_SHARE,
     Count,
@@ -28,9 +28,8 @@ from aerodft.adapters.config.tables import (
     value_of,
 )
 from aerodft.adapters.config.units import to_percent, to_s
-from aerodft.model.pose import HeightSource
-from aerodft.model.telemetry import ReportFrame
-from aerodft.service.settings import RADIO_STATUS, HeightSettings, TelemetrySettings
+from aerodft.model import HeightSource, ReportFrame
+from aerodft.service import RADIO_STATUS, HeightSettings, TelemetrySettings
 
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}

@@ -1,1 +1,24 @@
 """Messages out of MCAP segments, as far as these are whole."""
+
+from aerodft.adapters.recording.read.chunk_index import ChunkPlace, SegmentScan
+from aerodft.adapters.recording.read.chunks import (
+    ATTACHMENT_HEAD_BYTES,
+    CRC_BYTES,
+    HEAD_BYTES,
+    MOST_ATTACHMENTS,
+    AttachmentHead,
+    ChunkHead,
+    attachment_head,
+    chunk_content,
+    chunk_head,
+    records_in,
+)
+from aerodft.adapters.recording.read.messages import (
+    ChunkReader,
+    ChunkTable,
+    ReadMessage,
+    Wanted,
+    content_bytes,
+    is_one_of,
+)
+from aerodft.adapters.recording.read.scanning import log_times, scan_segment

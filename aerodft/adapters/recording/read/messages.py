@@ -18,7 +18,7 @@ from aerodft.adapters.recording.read.chunk_index import ChunkPlace
 from aerodft.adapters.recording.read.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
 from aerodft.errors import InputError
 from aerodft.jit import njit
-from aerodft.model.arrays import BoolArray, ImageArray, IntArray
+from aerodft.model import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
 Wanted = Callable[[Channel], bool]

@@ -23,7 +23,7 @@ from aerodft.adapters.recording.channels import DEFINITIONS, STATION_KEY, Channe
 from aerodft.adapters.recording.layout import MAGIC
 from aerodft.adapters.recording.layout import RECORD_HEAD as HEAD
 from aerodft.adapters.recording.read.chunk_index import ChannelSets, ChunkPlace, SegmentScan
-from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME
+from aerodft.adapters.recording.write import CONFIG_NAME, METADATA_NAME
 from aerodft.errors import InputError
 
 _CHUNK_TIMES = struct.Struct("<QQ")

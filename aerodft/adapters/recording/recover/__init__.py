@@ -1,1 +1,10 @@
 """Damaged and unfinished recordings made whole in place."""
+
+from aerodft.adapters.recording.recover.recovery import (
+    Loss,
+    Recovery,
+    SegmentRecovery,
+    is_recording,
+    recordings_in,
+    recover_folder,
+)

@@ -27,7 +27,7 @@ from aerodft.adapters.recording.layout import (
     built_chunk,
     index_entry,
 )
-from aerodft.adapters.recording.read.chunks import (
+from aerodft.adapters.recording.read import (
     ATTACHMENT_HEAD_BYTES,
     CRC_BYTES,
     HEAD_BYTES,
@@ -39,7 +39,7 @@ from aerodft.adapters.recording.read.chunks import (
     chunk_head,
     records_in,
 )
-from aerodft.adapters.recording.write.segment import MOST_INDEX_BYTES, index_bytes, pieces
+from aerodft.adapters.recording.write import MOST_INDEX_BYTES, index_bytes, pieces
 
 _MAX_SMALL_BYTES, _MAX_SUMMARY_BYTES = 4 << 20, 16 << 20
 _WINDOW_BYTES = 1 << 20

@@ -27,11 +27,9 @@ from aerodft.adapters.recording.layout import (
     compressor,
     encoded,
 )
-from aerodft.adapters.recording.read.chunks import CRC_BYTES, records_in
-from aerodft.adapters.recording.read.messages import ChunkReader
-from aerodft.adapters.recording.read.scanning import scan_segment
+from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, records_in, scan_segment
 from aerodft.adapters.recording.recover.chunk_scanner import BadBytes, GoodChunk, Salvage
-from aerodft.adapters.recording.write.segment import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
+from aerodft.adapters.recording.write import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
 from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.errors import InputError
 

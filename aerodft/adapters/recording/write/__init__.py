@@ -1,1 +1,16 @@
 """The recorder: a sink that writes a folder of MCAP segments from threads of its own."""
+
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings, RecordingTotals
+from aerodft.adapters.recording.write.records import image_sequence
+from aerodft.adapters.recording.write.segment import (
+    CONFIG_NAME,
+    METADATA_NAME,
+    MOST_INDEX_BYTES,
+    PROFILE,
+    SegmentFile,
+    Summary,
+    index_bytes,
+    pieces,
+    sync_folder,
+)
+from aerodft.adapters.recording.write.thinning import Thinned

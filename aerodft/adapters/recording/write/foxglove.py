@@ -9,9 +9,7 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from aerodft.model.camera import Camera, LensModel
-from aerodft.model.image import Image, VideoPacket
-from aerodft.model.pose import PoseSample
+from aerodft.model import Camera, Image, LensModel, PoseSample, VideoPacket
 
 _BROWN_COEFFICIENTS = 5
 

@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
-from aerodft.adapters.images.jpeg import encode_jpeg
+from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.recording.channels import STATION_KEY, Channel, protobuf_channel
 from aerodft.adapters.recording.write.foxglove import camera_calibration, compressed_image, compressed_video
 from aerodft.adapters.recording.write.records import Record, Records, image_sequence, warm_up
@@ -31,13 +31,10 @@ from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.adapters.worker_queue import Lane
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.measurement_batch import MeasurementBatch
+from aerodft.dft import MeasurementBatch
 from aerodft.errors import AerodftError, InputError
-from aerodft.model.camera import Camera
-from aerodft.model.image import Image, ImageRows, VideoPacket
-from aerodft.model.observation import Observation
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import StepOutputs
+from aerodft.model import Camera, Image, ImageRows, Observation, VideoPacket
+from aerodft.service import Batches, StepOutputs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,13 +16,17 @@ from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.packed_bytes import Form, Texts
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
-from aerodft.model.arrays import ImageArray, IntArray
-from aerodft.model.calibration import CalibrationEstimate, SteadinessEstimate
-from aerodft.model.image import image_indices
-from aerodft.model.pose import HeightSwitch, PoseBatch
-from aerodft.model.telemetry import WireProtocol
-from aerodft.service.batches import Batches
-from aerodft.service.outputs import StepOutputs
+from aerodft.model import (
+    CalibrationEstimate,
+    HeightSwitch,
+    ImageArray,
+    IntArray,
+    PoseBatch,
+    SteadinessEstimate,
+    WireProtocol,
+    image_indices,
+)
+from aerodft.service import Batches, StepOutputs
 
 _RECORD_HEAD, _MESSAGE_HEAD = RECORD_HEAD.size, MESSAGE_HEAD.size
 _OPCODE = int(Opcode.MESSAGE)

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model.image import Image
-from aerodft.model.observation import Event
-from aerodft.service.ports import Source
+from aerodft.model import Event, Image
+from aerodft.service import Source
 
 _SLACK = 0.9  # of the period: a camera at exactly the rate jitters around it
 

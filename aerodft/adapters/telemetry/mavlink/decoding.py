@@ -19,9 +19,7 @@ from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
 from aerodft.adapters.telemetry.mavlink.kernels import V2_HEAD, Bytes
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
-from aerodft.model.arrays import BoolArray, IntArray
-from aerodft.model.health import LinkTrack, RivalTrack
-from aerodft.model.telemetry import NO_BOOT_TIME, RawBlock, Track, WireProtocol
+from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, LinkTrack, RawBlock, RivalTrack, Track, WireProtocol
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285

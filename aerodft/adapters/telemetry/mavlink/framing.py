@@ -24,8 +24,7 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     read_headers,
     scan_stream,
 )
-from aerodft.model.arrays import IntArray
-from aerodft.model.telemetry import RawBlock
+from aerodft.model import IntArray, RawBlock
 
 
 @dataclass(frozen=True, slots=True)

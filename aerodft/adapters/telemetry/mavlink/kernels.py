@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from aerodft.adapters.telemetry.mavlink.dialect import TABLE_IDS
 from aerodft.jit import njit
-from aerodft.model.arrays import IntArray
+from aerodft.model import IntArray
 
 Bytes = npt.NDArray[np.uint8]
 Table = npt.NDArray[np.int32]

@@ -14,7 +14,7 @@ from aerodft.adapters.telemetry.mavlink.address import LinkAddress, LinkKind, pa
 from aerodft.adapters.telemetry.mavlink.framing import FrameCounts, StreamFramer
 from aerodft.adapters.telemetry.mavlink.transport import Reads, TcpListener, Transport, UdpTransport, open_transport
 from aerodft.adapters.telemetry.signing import SignatureCheck, SigningCounts
-from aerodft.model.telemetry import WireProtocol
+from aerodft.model import WireProtocol
 
 _LOG: Final = logging.getLogger(__name__)
 _MAX_SENDERS: Final = 64

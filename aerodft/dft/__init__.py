@@ -3,8 +3,8 @@
 from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.budget import Share, advice
 from aerodft.dft.covariance import CHI2_2D_95, Z95, dependence, ellipses95, scalars, shared_covariance
+from aerodft.dft.engine import explain, measure
 from aerodft.dft.equations import tilt_warning, vertical_angle
-from aerodft.dft.measure import explain, measure
 from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, of_one_image
 from aerodft.dft.model_comparison import ModelDifference, compare_models
 from aerodft.dft.projection import (

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.dft import equations
-from aerodft.dft.measure import measure
+from aerodft.dft.engine import measure
 from aerodft.dft.request import Request, Setup
 from aerodft.geometry import camera_angles
 from aerodft.model import Camera, FloatArray, FloatLike, Measurement, Pose, PoseBatch, PoseSample, ProjectionModel

@@ -1,6 +1,6 @@
 """Pure array functions: rotations, lens, rays, ground, geodesy, interpolation. Batch-first, no I/O, no state."""
 
-from aerodft.geometry.footprint import footprint, horizon_line, ring_area
+from aerodft.geometry.footprints import footprint, horizon_line, ring_area
 from aerodft.geometry.geodesy import east_north, lat_lon
 from aerodft.geometry.ground import Ground, GroundHits, Plane, jacobians, meet_level
 from aerodft.geometry.interpolation import Brackets, brackets

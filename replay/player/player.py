@@ -8,7 +8,7 @@ from typing import Protocol
 from aerodft.conventions import SECOND_NS
 from aerodft.service import Clock
 from aerodft.service.clocks import PAUSE_NS
-from replay.player.timeline import Item
+from replay.player.merged_timeline import Item
 
 _SLICE_NS = SECOND_NS // 50  # how long a key may wait
 

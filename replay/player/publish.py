@@ -43,7 +43,7 @@ from replay.foreign import (
     kind_of,
     read_picture,
 )
-from replay.player.timeline import AnyRecording, Item, name_of
+from replay.player.merged_timeline import AnyRecording, Item, name_of
 from replay.recordings import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording, channels_of, jpeg_of
 
 Shift = Callable[[bytes, int], bytes]

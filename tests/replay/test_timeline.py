@@ -6,8 +6,8 @@ import pytest
 from mcap.writer import Writer
 
 from replay.foreign import ForeignRecording
+from replay.player import merged_timeline as module
 from replay.player import timeline
-from replay.player import timeline as module
 
 START_NS = 1_795_221_278_000_000_000
 

@@ -1,3 +1,36 @@
-"""aerodft turns aerial images and telemetry into measurements with an honest uncertainty."""
+"""aerodft turns aerial images and telemetry into measurements with an honest uncertainty.
 
-__version__ = "0.1.0"
+The names below are all that a script, a notebook or a page needs. Each is loaded when it is first asked for, so that
+``import aerodft`` itself is quick.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Final
+
+from aerodft.version import VERSION
+
+if TYPE_CHECKING:
+    from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError
+
+__version__ = VERSION
+
+_ROOM_OF: Final = {
+    "AerodftError": "aerodft.errors",
+    "ConfigError": "aerodft.errors",
+    "InputError": "aerodft.errors",
+    "NoAnswerError": "aerodft.errors",
+}
+
+__all__ = ["AerodftError", "ConfigError", "InputError", "NoAnswerError", "__version__"]
+
+
+def __getattr__(name: str) -> object:
+    """The public name, out of the room that defines it."""
+    if name not in _ROOM_OF:
+        raise AttributeError(f"module 'aerodft' has no attribute {name!r}")
+    return getattr(import_module(_ROOM_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The public names, also before they are loaded."""
+    return sorted(__all__)

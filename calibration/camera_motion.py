@@ -30,6 +30,7 @@ from aerodft.geometry import (
 from aerodft.model import (
     STEADY,
     Camera,
+    CameraMotionEstimate,
     FloatArray,
     IntArray,
     Observation,
@@ -38,9 +39,8 @@ from aerodft.model import (
     PoseSample,
     Status,
     Steadiness,
-    SteadinessEstimate,
 )
-from aerodft.service import PipelineSettings, WatchSettings
+from aerodft.service import CameraMotionSettings, PipelineSettings
 
 _LEAST_AGREEING: Final = 8
 _LEAST_SHARE: Final = 0.2  # of the points: strays agree by chance
@@ -290,7 +290,7 @@ class SteadyState:
         off_rad: How far the last look was ``(3,)`` from there; zero where that may be chance.
     """
 
-    def __init__(self, settings: WatchSettings) -> None:
+    def __init__(self, settings: CameraMotionSettings) -> None:
         self.state = Steadiness.UNCHECKED
         self.since_ns = 0
         self.moved_ns: int | None = None
@@ -384,7 +384,7 @@ class SteadyState:
         return float(_RARE * np.sqrt(variances * self._scatter.most_rad2))
 
 
-class SteadyCalibrator:
+class CameraMotionCalibrator:
     """Implements ``service.ports.Calibrator`` and ``LandmarkObserver``.
 
     The configured pose is that of the camera when it took the reference image. Until the first look, poses are what
@@ -395,7 +395,7 @@ class SteadyCalibrator:
         pipeline: The station.
     """
 
-    def __init__(self, watch: WatchSettings, pipeline: PipelineSettings) -> None:
+    def __init__(self, watch: CameraMotionSettings, pipeline: PipelineSettings) -> None:
         self._watch = watch
         self._camera = pipeline.camera
         self._lens_cov = intrinsics_covariance(pipeline.camera)
@@ -404,13 +404,13 @@ class SteadyCalibrator:
         self._looks = 0
         self._id = f"watch:{hashlib.sha256((pipeline.config_id or '').encode()).hexdigest()[:16]}"
 
-    def known(self) -> "SteadyCalibrator":
+    def known(self) -> "CameraMotionCalibrator":
         """This calibrator as it is now."""
         now = copy(self)
         now._state = deepcopy(self._state)  # noqa: SLF001 - its own
         return now
 
-    def refine(self, poses: PoseBatch, known: Sequence["SteadyCalibrator"], which: IntArray) -> PoseBatch:
+    def refine(self, poses: PoseBatch, known: Sequence["CameraMotionCalibrator"], which: IntArray) -> PoseBatch:
         """The corrected poses; without one, ``CAMERA_MOVED``, while nobody knows where the camera looks."""
         for k, now in enumerate(known):
             poses = poses.where(poses.is_ok & (which == k), now._refined)  # noqa: SLF001 - its own
@@ -438,7 +438,7 @@ class SteadyCalibrator:
         """Whether its pixels come in pairs; none says that nothing was found."""
         return len(observation.pixels) % 2 == 0
 
-    def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> SteadinessEstimate:
+    def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CameraMotionEstimate:
         """Learn from an image's steady points; of several looks at one image the first counts."""
         look = self._looker.judge(observations[0])
         self._state.take(sample.stamp_ns, look)
@@ -489,9 +489,9 @@ class SteadyCalibrator:
         unknown = "whether the camera was moved is not known"
         return [(*said, f"no steady points were recognised {when}: {unknown}") for when in whens]
 
-    def _estimate(self, stamp_ns: int, look: Look) -> SteadinessEstimate:
+    def _estimate(self, stamp_ns: int, look: Look) -> CameraMotionEstimate:
         state, turn = self._state, self._turn(np.array([stamp_ns]))
-        estimate = SteadinessEstimate(
+        estimate = CameraMotionEstimate(
             stamp_ns=stamp_ns,
             state=state.state,
             since_ns=state.since_ns,

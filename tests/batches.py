@@ -10,6 +10,7 @@ from aerodft.dft.measurement_batch import NUMBERS
 from aerodft.model import (
     CODE_OF,
     CalibrationEstimate,
+    CameraMotionEstimate,
     Ellipse95,
     Event,
     FloatArray,
@@ -21,12 +22,11 @@ from aerodft.model import (
     PoseBatch,
     PoseSample,
     Probe,
-    SteadinessEstimate,
 )
 from aerodft.service import Batches, ImageOutputs, Sink, StepOutputs
 from aerodft.service.outputs import SingleOutput
 
-Content = PoseSample | Measurement | Observation | CalibrationEstimate | SteadinessEstimate | HeightSwitch
+Content = PoseSample | Measurement | Observation | CalibrationEstimate | CameraMotionEstimate | HeightSwitch
 
 
 def one_tick(now_ns: int, events: Iterable[Event]) -> Batches:

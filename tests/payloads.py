@@ -12,6 +12,7 @@ from aerodft.geometry import camera_attitude
 from aerodft.model import (
     BiasValues,
     CalibrationEstimate,
+    CameraMotionEstimate,
     Ellipse95,
     GeoOrigin,
     GeoPoint,
@@ -29,7 +30,6 @@ from aerodft.model import (
     ProjectionModel,
     Status,
     Steadiness,
-    SteadinessEstimate,
     Zoom,
     ZoomSource,
     read_only,
@@ -236,14 +236,14 @@ def _health(payload: wire.Json) -> Health:
     )
 
 
-def decode_steadiness(data: bytes) -> SteadinessEstimate:
+def decode_steadiness(data: bytes) -> CameraMotionEstimate:
     """``aerodft.steadiness/1`` to an estimate; angles to an ulp."""
     return wire.load(data, steadiness.SCHEMA, _steadiness)
 
 
-def _steadiness(payload: wire.Json) -> SteadinessEstimate:
+def _steadiness(payload: wire.Json) -> CameraMotionEstimate:
     turn, look, moved = payload["turn"], payload["look"], payload["moved_ns"]
-    return SteadinessEstimate(
+    return CameraMotionEstimate(
         stamp_ns=int(payload["stamp_ns"]),
         state=Steadiness(payload["state"]),
         since_ns=int(payload["since_ns"]),

@@ -11,7 +11,7 @@ T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 
-class Lane(Generic[T]):
+class WorkerQueue(Generic[T]):
     """Does work in the order in which it was put.
 
     Args:

@@ -60,7 +60,7 @@ def calibrate(
     found = _evidence(observations, detect, crs, lens, names, model)
     check_against(found, lens)
     if found.flight is not None:
-        from aerodft.cli.calibrate_images import calibrate_flight  # noqa: PLC0415 - recordings are slow to load
+        from aerodft.cli.calibrate_images import calibrate_flight
 
         calibrate_flight(found, lens, names, model, telemetry, camera, output, report, as_json=json)
         return
@@ -93,7 +93,7 @@ def _evidence(
     if detect is not None:
         if crs is not None:
             raise UsageError("--crs beside --detect", expected="it in the file of markers")
-        from aerodft.cli.detect import detected_evidence  # noqa: PLC0415 - the video library is slow to load
+        from aerodft.cli.detect import detected_evidence
 
         return detected_evidence(detect, given, lens, names, model)
     if len(given) != 1:
@@ -105,7 +105,7 @@ def _evidence(
 def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None) -> None:
     result, found = asked.result, asked.found
     if report is not None:
-        from aerodft.cli.calibrate_report import write_report  # noqa: PLC0415 - matplotlib is slow to load
+        from aerodft.cli.calibrate_report import write_report
 
         write_report(result, found, report)
     if output is not None:

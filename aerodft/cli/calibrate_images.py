@@ -67,7 +67,7 @@ def calibrate_flight(
     if why_not is not None:
         raise why_not
     if report is not None:
-        from aerodft.cli.calibrate_report import write_images_report  # noqa: PLC0415 - matplotlib is slow
+        from aerodft.cli.calibrate_report import write_images_report
 
         write_images_report(result, found, images_document(result, found, None), report)
     if output is not None:

@@ -60,7 +60,7 @@ def calibrate_lens(
         write_camera_file(run, output)
         files.append(str(output))
     if report is not None:
-        from aerodft.cli.lens_report import write_lens_report  # noqa: PLC0415 - matplotlib is slow
+        from aerodft.cli.lens_report import write_lens_report
 
         files += write_lens_report(run, report)
     if json:

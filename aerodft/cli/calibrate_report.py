@@ -12,7 +12,6 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from aerodft import __version__
 from aerodft.adapters.config.evidence import EvidenceFile, takes_degrees
 from aerodft.adapters.images import StillPixels
 from aerodft.cli.calibrate_report_grid import axes_of, ground_grid
@@ -24,6 +23,7 @@ from aerodft.cli.output import output_folder, say
 from aerodft.dft import INTRINSICS
 from aerodft.errors import InputError
 from aerodft.model import Camera, ImageArray, Landmark, ProjectionModel
+from aerodft.version import SOFTWARE
 from calibration.flight import ImagesResult
 from calibration.pose import LIMIT, Result, coefficient_names
 
@@ -148,7 +148,7 @@ def _images_markdown(result: ImagesResult, found: EvidenceFile, about: dict[str,
     camera = result.solution.state.base.camera
     parts = [
         f"# Telemetry and {plain(camera.name)}: {len(about['images'])} images",
-        f"From {plain(found.path.name)} (sha256 {found.sha256}), {now}, aerodft {__version__}.",
+        f"From {plain(found.path.name)} (sha256 {found.sha256}), {now}, {SOFTWARE}.",
         f"Model: {about['model']}. Coordinates: {plain(found.frame.crs)}.",
         "## What was found",
         parameter_table(about),
@@ -254,7 +254,7 @@ def _provenance(result: Result, found: EvidenceFile) -> str:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     model = "the paper's equations (dft)" if result.solution.state.model is ProjectionModel.DFT else "pinhole"
     return (
-        f"From {plain(found.path.name)} (sha256 {found.sha256}), {now}, aerodft {__version__}, model: {model},"
+        f"From {plain(found.path.name)} (sha256 {found.sha256}), {now}, {SOFTWARE}, model: {model},"
         f" coordinates: {plain(found.frame.crs)}."
     )
 

@@ -25,7 +25,7 @@ from aerodft.model import (
     Vertical,
 )
 from calibration.flight import ImagesResult
-from calibration.pose import Leftover, Result, State
+from calibration.pose import ObservationResidual, Result, State
 from calibration.pose import Rows as Residuals
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -269,7 +269,7 @@ class Row:
     """
 
     mark: Mark
-    left: Leftover
+    left: ObservationResidual
     values: FloatArray
     range_m: float
 
@@ -300,7 +300,10 @@ def rows_of_images(result: ImagesResult) -> tuple[Row, ...]:
 
 
 def _rows(
-    evidence: Sequence[Evidence], states: Sequence[State], leftovers: Sequence[Leftover], residuals: Residuals
+    evidence: Sequence[Evidence],
+    states: Sequence[State],
+    leftovers: Sequence[ObservationResidual],
+    residuals: Residuals,
 ) -> tuple[Row, ...]:
     rows = []
     for index, (each, state, left) in enumerate(zip(evidence, states, leftovers, strict=True)):

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from aerodft import __version__
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
 from aerodft.cli.output import tables
 from aerodft.errors import AerodftError, NoAnswerError
+from aerodft.version import SOFTWARE
 from calibration.flight import ImagesResult
-from calibration.pose import LIMIT, Leftover, Result, State, correlations, said
+from calibration.pose import LIMIT, ObservationResidual, Result, State, correlations, said
 
 _SUSPICIOUS_P = 1e-4
 _MOST_DECIMALS = 6
@@ -180,7 +180,7 @@ def provenance(
     """
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": f"aerodft {__version__}",
+        "software": SOFTWARE,
         "observations": found.path.name,
         "observations_sha256": found.sha256,
         **inputs,
@@ -242,7 +242,7 @@ def decimals(std: float) -> int:
     return max(0, 1 - math.floor(math.log10(std)))
 
 
-def residual_table(leftovers: tuple[Leftover, ...]) -> Table:
+def residual_table(leftovers: tuple[ObservationResidual, ...]) -> Table:
     """What is left of each observation."""
     rest = Table("observation", "px", "sigma", "on the ground (m)", "not having seen it (m)")
     for left in leftovers:

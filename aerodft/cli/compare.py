@@ -16,7 +16,7 @@ from aerodft.cli.output import check_output, print_json, say, tables
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import FloatArray, IntArray
-from replay.compare import WITHIN_S, Comparing, Comparison, Difference, PairBy, Pairs, parse_tolerance
+from replay.compare import WITHIN_S, Comparison, ComparisonRun, Difference, PairBy, Pairs, parse_tolerance
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -66,7 +66,7 @@ def compare(
     """
     limits = parse_tolerance(tolerance or ())
     check_output(output, (first, second))
-    comparing = Comparing(first, second, by=pair, within_s=within)
+    comparing = ComparisonRun(first, second, by=pair, within_s=within)
     if comparing.is_empty:
         raise NoAnswerError("no measurements in either recording", where=f"{first}, {second}")
     comparison = comparing.comparison(limits)

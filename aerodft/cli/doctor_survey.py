@@ -11,7 +11,7 @@ from aerodft.cli.logs import open_telemetry_log
 from aerodft.cli.output import say
 from aerodft.cli.signed import opened_signing
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis import Outcome, Survey, SurveyReport, ask
+from aerodft.diagnosis import LogDiagnosis, Outcome, SurveyReport, ask
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import RawBlock
 from aerodft.service import Batches, Inbox, LiveFeed, SigningSettings, TelemetrySettings
@@ -55,9 +55,9 @@ class Listening:
     followed: Followed | None = None
     settings: TelemetrySettings | None = None
 
-    def survey(self) -> Survey:
+    def survey(self) -> LogDiagnosis:
         """A survey that has heard nothing yet."""
-        return Survey(self.address, followed=self.followed, settings=self.settings)
+        return LogDiagnosis(self.address, followed=self.followed, settings=self.settings)
 
 
 def survey_log(
@@ -79,7 +79,7 @@ def survey_log(
         InputError: It cannot be read.
     """
     source, _ = open_telemetry_log(path, topics)
-    survey = Survey(str(path), followed=followed, settings=settings)
+    survey = LogDiagnosis(str(path), followed=followed, settings=settings)
     for event in source.events():
         if isinstance(event, RawBlock):
             survey.add(event)
@@ -120,7 +120,7 @@ def survey_link(
     return (after if after.first_ns is not None and after.is_heard else replace(report, is_silent_since=True)), fixed
 
 
-def _surveyed(batches: Iterator[Batches], survey: Survey) -> Iterator[Batches]:
+def _surveyed(batches: Iterator[Batches], survey: LogDiagnosis) -> Iterator[Batches]:
     """The batches, each taken in by a survey."""
     for batch in batches:
         for block in batch.raw:
@@ -128,7 +128,7 @@ def _surveyed(batches: Iterator[Batches], survey: Survey) -> Iterator[Batches]:
         yield batch
 
 
-def _listened(wanted: Listening, link: MavlinkLink, surveyed: Iterator[Batches], survey: Survey) -> SurveyReport:
+def _listened(wanted: Listening, link: MavlinkLink, surveyed: Iterator[Batches], survey: LogDiagnosis) -> SurveyReport:
     """The survey that takes these batches in, after the next seconds of an open link."""
     end_ns = None
     for batch in surveyed:

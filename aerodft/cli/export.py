@@ -117,12 +117,12 @@ def _write(source: Recording, form: Format, path: Path) -> dict[str, int]:
         merged = merge_segments(source, path)
         return {"messages": merged.messages, "attachments": merged.attachments}
     if form is Format.MP4:
-        from replay.export import write_video  # noqa: PLC0415 - 40 MB and 0.1 s that tables and maps do without
+        from replay.export import write_video
 
         return asdict(write_video(source, path))
     payloads = _measurements(source)
     if form is Format.PARQUET:
-        from replay.export import ParquetRows  # noqa: PLC0415 - an extra
+        from replay.export import ParquetRows
 
         with ParquetRows(path) as rows:
             rows.add(payloads)

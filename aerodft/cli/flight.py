@@ -14,12 +14,12 @@ from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.observations import load_observations
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.logs import TelemetryLog, open_telemetry_log
-from aerodft.cli.looking import build_eyes
+from aerodft.cli.looking import build_observers
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.summary import report
 from aerodft.cli.wiring import (
-    Late,
+    DelayedSource,
     SizeChecked,
     build_pipeline,
     build_recorder,
@@ -29,7 +29,7 @@ from aerodft.cli.wiring import (
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
-from aerodft.service import LookedAt, Lookout, MergedFeed, Source, TelemetrySettings
+from aerodft.service import MergedFeed, ObservedImages, ObserverSchedule, Source, TelemetrySettings
 from aerodft.service.clocks import LogSpan, OnClock, survey_span
 from replay.foreign import ForeignImages, ForeignRecording
 from replay.recordings import is_mcap
@@ -55,7 +55,7 @@ class Flight:
     sources: tuple[Source, ...]
     first_ns: int
     last_ns: int
-    looked: LookedAt
+    looked: ObservedImages
     log: TelemetryLog | None = None
 
     def warnings(self) -> tuple[str, ...]:
@@ -67,7 +67,7 @@ def open_flight(
     station: StationConfig,
     log: Path | None,
     observation_files: tuple[Path, ...],
-    lookouts: Sequence[Lookout] = (),
+    lookouts: Sequence[ObserverSchedule] = (),
 ) -> Flight:
     """Open and check all sources of a station's recorded flight.
 
@@ -100,10 +100,10 @@ def open_flight(
     offset_ns = round(station.observations.time_offset_s * SECOND_NS)
     by_host = isinstance(images, RateSource) or _has_own_images(station, recording)
     lateness_ns = span.jitter_ns if by_host else span.lateness_at
-    late: Source = Late(images, lateness_ns=lateness_ns)
-    looked = LookedAt(late if lookouts else Thinned(late, station.record.image_hz), lookouts)
+    late: Source = DelayedSource(images, lateness_ns=lateness_ns)
+    looked = ObservedImages(late if lookouts else Thinned(late, station.record.image_hz), lookouts)
     sources.append(looked)
-    sources += [Late(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
+    sources += [DelayedSource(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
     if stamps:
         ends += [stamp_ns + span.lateness_at(stamp_ns) for stamp_ns in (min(stamps.values()), max(stamps.values()))]
@@ -122,7 +122,7 @@ def _images(
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
     chosen, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     if isinstance(chosen, VideoFile):
-        from aerodft.adapters.images import VideoFileSource  # noqa: PLC0415 - FFmpeg, 15 MB
+        from aerodft.adapters.images import VideoFileSource
 
         video = VideoFileSource(chosen.path, start_ns=chosen.start_ns, decode=decode)
         with _quiet():
@@ -234,7 +234,7 @@ def measure_flight(
         AerodftError: A file cannot be read, or nothing could be measured.
     """
     statistics, pipeline = RunStatistics(), build_pipeline(station)
-    eyes = build_eyes(station, pipeline, where, may_record=log is not None and is_mcap(log))
+    eyes = build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
     flight = open_flight(station, log, (*station.observations.files, *observations), eyes.lookouts)
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:

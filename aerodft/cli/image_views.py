@@ -224,13 +224,13 @@ def open_telemetry(
     Raises:
         InputError: It is missing, unreadable, or of a fixed camera.
     """
-    from replay.recordings import is_mcap  # noqa: PLC0415 - what recordings need is slow to load
+    from replay.recordings import is_mcap
 
     if not is_mcap(path) and not path.is_dir():
         return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
-    from aerodft.cli.recorded import recorded_station  # noqa: PLC0415 - as above
-    from replay.foreign import ForeignTelemetry, open_recording  # noqa: PLC0415 - as above
-    from replay.recordings import Recording, RecordingSource  # noqa: PLC0415 - as above
+    from aerodft.cli.recorded import recorded_station
+    from replay.foreign import ForeignTelemetry, open_recording
+    from replay.recordings import Recording, RecordingSource
 
     recording = open_recording(path)
     if not isinstance(recording, Recording):
@@ -274,7 +274,7 @@ def poses_of(
     waiting = sorted(set(stamps), reverse=True)
     poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
     late_ns = offsets_ns[-1] + span.lateness_ns + 2 * telemetry.settings.height.max_gap_ns
-    for batches in MergedFeed([telemetry.source], _TICK_NS, linger_ns=0, longest_ns=0).batches():
+    for batches in MergedFeed([telemetry.source], _TICK_NS, idle_ticks_ns=0, longest_ns=0).batches():
         for block in batches.raw:
             poses.append(Ticks.one(decoder.decode(block)))
         while waiting and waiting[-1] + late_ns < int(batches.now_ns[-1]):

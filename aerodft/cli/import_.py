@@ -91,7 +91,7 @@ def _station(
 def _on_time(station: StationConfig, sync: SyncChoice | None, log: Path | None, config: Path) -> StationConfig:
     """The station with its images' clock as it was asked for, and how well that is known."""
     if sync is SyncChoice.AUTO or (sync is None and station.images.is_auto):
-        from aerodft.cli.sync_lines import aligned  # noqa: PLC0415 - 40 MB of fitting and decoding, asked for seldom
+        from aerodft.cli.sync_lines import aligned
 
         return refreshed(aligned(station, log, config))
     return refreshed(_timed(replace(station, images=replace(station.images, is_auto=False))))
@@ -102,7 +102,7 @@ def _timed(station: StationConfig) -> StationConfig:
     source = station.images.source
     if not isinstance(source, VideoFile) or source.start_ns is not None:
         return station
-    from aerodft.adapters.images import video_info  # noqa: PLC0415 - FFmpeg, 15 MB, where there is a video
+    from aerodft.adapters.images import video_info
 
     start_ns = video_info(source.path).start_ns
     if start_ns is None or start_ns % SECOND_NS:

@@ -30,8 +30,8 @@ def pressed(actions: Mapping[str, Callable[[], None]]) -> Iterator[None]:
     if not has_keys():
         yield
         return
-    import termios  # noqa: PLC0415 - not on every system
-    import tty  # noqa: PLC0415 - as above
+    import termios
+    import tty
 
     number = sys.stdin.fileno()
     before = termios.tcgetattr(number)

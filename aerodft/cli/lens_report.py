@@ -10,10 +10,10 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft import __version__
 from aerodft.cli.lens_run import LensRun, notes, parameter_rows
 from aerodft.cli.output import output_folder
 from aerodft.model import FloatArray, LensModel
+from aerodft.version import SOFTWARE
 from calibration.lens import covered_cells, distortion_px, missing, ray_std_px
 
 mpl.use("Agg")
@@ -72,7 +72,7 @@ def _page(run: LensRun, figures: dict[str, Path]) -> str:
     head = (
         f"{len(solution.views)} views of {run.images} images of {width} x {height} px, {run.board}:"
         f" {len(solution.off_px)} corners, {solution.rms_px:.3f} px rms."
-        f" aerodft {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC."
+        f" {SOFTWARE}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC."
     )
     lacking = missing(solution)
     said = [f'<p class="missing">Missing: {escape(sentence)}.</p>' for sentence in lacking]

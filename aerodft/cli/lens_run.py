@@ -13,7 +13,6 @@ import tomli_w
 from PIL import Image as PillowImage
 from rich.table import Table
 
-from aerodft import __version__
 from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.images import Gathered, gather, image_files
@@ -21,6 +20,7 @@ from aerodft.cli.camera_mode import common_mode
 from aerodft.cli.output import progress_bar, say, tables
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, LensModel
+from aerodft.version import SOFTWARE
 from calibration.lens import (
     Board,
     BoardFinder,
@@ -197,7 +197,7 @@ def describe_lens(run: LensRun, files: list[str]) -> dict[str, Any]:
         "missing": list(missing(solution)),
         "notes": notes(run),
         "files": files,
-        "software": f"aerodft {__version__}",
+        "software": SOFTWARE,
     }
 
 
@@ -252,7 +252,7 @@ def camera_text(run: LensRun, now: datetime) -> str:
     solution, (width, height) = run.solution, run.size_px
     order = ", ".join(parameter_names(solution.camera))
     said = [
-        f"Lens calibration by aerodft {__version__}, {now:%Y-%m-%d %H:%M} UTC, from {run.board}.",
+        f"Lens calibration by {SOFTWARE}, {now:%Y-%m-%d %H:%M} UTC, from {run.board}.",
         f"{len(solution.views)} views of {run.images} images, {solution.rms_px:.3f} px rms.",
         f"It belongs to one mode of the camera: images of {width} x {height} px, as stored, with the crop, zoom, focus",
         "and stabilisation that the calibration's images had. Another mode is another camera file.",

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 from aerodft.adapters.config.station import StationConfig
 from aerodft.model import PixelSource
-from aerodft.service import LookCounts, Lookout, Pipeline
+from aerodft.service import ObserverCounts, ObserverSchedule, Pipeline
 
 
 @dataclass(frozen=True, slots=True)
-class Eyes:
+class ImageObservers:
     """All that looks at a station's images.
 
     Attributes:
@@ -18,11 +18,11 @@ class Eyes:
         notes: What some of them have to say of their own, by that name.
     """
 
-    lookouts: tuple[Lookout, ...] = ()
+    lookouts: tuple[ObserverSchedule, ...] = ()
     names: tuple[str, ...] = ()
     notes: Mapping[str, Callable[[], dict[str, object]]] = field(default_factory=dict)
 
-    def report(self, counts: Sequence[LookCounts]) -> dict[str, object]:
+    def report(self, counts: Sequence[ObserverCounts]) -> dict[str, object]:
         """What was looked at, for the summary; empty where nobody looked.
 
         Args:
@@ -35,7 +35,9 @@ class Eyes:
         return looks
 
 
-def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool = False) -> Eyes:
+def build_observers(
+    station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool = False
+) -> ImageObservers:
     """Who looks at the images of a station.
 
     Args:
@@ -51,7 +53,7 @@ def build_eyes(station: StationConfig, pipeline: Pipeline, where: object, *, may
     objects = station.objects is not None and station.objects.detect
     tracked = any(probe.source is PixelSource.TRACKED for probe in station.pipeline.probes)
     if not (station.watch or station.markers or objects or station.river or tracked):
-        return Eyes()
-    from aerodft.cli.lookouts import lookouts_of  # noqa: PLC0415 - all that sees: 60 MB, and few stations look
+        return ImageObservers()
+    from aerodft.cli.lookouts import lookouts_of
 
     return lookouts_of(station, pipeline, where, may_record=may_record)

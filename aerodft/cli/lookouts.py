@@ -8,12 +8,12 @@ import numpy as np
 
 from aerodft.adapters.config.station import Rate, StationConfig, Watch, river_probes
 from aerodft.adapters.images import read_camera_image
-from aerodft.cli.looking import Eyes
+from aerodft.cli.looking import ImageObservers
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import moved_on
 from aerodft.model import Image, PixelSource, PoseSample, Status
-from aerodft.service import Lookout, ObjectSettings, Pipeline
+from aerodft.service import ObjectSettings, ObserverSchedule, Pipeline
 from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
 from aerodft.vision.objects import MovingObjects, MovingOverGround
 from aerodft.vision.plane_lock import TrackedProbes
@@ -23,14 +23,14 @@ from calibration.markers import CameraPlace, MarkerObserver
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
 
 
-def lookouts_of(station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool) -> Eyes:
-    """What ``looking.build_eyes`` says, with its arguments.
+def lookouts_of(station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool) -> ImageObservers:
+    """What ``looking.build_observers`` says, with its arguments.
 
     Raises:
         ConfigError: There is something to look for, and no images.
         InputError: The reference image of a watched camera is of no use.
     """
-    lookouts: dict[str, Lookout] = {}
+    lookouts: dict[str, ObserverSchedule] = {}
     notes: dict[str, Callable[[], dict[str, object]]] = {}
     if station.watch is not None:
         _check_images(station, "[watch]", where, may_record=may_record)
@@ -40,28 +40,30 @@ def lookouts_of(station: StationConfig, pipeline: Pipeline, where: object, *, ma
         observer = MarkerObserver(
             markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
         )
-        lookouts["markers"] = Lookout(observer, markers.every_s)
+        lookouts["markers"] = ObserverSchedule(observer, markers.every_s)
         notes["markers"] = partial(_marker_notes, observer)
     if (objects := station.objects) is not None and objects.detect:
         _check_images(station, "[objects]", where, may_record=may_record)
         moving = _who_sees_objects(station, objects, pipeline)
-        lookouts["objects"] = Lookout(moving, objects.every_s)
+        lookouts["objects"] = ObserverSchedule(moving, objects.every_s)
         notes["objects"] = lambda: {"restless": moving.restless}
     if station.river is not None:
         _check_images(station, "[river]", where, may_record=may_record)
         probes = river_probes(station.pipeline.probes)
         river = RiverObserver(station.pipeline.camera, station.river, probes, lambda image: _pose_now(pipeline, image))
-        lookouts["river"] = Lookout(river, station.river.every_s)
+        lookouts["river"] = ObserverSchedule(river, station.river.every_s)
         notes["river"] = lambda: {"without_river": dict(river.misses)}
     tracked = tuple(probe for probe in station.pipeline.probes if probe.source is PixelSource.TRACKED)
     if tracked:
         _check_images(station, "tracked probes", where, may_record=may_record)
         camera, ground = station.pipeline.camera, station.pipeline.ground
-        lookouts["tracked"] = Lookout(TrackedProbes(camera, tracked, lambda image: _pose_now(pipeline, image), ground))
-    return Eyes(tuple(lookouts.values()), tuple(lookouts), notes)
+        lookouts["tracked"] = ObserverSchedule(
+            TrackedProbes(camera, tracked, lambda image: _pose_now(pipeline, image), ground)
+        )
+    return ImageObservers(tuple(lookouts.values()), tuple(lookouts), notes)
 
 
-def _steady_lookout(watch: Watch, station: StationConfig) -> Lookout:
+def _steady_lookout(watch: Watch, station: StationConfig) -> ObserverSchedule:
     """Who looks for steady points.
 
     Raises:
@@ -79,7 +81,7 @@ def _steady_lookout(watch: Watch, station: StationConfig) -> Lookout:
             got=f"{points.corners} corners outside watch.ignore",
             expected=f"at least {LEAST_CORNERS}",
         )
-    return Lookout(points, settings.every_s)
+    return ObserverSchedule(points, settings.every_s)
 
 
 def _who_sees_objects(

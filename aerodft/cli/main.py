@@ -23,8 +23,8 @@ from typing import Annotated, Final, NoReturn, cast
 import typer
 from typer.exceptions import TyperException
 
-from aerodft import __version__
 from aerodft.errors import AerodftError, InputError, UsageError, printable
+from aerodft.version import SOFTWARE
 
 _INTERRUPTED = 130  # what a shell says of a program that a signal ended: 128 and its number
 _PIPE_CLOSED = 141
@@ -111,7 +111,7 @@ def _options(
 ) -> None:
     """Measurements from aerial images: telemetry and pixels in, metres with an honest uncertainty out."""
     if version:
-        typer.echo(f"aerodft {__version__}")
+        typer.echo(SOFTWARE)
         raise typer.Exit
     if context.invoked_subcommand is None:
         raise UsageError("no command", expected=f"one of {', '.join(COMMANDS)}", hint="see aerodft --help")

@@ -12,13 +12,13 @@ from aerodft.cli.output import say
 from aerodft.cli.pose_options import (
     CameraOption,
     CovarianceOption,
-    GivenGround,
-    GivenPose,
+    GroundOptions,
     HeadingOption,
     HeightOption,
     LatOption,
     LonOption,
     MeasuredLevel,
+    PoseOptions,
     RollOption,
     StdOption,
     Stds,
@@ -100,7 +100,7 @@ def measure(
         raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
     if (recording is None) != (at is None):
         raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
-    pose = GivenPose(
+    pose = PoseOptions(
         height_m=height,
         altitude_m=altitude,
         tilt_deg=tilt,
@@ -110,7 +110,7 @@ def measure(
         lon_deg=lon,
         covariance=covariance,
     )
-    terms = GivenGround(slope_deg=slope, uphill_deg=uphill, terrain=terrain)
+    terms = GroundOptions(slope_deg=slope, uphill_deg=uphill, terrain=terrain)
     if recording is not None and at is not None:
         pose.refuse_all("--recording")
         terms.refuse_all("--recording")
@@ -123,12 +123,12 @@ def measure(
     setup = MeasuredLevel.of(elevation, max_range, stds).on(setup)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
-        from aerodft.cli.depth import write_depth  # noqa: PLC0415 - matplotlib and the video library are slow
+        from aerodft.cli.depth import write_depth
 
         write_depth(setup, sample, depth_map, image, as_json=json, max_range_m=max_range, step_m=step)
         return
     requests = parse_probes(probe or [], stds, setup.elevation_m)
-    from aerodft.cli.measured import show_measurements, show_models  # noqa: PLC0415 - compiled code is slow to load
+    from aerodft.cli.measured import show_measurements, show_models
 
     if compare:
         show_models(setup, sample, requests, as_json=json)
@@ -162,12 +162,12 @@ def _recorded(
     topic: list[str] | None,
     files: dict[str, Path | None],
 ) -> tuple[Setup, PoseSample, Stds]:
-    from aerodft.cli.recorded_pose import Instead, recorded_setup  # noqa: PLC0415 - the bus and video libraries are slow
+    from aerodft.cli.recorded_pose import Overrides, recorded_setup
 
     stds = parse_stds(std) if std else Stds()
     if stds.pose != PoseStd():
         raise UsageError("--std of the pose beside --recording", expected="px, elevation: the pose's are recorded")
-    setup, sample = recorded_setup(recording, at, Instead(**files, topics=parse_topics(topic)))
+    setup, sample = recorded_setup(recording, at, Overrides(**files, topics=parse_topics(topic)))
     return (setup if model is None else replace(setup, model=model)), sample, stds
 
 

@@ -134,7 +134,7 @@ def _number(part: str, text: str) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GivenPose:
+class PoseOptions:
     """Options that say where the camera is and where it looks; None where they were not given.
 
     Attributes:
@@ -261,7 +261,7 @@ class GivenPose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GivenGround:
+class GroundOptions:
     """Options that say what the ground is like; None where they were not given.
 
     Attributes:
@@ -303,8 +303,8 @@ class GivenGround:
 
 
 def _terrain(path: Path, origin: GeoOrigin | None) -> tuple[Ground, GeoOrigin]:
-    from aerodft.adapters.terrain import load_elevation  # noqa: PLC0415 - an extra, which few measurements need
-    from aerodft.geometry import Terrain  # noqa: PLC0415 - compiled code, which loads slowly
+    from aerodft.adapters.terrain import load_elevation
+    from aerodft.geometry import Terrain
 
     if origin is None:
         raise UsageError("--terrain without --lat and --lon", expected="all three: where in the model the camera is")
@@ -368,8 +368,8 @@ class MeasuredLevel:
 
 
 def given_scene(
-    pose: GivenPose,
-    ground: GivenGround,
+    pose: PoseOptions,
+    ground: GroundOptions,
     camera: Path | None,
     calibration: Path | None,
     model: ProjectionModel | None,
@@ -423,7 +423,7 @@ def _calibrated(
     camera: Path | None,
     model: ProjectionModel | None,
     std: str | None,
-    ground: GivenGround,
+    ground: GroundOptions,
 ) -> tuple[Setup, PoseSample, Stds]:
     """What a calibration that has a pose says, with the stds that it does not know: of pixels and of the elevation."""
     stds = parse_stds(std) if std else Stds()

@@ -101,7 +101,7 @@ def _measure_foreign(
     if calibration is not None:
         station = with_calibration(station, calibration)
     station = replace(station, topics=parse_topics(topic, station.topics))
-    from aerodft.cli.flight import measure_flight  # noqa: PLC0415 - stills, logs: our own recordings need neither
+    from aerodft.cli.flight import measure_flight
 
     measure_flight(station, path, (), output, where=config, as_json=as_json)
 

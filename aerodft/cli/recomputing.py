@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.looking import Eyes, build_eyes
+from aerodft.cli.looking import ImageObservers, build_observers
 from aerodft.cli.recorded import reoffset, stations_of
 from aerodft.cli.wiring import build_pipeline
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
-from replay.recordings import Recording, RecordingSource, SeenAgain
+from replay.recordings import Recording, RecordingSource, Redetection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,8 +31,8 @@ class Recomputation:
     station: StationConfig
     pipeline: Pipeline
     feed: Feed
-    again: SeenAgain | None = None
-    eyes: Eyes = field(default_factory=Eyes)
+    again: Redetection | None = None
+    eyes: ImageObservers = field(default_factory=ImageObservers)
 
 
 def prepare(folder: Path, config: Path | None, calibration: Path | None, *, vision: bool = False) -> Recomputation:
@@ -54,9 +54,9 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
     was, station = stations_of(recording, config, calibration)
     pipeline = build_pipeline(station)
     source = reoffset(RecordingSource(recording, pixels=vision), was, station)
-    again, eyes = None, Eyes()
+    again, eyes = None, ImageObservers()
     if vision:
-        eyes = build_eyes(station, pipeline, config or folder, may_record=True)
+        eyes = build_observers(station, pipeline, config or folder, may_record=True)
         again = _seen_again(source, recording, eyes)
     feed = MergedFeed([source if again is None else again], station.pipeline.tick_ns)
     return Recomputation(
@@ -64,11 +64,11 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
     )
 
 
-def _seen_again(source: Source, recording: Recording, eyes: Eyes) -> SeenAgain:
+def _seen_again(source: Source, recording: Recording, eyes: ImageObservers) -> Redetection:
     if not eyes.lookouts:
         got = "a configuration without [markers], [watch], [objects], [river] and tracked probes"
         raise UsageError("--vision", got=got, expected="one of them: else aerodft looks for nothing itself")
     if next(recording.image_messages(), None) is None:
         hint = "record.image_hz says how many are kept"
         raise NoAnswerError("no images in the recording", where=recording.folder, hint=hint)
-    return SeenAgain(source, eyes.lookouts)
+    return Redetection(source, eyes.lookouts)

@@ -38,7 +38,7 @@ class _PoseOnly:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instead:
+class Overrides:
     """What takes the place of what a recording was made with; None for its own.
 
     Attributes:
@@ -54,7 +54,7 @@ class Instead:
     topics: Topics = field(default_factory=Topics)
 
 
-def recorded_setup(path: Path, at: str, instead: Instead) -> tuple[Setup, PoseSample]:
+def recorded_setup(path: Path, at: str, instead: Overrides) -> tuple[Setup, PoseSample]:
     """Camera and pose of a recording at a time.
 
     Args:
@@ -88,7 +88,7 @@ def recorded_setup(path: Path, at: str, instead: Instead) -> tuple[Setup, PoseSa
     return setup, replace(sample, zoom=None)
 
 
-def _station_of(recording: Recording | ForeignRecording, instead: Instead) -> StationConfig:
+def _station_of(recording: Recording | ForeignRecording, instead: Overrides) -> StationConfig:
     if instead.config is not None:
         station = load_station(instead.config)
     elif isinstance(recording, Recording):
@@ -101,7 +101,7 @@ def _station_of(recording: Recording | ForeignRecording, instead: Instead) -> St
     return station if instead.calibration is None else with_calibration(station, instead.calibration)
 
 
-def _station_without_config(recording: ForeignRecording, instead: Instead) -> StationConfig:
+def _station_without_config(recording: ForeignRecording, instead: Overrides) -> StationConfig:
     """Telemetry with every default, and the camera that was recorded with the images."""
     camera = load_camera(instead.camera) if instead.camera is not None else recording.camera()
     if camera is None:

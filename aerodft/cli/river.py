@@ -12,13 +12,13 @@ from aerodft.cli.output import print_json, say, steps
 from aerodft.cli.pose_options import (
     CameraOption,
     CovarianceOption,
-    GivenGround,
-    GivenPose,
+    GroundOptions,
     HeadingOption,
     HeightOption,
     LatOption,
     LonOption,
     MeasuredLevel,
+    PoseOptions,
     RollOption,
     StdOption,
     Stds,
@@ -100,7 +100,7 @@ def river(
       aerodft river bend.jpg --camera cam.toml --height 40 --tilt 30 --std height=0.4,attitude=0.3 -o bend --json
       aerodft river demo/recording --spacing 2 -o reach
     """
-    given = GivenPose(
+    given = PoseOptions(
         height_m=height,
         tilt_deg=tilt,
         roll_deg=roll,
@@ -121,7 +121,7 @@ def river(
     else:
         if config is not None:
             raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
-        setup, sample, stds = given_scene(given, GivenGround(), camera, calibration, None, std, says_exact=True)
+        setup, sample, stds = given_scene(given, GroundOptions(), camera, calibration, None, std, says_exact=True)
         level = MeasuredLevel.of(elevation, max_range, stds)
         if what.suffix.lower() in VIDEO_SUFFIXES:
             document = _flight_document(filmed_views(what, setup, sample, most), level, question, output)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from aerodft.model import CODES, CalibrationEstimate, IntArray, Status, SteadinessEstimate
+from aerodft.model import CODES, CalibrationEstimate, CameraMotionEstimate, IntArray, Status
 from aerodft.service import Batches, ImageOutputs, StepOutputs
 
 
@@ -28,7 +28,7 @@ class RunStatistics:
     measurements: Counter[str] = field(default_factory=Counter)
     reasons: dict[str, str] = field(default_factory=dict)
     estimate: CalibrationEstimate | None = None
-    steadiness: SteadinessEstimate | None = None
+    steadiness: CameraMotionEstimate | None = None
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:  # noqa: ARG002 - what was read is not counted
         """Count the outputs of some ticks."""
@@ -40,7 +40,7 @@ class RunStatistics:
         for single in outputs.singles:
             if isinstance(single.content, CalibrationEstimate):
                 self.estimate = single.content
-            elif isinstance(single.content, SteadinessEstimate):
+            elif isinstance(single.content, CameraMotionEstimate):
                 self.steadiness = single.content
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.cli.flight import DEFAULT_RATE_HZ
-from aerodft.cli.looking import build_eyes
+from aerodft.cli.looking import build_observers
 from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
 from aerodft.cli.recover import recovering_beside
@@ -34,7 +34,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import Image, Measurement, VideoPacket
-from aerodft.service import Inbox, LiveFeed, LiveLook, Pipeline
+from aerodft.service import Inbox, LiveFeed, LiveObservers, Pipeline
 from aerodft.service.clocks import WallClock
 
 
@@ -59,7 +59,7 @@ def serve(
     clock, statistics, pipeline = WallClock(), RunStatistics(), build_pipeline(station)
     pipeline.warm_up()
     rehearse(station)
-    eyes = build_eyes(station, pipeline, config)
+    eyes = build_observers(station, pipeline, config)
     inbox = Inbox(clock)
     feed = LiveFeed(inbox, clock, settings.tick_ns)
     folder = output or station.record.folder / _folder_name(settings.station, clock.now_ns())
@@ -69,7 +69,7 @@ def serve(
         bus = _open_bus(station, pipeline, inbox)
         if bus is not None:
             stack.callback(bus.close)
-        look = stack.enter_context(LiveLook(eyes.lookouts, inbox.put_observations))
+        look = stack.enter_context(LiveObservers(eyes.lookouts, inbox.put_observations))
         images = _ImageGate(station, inbox, feed, look, where=config)
         packets = _PacketGate()
         link = _open_inputs(station, inbox, images, packets, clock, stack)
@@ -150,7 +150,9 @@ class _PacketGate:
 class _ImageGate:
     """Passes images to the inbox and to who looks at them; one of another size than the camera's ends the service."""
 
-    def __init__(self, station: StationConfig, inbox: Inbox, feed: LiveFeed, look: LiveLook, *, where: Path) -> None:
+    def __init__(
+        self, station: StationConfig, inbox: Inbox, feed: LiveFeed, look: LiveObservers, *, where: Path
+    ) -> None:
         source = station.images.source
         if isinstance(source, VideoFile | Stills):
             raise ConfigError(
@@ -186,7 +188,7 @@ def _status_every_second(
     station: StationConfig,
     pipeline: Pipeline,
     inbox: Inbox,
-    look: LiveLook,
+    look: LiveObservers,
     statistics: RunStatistics,
     receivers: Sequence[McapRecorder | ZenohBus],
     recorder: McapRecorder,

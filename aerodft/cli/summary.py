@@ -11,7 +11,7 @@ from aerodft.cli.output import LOSS, end_with_gaps, print_json, say
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
-from aerodft.model import SteadinessEstimate
+from aerodft.model import CameraMotionEstimate
 from aerodft.service import Counts
 
 
@@ -115,7 +115,7 @@ def _listed(counter: dict[str, int]) -> str:
     return ", ".join(f"{number} {status}" for status, number in counter.items()) or "none"
 
 
-def _steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:
+def _steadiness_document(estimate: CameraMotionEstimate) -> dict[str, object]:
     """What a run's summary says of the camera at the end."""
     return {
         "state": estimate.state,
@@ -126,7 +126,7 @@ def _steadiness_document(estimate: SteadinessEstimate) -> dict[str, object]:
     }
 
 
-def _steadiness_sentence(estimate: SteadinessEstimate) -> str:
+def _steadiness_sentence(estimate: CameraMotionEstimate) -> str:
     """Whether a watched camera still looks where it looked, for people."""
     said = f"{estimate.state} since {_utc(estimate.since_ns)}"
     if estimate.moved_ns is not None:
@@ -134,7 +134,7 @@ def _steadiness_sentence(estimate: SteadinessEstimate) -> str:
     return f"{said}; turned by {_turned_deg(estimate):.3f} deg, within the limit"
 
 
-def _turned_deg(estimate: SteadinessEstimate) -> float:
+def _turned_deg(estimate: CameraMotionEstimate) -> float:
     return math.degrees(math.hypot(*estimate.turn_rad))
 
 

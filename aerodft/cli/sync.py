@@ -59,7 +59,7 @@ def sync(
     lines = SyncLines.of(run, told.time_std_s)
     files = []
     if output is not None:
-        from aerodft.cli.sync_figure import draw_sync  # noqa: PLC0415 - matplotlib is slow
+        from aerodft.cli.sync_figure import draw_sync
 
         files.append(draw_sync(run, output))
     if json:

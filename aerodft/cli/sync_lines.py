@@ -8,7 +8,6 @@ from typing import Any, Final
 import tomli_w
 from rich.table import Table
 
-from aerodft import __version__
 from aerodft.adapters.config.station import StationConfig, VideoFile
 from aerodft.adapters.images import VideoFileSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
@@ -17,6 +16,7 @@ from aerodft.cli.sync_run import DEFAULT_MAX_OFFSET_S, SyncRun, run_sync
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, UsageError
 from aerodft.service import TelemetrySettings
+from aerodft.version import SOFTWARE
 from calibration.sync import Alignment
 
 _SIGMAS_95: Final = 1.96
@@ -185,7 +185,7 @@ def describe_sync(run: SyncRun, lines: SyncLines, files: list[str]) -> dict[str,
         "reasons": reasons(found),
         "config": lines.text(),
         "files": files,
-        "software": f"aerodft {__version__}",
+        "software": SOFTWARE,
     }
 
 

@@ -21,7 +21,7 @@ from aerodft.cli.output import say
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import Camera, Event, Image, RawBlock
 from aerodft.service import Batches, Feed, ObjectSettings, ObjectTracker, Pipeline, Sink, Source
-from calibration.camera_motion import SteadyCalibrator
+from calibration.camera_motion import CameraMotionCalibrator
 from calibration.flight import BiasCalibrator
 from calibration.live import LiveCalibrator
 
@@ -37,14 +37,14 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live, tracker)
     if station.watch is not None:
-        steady = SteadyCalibrator(station.watch.settings, station.pipeline)
+        steady = CameraMotionCalibrator(station.watch.settings, station.pipeline)
         return Pipeline(station.pipeline, decoder, steady, steady, tracker)
     calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
     return Pipeline(station.pipeline, decoder, calibrator, tracker=tracker)
 
 
 def _tracker(settings: ObjectSettings) -> ObjectTracker:
-    from aerodft.vision.objects import ObjectTracks  # noqa: PLC0415 - 24 MB of scipy, and few stations track
+    from aerodft.vision.objects import ObjectTracks
 
     return ObjectTracks(settings)
 
@@ -128,7 +128,7 @@ def _advance(pipeline: Pipeline, batches: Batches, sinks: tuple[Sink, ...]) -> N
         sink.take(batches, outputs)
 
 
-class Late:
+class DelayedSource:
     """A source whose images and observations arrive some time after their stamps, beside the telemetry they need.
 
     Args:

@@ -2,4 +2,4 @@
 
 from aerodft.diagnosis.findings import document, notes, problems
 from aerodft.diagnosis.message_requests import Outcome, ask
-from aerodft.diagnosis.survey import Survey, SurveyReport, ValueSource
+from aerodft.diagnosis.survey import LogDiagnosis, SurveyReport, ValueSource

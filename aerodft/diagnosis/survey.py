@@ -280,7 +280,7 @@ def unknown_ids(block: RawBlock) -> Counter[int]:
     return found
 
 
-class Survey:
+class LogDiagnosis:
     """Takes in blocks of frames and reports on them.
 
     Args:

@@ -7,9 +7,9 @@ from aerodft.model.calibration import (
     BiasValues,
     Calibration,
     CalibrationEstimate,
+    CameraMotionEstimate,
     Innovation,
     Steadiness,
-    SteadinessEstimate,
 )
 from aerodft.model.camera import Camera, CameraMode, CameraStd, LensModel, Zoom, ZoomSource
 from aerodft.model.evidence import (

@@ -124,7 +124,7 @@ class Steadiness(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SteadinessEstimate:
+class CameraMotionEstimate:
     """A fixed camera's attitude after one look at its steady points.
 
     Attributes:

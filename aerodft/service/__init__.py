@@ -1,9 +1,9 @@
 """The pipeline and what it needs, behind ports; it knows no wire, no file and no wall clock."""
 
-from aerodft.service.arrivals import Pace, first_arrival_ns
+from aerodft.service.arrivals import ArrivalLimiter, first_arrival_ns
 from aerodft.service.batches import Batches
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
-from aerodft.service.observers import LiveLook, LookCounts, LookedAt, Lookout
+from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCounts, ObserverSchedule
 from aerodft.service.outline_requests import standing_of
 from aerodft.service.outputs import ImageOutputs, Sink, StepOutputs
 from aerodft.service.pipeline import Counts, Pipeline
@@ -14,6 +14,7 @@ from aerodft.service.settings import (
     OBJECTS,
     RADIO_STATUS,
     AttitudeSettings,
+    CameraMotionSettings,
     ErrorStd,
     FixedMount,
     HealthSettings,
@@ -24,7 +25,6 @@ from aerodft.service.settings import (
     RiverLook,
     SigningSettings,
     TelemetrySettings,
-    WatchSettings,
     ZoomSettings,
 )
 from aerodft.service.streams import LAST

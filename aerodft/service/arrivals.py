@@ -53,7 +53,7 @@ def cut(event: Arrival, until_ns: int) -> tuple[Arrival | None, Arrival | None]:
     return (event.rows(0, split) if split else None), event.rows(split, count)
 
 
-class Pace:
+class ArrivalLimiter:
     """Arrivals of a link's frames, no more of them in a second than a link gives.
 
     Where a clock steps back by an hour the arrival is held: all of that hour would be in one tick, and in memory.

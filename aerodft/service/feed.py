@@ -51,7 +51,7 @@ def block_of(protocol: WireProtocol, sender: str, arrivals_ns: Sequence[int], fr
 class MergedFeed:
     """Recorded sources merged by arrival, as fast as the pipeline takes the batches.
 
-    Ticks without events are skipped, except within ``linger_ns`` after the last event: there time alone matters,
+    Ticks without events are skipped, except within ``idle_ticks_ns`` after the last event: there time alone matters,
     because an image that waits for telemetry is given up on a tick, with nothing arriving.
 
     Args:
@@ -69,12 +69,12 @@ class MergedFeed:
         sources: Iterable[Source],
         tick_ns: int,
         *,
-        linger_ns: int = 2 * SECOND_NS,
+        idle_ticks_ns: int = 2 * SECOND_NS,
         longest_ns: int = LONGEST_SPAN_NS,
     ) -> None:
         self._sources = tuple(sources)
         self._tick_ns = tick_ns
-        self._linger_ns = linger_ns
+        self._linger_ns = idle_ticks_ns
         self._longest_ns = longest_ns // tick_ns * tick_ns
 
     def batches(self) -> Iterator[Batches]:

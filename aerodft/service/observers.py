@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Lookout:
+class ObserverSchedule:
     """An observer, and how often it looks.
 
     Attributes:
@@ -35,7 +35,7 @@ class Lookout:
 
 
 @dataclass(slots=True)
-class LookCounts:
+class ObserverCounts:
     """What became of the images that were due.
 
     Attributes:
@@ -52,8 +52,8 @@ class LookCounts:
 class _Watch:
     """One lookout at work."""
 
-    def __init__(self, lookout: Lookout) -> None:
-        self.counts = LookCounts()
+    def __init__(self, lookout: ObserverSchedule) -> None:
+        self.counts = ObserverCounts()
         self._observer = lookout.observer
         self._period_ns = round(_SLACK * lookout.every_s * SECOND_NS)
         self._last_ns: int | None = None
@@ -81,15 +81,15 @@ class _Watch:
         return seen
 
 
-class LookedAt:
+class ObservedImages:
     """A recorded source, with what observers see in its images right behind each of them."""
 
-    def __init__(self, source: Source, lookouts: Sequence[Lookout]) -> None:
+    def __init__(self, source: Source, lookouts: Sequence[ObserverSchedule]) -> None:
         self._source = source
         self._watches = [_Watch(lookout) for lookout in lookouts]
 
     @property
-    def counts(self) -> tuple[LookCounts, ...]:
+    def counts(self) -> tuple[ObserverCounts, ...]:
         """So far, one for each lookout."""
         return tuple(watch.counts for watch in self._watches)
 
@@ -103,7 +103,7 @@ class LookedAt:
                         yield from (replace(each, arrival_ns=event.arrival_ns) for each in watch.look(event))
 
 
-class LiveLook:
+class LiveObservers:
     """Shows live images to observers, each in a thread of its own that never holds up who brings them.
 
     While an observer looks at one image only the newest of the others waits for it.
@@ -113,11 +113,13 @@ class LiveLook:
         on_seen: Takes what is seen in one image, from several threads; must not block.
     """
 
-    def __init__(self, lookouts: Sequence[Lookout], on_seen: Callable[[tuple[Observation, ...]], None]) -> None:
+    def __init__(
+        self, lookouts: Sequence[ObserverSchedule], on_seen: Callable[[tuple[Observation, ...]], None]
+    ) -> None:
         self._posts = [_Post(lookout, on_seen) for lookout in lookouts]
 
     @property
-    def counts(self) -> tuple[LookCounts, ...]:
+    def counts(self) -> tuple[ObserverCounts, ...]:
         """So far, one for each lookout."""
         return tuple(post.counts for post in self._posts)
 
@@ -147,7 +149,7 @@ class LiveLook:
 class _Post:
     """One lookout and its thread."""
 
-    def __init__(self, lookout: Lookout, on_seen: Callable[[tuple[Observation, ...]], None]) -> None:
+    def __init__(self, lookout: ObserverSchedule, on_seen: Callable[[tuple[Observation, ...]], None]) -> None:
         self._watch = _Watch(lookout)
         self._on_seen = on_seen
         self._changed = threading.Condition()
@@ -158,7 +160,7 @@ class _Post:
         self._thread.start()
 
     @property
-    def counts(self) -> LookCounts:
+    def counts(self) -> ObserverCounts:
         return self._watch.counts
 
     def show(self, image: Image) -> None:

@@ -7,10 +7,10 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from aerodft.dft import MeasurementBatch
-from aerodft.model import CalibrationEstimate, HeightSwitch, IntArray, Observation, PoseBatch, SteadinessEstimate
+from aerodft.model import CalibrationEstimate, CameraMotionEstimate, HeightSwitch, IntArray, Observation, PoseBatch
 from aerodft.service.batches import Batches
 
-Estimate: TypeAlias = CalibrationEstimate | SteadinessEstimate
+Estimate: TypeAlias = CalibrationEstimate | CameraMotionEstimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

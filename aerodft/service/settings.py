@@ -23,7 +23,7 @@ from aerodft.model import (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WatchSettings:
+class CameraMotionSettings:
     """What is looked for, and what counts as moved.
 
     Attributes:

@@ -27,11 +27,11 @@ from aerodft.vision.common import (
     LAND_AS_BEFORE,
     LAND_AT_FIRST,
     MOST_CORNERS,
-    Gone,
+    GroundDrift,
     Keyframe,
     PlaneImage,
+    PlanePose,
     PoseOf,
-    Standpoint,
     Standpoints,
     Stillness,
     StraightView,
@@ -216,7 +216,7 @@ class Land:
     astray: BoolArray
     log_odds: float
     doubt_px: float
-    gone: Gone | None
+    gone: GroundDrift | None
 
 
 def land_among(
@@ -288,7 +288,7 @@ def _as_before(
 
 def _gone(
     keyframe: Keyframe, now: PlaneImage, last: PlaneImage, then_px: FloatArray, now_px: FloatArray
-) -> Gone | None:
+) -> GroundDrift | None:
     """Where a place of the keyframe ``(2,)`` that is seen at ``now_px (2,)`` has gone over the ground, by telemetry."""
     before, after = keyframe.taken.standpoint, now.standpoint
     if before is None or after is None:
@@ -300,7 +300,7 @@ def _gone(
     sweep_mps = np.zeros(2)
     if last.standpoint is not None and now.time_s > last.time_s:
         sweep_mps = (is_m - _on_plane(last.standpoint.from_plane(), now_px)) / (now.time_s - last.time_s)
-    gone = Gone(now.time_s, is_m - was_m, px_by_m, sweep_mps, float(after.lens[0, 0]))
+    gone = GroundDrift(now.time_s, is_m - was_m, px_by_m, sweep_mps, float(after.lens[0, 0]))
     return gone if np.all(np.isfinite([*gone.by_m, *px_by_m.ravel(), *sweep_mps])) else None
 
 
@@ -358,7 +358,7 @@ class PlaneLock:
         self._held = self._keyframe(first, np.eye(3), np.zeros((FREE, FREE)))
         self._keyframes = [self._held]
 
-    def know_first(self, standpoint: Standpoint | None) -> None:
+    def know_first(self, standpoint: PlanePose | None) -> None:
         """Where the first image was taken from, which may become known after it."""
         first = self._keyframes[0]
         if first.taken is self._last_image:
@@ -382,7 +382,7 @@ class PlaneLock:
         self._step = np.eye(3)
         return None
 
-    def _guesses(self, standpoint: Standpoint | None) -> list[FloatArray]:
+    def _guesses(self, standpoint: PlanePose | None) -> list[FloatArray]:
         """Homographies since the first image, the likeliest first."""
         first, last = self._keyframes[0].taken.standpoint, self._last_image.standpoint
         guesses = [
@@ -432,7 +432,7 @@ class PlaneLock:
             std_px=0.0 if lock is None else lock.first_std_px(self._near),
             stillness=still,
             are_known=np.ones(len(enough), dtype=np.bool_),
-            strangeness=still.again(),
+            others_stationarity=still.again(),
         )
 
     def _fit(self, keyframe: Keyframe, guess: FloatArray, now: PlaneImage) -> Lock | None:
@@ -569,7 +569,7 @@ class _Together:
         found = self._lock.follow(self._taken(image, small, view, self._standpoints.of(now)))
         return [self._answer(image, probe, found, view) for probe in self._probes]
 
-    def _taken(self, image: Image, small: ImageArray, view: StraightView, standpoint: Standpoint | None) -> PlaneImage:
+    def _taken(self, image: Image, small: ImageArray, view: StraightView, standpoint: PlanePose | None) -> PlaneImage:
         return PlaneImage(small, view, (image.stamp_ns - self._epoch_ns(image)) / SECOND_NS, standpoint)
 
     def _epoch_ns(self, image: Image) -> int:

@@ -16,10 +16,10 @@ from calibration.pose import (
     LIMIT,
     ROBUST,
     Fit,
-    Leftover,
     Loss,
     NormalEquations,
     Observability,
+    ObservationResidual,
     Outcome,
     Problem,
     Residuals,
@@ -207,7 +207,7 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
     )
 
 
-def images_leftovers(problem: ImagesProblem, solution: ImagesSolution) -> tuple[Leftover, ...]:
+def images_leftovers(problem: ImagesProblem, solution: ImagesSolution) -> tuple[ObservationResidual, ...]:
     """All observations, in their order."""
     reduced, residuals = solution.normal.reduced(), solution.residuals
     ground, left_out = [], []

@@ -4,8 +4,8 @@ from calibration.pose.descent import Loss, NormalEquations, Rows, descend, elimi
 from calibration.pose.residuals import OUT_OF_SIGHT, Problem, Residuals, joined
 from calibration.pose.result import (
     LIMIT,
-    Leftover,
     Observability,
+    ObservationResidual,
     Outcome,
     Result,
     above_ground,

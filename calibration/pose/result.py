@@ -143,7 +143,7 @@ def landmarks_off_m(problem: Problem, solution: Solution, steps: FloatArray) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class Leftover:
+class ObservationResidual:
     """One observation after the fit.
 
     Attributes:
@@ -164,7 +164,7 @@ class Leftover:
     is_outlier: bool
 
 
-def leftovers(problem: Problem, solution: Solution) -> tuple[Leftover, ...]:
+def leftovers(problem: Problem, solution: Solution) -> tuple[ObservationResidual, ...]:
     """All observations, in their order."""
     steps = steps_without_each(solution)
     ground, left_out = _on_the_ground(problem, solution, np.zeros_like(steps)), _on_the_ground(problem, solution, steps)
@@ -177,8 +177,8 @@ def left_of_each(
     kept: np.ndarray,
     ground_m: Sequence[float | None],
     left_out_ground_m: Sequence[float | None],
-) -> tuple[Leftover, ...]:
-    """What is left in the image, beside what is left on the ground; as the fields of ``Leftover``."""
+) -> tuple[ObservationResidual, ...]:
+    """What is left in the image, beside what is left on the ground; as the fields of ``ObservationResidual``."""
     seen = residuals.owner >= 0
     px, sigma = (
         np.sqrt(np.bincount(residuals.owner[seen], np.square(values[seen])))
@@ -188,7 +188,7 @@ def left_of_each(
     sigma[~np.isfinite(px)] = np.inf
     return tuple(
         map(
-            Leftover,
+            ObservationResidual,
             (each.name for each in evidence),
             px.tolist(),
             sigma.tolist(),
@@ -217,7 +217,7 @@ def _on_the_ground(problem: Problem, solution: Solution, steps: FloatArray) -> l
     return off
 
 
-def rms_px(evidence: tuple[Evidence, ...], left: tuple[Leftover, ...]) -> float | None:
+def rms_px(evidence: tuple[Evidence, ...], left: tuple[ObservationResidual, ...]) -> float | None:
     """Root mean square of the landmarks' 2-D distances, px, those apart that are outliers or out of sight.
 
     None without landmarks.
@@ -390,7 +390,7 @@ class Outcome(Generic[ProblemT, FitT]):
 
     problem: ProblemT
     solution: FitT
-    left: tuple[Leftover, ...]
+    left: tuple[ObservationResidual, ...]
     rms_px: float | None
     weakest: Observability
 

@@ -11,8 +11,8 @@ from urllib.parse import quote
 
 import orjson
 
-from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.errors import InputError
+from aerodft.version import SOFTWARE
 from replay.export import parquet_metadata
 
 _KEY = "aerodft.key"

@@ -405,7 +405,7 @@ class Comparison:
         return bool(total.only_first or total.only_second or total.status_changes or total.beyond)
 
 
-class Comparing:
+class ComparisonRun:
     """Two sides, read and paired; asked for the figures, or for the differences themselves.
 
     Args:

@@ -11,7 +11,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError
 from aerodft.model import IntArray
 from aerodft.service.clocks import ImageClock
-from replay.compare.probe_series import NO_IMAGE, ProbeKey, Series, Side
+from replay.compare.probe_series import NO_IMAGE, ComparisonInput, ProbeKey, Series
 from replay.recordings import Recording
 
 _SAME_NS = 1000  # a stamp moved by one clock and back by another is off by nanoseconds
@@ -65,7 +65,7 @@ class Pairing:
         return pairs
 
 
-def pairing(first: Side, second: Side, by: PairBy, within_s: float) -> Pairing:
+def pairing(first: ComparisonInput, second: ComparisonInput, by: PairBy, within_s: float) -> Pairing:
     """How to pair: as asked; else by image where both are of the same images, else by stamp.
 
     Where no stamps meet, images of the same index are the same if one time offset explains all their stamps.
@@ -97,7 +97,7 @@ def _clocks(first: Recording | None, second: Recording | None) -> tuple[ImageClo
     return found[0], found[1]
 
 
-def _are_same_images(first: Side, second: Side, clocks: tuple[ImageClock, ImageClock]) -> bool:
+def _are_same_images(first: ComparisonInput, second: ComparisonInput, clocks: tuple[ImageClock, ImageClock]) -> bool:
     """Whether images of the same index arrived at the same time, or have the same stamp by the camera's clock."""
     common = first.images.keys() & second.images.keys()
     strays = 0
@@ -108,11 +108,11 @@ def _are_same_images(first: Side, second: Side, clocks: tuple[ImageClock, ImageC
     return bool(common) and strays <= _MOST_STRAYS * len(common)
 
 
-def _any_pair(how: Pairing, first: Side, second: Side) -> bool:
+def _any_pair(how: Pairing, first: ComparisonInput, second: ComparisonInput) -> bool:
     return any(len(how.pairs(*each)[0]) for each in _common(first, second))
 
 
-def _is_shifted(how: Pairing, first: Side, second: Side) -> bool:
+def _is_shifted(how: Pairing, first: ComparisonInput, second: ComparisonInput) -> bool:
     """Whether pairs by image have stamps that one clock's offset and drift explain."""
     shifts = []
     for one, other in _common(first, second):
@@ -135,7 +135,7 @@ def _is_one_shift(first_ns: IntArray, second_ns: IntArray, within_ns: int) -> bo
     return bool(np.abs(shift_s - fitted).max() * SECOND_NS <= within_ns)
 
 
-def _common(first: Side, second: Side) -> list[tuple[Series, Series]]:
+def _common(first: ComparisonInput, second: ComparisonInput) -> list[tuple[Series, Series]]:
     keys: list[ProbeKey] = sorted(first.series.keys() & second.series.keys())
     return [(first.series[key], second.series[key]) for key in keys]
 

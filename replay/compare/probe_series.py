@@ -59,7 +59,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Side:
+class ComparisonInput:
     """One of two things to be compared.
 
     Attributes:
@@ -82,7 +82,7 @@ class Side:
         return sum(len(each.stamp_ns) for each in self.series.values())
 
 
-def read_side(path: Path) -> Side:
+def read_side(path: Path) -> ComparisonInput:
     """Read the measurements of a recording, or of a table that ``aerodft export`` wrote (CSV, Parquet).
 
     Raises:
@@ -97,7 +97,7 @@ def read_side(path: Path) -> Side:
         for payload in recording.measurements():
             digest.update(len(payload).to_bytes(8, "little") + payload)
             collected.add(_row_of_payload(payload, path))
-    return Side(
+    return ComparisonInput(
         where=path,
         series=collected.series(),
         digest=f"payloads {digest.hexdigest()}",
@@ -229,7 +229,7 @@ def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
     return {image.index: (image.stamp_ns, image.arrival_ns) for image in images}
 
 
-def _table_side(path: Path) -> Side:
+def _table_side(path: Path) -> ComparisonInput:
     try:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -239,7 +239,7 @@ def _table_side(path: Path) -> Side:
     collected = _Collected(path)
     for row in rows:
         collected.add(_row(row, path))
-    return Side(where=path, series=collected.series(), digest=f"table {digest}", images={}, recording=None)
+    return ComparisonInput(where=path, series=collected.series(), digest=f"table {digest}", images={}, recording=None)
 
 
 def _csv_rows(path: Path) -> Iterator[Item]:

@@ -28,8 +28,8 @@ from aerodft.adapters.recording.read import (
     attachment_head,
 )
 from aerodft.adapters.recording.write import PROFILE, Summary
-from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.errors import InputError
+from aerodft.version import SOFTWARE
 from replay.recordings import Recording, nearly_sorted
 
 _MOST_METADATA_BYTES: Final = 4 << 20

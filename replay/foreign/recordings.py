@@ -25,7 +25,7 @@ from aerodft.adapters.telemetry.mavlink import FrameCounts, StreamFramer
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
-from aerodft.service import Pace, first_arrival_ns
+from aerodft.service import ArrivalLimiter, first_arrival_ns
 from replay.foreign.frames import FrameReader
 from replay.foreign.images import Picture, read_camera, read_picture
 from replay.foreign.kinds import JSON, Kind, kind_of
@@ -334,7 +334,7 @@ class _Topic:
 
     def blocks(self) -> Iterator[RawBlock]:
         self._reader, self._backwards = FrameReader(self._recording.channels[self._topic]), 0
-        last_ns, pace = 0, Pace()
+        last_ns, pace = 0, ArrivalLimiter()
         batches = _batches(self._recording.messages(self._topic))
         while messages := next(batches, None):
             stamps_ns = np.array([message.log_ns for message in messages], dtype=np.int64)

@@ -11,9 +11,9 @@ from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ChunkTable, ReadMessage, SegmentScan, Wanted, scan_segment
 from aerodft.adapters.wire import measurement
-from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError, located
+from aerodft.version import SOFTWARE
 from replay.recordings.segments import is_mcap, messages_of, numbered, tables_of
 
 _SHOWN = 3

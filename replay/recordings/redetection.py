@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.model import STEADY, VISION, Event, FloatArray, Image, Observation
-from aerodft.service import ImageObserver, LookCounts, LookedAt, Lookout, Source
+from aerodft.service import ImageObserver, ObservedImages, ObserverCounts, ObserverSchedule, Source
 
 _SAME_PX: Final = 1.0  # two references' corners that are one
 _Key = tuple[str, int]
@@ -71,7 +71,7 @@ class _Noted:
         return found
 
 
-class SeenAgain:
+class Redetection:
     """A recording's source with what aerodft saw looked for again; what others observed stays as it is.
 
     Args:
@@ -79,15 +79,15 @@ class SeenAgain:
         lookouts: Who looks.
     """
 
-    def __init__(self, source: Source, lookouts: Sequence[Lookout]) -> None:
+    def __init__(self, source: Source, lookouts: Sequence[ObserverSchedule]) -> None:
         self._source = source
         self._noted = [_Noted(each.observer) for each in lookouts]
         pairs = zip(self._noted, lookouts, strict=True)
-        self._looked = LookedAt(_Without(self), [Lookout(noted, each.every_s) for noted, each in pairs])
+        self._looked = ObservedImages(_Without(self), [ObserverSchedule(noted, each.every_s) for noted, each in pairs])
         self.moved = Moved()
 
     @property
-    def counts(self) -> tuple[LookCounts, ...]:
+    def counts(self) -> tuple[ObserverCounts, ...]:
         """What became of the images, one for each lookout."""
         return self._looked.counts
 
@@ -152,9 +152,9 @@ class SeenAgain:
 
 
 class _Without:
-    """The recorded events of a ``SeenAgain``, as a source."""
+    """The recorded events of a ``Redetection``, as a source."""
 
-    def __init__(self, again: SeenAgain) -> None:
+    def __init__(self, again: Redetection) -> None:
         self._again = again
 
     def events(self) -> Iterator[Event]:

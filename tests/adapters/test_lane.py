@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from aerodft.adapters.worker_queue import Lane
+from aerodft.adapters.worker_queue import WorkerQueue
 
 
 def nothing() -> None:
@@ -14,7 +14,7 @@ def nothing() -> None:
 
 def test_work_is_done_in_order_and_finished_at_close() -> None:
     done: list[int] = []
-    lane: Lane[int] = Lane("t", done.append, nothing, capacity=1000)
+    lane: WorkerQueue[int] = WorkerQueue("t", done.append, nothing, capacity=1000)
     assert all(lane.put(index) for index in range(500))
     lane.close()
     assert done == list(range(500))
@@ -27,7 +27,7 @@ def test_what_does_not_fit_is_refused_but_one_item_always_fits() -> None:
         begun.set()
         gate.wait(30)
 
-    lane: Lane[int] = Lane("t", work, nothing, capacity=10)
+    lane: WorkerQueue[int] = WorkerQueue("t", work, nothing, capacity=10)
     assert lane.put(0, size=99)
     assert begun.wait(30)
     assert [lane.put(1, size=99), lane.put(2, size=1)] == [True, False]
@@ -42,7 +42,7 @@ def test_an_error_ends_the_lane_refuses_what_comes_and_is_raised_by_close(
     def work(_: int) -> None:
         raise KeyError("bug")
 
-    lane: Lane[int] = Lane("worker", work, nothing, capacity=1, lossless=lossless)
+    lane: WorkerQueue[int] = WorkerQueue("worker", work, nothing, capacity=1, lossless=lossless)
     lane.put(0)
     while lane.put(1):
         pass
@@ -53,7 +53,9 @@ def test_an_error_ends_the_lane_refuses_what_comes_and_is_raised_by_close(
 
 def test_tending_goes_on_when_nothing_comes() -> None:
     tended = threading.Semaphore(0)
-    lane: Lane[int] = Lane("t", lambda _: None, lambda: tended.release() and None, capacity=1, period_s=0.001)
+    lane: WorkerQueue[int] = WorkerQueue(
+        "t", lambda _: None, lambda: tended.release() and None, capacity=1, period_s=0.001
+    )
     for _ in range(5):
         assert tended.acquire(timeout=30)
     lane.close()
@@ -67,7 +69,7 @@ def test_a_lossless_lanes_work_takes_room_until_it_is_done() -> None:
         assert may_end.wait(30)
         said.append(f"done {item}")
 
-    lane: Lane[str] = Lane("test", work, lambda: None, capacity=1, lossless=True)
+    lane: WorkerQueue[str] = WorkerQueue("test", work, lambda: None, capacity=1, lossless=True)
     assert lane.put("a")
     assert begun.wait(30)
 

@@ -29,7 +29,7 @@ from aerodft.adapters.config.station import load_station
 from aerodft.adapters.images import RateSource
 from aerodft.adapters.telemetry import TlogSource
 from aerodft.cli.recompute import recompute
-from aerodft.cli.wiring import Late, build_recorder
+from aerodft.cli.wiring import DelayedSource, build_recorder
 from aerodft.model import Camera, Observation
 from aerodft.service import MergedFeed, StepOutputs
 from aerodft.sim import Autopilot, Waypoint, datagrams, fly
@@ -161,7 +161,7 @@ def write_recording(folder: Path, variant: str, seconds: float, rate_hz: float) 
     station = load_station(config)
     stamps = RateSource([(EPOCH_NS, EPOCH_NS + round(seconds * 1e9))], rate_hz)
     seen = list(_landmarks_seen(trajectory, station.pipeline.camera, seconds)) if landmarks else []
-    sources = [TlogSource(log), Late(stamps, lateness_ns=LATENESS_NS), Listed(seen)]
+    sources = [TlogSource(log), DelayedSource(stamps, lateness_ns=LATENESS_NS), Listed(seen)]
     recorder = build_recorder(station, folder / variant, started_ns=EPOCH_NS, lossless=True)
     for batches in MergedFeed(sources, station.pipeline.tick_ns).batches():
         recorder.take(batches, StepOutputs())

@@ -33,8 +33,8 @@ from aerodft.model import (
     Status,
     Steadiness,
 )
-from aerodft.service import PipelineSettings, WatchSettings
-from calibration.camera_motion import KnownTurn, Look, SteadyCalibrator, SteadyState, turned_pose
+from aerodft.service import CameraMotionSettings, PipelineSettings
+from calibration.camera_motion import CameraMotionCalibrator, KnownTurn, Look, SteadyState, turned_pose
 from tests.one_image import measure
 
 CAMERA = Camera(
@@ -65,8 +65,8 @@ class Station:
 
     def __init__(self, seed=0, noise_px=0.1, shake_deg=0.0, camera=CAMERA, **watch):
         self.rng = np.random.default_rng(seed)
-        self.calibrator = SteadyCalibrator(
-            WatchSettings(**watch), PipelineSettings(station="s", camera=camera, probes=(), config_id="sha256:1")
+        self.calibrator = CameraMotionCalibrator(
+            CameraMotionSettings(**watch), PipelineSettings(station="s", camera=camera, probes=(), config_id="sha256:1")
         )
         self.places = self.rng.uniform([40, 40], [1880, 1040], size=(60, 2)).round()
         self.noise_px, self.shake_rad, self.seconds = noise_px, math.radians(shake_deg), 0
@@ -220,7 +220,7 @@ def straight(rotvec, std_rad=1e-5):
 def test_a_mast_in_the_wind_raises_no_alarm_in_thousands_of_looks():
     rng, states = np.random.default_rng(12), set()
     for _ in range(2):
-        state = SteadyState(WatchSettings())
+        state = SteadyState(CameraMotionSettings())
         for second in range(2500):
             state.take(START_NS + second * SECOND_NS, straight(rng.normal(scale=math.radians(0.05), size=3)))
             states.add(state.state)

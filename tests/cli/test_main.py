@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from aerodft import __version__
 from aerodft.cli.main import COMMANDS, build_app
+from aerodft.version import SOFTWARE
 
 
 def process(*arguments):
@@ -17,7 +17,7 @@ def process(*arguments):
 
 def test_version(aerodft):
     found = aerodft("--version")
-    assert (found.code, found.out.decode()) == (0, f"aerodft {__version__}\n")
+    assert (found.code, found.out.decode()) == (0, f"{SOFTWARE}\n")
 
 
 def test_the_help_lists_every_command(aerodft):

@@ -41,7 +41,7 @@ def frames_in(content: bytes) -> list[tuple[int, bytes]]:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "data_000.mcap").write_bytes(content)
         got: list[tuple[int, bytes]] = []
-        for batch in MergedFeed([RecordingSource(Recording(Path(folder)))], 50, linger_ns=0).batches():
+        for batch in MergedFeed([RecordingSource(Recording(Path(folder)))], 50, idle_ticks_ns=0).batches():
             for raw in batch.raw:
                 for at, start, size in zip(raw.arrival_ns, raw.offset, raw.length, strict=True):
                     got.append((int(at), raw.data[start : start + size]))

@@ -10,7 +10,7 @@ from aerodft.model import CODE_OF, Status
 from replay.compare import PairBy, Tolerance, parse_tolerance
 from replay.compare.comparison import apart_of_places, apart_of_values, paired, summarise
 from replay.compare.pairing import Pairing, pairing
-from replay.compare.probe_series import NO_IMAGE, ProbeKey, Series, Side
+from replay.compare.probe_series import NO_IMAGE, ComparisonInput, ProbeKey, Series
 
 KEY = ProbeKey("w", "distance", "m")
 BY_STAMP = Pairing(by=PairBy.STAMP, is_same_input=False, within_ns=10)
@@ -72,7 +72,7 @@ def test_what_has_no_image_is_paired_by_the_camera_s_clocks_or_in_order():
 
 
 def a_side(name, series, images):
-    return Side(where=Path(name), series={KEY: series}, digest=name, images=images, recording=None)
+    return ComparisonInput(where=Path(name), series={KEY: series}, digest=name, images=images, recording=None)
 
 
 def test_how_pairs_are_made_follows_from_the_images():

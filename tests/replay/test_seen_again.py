@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from aerodft.model import STEADY, VISION, Event, Image, Observation
-from aerodft.service import Lookout
-from replay.recordings import SeenAgain
+from aerodft.service import ObserverSchedule
+from replay.recordings import Redetection
 
 
 def image(index: int, *, pixels: bool = True) -> Image:
@@ -44,7 +44,7 @@ def test_points_are_paired_by_name_and_image_and_the_rest_is_lost_new_or_kept() 
         image(2), seen("a", 2, (10.0, 20.0)), bare, kept,
     )  # fmt: skip
     found = (seen("a", 1, (13.0, 24.0)), seen("b", 1, (90.0, 91.0)), seen("b", 1, (1.0, 1.0)), seen("c", 2, (0.0, 0.0)))
-    again = SeenAgain(recorded, [Lookout(Finder(*found))])
+    again = Redetection(recorded, [ObserverSchedule(Finder(*found))])
     events = list(again.events())
     assert again.moved.document() == {
         "found": 3, "lost": 1, "new": 1, "kept": 1, "median_px": 1.0, "max_px": 5.0,
@@ -59,7 +59,7 @@ def test_points_are_paired_by_name_and_image_and_the_rest_is_lost_new_or_kept() 
 def test_steady_points_are_paired_by_where_the_reference_has_them() -> None:
     recorded = Events(image(1), seen(STEADY, 1, (0, 0), (1, 1), (50, 50), (52, 50), (90, 90), (90, 90)), image(2))
     found = (seen(STEADY, 1, (50.4, 50), (52, 54), (0, 0), (1, 4), (20, 20), (20, 20)), seen(STEADY, 2, (0, 0), (2, 2)))
-    again = SeenAgain(recorded, [Lookout(Finder(*found))])
+    again = Redetection(recorded, [ObserverSchedule(Finder(*found))])
     list(again.events())
     assert again.moved.document() == {
         "found": 2, "lost": 1, "new": 2, "kept": 0, "median_px": 3.5, "max_px": 4.0,

@@ -11,14 +11,14 @@ from jsonschema import Draft202012Validator
 
 from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.adapters.wire.schemas import SCHEMAS
-from aerodft.model import Steadiness, SteadinessEstimate
+from aerodft.model import CameraMotionEstimate, Steadiness
 from tests.payloads import decode_steadiness
 
 angle = st.floats(-math.pi, math.pi)
 three = st.tuples(angle, angle, angle)
 stamps = st.integers(0, 2**63 - 1)
 estimates = st.builds(
-    SteadinessEstimate,
+    CameraMotionEstimate,
     stamp_ns=stamps,
     state=st.sampled_from(Steadiness),
     turn_rad=three,
@@ -49,5 +49,5 @@ def test_an_estimate_comes_back(value):
 
 @pytest.mark.parametrize("state", Steadiness)
 def test_the_angle_is_that_of_the_turn(state):
-    value = SteadinessEstimate(stamp_ns=1, since_ns=1, state=state, turn_rad=(0.03, -0.04, 0.0))
+    value = CameraMotionEstimate(stamp_ns=1, since_ns=1, state=state, turn_rad=(0.03, -0.04, 0.0))
     assert orjson.loads(steadiness.encode_steadiness(value))["angle_deg"] == pytest.approx(math.degrees(0.05))

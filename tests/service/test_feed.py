@@ -113,7 +113,7 @@ def test_a_block_is_cut_at_ticks_and_senders_are_joined() -> None:
             block("a", (60, b"four")),
         ]
     )
-    got = list(ticks_of(MergedFeed([source], TICK_NS, linger_ns=0)))
+    got = list(ticks_of(MergedFeed([source], TICK_NS, idle_ticks_ns=0)))
     assert [flat(batch) for batch in got] == [
         (
             50,
@@ -130,14 +130,16 @@ def test_a_block_is_cut_at_ticks_and_senders_are_joined() -> None:
 
 def test_ticks_come_on_for_a_while_after_the_last_event_and_no_longer() -> None:
     sources = [ListSource([image(0, 40)]), ListSource([image(1, 1000)])]
-    got = np.concatenate([batches.now_ns for batches in MergedFeed(sources, TICK_NS, linger_ns=100).batches()]).tolist()
+    got = np.concatenate(
+        [batches.now_ns for batches in MergedFeed(sources, TICK_NS, idle_ticks_ns=100).batches()]
+    ).tolist()
     assert got == [50, 100, 150, 1000, 1050, 1100]
 
 
 def test_a_source_that_goes_back_is_a_broken_contract() -> None:
     source = ListSource([image(0, 200), image(1, 10)])
     with pytest.raises(ValueError, match="must not go back"):
-        list(MergedFeed([source], TICK_NS, linger_ns=0).batches())
+        list(MergedFeed([source], TICK_NS, idle_ticks_ns=0).batches())
 
 
 EVENTS = st.lists(
@@ -147,7 +149,7 @@ EVENTS = st.lists(
 
 @given(EVENTS, st.integers(0, 400), st.integers(0, 200))
 def test_batches_are_their_ticks_together_and_pixels_wait_for_nobody(
-    given_events: list[tuple[int, str, int, bool]], longest_ns: int, linger_ns: int
+    given_events: list[tuple[int, str, int, bool]], longest_ns: int, idle_ticks_ns: int
 ) -> None:
     """What a batch is cut into, and what its ticks are made of, are the same."""
     events: list[Event] = []
@@ -159,7 +161,9 @@ def test_batches_are_their_ticks_together_and_pixels_wait_for_nobody(
             events.append(observation(str(index), at))
         else:
             events.append(block(kind, *((at + 40 * k, b"%d" % index) for k in range(more + 1))))
-    together = list(MergedFeed([ListSource(events)], TICK_NS, linger_ns=linger_ns, longest_ns=longest_ns).batches())
+    together = list(
+        MergedFeed([ListSource(events)], TICK_NS, idle_ticks_ns=idle_ticks_ns, longest_ns=longest_ns).batches()
+    )
     ticks = [tick for batches in together for tick in one_by_one(batches)]
     wanted: dict[int, list[Event]] = {}
     for event in events:
@@ -169,7 +173,7 @@ def test_batches_are_their_ticks_together_and_pixels_wait_for_nobody(
     assert [flat(tick) for tick in ticks if tick.event_count] == [
         flat(one_tick(now_ns, own)) for now_ns, own in sorted(wanted.items())
     ]
-    lingering = {now_ns + TICK_NS * k for now_ns in wanted for k in range(linger_ns // TICK_NS + 1)}
+    lingering = {now_ns + TICK_NS * k for now_ns in wanted for k in range(idle_ticks_ns // TICK_NS + 1)}
     assert [int(tick.now_ns[0]) for tick in ticks] == sorted(lingering)
     for batches in together:
         assert [flat(tick) for tick in one_by_one(batches[1:3])] == [flat(tick) for tick in one_by_one(batches)[1:3]]
@@ -202,8 +206,8 @@ def test_batches_do_not_depend_on_how_frames_were_cut_into_blocks(
             position += size
     cut.sort(key=lambda event: int(event.arrival_ns[0]) if isinstance(event, RawBlock) else event.arrival_ns)
     images = ListSource([image(index, at) for index, at in enumerate(sorted(shots))])
-    one = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(single), images], TICK_NS, linger_ns=0))]
-    two = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(cut), images], TICK_NS, linger_ns=0))]
+    one = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(single), images], TICK_NS, idle_ticks_ns=0))]
+    two = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(cut), images], TICK_NS, idle_ticks_ns=0))]
     assert one == two
 
 
@@ -258,7 +262,7 @@ def test_recorded_batches_merge_back_into_the_live_ones() -> None:
         (event for part in merged.values() for event in part),
         key=lambda event: int(event.arrival_ns[0]) if isinstance(event, RawBlock) else event.arrival_ns,
     )
-    replayed = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(events)], TICK_NS, linger_ns=0))]
+    replayed = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(events)], TICK_NS, idle_ticks_ns=0))]
     assert replayed == expected
 
 
@@ -279,7 +283,7 @@ def test_images_that_are_read_together_come_as_if_they_were_not(
             events.append(stamp if is_stamp else replace(stamp, clock=StampClock.UTC, width_px=64, height_px=48))
 
     def batches_of(source: ListSource) -> list[Batches]:
-        return list(MergedFeed([source], TICK_NS, linger_ns=0, longest_ns=longest_ns).batches())
+        return list(MergedFeed([source], TICK_NS, idle_ticks_ns=0, longest_ns=longest_ns).batches())
 
     def seen(tick: Batches) -> object:
         return flat(tick), [(shot.stamp_ns, shot.clock, shot.width_px, shot.height_px) for shot in tick.images]
@@ -325,7 +329,7 @@ def test_what_came_before_the_first_batch_is_on_the_grid_as_well() -> None:
     ticks = LiveFeed(inbox, clock, TICK_NS).batches()
     live = [flat(next(ticks)) for _ in range(5)]
     assert [now_ns for now_ns, *_ in live] == [150, 200, 250, 300, 350]
-    recorded = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(came)], TICK_NS, linger_ns=0))]
+    recorded = [flat(tick) for tick in ticks_of(MergedFeed([ListSource(came)], TICK_NS, idle_ticks_ns=0))]
     assert [each for each in live if any(each[1:])] == recorded
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model import Image, Observation, StampClock
-from aerodft.service import Inbox, LiveLook, LookedAt, Lookout, MergedFeed
+from aerodft.service import Inbox, LiveObservers, MergedFeed, ObservedImages, ObserverSchedule
 from tests.clock import VirtualClock
 
 PATIENCE_S = 30.0
@@ -60,11 +60,13 @@ class ListSource:
 
 def test_what_is_seen_comes_with_its_image():
     images = [shown(k, 1000 * k, arrival_ns=1000 * k + 70) for k in range(4)]
-    events = list(LookedAt(ListSource(*images), [Lookout(Namer())]).events())
+    events = list(ObservedImages(ListSource(*images), [ObserverSchedule(Namer())]).events())
     assert [type(each) for each in events] == [Image, Observation] * 4
     for image, seen in zip(events[::2], events[1::2], strict=True):
         assert (seen.image, seen.stamp_ns, seen.arrival_ns) == (image.index, image.stamp_ns, image.arrival_ns)
-    (batch,) = MergedFeed([LookedAt(ListSource(images[1]), [Lookout(Namer())])], 5000, linger_ns=0).batches()
+    (batch,) = MergedFeed(
+        [ObservedImages(ListSource(images[1]), [ObserverSchedule(Namer())])], 5000, idle_ticks_ns=0
+    ).batches()
     assert (len(batch.images), len(batch.observations)) == (1, 1)
 
 
@@ -74,7 +76,7 @@ def test_an_observer_looks_at_its_own_rate(fps, every_s, jitter):
     at_s = np.arange(4 * fps) / fps + rng.uniform(0, jitter / fps, 4 * fps)
     observer = Namer()
     source = ListSource(*(shown(k, round(s * SECOND_NS)) for k, s in enumerate(at_s.tolist())))
-    list(LookedAt(source, [Lookout(observer, every_s)]).events())
+    list(ObservedImages(source, [ObserverSchedule(observer, every_s)]).events())
     looks_s = at_s[observer.seen]
     if every_s <= 1 / fps:
         assert len(looks_s) == len(at_s)
@@ -86,7 +88,7 @@ def test_an_observer_looks_at_its_own_rate(fps, every_s, jitter):
 def test_a_clock_that_goes_back_does_not_stop_the_looking():
     observer = Namer()
     source = ListSource(shown(0, 10 * SECOND_NS), shown(1, 2 * SECOND_NS), shown(2, 2 * SECOND_NS + 1))
-    list(LookedAt(source, [Lookout(observer, 1.0)]).events())
+    list(ObservedImages(source, [ObserverSchedule(observer, 1.0)]).events())
     assert observer.seen == [0, 1]
 
 
@@ -96,7 +98,9 @@ def test_no_pixels_no_look_and_damage_is_counted():
 
     observer = Namer()
     bad = replace(shown(1, 1), pixels=damaged)
-    looked = LookedAt(ListSource(replace(shown(0, 0), pixels=None), bad, shown(2, 2)), [Lookout(observer)])
+    looked = ObservedImages(
+        ListSource(replace(shown(0, 0), pixels=None), bad, shown(2, 2)), [ObserverSchedule(observer)]
+    )
     assert len(list(looked.events())) == 4
     (counts,) = looked.counts
     assert (counts.looked, counts.unreadable, counts.skipped) == (1, 1, 0)
@@ -115,7 +119,7 @@ def test_a_slow_observer_gets_the_newest_image_and_holds_nobody_up():
         if seen[0].image == 9:
             done.set()
 
-    with LiveLook([Lookout(Namer(before))], on_seen) as look:
+    with LiveObservers([ObserverSchedule(Namer(before))], on_seen) as look:
         look(shown(0, 0))
         assert busy.wait(PATIENCE_S)
         for index in range(1, 10):  # returns at once, though the first look is not over
@@ -134,7 +138,9 @@ def test_an_observer_that_breaks_is_heard_of_at_the_end():
         asked.set()
         raise RuntimeError(image.index)
 
-    look = LiveLook([Lookout(Namer(broken)), Lookout(Namer(lambda _: seen.set()))], lambda _: None)
+    look = LiveObservers(
+        [ObserverSchedule(Namer(broken)), ObserverSchedule(Namer(lambda _: seen.set()))], lambda _: None
+    )
     look(shown(7, 0))
     assert asked.wait(PATIENCE_S)
     assert seen.wait(PATIENCE_S)

@@ -57,7 +57,7 @@ def boot_ms_of(frame):
 def test_an_image_is_given_up_at_its_deadline_and_not_before(bench):
     made = bench.pipeline()
     lost = bench.image(0, 5_000)
-    for batches in bench.batches(*bench.blocks(bench.flight(1.0)), linger_ns=0):
+    for batches in bench.batches(*bench.blocks(bench.flight(1.0)), idle_ticks_ns=0):
         made.advance(batches)
     now_ns = tick_after(lost.arrival_ns, bench.tick_ns)
     deadline_ns = tick_after(lost.arrival_ns + 2 * SECOND, bench.tick_ns)

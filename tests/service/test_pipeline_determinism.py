@@ -63,11 +63,11 @@ def test_it_does_not_matter_how_frames_are_cut_into_blocks(bench, reference, cut
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 3 * SECOND), st.floats(0.0, 1.0))
-def test_it_does_not_matter_which_empty_ticks_come(bench, reference, linger_ns, share):
-    """A live run has every empty tick, a recording has some: the ones within ``linger_ns`` of an event, or fewer."""
+def test_it_does_not_matter_which_empty_ticks_come(bench, reference, idle_ticks_ns, share):
+    """A live run has every empty tick; a recording those within ``idle_ticks_ns`` of an event, or fewer."""
     rng = np.random.default_rng(7)
     events = (*bench.blocks(reference.frames), *reference.images, *reference.seen)
-    batches = bench.batches(*events, linger_ns=linger_ns)
+    batches = bench.batches(*events, idle_ticks_ns=idle_ticks_ns)
     ticks = [tick for each in batches for tick in one_by_one(each) if tick.event_count or rng.random() < share]
     assert bench.encoded(bench.run(ticks)) == reference.answers
 
@@ -81,8 +81,8 @@ def test_sparse_input_does_not_depend_on_empty_ticks_either(bench, silence_at, s
     images, seen = images[:: 1 + silence % 5], seen[:: 1 + silence_at % 3]
     telemetry = replace(bench.settings.telemetry, wait_ns=wait_ms * MS)
     events = (*bench.blocks(frames), *images, *seen)
-    every = bench.run_events(*events, made=bench.pipeline(telemetry=telemetry), linger_ns=20 * SECOND)
-    none = bench.run_events(*events, made=bench.pipeline(telemetry=telemetry), linger_ns=0)
+    every = bench.run_events(*events, made=bench.pipeline(telemetry=telemetry), idle_ticks_ns=20 * SECOND)
+    none = bench.run_events(*events, made=bench.pipeline(telemetry=telemetry), idle_ticks_ns=0)
     assert bench.encoded(every) == bench.encoded(none)
 
 
@@ -164,7 +164,7 @@ def test_it_does_not_matter_which_ticks_are_taken_together(bench, eventful, data
 
 def test_a_tick_that_cannot_be_taken_with_others_costs_only_those_next_to_it(bench):
     frames, images, seen = bench.events_of(30.0)
-    batches, _ = bench.batches(*bench.blocks(frames), *images, *seen, linger_ns=SECOND)
+    batches, _ = bench.batches(*bench.blocks(frames), *images, *seen, idle_ticks_ns=SECOND)
     append, odd_ns, sizes = PoseSource.append, int(batches.now_ns[len(batches) // 3]), []
 
     def refusing(poses, ticks):
@@ -214,8 +214,8 @@ def test_what_a_live_run_leaves_to_its_end_comes_in_the_same_order_later(bench, 
     frames = [frame for frame in reference.frames if frame[0] <= bench.host0_ns + last_ms * MS]
     telemetry = replace(bench.settings.telemetry, wait_ns=wait_ms * MS)
     given_events = (*bench.blocks(frames), *images, *seen)
-    live = bench.run_events(*given_events, made=bench.pipeline(telemetry=telemetry), linger_ns=0)
-    recorded = bench.run_events(*given_events, made=bench.pipeline(telemetry=telemetry), linger_ns=20 * SECOND)
+    live = bench.run_events(*given_events, made=bench.pipeline(telemetry=telemetry), idle_ticks_ns=0)
+    recorded = bench.run_events(*given_events, made=bench.pipeline(telemetry=telemetry), idle_ticks_ns=20 * SECOND)
     assert len(bench.poses(live)) == len(images)
     assert len(bench.measured(live, "width")) == len(seen)
     assert bench.encoded(live) == bench.encoded(recorded)

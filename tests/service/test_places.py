@@ -8,7 +8,7 @@ import pytest
 from aerodft.conventions import SECOND_NS
 from aerodft.model import PositionTrack
 from aerodft.service import LAST, HeightSettings
-from aerodft.service.pose.vehicle_position import Places
+from aerodft.service.pose.vehicle_position import VehiclePositions
 from aerodft.service.streams import END_OF_TIME, Missing
 
 METRE_RAD = 1 / 6_378_137.0  # of longitude on the equator
@@ -17,7 +17,7 @@ HALF_SECOND = SECOND_NS // 2
 
 def places(lat_rad, lon_rad):
     """Two positions, a second apart."""
-    made = Places(HeightSettings(), None)
+    made = VehiclePositions(HeightSettings(), None)
     stamps_ns = np.array([0, SECOND_NS])
     level = np.full(2, 50.0)
     track = PositionTrack(

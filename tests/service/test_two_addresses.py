@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry import CompositeDecoder
 from aerodft.adapters.telemetry.mavlink import FrameCounts
-from aerodft.diagnosis import Survey, problems
+from aerodft.diagnosis import LogDiagnosis, problems
 from aerodft.service import Pipeline, TelemetrySettings
 
 MS = 1_000_000
@@ -47,7 +47,7 @@ def test_what_the_second_says_leaves_no_trace(bench, from_ms) -> None:
 
 
 def test_doctor_says_so(bench) -> None:
-    survey = Survey("udpin:14550", settings=TelemetrySettings())
+    survey = LogDiagnosis("udpin:14550", settings=TelemetrySettings())
     events = [
         *_blocks(bench, bench.flight(3.0), "10.0.0.1:5000"),
         *_blocks(bench, _other(bench, 3.0, from_ms=500), "10.0.0.2:5000"),

@@ -9,7 +9,7 @@ import pytest
 from aerodft.geometry import camera_pose, from_rotation_vector, matrix
 from aerodft.vision.common import (
     FREE,
-    Standpoint,
+    PlanePose,
     by_elements,
     carried,
     change_between,
@@ -25,9 +25,9 @@ LENS = np.array([[700.0, 0, 319.5], [0, 714.0, 179.5], [0, 0, 1]])  # zoomed
 POINTS = np.array([[40.0, 60.0], [320.0, 180.0], [600.0, 330.0]])
 
 
-def standpoint(height_m: float, tilt_deg: float, heading_deg: float, east_m: float) -> Standpoint:
+def standpoint(height_m: float, tilt_deg: float, heading_deg: float, east_m: float) -> PlanePose:
     pose = camera_pose(height_agl_m=height_m, tilt_rad=math.radians(tilt_deg), heading_rad=math.radians(heading_deg))
-    return Standpoint(LENS, matrix(pose.wxyz), pose.position_enu_m + [east_m, 0.0, 0.0])
+    return PlanePose(LENS, matrix(pose.wxyz), pose.position_enu_m + [east_m, 0.0, 0.0])
 
 
 THEN, NOW = standpoint(40.0, 20.0, 0.0, 0.0), standpoint(44.0, 35.0, 15.0, 8.0)

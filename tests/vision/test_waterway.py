@@ -8,7 +8,7 @@ from aerodft.dft.river import BankPair, river_widths
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, PoseStd
 from aerodft.vision.river import water_likeness
-from aerodft.vision.river.banks import locate_edges, stand_out
+from aerodft.vision.river.banks import flag_outliers, locate_edges
 
 FIFTH_OF_A_PIXEL = 0.2
 
@@ -35,14 +35,14 @@ def test_a_post_in_front_of_a_winding_bank_stands_out():
     offsets = 11.0 + 2.0 * np.sin(stations / 15.0)
     offsets[[20, 21]] -= 1.5
     offsets[40] = np.nan
-    found = stand_out(stations, offsets, np.full(60, 0.01), 22.0)
+    found = flag_outliers(stations, offsets, np.full(60, 0.01), 22.0)
     assert np.flatnonzero(found).tolist() == [20, 21]
 
 
 def test_a_rough_bank_is_rough_everywhere():
     """Banks that are off by half a metre at every point have no point that stands out."""
     random = np.random.default_rng(2)
-    found = stand_out(np.arange(80.0), random.normal(11.0, 0.5, 80), np.full(80, 0.01), 22.0)
+    found = flag_outliers(np.arange(80.0), random.normal(11.0, 0.5, 80), np.full(80, 0.01), 22.0)
     assert np.count_nonzero(found) <= 2
 
 

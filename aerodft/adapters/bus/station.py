@@ -29,10 +29,18 @@ from aerodft.adapters.wire.requests import (
     parse_measure_request,
 )
 from aerodft.adapters.wire.status import StationStatus, encode_status
-from aerodft.adapters.worker_queue import Lane
+from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
-from aerodft.model import CalibrationEstimate, HeightSwitch, Image, Measurement, Observation, Probe, SteadinessEstimate
+from aerodft.model import (
+    CalibrationEstimate,
+    CameraMotionEstimate,
+    HeightSwitch,
+    Image,
+    Measurement,
+    Observation,
+    Probe,
+)
 from aerodft.service import Batches, StepOutputs
 
 _QUEUED_TICKS = 256
@@ -113,8 +121,8 @@ class ZenohBus:
         self._malformed = self._shed_images = self._shed_outputs = 0
         self._session = open_session(settings.listen, settings.connect)
         self._publishers = _Publishers(self._session)
-        self._lane: Lane[_Work] = Lane("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
-        self._image_lane: Lane[Image] = Lane("publish-images", self._publish_image, _nothing, capacity=2)
+        self._lane: WorkerQueue[_Work] = WorkerQueue("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
+        self._image_lane: WorkerQueue[Image] = WorkerQueue("publish-images", self._publish_image, _nothing, capacity=2)
         self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
             self._session.liveliness().declare_token(self._keys.alive),
             *self._answers(tuple(probes), on_measure),
@@ -181,7 +189,7 @@ class ZenohBus:
                     yield _Payload(single.order, None, self._keys.height, encode_height_switch(single.content))
                 case CalibrationEstimate():
                     yield _Payload(single.order, None, self._keys.calibration, encode_estimate(single.content))
-                case SteadinessEstimate():
+                case CameraMotionEstimate():
                     yield _Payload(single.order, None, self._keys.steadiness, encode_steadiness(single.content))
 
     def _publish_image(self, image: Image) -> None:

@@ -81,7 +81,7 @@ class TooMuchDefinedError(ValueError):
 
 
 @dataclass(slots=True)
-class Ledger:
+class DefinitionBudget:
     """What a file's definitions take, and which are of the chunk in progress: to undo it costs no more than it."""
 
     _bytes: int = 0
@@ -105,9 +105,9 @@ class Ledger:
         self._changes.append((known, record.id, known.get(record.id)))
         known[record.id] = value
 
-    def copy(self) -> "Ledger":
+    def copy(self) -> "DefinitionBudget":
         """The same, with nothing to be undone."""
-        return Ledger(self._bytes)
+        return DefinitionBudget(self._bytes)
 
     def undo(self) -> None:
         """Take back what the chunk defined."""
@@ -130,7 +130,7 @@ class Definitions:
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
-    ledger: Ledger = field(default_factory=Ledger)
+    ledger: DefinitionBudget = field(default_factory=DefinitionBudget)
 
     def add(self, record: Schema | ChannelRecord) -> None:
         """Take a schema or a channel.
@@ -161,7 +161,7 @@ class Channels:
     """
 
     by_id: dict[int, Channel] = field(default_factory=dict)
-    ledger: Ledger = field(default_factory=Ledger)
+    ledger: DefinitionBudget = field(default_factory=DefinitionBudget)
     _schemas: dict[int, Schema] = field(default_factory=dict)
 
     def add(self, record: Schema | ChannelRecord) -> None:

@@ -37,7 +37,7 @@ from aerodft.adapters.telemetry.mavlink import (
 from aerodft.errors import InputError
 from aerodft.jit import njit
 from aerodft.model import ClockTrack, Event, IntArray, RawBlock, WireProtocol
-from aerodft.service import Pace
+from aerodft.service import ArrivalLimiter
 
 Scan = Callable[[Bytes, int, int, IntArray, IntArray], tuple[int, int]]
 
@@ -207,7 +207,7 @@ class TlogSource(LogFile):
 
     def events(self) -> Iterator[Event]:
         """All frames in order, in blocks of bounded size; memory does not grow with the file."""
-        pace = Pace()
+        pace = ArrivalLimiter()
         for piece, rows in self.scanned(_scan_tlog, BLOCK_FRAMES, self.size):
             block = piece.block(rows, WireProtocol.MAVLINK, self.path.name, checked=True)
             yield replace(block, arrival_ns=pace.kept(block.arrival_ns))

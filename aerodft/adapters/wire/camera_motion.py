@@ -4,14 +4,15 @@ import math
 from typing import Final
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.model import SteadinessEstimate
+from aerodft.model import CameraMotionEstimate
+from aerodft.version import SOFTWARE
 
 SCHEMA = "aerodft.steadiness/1"
 
 _AXES: Final = ("tilt_deg", "pan_deg", "roll_deg")
 
 
-def encode_steadiness(estimate: SteadinessEstimate) -> bytes:
+def encode_steadiness(estimate: CameraMotionEstimate) -> bytes:
     """An estimate as ``aerodft.steadiness/1``."""
     turn, look = estimate.turn_rad, estimate.look_turn_rad
     return wire.dump(
@@ -31,6 +32,6 @@ def encode_steadiness(estimate: SteadinessEstimate) -> bytes:
             "agreeing": estimate.agreeing,
             "std_px": estimate.std_px,
             "calibration": estimate.calibration,
-            "software": wire.SOFTWARE,
+            "software": SOFTWARE,
         }
     )

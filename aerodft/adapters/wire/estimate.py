@@ -5,6 +5,7 @@ from typing import Final
 
 from aerodft.adapters.wire import payload as wire
 from aerodft.model import BiasValues, CalibrationEstimate
+from aerodft.version import SOFTWARE
 
 SCHEMA = "aerodft.calibration_estimate/1"
 
@@ -36,7 +37,7 @@ def encode_estimate(estimate: CalibrationEstimate) -> bytes:
             "updates": estimate.updates,
             "refused": estimate.refused,
             "restarts": estimate.restarts,
-            "software": wire.SOFTWARE,
+            "software": SOFTWARE,
         }
     )
 

@@ -6,10 +6,11 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.packed_bytes import Texts
+from aerodft.adapters.wire.packed_bytes import PackedBytes
 from aerodft.adapters.wire.template import encode_payloads
 from aerodft.conventions import LARGEST
 from aerodft.model import Box, Image, ImageRows, Observation, StampClock
+from aerodft.version import SOFTWARE
 
 IMAGE_SCHEMA = "aerodft.image/1"
 OBSERVATION_SCHEMA = "aerodft.observation/1"
@@ -22,7 +23,7 @@ def encode_image(image: Image) -> bytes:
     return wire.dump(_image_payload(image))
 
 
-def encode_images(images: Sequence[Image]) -> Texts:
+def encode_images(images: Sequence[Image]) -> PackedBytes:
     """Each of some images as ``aerodft.image/1``."""
     if isinstance(images, ImageRows):
         kind = np.zeros(len(images), dtype=np.int64)
@@ -46,7 +47,7 @@ def _image_payload(image: Image) -> wire.Json:
         "clock": image.clock,
         "width_px": image.width_px,
         "height_px": image.height_px,
-        "software": wire.SOFTWARE,
+        "software": SOFTWARE,
     }
 
 
@@ -107,7 +108,7 @@ def encode_observation(observation: Observation) -> bytes:
             "std_px": observation.std_px,
             "image": observation.image,
             "source": observation.source,
-            "software": wire.SOFTWARE,
+            "software": SOFTWARE,
         }
     )
 

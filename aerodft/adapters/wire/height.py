@@ -2,6 +2,7 @@
 
 from aerodft.adapters.wire import payload as wire
 from aerodft.model import HeightSwitch
+from aerodft.version import SOFTWARE
 
 SCHEMA = "aerodft.height_switch/1"
 
@@ -20,6 +21,6 @@ def encode_height_switch(switch: HeightSwitch) -> bytes:
             "before_m": None if step is None else step.height_m,
             "after_m": None if step is None else step.other_m,
             "compared_ns": None if step is None else str(step.stamp_ns),
-            "software": wire.SOFTWARE,
+            "software": SOFTWARE,
         }
     )

@@ -11,11 +11,12 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.packed_bytes import Texts
+from aerodft.adapters.wire.packed_bytes import PackedBytes
 from aerodft.adapters.wire.pose import summary_numbers, summary_payload
 from aerodft.adapters.wire.template import encode_payloads, flat
 from aerodft.dft import NO_IMAGE, MeasurementBatch, MeasurementColumn
 from aerodft.model import Ellipse95, FloatArray, GeoPoint, Measurement, PoseSample, ProjectionModel
+from aerodft.version import SOFTWARE
 
 SCHEMA = "aerodft.measurement/1"
 IMAGE_SCHEMA = "aerodft.measurements/1"
@@ -28,7 +29,7 @@ _OWN_AXES: Final = 3  # of pixels that each image has of its own: image, pixel, 
 _ANGLES: Final = {"ellipse95": slice(2, 3), "geo": slice(0, 2)}  # which of the numbers
 
 
-def encode_batch(batch: MeasurementBatch) -> Texts:
+def encode_batch(batch: MeasurementBatch) -> PackedBytes:
     """What was measured in each image as ``aerodft.measurements/1``."""
     kinds = [batch.poses.kind_index, batch.images == NO_IMAGE]
     numbers = [summary_numbers(batch.poses)]
@@ -124,7 +125,7 @@ def _shared_payload(
         "camera": camera,
         "calibration": calibration,
         "config": config,
-        "software": wire.SOFTWARE,
+        "software": SOFTWARE,
         "pose": summary_payload(pose),
     }
 

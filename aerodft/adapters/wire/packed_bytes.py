@@ -12,7 +12,7 @@ _ONE = np.uint64(1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Texts:
+class PackedBytes:
     """``n`` texts; memory may hold more than these.
 
     Attributes:
@@ -26,18 +26,18 @@ class Texts:
     stop: IntArray
 
     @staticmethod
-    def of(texts: Sequence[bytes]) -> "Texts":
+    def of(texts: Sequence[bytes]) -> "PackedBytes":
         """Texts one behind the other."""
         stop = np.cumsum(np.fromiter(map(len, texts), dtype=np.int64, count=len(texts)))
-        return Texts(b"".join(texts), np.concatenate([[0], stop[:-1]])[: len(stop)], stop)
+        return PackedBytes(b"".join(texts), np.concatenate([[0], stop[:-1]])[: len(stop)], stop)
 
     @staticmethod
-    def joined(parts: "Sequence[Texts]", order: IntArray) -> "Texts":
+    def joined(parts: "Sequence[PackedBytes]", order: IntArray) -> "PackedBytes":
         """The texts of all parts, put into an order: ``(n,)`` numbers, counted part after part."""
         ahead = np.cumsum([0, *(len(part.data) for part in parts)])
         start = np.concatenate([part.start + by for part, by in zip(parts, ahead[:-1], strict=True)])
         stop = np.concatenate([part.stop + by for part, by in zip(parts, ahead[:-1], strict=True)])
-        return Texts(b"".join(part.data for part in parts), start[order], stop[order])
+        return PackedBytes(b"".join(part.data for part in parts), start[order], stop[order])
 
     def __len__(self) -> int:
         return len(self.start)
@@ -52,7 +52,7 @@ class Texts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Form:
+class JsonTemplate:
     """A text with holes: pieces, between every two of which something is put.
 
     Attributes:
@@ -66,12 +66,12 @@ class Form:
     source: IntArray
 
     @staticmethod
-    def of(pieces: Sequence[bytes], source: Sequence[int]) -> "Form":
+    def of(pieces: Sequence[bytes], source: Sequence[int]) -> "JsonTemplate":
         """A form of ``m`` pieces, and of each hole the number of its source."""
-        texts = Texts.of(pieces)
-        return Form(np.frombuffer(texts.data, dtype=np.uint8), texts.stop, np.array(source, dtype=np.int64))
+        texts = PackedBytes.of(pieces)
+        return JsonTemplate(np.frombuffer(texts.data, dtype=np.uint8), texts.stop, np.array(source, dtype=np.int64))
 
-    def filled(self, sources: Sequence[bytes], separators: bytes, count: int) -> Texts:
+    def filled(self, sources: Sequence[bytes], separators: bytes, count: int) -> PackedBytes:
         """``count`` texts, whose holes are filled one after the other.
 
         Args:
@@ -84,7 +84,7 @@ class Form:
         stop = np.empty(count, dtype=np.int64)
         _fill(self.data, self.stop, self.source, arrays, np.frombuffer(separators, dtype=np.uint8), out, stop)
         used = int(stop[-1]) if count else 0
-        return Texts(out[:used].data, np.concatenate([[0], stop[:-1]])[:count], stop)
+        return PackedBytes(out[:used].data, np.concatenate([[0], stop[:-1]])[:count], stop)
 
 
 @njit

@@ -10,12 +10,10 @@ from typing import Any, Final, NoReturn, TypeVar
 
 import orjson
 
-from aerodft import __version__
 from aerodft.adapters.wire import bounded_json
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 
-SOFTWARE = f"aerodft {__version__}"
 DEGREES_RTOL = 4.5e-16  # two roundings: an angle comes back within two units in the last place
 
 LATEST_NS = 2**63 - 1

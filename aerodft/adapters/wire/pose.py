@@ -6,17 +6,18 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.packed_bytes import Texts
+from aerodft.adapters.wire.packed_bytes import PackedBytes
 from aerodft.adapters.wire.template import encode_payloads, flat
 from aerodft.conventions import NADIR_TILT_RAD
 from aerodft.model import HORIZONTAL, TIME, FloatArray, GeoOrigin, PoseBatch, PoseSample, Zoom
+from aerodft.version import SOFTWARE
 
 SCHEMA = "aerodft.pose/1"
 
 _ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
 
 
-def encode_poses(poses: PoseBatch) -> Texts:
+def encode_poses(poses: PoseBatch) -> PackedBytes:
     """Each of some poses as ``aerodft.pose/1``."""
     pose = poses.pose
     parts = [flat(getattr(pose, name)) for name in _ARRAYS]
@@ -48,7 +49,7 @@ def _payload(sample: PoseSample) -> wire.Json:
         "zoom": None if sample.zoom is None else _zoom_payload(sample.zoom),
         **{name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s")},
         "origin": None if origin is None else _origin_payload(origin),
-        "software": wire.SOFTWARE,
+        "software": SOFTWARE,
     }
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from aerodft.adapters.wire import payload as wire
 from aerodft.model import Health
+from aerodft.version import SOFTWARE
 
 SCHEMA = "aerodft.status/1"
 STATES = ("starting", "running", "ending")
@@ -46,7 +47,7 @@ def encode_status(status: StationStatus) -> bytes:
             "counts": dict(status.counts),
             "health": None if status.health is None else _health_payload(status.health),
             "rejected": dict(status.rejected),
-            "software": wire.SOFTWARE,
+            "software": SOFTWARE,
         }
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.packed_bytes import Form, Texts
+from aerodft.adapters.wire.packed_bytes import JsonTemplate, PackedBytes
 from aerodft.model import FloatArray, IntArray
 
 # What stands for a hole; no name holds it.
@@ -28,7 +28,7 @@ def encode_payloads(
     numbers: FloatArray,
     texts: Sequence[Sequence[str | tuple[str, ...] | None]] | None = None,
     fixed: Collection[str] = (),
-) -> Texts:
+) -> PackedBytes:
     """The texts of ``n`` payloads, each as ``wire.dump`` writes it alone.
 
     Args:
@@ -48,7 +48,7 @@ def encode_payloads(
     rows_of: dict[bytes, list[int]] = {}
     for row, own_key in enumerate(key.view(f"V{key.shape[1]}").ravel().tolist()):
         rows_of.setdefault(own_key, []).append(row)
-    parts: list[Texts] = []
+    parts: list[PackedBytes] = []
     for rows in rows_of.values():
         template = Template(payload(rows[0]), whole, fixed)
         known = numbers[rows][:, ~unknown[rows[0]]]
@@ -56,10 +56,12 @@ def encode_payloads(
             own_whole = np.stack([whole[name][rows] for name in template.whole], axis=-1)
             parts.append(template.texts(own_whole, known, b"\n".join([said[row] for row in rows])))
         else:  # a number of the first payload is a whole one, which JSON tells from others
-            parts.append(Texts.of([wire.dump(payload(row)) for row in rows]))
+            parts.append(PackedBytes.of([wire.dump(payload(row)) for row in rows]))
     if len(parts) == 1:
         return parts[0]
-    return Texts.joined([Texts.of([]), *parts], np.argsort([row for rows in rows_of.values() for row in rows]))
+    return PackedBytes.joined(
+        [PackedBytes.of([]), *parts], np.argsort([row for rows in rows_of.values() for row in rows])
+    )
 
 
 def flat(values: FloatArray) -> FloatArray:
@@ -87,9 +89,9 @@ class Template:
         hollow = wire.dump({**self._hollow(payload, {*fixed, *_TEXTS}), **holes})
         text = hollow.replace(orjson.dumps(_QUOTED), b'"%b"' % orjson.dumps(_WHOLE))
         pieces = _HOLES.split(text)
-        self._form = Form.of(pieces[::2], [int(each) for each in pieces[1::2]])
+        self._form = JsonTemplate.of(pieces[::2], [int(each) for each in pieces[1::2]])
 
-    def texts(self, whole: IntArray, numbers: FloatArray, texts: bytes) -> Texts:
+    def texts(self, whole: IntArray, numbers: FloatArray, texts: bytes) -> PackedBytes:
         """Payloads with their whole numbers ``(n, k)``, other numbers ``(n, m)``, and texts, line by line."""
         first, then = (orjson.dumps(each.ravel(), option=orjson.OPT_SERIALIZE_NUMPY) for each in (whole, numbers))
         return self._form.filled((first[1:-1], then[1:-1], texts), b",,\n", len(whole))

@@ -20,7 +20,7 @@ from aerodft.model import FloatArray, IntArray, ReportFrame
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
+class RotatingFrame:
     """Attitudes that change.
 
     Attributes:
@@ -31,14 +31,14 @@ class Turning:
     wxyz: FloatArray
     rate_radps: FloatArray
 
-    def carrying(self, other: "Turning") -> "Turning":
+    def carrying(self, other: "RotatingFrame") -> "RotatingFrame":
         """``other``, which is against this one's moving axes, against this one's reference."""
         rate = other.rate_radps + rotate(matrix(inverse(other.wxyz)), self.rate_radps)
-        return Turning(multiply(self.wxyz, other.wxyz), rate)
+        return RotatingFrame(multiply(self.wxyz, other.wxyz), rate)
 
 
 @dataclass(frozen=True, slots=True)
-class Ends:
+class AttitudeBrackets:
     """Two samples around each of ``n`` stamps.
 
     Attributes:
@@ -54,16 +54,16 @@ class Ends:
     gap_ns: IntArray
 
     @classmethod
-    def of(cls, wxyz: FloatArray, found: Brackets) -> "Ends":
+    def of(cls, wxyz: FloatArray, found: Brackets) -> "AttitudeBrackets":
         """Those of a stream's ``wxyz (m, 4)`` that were found in it."""
         return cls(*found.ends(wxyz), found.weight, found.gap_ns)
 
-    def between(self) -> Turning:
+    def between(self) -> RotatingFrame:
         """The attitudes at the stamps."""
-        return Turning(slerp(self.before, self.after, self.weight), _rate(self.before, self.after, self.gap_ns))
+        return RotatingFrame(slerp(self.before, self.after, self.weight), _rate(self.before, self.after, self.gap_ns))
 
 
-def carrier(vehicle: Ends, frame: ReportFrame, *, yaw_in_earth: bool) -> Turning:
+def carrier(vehicle: AttitudeBrackets, frame: ReportFrame, *, yaw_in_earth: bool) -> RotatingFrame:
     """What gimbals' reports are against, in NED.
 
     Args:
@@ -77,7 +77,7 @@ def carrier(vehicle: Ends, frame: ReportFrame, *, yaw_in_earth: bool) -> Turning
     now = slerp(vehicle.before, vehicle.after, vehicle.weight)
     ends = np.stack([vehicle.before, now, vehicle.after])
     before, at, after = reference_of(ends, frame, yaw_in_earth=yaw_in_earth)
-    return Turning(at, _rate(before, after, vehicle.gap_ns))
+    return RotatingFrame(at, _rate(before, after, vehicle.gap_ns))
 
 
 def reference_of(ned_wxyz_body: FloatArray, frame: ReportFrame, *, yaw_in_earth: bool) -> FloatArray:

@@ -75,7 +75,7 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
     """
     clock, sources = ClockMap(), AttitudeSources(settings)
     vehicle, gimbals = _Rows(), dict[GimbalSource, _Rows]()
-    for batch in MergedFeed([log], SECOND_NS, linger_ns=0, longest_ns=0).batches():
+    for batch in MergedFeed([log], SECOND_NS, idle_ticks_ns=0, longest_ns=0).batches():
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
         heard = clock.update(Ticks.one(tracks))
         if heard is None:

@@ -19,7 +19,7 @@ from aerodft.geometry import (
     to_rotation_vector,
 )
 from aerodft.model import FloatArray, GimbalSource, IntArray, ReportFrame
-from aerodft.service.attitude.attitude_kinematics import Ends, Turning, carrier, heading_of
+from aerodft.service.attitude.attitude_kinematics import AttitudeBrackets, RotatingFrame, carrier, heading_of
 from aerodft.service.attitude.slew import Demands, jump_std, lag_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
 from aerodft.service.streams import Missing
@@ -120,9 +120,9 @@ class Readings:
 
     source: GimbalSource
     age_s: FloatArray
-    report: Ends | None = None
+    report: AttitudeBrackets | None = None
     previous: FloatArray | None = None
-    vehicle: Ends | None = None
+    vehicle: AttitudeBrackets | None = None
     frame: ReportFrame = ReportFrame.EARTH
     yaw_in_earth: bool = True
     demands: tuple[Demands, FloatArray] | None = None
@@ -152,7 +152,7 @@ class Resolver:
         notes = (AttitudeNote(readings.source, is_demand=False, reasons=()),)
         return AttitudeBatch.known(wxyz, rate, readings.age_s, np.zeros((len(wxyz), 3)), which, notes)
 
-    def _stabilised(self, readings: Readings, report: Ends) -> AttitudeBatch:
+    def _stabilised(self, readings: Readings, report: AttitudeBrackets) -> AttitudeBatch:
         """Cameras on gimbals."""
         looking, vehicle = report.between(), readings.vehicle
         if vehicle is not None and not (readings.yaw_in_earth and readings.frame is ReportFrame.EARTH):
@@ -165,7 +165,7 @@ class Resolver:
         wxyz, rate = _camera_axes(looking.carrying(self._camera))
         return AttitudeBatch.known(wxyz, rate, readings.age_s, stds, *self._notes(readings, doubt, slew))
 
-    def _report_std(self, readings: Readings, report: Ends) -> FloatArray:
+    def _report_std(self, readings: Readings, report: AttitudeBrackets) -> FloatArray:
         """How far cameras may be from their reports ``(n, 3)``, in gimbal axes, because these jump or lead."""
         assert readings.previous is not None  # noqa: S101 - goes with the report
         jump = jump_std(readings.previous, report.before, report.after, report.weight)
@@ -174,7 +174,7 @@ class Resolver:
         now = slerp(report.before, report.after, report.weight)
         return np.hypot(jump, lag_std(*readings.demands, now, self._settings.slew_radps))
 
-    def _doubt_std(self, readings: Readings, vehicle: Ends | None, looking: Turning) -> FloatArray:
+    def _doubt_std(self, readings: Readings, vehicle: AttitudeBrackets | None, looking: RotatingFrame) -> FloatArray:
         """Standard deviations ``(n, 3)`` in gimbal axes of the standard's reading, wrong or not by the vehicle's tilt.
 
         0 where the reports' frame is known.
@@ -217,13 +217,13 @@ class Resolver:
         return 2 * is_doubtful + is_turning, notes
 
 
-def _mounted(mount: FixedMount | None) -> Turning:
+def _mounted(mount: FixedMount | None) -> RotatingFrame:
     """The camera on what it is bolted to."""
     if mount is None:
-        return Turning(np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)))
-    return Turning(from_yaw_pitch_roll([mount.yaw_rad], mount.pitch_rad, mount.roll_rad), np.zeros((1, 3)))
+        return RotatingFrame(np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)))
+    return RotatingFrame(from_yaw_pitch_roll([mount.yaw_rad], mount.pitch_rad, mount.roll_rad), np.zeros((1, 3)))
 
 
-def _camera_axes(straight: Turning) -> tuple[FloatArray, FloatArray]:
+def _camera_axes(straight: RotatingFrame) -> tuple[FloatArray, FloatArray]:
     """``enu_SO3_cam (n, 4)`` and rates ``(n, 3)`` in camera axes of cameras that look along x, in NED."""
     return camera_from_gimbal(straight.wxyz), rotate(_CAM_FROM_STRAIGHT, straight.rate_radps)

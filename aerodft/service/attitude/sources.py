@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.geometry import Brackets, slerp
 from aerodft.model import BoolArray, FloatArray, GimbalSource, GimbalTrack, IntArray, ReportFrame, Track, VehicleTrack
-from aerodft.service.attitude.attitude_kinematics import Ends
+from aerodft.service.attitude.attitude_kinematics import AttitudeBrackets
 from aerodft.service.attitude.gimbal_frame import FrameEvidence
 from aerodft.service.attitude.gimbal_reports import Gimbal
 from aerodft.service.attitude.readings import AttitudeBatch, Readings, Resolver
@@ -94,7 +94,7 @@ def readings_of(
     for way, parts in rows_of.items():
         rows = np.concatenate(parts)
         own = asked.rows(rows)
-        ends = Ends.of(vehicle.column("wxyz"), own.vehicle) if way.has_vehicle else None
+        ends = AttitudeBrackets.of(vehicle.column("wxyz"), own.vehicle) if way.has_vehicle else None
         yield rows, _read(source, gimbal, way, own, ends, probability[rows])
 
 
@@ -104,7 +104,12 @@ def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
 
 
 def _read(
-    source: GimbalSource, gimbal: Gimbal, way: _Way, asked: Asked, vehicle: Ends | None, body_probability: FloatArray
+    source: GimbalSource,
+    gimbal: Gimbal,
+    way: _Way,
+    asked: Asked,
+    vehicle: AttitudeBrackets | None,
+    body_probability: FloatArray,
 ) -> Readings:
     stream, reported, found = gimbal.stream, gimbal.stream.column("wxyz"), asked.found
     has_previous = found.before > stream.rows_known_at(asked.ticks)[0]
@@ -112,7 +117,7 @@ def _read(
     return Readings(
         source=source,
         age_s=stream.ages_s(asked.stamps_ns, found),
-        report=Ends.of(reported, found),
+        report=AttitudeBrackets.of(reported, found),
         previous=np.where(has_previous[:, None], reported[found.before - 1], np.nan),
         vehicle=vehicle,
         frame=way.frame,
@@ -251,5 +256,5 @@ class AttitudeSources:
         """Attitudes at some rows of a camera that is bolted to the vehicle."""
         known = vehicle.rows(rows)
         age_s = self._vehicle.ages_s(stamps_ns[rows], known)
-        ends = Ends.of(self._vehicle.column("wxyz"), known)
+        ends = AttitudeBrackets.of(self._vehicle.column("wxyz"), known)
         yield rows, self._resolver.resolved(Readings(source=source, age_s=age_s, vehicle=ends))

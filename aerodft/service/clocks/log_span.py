@@ -66,7 +66,7 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
     """Read through a log once, decoding but measuring nothing."""
     span, clock = LogSpan(), ClockMap()
     late: list[int] = []
-    for batch in MergedFeed([log], SECOND_NS, linger_ns=0, longest_ns=0).batches():
+    for batch in MergedFeed([log], SECOND_NS, idle_ticks_ns=0, longest_ns=0).batches():
         for block in batch.raw:
             _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))

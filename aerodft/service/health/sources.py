@@ -37,7 +37,7 @@ from aerodft.service.streams import Stream
 _LOG: Final = logging.getLogger(__name__)
 
 
-class HeardLately:
+class RecentWarnings:
     """Sentences, each at once in the log when it is first heard, and of every stamp up to ``window_ns`` later."""
 
     def __init__(self, window_ns: int) -> None:
@@ -88,7 +88,7 @@ class HealthSources:
         self._heartbeat, self._gps = Stream(settings.heartbeat_ns), Stream(settings.gps_ns)
         self._estimator, self._link = Stream(settings.heartbeat_ns), Stream(settings.window_ns)
         self._resumed = Stream(settings.heartbeat_ns)  # when all had been silent before
-        self._rivals, self._failures = HeardLately(settings.window_ns), HeardLately(_GIMBAL_NS)
+        self._rivals, self._failures = RecentWarnings(settings.window_ns), RecentWarnings(_GIMBAL_NS)
         self._newest_ns: int | None = None
 
     def streams(self) -> tuple[Stream, ...]:

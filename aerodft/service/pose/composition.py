@@ -26,7 +26,7 @@ from aerodft.service.attitude import AttitudeBatch
 from aerodft.service.clocks import HOST_STD_S, ClockMap
 from aerodft.service.pose.ground_below import footing, raised
 from aerodft.service.pose.height_sources import DATUM, SOURCES, HeightBatch
-from aerodft.service.pose.vehicle_position import PlaceBatch
+from aerodft.service.pose.vehicle_position import PositionBatch
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
 from aerodft.service.streams import Missing
 
@@ -87,7 +87,7 @@ class PoseInputs:
     by_utc: BoolArray
     heights: HeightBatch
     attitudes: AttitudeBatch
-    places: PlaceBatch
+    places: PositionBatch
 
     @property
     def is_pending(self) -> BoolArray:

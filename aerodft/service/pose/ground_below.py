@@ -12,7 +12,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Footing:
+class GroundBelow:
     """Ground at ``n`` places.
 
     Attributes:
@@ -31,12 +31,12 @@ class Footing:
         return "a hole in the elevation model" if CODES[code] is Status.NO_ELEVATION else "no more elevation model"
 
 
-def footing(ground: Ground, east_north_m: FloatArray) -> Footing:
+def footing(ground: Ground, east_north_m: FloatArray) -> GroundBelow:
     """The ground at ``east_north_m (n, 2)``."""
     aloft = np.column_stack([east_north_m, np.full(len(east_north_m), _ALOFT_M)])
     below = ground.meet(aloft, np.broadcast_to(_DOWN, aloft.shape).copy(), np.zeros(len(aloft)))
     slope = -below.normal_enu[:, :2] / below.normal_enu[:, 2:]
-    return Footing(below.status.astype(np.int64), below.points_enu_m[:, 2], slope)
+    return GroundBelow(below.status.astype(np.int64), below.points_enu_m[:, 2], slope)
 
 
 def raised(pose: Pose, height_m: FloatArray, slope: FloatArray) -> Pose:

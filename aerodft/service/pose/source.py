@@ -27,7 +27,7 @@ from aerodft.service.clocks import ClockMap, Ticks, of_a_kind
 from aerodft.service.health import HealthSources
 from aerodft.service.pose.composition import PoseInputs, PoseMaker, missed
 from aerodft.service.pose.height_sources import HeightSources
-from aerodft.service.pose.vehicle_position import Places
+from aerodft.service.pose.vehicle_position import VehiclePositions
 from aerodft.service.pose.zoom import ZoomSources
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, LAST, Stream
@@ -67,7 +67,7 @@ class PoseSource:
         self._maker = PoseMaker(settings, time_std_s, ground)
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
-        self._places = Places(settings.height, origin)
+        self._places = VehiclePositions(settings.height, origin)
         self._health = HealthSources(settings.health)
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 

@@ -17,7 +17,7 @@ _FASTEST_MPS: Final = 150.0  # what moves faster between two samples is none of 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaceBatch:
+class PositionBatch:
     """Positions at ``n`` stamps; NaN where there is none.
 
     Attributes:
@@ -32,13 +32,13 @@ class PlaceBatch:
     lat_lon_alt: FloatArray
     missing: IntArray
 
-    def rows(self, rows: IntArray) -> "PlaceBatch":
+    def rows(self, rows: IntArray) -> "PositionBatch":
         """Positions by their indices ``(m,)``."""
         numbers = self.east_north_m[rows], self.velocity_enu_mps[rows], self.lat_lon_alt[rows]
-        return PlaceBatch(*numbers, self.missing[rows])
+        return PositionBatch(*numbers, self.missing[rows])
 
 
-class Places:
+class VehiclePositions:
     """The position stream.
 
     Attributes:
@@ -67,16 +67,16 @@ class Places:
                 alt_msl_m=float(track.alt_msl_m[0]) - above_plane,
             )
 
-    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> PlaceBatch:
+    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> PositionBatch:
         """Positions and velocities at stamps ``(n,)``; arguments as in ``Stream.find``."""
         count = len(stamps_ns)
         found, missing = self.stream.find(stamps_ns, ticks, watermark_ns)
         places, velocity, lat_lon_alt = np.full((count, 2), np.nan), np.zeros((count, 3)), np.full((count, 3), np.nan)
         if self.origin is None:
-            return PlaceBatch(places, velocity, lat_lon_alt, np.where(missing == Missing.NO, Missing.NEVER, missing))
+            return PositionBatch(places, velocity, lat_lon_alt, np.where(missing == Missing.NO, Missing.NEVER, missing))
         rows = np.flatnonzero(missing == Missing.NO)
         if not len(rows):
-            return PlaceBatch(places, velocity, lat_lon_alt, missing)
+            return PositionBatch(places, velocity, lat_lon_alt, missing)
         found = found.rows(rows)
         lat, lon, alt = (self.stream.column(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
         before, after = (east_north(self.origin, lat[ends], lon[ends]) for ends in (found.before, found.after))
@@ -93,7 +93,7 @@ class Places:
         missing[rows[is_jump]] = Missing.STALE
         places[rows[is_jump]] = lat_lon_alt[rows[is_jump]] = np.nan
         velocity[rows[is_jump]] = 0.0
-        return PlaceBatch(places, velocity, lat_lon_alt, missing)
+        return PositionBatch(places, velocity, lat_lon_alt, missing)
 
 
 def _within_half_a_turn(angle_rad: FloatArray) -> FloatArray:

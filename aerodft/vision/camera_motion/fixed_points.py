@@ -24,7 +24,15 @@ from aerodft.geometry import (
     to_rotation_vector,
 )
 from aerodft.model import STEADY, BoolArray, Camera, FloatArray, Image, ImageArray, IntArray, Observation
-from aerodft.vision.common import between_nodes, evened, followed, grey_of, nodes_px, spread_corners, well_inside
+from aerodft.vision.common import (
+    between_nodes,
+    followed,
+    grey_of,
+    local_contrast,
+    nodes_px,
+    spread_corners,
+    well_inside,
+)
 
 _FEATURES: Final = 2500
 _HALF: Final = 0.5  # of the image's size: descriptors need no more, and noise less
@@ -64,9 +72,9 @@ class Features:
     descriptors: ImageArray
 
 
-def features_of(evened: ImageArray, allowed: BoolArray | None = None) -> Features:
+def features_of(local_contrast: ImageArray, allowed: BoolArray | None = None) -> Features:
     """Features of an evened image, where ``allowed (height, width)`` lets them lie."""
-    small = cv2.resize(evened, None, fx=_HALF, fy=_HALF, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(local_contrast, None, fx=_HALF, fy=_HALF, interpolation=cv2.INTER_AREA)
     mask = None
     if allowed is not None:
         mask = cv2.resize(allowed.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST)
@@ -100,19 +108,19 @@ class Reference:
     allowed: BoolArray
 
     @cached_property
-    def evened(self) -> ImageArray:
-        """``(height, width)``, see :func:`aerodft.vision.common.tracking.evened`."""
-        return evened(self.grey)
+    def local_contrast(self) -> ImageArray:
+        """``(height, width)``, see :func:`aerodft.vision.common.tracking.local_contrast`."""
+        return local_contrast(self.grey)
 
     @cached_property
     def points_px(self) -> FloatArray:
         """``(n, 2)`` corners."""
-        return spread_corners(self.evened, self.allowed)
+        return spread_corners(self.local_contrast, self.allowed)
 
     @cached_property
     def features(self) -> Features:
         """For recognition after a large turn."""
-        return features_of(self.evened, self.allowed)
+        return features_of(self.local_contrast, self.allowed)
 
     @property
     def is_rich(self) -> bool:
@@ -145,7 +153,7 @@ class FirstGoodImage:
         old, self._candidate = self._candidate, new if new.is_rich else None
         if old is None or self._candidate is None:
             return None
-        found = followed(old.evened, new.evened, old.points_px, old.points_px)[1]
+        found = followed(old.local_contrast, new.local_contrast, old.points_px, old.points_px)[1]
         return old if np.count_nonzero(found) >= _FOUND_AGAIN * len(found) else None
 
 
@@ -161,7 +169,7 @@ class View:
     """
 
     wxyz: FloatArray
-    evened: ImageArray
+    local_contrast: ImageArray
     points_px: FloatArray
     inside: BoolArray
 
@@ -176,14 +184,14 @@ def view_after(camera: Camera, reference: ImageArray, points_px: FloatArray, wxy
         wxyz: ``(4,)`` ``now_SO3_reference``.
     """
     if np.linalg.norm(to_rotation_vector(wxyz)) < _SAME_RAD:
-        return View(wxyz, evened(reference), points_px, well_inside(camera, points_px, _MARGIN_PX))
+        return View(wxyz, local_contrast(reference), points_px, well_inside(camera, points_px, _MARGIN_PX))
     size = camera.width_px, camera.height_px
     rays = rays_from_pixels(camera, nodes_px(*size, _NODE_PX)) @ matrix(inverse(wxyz)).T
     columns_px, rows_px = between_nodes(pixels_from_rays(camera, rays), *size, _NODE_PX)
     seen = cv2.remap(reference, columns_px, rows_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
     points_now_px = rotated_pixels(camera, wxyz, points_px)
     inside = well_inside(camera, points_now_px, _MARGIN_PX)
-    return View(wxyz, evened(np.asarray(seen, dtype=np.uint8)), points_now_px, inside)
+    return View(wxyz, local_contrast(np.asarray(seen, dtype=np.uint8)), points_now_px, inside)
 
 
 class SteadyPoints:
@@ -222,7 +230,7 @@ class SteadyPoints:
         pixels = image.pixels()
         if self._held is None and (reference := self._first.offer(pixels)) is not None:
             self._held = _Held(self._camera, reference)
-        then_px, now_px = self._held.look(evened(pixels)) if self._held is not None else _no_pairs()
+        then_px, now_px = self._held.look(local_contrast(pixels)) if self._held is not None else _no_pairs()
         flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
         return (Observation.in_image(image, STEADY, tuple((u, v) for u, v in flat)),)
 
@@ -269,7 +277,7 @@ class _Held:
         """Indices ``(k,)`` of the points that were found, where, and the turn that most of them agree on."""
         guess_px = rotated_pixels(self._camera, self._wxyz, self._points_px)
         tried = np.flatnonzero(self._view.inside & np.isfinite(guess_px[:, 0]))
-        there_px, ok = followed(self._view.evened, now, self._view.points_px[tried], guess_px[tried])
+        there_px, ok = followed(self._view.local_contrast, now, self._view.points_px[tried], guess_px[tried])
         found, now_px = tried[ok], there_px[ok]
         return found, now_px, find_turn(self._camera, self._points_px[found], now_px)
 

@@ -69,7 +69,7 @@ _SCALES: Final = (0.7, 1.45)  # a template that is seen larger or smaller than t
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Standpoint:
+class PlanePose:
     """A camera over a plane, as telemetry has it.
 
     Attributes:
@@ -88,12 +88,12 @@ class Standpoint:
         plane[:, 2] = -self.place_m
         return np.asarray(self.lens @ self.rotation.T @ plane)
 
-    def onto(self, later: "Standpoint") -> FloatArray:
+    def onto(self, later: "PlanePose") -> FloatArray:
         """``(3, 3)`` homography from this one's straight small pixels to those of a later one."""
         return np.asarray(later.from_plane() @ np.linalg.inv(self.from_plane()))
 
 
-def foretold_cov(then: Standpoint, now: Standpoint, unit: FloatArray) -> FloatArray:
+def foretold_cov(then: PlanePose, now: PlanePose, unit: FloatArray) -> FloatArray:
     """Covariance ``(8, 8)`` of what telemetry makes of the homography from one standpoint to another.
 
     Camera and plane are what they are, so a homography is off in nine ways only: turned, moved, zoomed, tilted. Few
@@ -211,7 +211,7 @@ class Standpoints:
         self._zoomed[id(view)] = known
         return known[1]
 
-    def of(self, seen: Seen | None) -> Standpoint | None:
+    def of(self, seen: Seen | None) -> PlanePose | None:
         """Where an image was taken from; None where that, or how high the plane is, is not known."""
         if seen is None or self.elevation_m is None or not seen.pose.position_enu_m[2] > self.elevation_m:
             return None
@@ -219,7 +219,7 @@ class Standpoints:
         lens[0, 0] *= seen.magnification
         lens[1, 1] *= seen.magnification
         place_m = seen.pose.position_enu_m - np.array([0.0, 0.0, self.elevation_m])
-        return Standpoint(lens, matrix(seen.pose.wxyz), place_m)
+        return PlanePose(lens, matrix(seen.pose.wxyz), place_m)
 
     def find_plane(self, seen: Seen, pixel: FloatArray, ground: Ground | None, elevation_m: float) -> None:
         """How high the plane is at a pixel ``(2,)``, which is on the ground or so high above it.
@@ -240,7 +240,7 @@ class Standpoints:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gone:
+class GroundDrift:
     """Where points are, over what they were believed to lie on.
 
     Attributes:
@@ -276,13 +276,13 @@ class Stillness:
         self._begun_s = time_s
         self._since_s, self._by_m = time_s, np.zeros(2)
         self._sweep_mps: FloatArray | None = None
-        self._last: Gone | None = None
+        self._last: GroundDrift | None = None
 
     def again(self) -> "Stillness":
         """Of other points of that keyframe, of which nothing is known yet."""
         return Stillness(self._begun_s, LAND_AT_FIRST)
 
-    def with_evidence(self, gone: Gone) -> float:
+    def with_evidence(self, gone: GroundDrift) -> float:
         """The log odds that they lie still, with what an image says of them."""
         elapsed_s = gone.time_s - self._since_s
         still2 = self._still_px(gone) ** 2
@@ -291,7 +291,7 @@ class Stillness:
         gain = math.log(flowing2 / still2) - float(step @ step) / 2 * (1 / still2 - 1 / flowing2)
         return float(np.clip(self.log_odds + gain, -_SURE, _SURE))
 
-    def remember(self, gone: Gone) -> bool:
+    def remember(self, gone: GroundDrift) -> bool:
         """Take an image's evidence for good, once there is enough of it; whether there was."""
         if self._sweep_mps is None:
             self._sweep_mps = gone.sweep_mps
@@ -314,12 +314,12 @@ class Stillness:
         scale = math.sqrt(abs(float(np.linalg.det(self._last.px_by_m))))
         return _FLOW_MPS * abs(time_s - self._last.time_s) * scale * math.sqrt(share_moving(self.log_odds))
 
-    def likelihood(self, gone: Gone) -> float:
+    def likelihood(self, gone: GroundDrift) -> float:
         """The logarithm of how likely its points seem to have gone there if they lie still, but for a constant."""
         step = gone.px_by_m @ (gone.by_m - self._by_m)
         return -float(step @ step) / (2 * self._still_px(gone) ** 2)
 
-    def _still_px(self, gone: Gone) -> float:
+    def _still_px(self, gone: GroundDrift) -> float:
         """How far points that lie still may seem to have gone, a standard deviation in each coordinate."""
         elapsed_s = abs(gone.time_s - self._since_s)
         metres = math.hypot(
@@ -349,7 +349,7 @@ class PlaneImage:
     small: ImageArray
     view: StraightView
     time_s: float
-    standpoint: Standpoint | None
+    standpoint: PlanePose | None
 
 
 @dataclass(slots=True, eq=False)
@@ -374,16 +374,16 @@ class Keyframe:
     std_px: float
     stillness: Stillness
     are_known: BoolArray
-    strangeness: Stillness
+    others_stationarity: Stillness
 
     def stillness_of(self, rows: IntArray) -> Stillness:
         """That of some points: what was found of one group says nothing of another."""
-        return self.stillness if 2 * np.count_nonzero(self.are_known[rows]) >= len(rows) else self.strangeness
+        return self.stillness if 2 * np.count_nonzero(self.are_known[rows]) >= len(rows) else self.others_stationarity
 
-    def remember(self, rows: IntArray, gone: Gone) -> None:
+    def remember(self, rows: IntArray, gone: GroundDrift) -> None:
         """These points were taken for land again."""
-        if self.stillness_of(rows) is self.strangeness:
-            self.stillness, self.strangeness = self.strangeness, self.strangeness.again()
+        if self.stillness_of(rows) is self.others_stationarity:
+            self.stillness, self.others_stationarity = self.others_stationarity, self.others_stationarity.again()
             self.are_known = np.zeros_like(self.are_known)
             self.are_known[rows] = True
         if self.stillness.remember(gone):

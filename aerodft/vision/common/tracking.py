@@ -155,7 +155,7 @@ def carried(homography: FloatArray, straight_px: FloatArray) -> FloatArray:
         return np.where(depth > 0, moved[..., :2] / depth, np.nan)
 
 
-def evened(pixels: ImageArray) -> ImageArray:
+def local_contrast(pixels: ImageArray) -> ImageArray:
     """Every pixel against mean and standard deviation of its neighbourhood.
 
     Args:
@@ -172,21 +172,21 @@ def evened(pixels: ImageArray) -> ImageArray:
     return np.asarray(np.clip(detail + _MIDDLE, 0.0, 255.0), dtype=np.uint8)
 
 
-def spread_corners(evened: ImageArray, allowed: BoolArray) -> FloatArray:
+def spread_corners(local_contrast: ImageArray, allowed: BoolArray) -> FloatArray:
     """The strongest corners (Shi and Tomasi 1994) of each cell of a grid.
 
     Args:
-        evened: ``(height, width)``, see :func:`aerodft.vision.common.tracking.evened`.
+        local_contrast: ``(height, width)``, see :func:`local_contrast`.
         allowed: ``(height, width)``: where points may lie.
 
     Returns:
         ``(n, 2)`` whole pixels; none where the image is too flat.
     """
-    strength = cv2.cornerMinEigenVal(evened, _BLOCK_PX)
+    strength = cv2.cornerMinEigenVal(local_contrast, _BLOCK_PX)
     highest = cv2.dilate(strength, np.ones((_APART_PX, _APART_PX), dtype=np.uint8))
     peaks = (strength >= highest) & (strength > _LEAST_STRENGTH) & allowed
     rows, columns = np.nonzero(peaks)
-    cell_px = evened.shape[1] / _COLUMNS
+    cell_px = local_contrast.shape[1] / _COLUMNS
     cells = (rows // cell_px).astype(np.int64) * _COLUMNS + (columns // cell_px).astype(np.int64)
     order = np.lexsort((-strength[rows, columns], cells))
     rank = np.arange(len(order)) - np.searchsorted(cells[order], cells[order])

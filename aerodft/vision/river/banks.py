@@ -253,7 +253,7 @@ def _direction(plane: WaterPlane, places: FloatArray, step_m: FloatArray) -> Flo
         return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
 
 
-def stand_out(stations_m: FloatArray, offsets_m: FloatArray, std_m: FloatArray, width_m: float) -> BoolArray:
+def flag_outliers(stations_m: FloatArray, offsets_m: FloatArray, std_m: FloatArray, width_m: float) -> BoolArray:
     """Which points of a bank are off the line through their neighbours by more than the bank's own roughness.
 
     Args:

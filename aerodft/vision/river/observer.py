@@ -29,7 +29,7 @@ from aerodft.model import (
     Probe,
 )
 from aerodft.service import RiverLook
-from aerodft.vision.river.banks import Edges, Islands, islands_across, locate_banks, stand_out
+from aerodft.vision.river.banks import Edges, Islands, flag_outliers, islands_across, locate_banks
 from aerodft.vision.river.centreline import (
     MOST_TRANSECTS,
     Centreline,
@@ -297,7 +297,7 @@ def _unlike_neighbours(plane: WaterPlane, found: Transects, edges: Edges, width_
     offsets = np.sum((places - found.centres_en_m[:, None]) * found.to_left[:, None], axis=-1)
     moved = plane.places_en_m(edges.pixels_px + edges.std_px[..., None] * edges.across_px)
     std = np.linalg.norm(moved - places, axis=-1)
-    sides = [stand_out(found.stations_m, offsets[:, side], std[:, side], width_m) for side in (0, 1)]
+    sides = [flag_outliers(found.stations_m, offsets[:, side], std[:, side], width_m) for side in (0, 1)]
     return np.asarray(sides[0] | sides[1])
 
 

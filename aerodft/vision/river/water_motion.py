@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from aerodft.model import BoolArray, FloatArray, ImageArray
-from aerodft.vision.common import evened, followed, spread_corners
+from aerodft.vision.common import followed, local_contrast, spread_corners
 from aerodft.vision.river.water import GLITTER, WaterMask, around_seed
 from aerodft.vision.river.water_features import LIGHT, Float32Image, WaterFeatures, WaterPlane, outline_contrast
 
@@ -160,7 +160,7 @@ def _laid(
     now: ImageArray, then: ImageArray, land: BoolArray, planes: tuple[WaterPlane, WaterPlane]
 ) -> FloatArray | None:
     """The homography ``(3, 3)`` from pixels of one copy to those of the other, by what is found again of the land."""
-    old, new = evened(now), evened(then)
+    old, new = local_contrast(now), local_contrast(then)
     points = spread_corners(old, land)
     scale = now.shape[1] / planes[0].camera.width_px
     at = planes[1].pixels_px(planes[0].places_en_m((points + 0.5) / scale - 0.5))

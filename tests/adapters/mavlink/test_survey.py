@@ -13,7 +13,7 @@ from aerodft.adapters.telemetry import open_log
 from aerodft.adapters.telemetry.mavlink import Followed, FrameCounts
 from aerodft.adapters.telemetry.signing import sign
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis import Survey, SurveyReport, document, notes, problems
+from aerodft.diagnosis import LogDiagnosis, SurveyReport, document, notes, problems
 from aerodft.diagnosis.flight import PoseSurvey
 from aerodft.model import BoolArray, IntArray, PoseBatch, PoseSample, RawBlock, Status, WireProtocol
 from aerodft.service import block_of
@@ -29,7 +29,7 @@ UTC_US = 1_800_000_000_000_000
 
 def _survey(path: Path) -> SurveyReport:
     source = open_log(path)
-    survey = Survey(path.name)
+    survey = LogDiagnosis(path.name)
     for event in source.events():
         assert isinstance(event, RawBlock)
         survey.add(event)
@@ -101,7 +101,7 @@ def made(pack: Callable[..., bytes]) -> Callable[..., SurveyReport]:
     """The report on messages ``(seconds, message, system)``."""
 
     def report(*messages: tuple[float, dialect.MAVLink_message, int]) -> SurveyReport:
-        survey = Survey("made")
+        survey = LogDiagnosis("made")
         survey.add(
             block_of(
                 WireProtocol.MAVLINK,
@@ -178,7 +178,7 @@ def test_an_autopilot_or_gimbal_that_is_not_heard_is_named(pack: Callable[..., b
 
 def test_signed_frames_of_a_link_without_a_key_are_said(pack: Callable[..., bytes], block: MakeBlock) -> None:
     frames = [sign(pack(_position(1000)), bytes(32), link_id=0, stamp=k) for k in range(3)] + [pack(_position(1000))]
-    survey = Survey("udpin:14550")
+    survey = LogDiagnosis("udpin:14550")
     survey.add(block(frames))
     report = survey.report(counts=FrameCounts(frames=4))
     assert _says(report, "this link is signed (3 of 4 frames): without --signing-key", "would ignore requests")
@@ -202,7 +202,7 @@ def test_landing_is_no_problem(data_folder: Path) -> None:
 
 
 def test_nothing_received(made: Callable[..., SurveyReport]) -> None:
-    report = Survey("udpin:14550").report(counts=FrameCounts())
+    report = LogDiagnosis("udpin:14550").report(counts=FrameCounts())
     assert not report.usable
     assert problems(report) == ["nothing was received: is the sender on, and does it send to this address?"]
     unusable = made((0.0, dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3), 1))
@@ -222,7 +222,7 @@ def test_the_document_is_json(data_folder: Path) -> None:
 
 
 def _surveyed(block: RawBlock, **followed: int) -> SurveyReport:
-    survey = Survey("link", followed=Followed(**followed))
+    survey = LogDiagnosis("link", followed=Followed(**followed))
     survey.add(block)
     return survey.report(counts=FrameCounts())
 

@@ -108,7 +108,7 @@ def record(folder: Path, steps: int = 40, **changes: object) -> McapRecorder:
 
 
 def ticks_of(source: RecordingSource) -> list[Batches]:
-    steps = MergedFeed([source], TICK_NS, linger_ns=0).batches()
+    steps = MergedFeed([source], TICK_NS, idle_ticks_ns=0).batches()
     return [step[tick : tick + 1] for step in steps for tick in range(len(step))]
 
 

@@ -20,7 +20,7 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.errors import ConfigError
 from aerodft.model import STEADY, PixelSource, Probe, ProbeKind, ProjectionModel
-from aerodft.service import OBJECTS, ObjectSettings, RiverLook, WatchSettings
+from aerodft.service import OBJECTS, CameraMotionSettings, ObjectSettings, RiverLook
 
 Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
 
@@ -83,7 +83,7 @@ def watch_from(
         got, expected = f'"{STEADY}", beside [watch]', "another name: the points that stand still have this one"
         raise ConfigError("probe.name", where=where, got=got, expected=expected)
     reference = None if table.reference is None else folder / table.reference
-    return Watch(settings=value_of(table, WatchSettings), reference=reference)
+    return Watch(settings=value_of(table, CameraMotionSettings), reference=reference)
 
 
 def objects_from(

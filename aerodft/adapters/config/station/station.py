@@ -8,7 +8,7 @@ from aerodft.adapters.config.station.ground import GroundShape
 from aerodft.adapters.config.station.inputs import ImageSettings, Link, ObservationSettings, Topics
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Calibration, MarkerSurvey
-from aerodft.service import LiveCalibration, ObjectSettings, PipelineSettings, RiverLook, WatchSettings
+from aerodft.service import CameraMotionSettings, LiveCalibration, ObjectSettings, PipelineSettings, RiverLook
 from aerodft.service.clocks import ImageClock
 
 
@@ -66,7 +66,7 @@ class Watch:
         reference: The image that its pose is the pose of; None for the first good one.
     """
 
-    settings: WatchSettings
+    settings: CameraMotionSettings
     reference: Path | None = None
 
 

@@ -89,7 +89,7 @@ class BadBytes:
     is_torn: bool = False
 
 
-class Salvage:
+class ChunkScanner:
     """Walks through one file.
 
     Attributes:

@@ -28,10 +28,10 @@ from aerodft.adapters.recording.layout import (
     encoded,
 )
 from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, records_in, scan_segment
-from aerodft.adapters.recording.recover.chunk_scanner import BadBytes, GoodChunk, Salvage
+from aerodft.adapters.recording.recover.chunk_scanner import BadBytes, ChunkScanner, GoodChunk
 from aerodft.adapters.recording.write import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
-from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.errors import InputError
+from aerodft.version import SOFTWARE
 
 SERIES = ("data", "images")
 _BEGINNING_BYTES = 1 << 20
@@ -339,7 +339,7 @@ def _survey(descriptor: int) -> _Survey:
     Raises:
         OSError: It cannot be read.
     """
-    salvage, found = Salvage(descriptor), _Survey()
+    salvage, found = ChunkScanner(descriptor), _Survey()
     used: Counter[int] = Counter()
     defined: set[int] = set()
     for item in salvage.items():
@@ -404,7 +404,7 @@ def _leave_undefined(found: _Survey, used: Counter[int]) -> None:
         found.losses.append(Loss(what=what, from_ns=found.start_ns, to_ns=found.end_ns, messages=messages))
 
 
-def _tell_maker(found: _Survey, salvage: Salvage) -> None:
+def _tell_maker(found: _Survey, salvage: ChunkScanner) -> None:
     found.metadata = [(each.name, each.metadata) for each in salvage.metadata]
     if salvage.header is not None:
         found.is_own, found.library = salvage.header.profile == PROFILE, salvage.header.library
@@ -446,7 +446,7 @@ def _write(file: SegmentFile, descriptor: int, found: _Survey) -> None:
     summary = Summary(PROFILE, found.library or SOFTWARE, metadata, definitions.schemas, definitions.channels)
     file.write(summary.beginning)
     front = encoded(*definitions.schemas.values(), *definitions.channels.values()) if found.lacks_definitions else b""
-    salvage = Salvage(descriptor)
+    salvage = ChunkScanner(descriptor)
     for item in salvage.items():
         if isinstance(item, BadBytes):
             continue

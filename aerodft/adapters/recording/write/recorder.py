@@ -27,14 +27,14 @@ from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME
 from aerodft.adapters.recording.write.segmented_writer import Series, SeriesSettings
 from aerodft.adapters.recording.write.thinning import is_due
 from aerodft.adapters.wire.keys import Keys
-from aerodft.adapters.wire.payload import SOFTWARE
 from aerodft.adapters.wire.status import StationStatus
-from aerodft.adapters.worker_queue import Lane
+from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import MeasurementBatch
 from aerodft.errors import AerodftError, InputError
 from aerodft.model import Camera, Image, ImageRows, Observation, VideoPacket
 from aerodft.service import Batches, StepOutputs
+from aerodft.version import SOFTWARE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +150,7 @@ class Pictures:
         self._packets = threading.Lock()  # they come from the stream's thread, what they wait for from another
         self._failed = 0
         self.offered = self.shed = 0
-        self._lane: Lane[Image | VideoPacket] = Lane(
+        self._lane: WorkerQueue[Image | VideoPacket] = WorkerQueue(
             "record-images",
             self._do,
             series.tend,
@@ -323,7 +323,7 @@ class McapRecorder:
                 raise
         except OSError as error:
             raise InputError("the recording cannot be written", where=folder, got=error.strerror) from error
-        self._data_lane: Lane[_Work] = Lane(
+        self._data_lane: WorkerQueue[_Work] = WorkerQueue(
             "record-data",
             self._do,
             self._data.tend,

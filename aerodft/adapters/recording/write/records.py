@@ -13,16 +13,16 @@ from aerodft.adapters.recording.write.foxglove import location_fix
 from aerodft.adapters.wire import camera_motion as steadiness
 from aerodft.adapters.wire import estimate, events, height, measurement, pose, status
 from aerodft.adapters.wire.keys import Keys
-from aerodft.adapters.wire.packed_bytes import Form, Texts
+from aerodft.adapters.wire.packed_bytes import JsonTemplate, PackedBytes
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model import (
     CalibrationEstimate,
+    CameraMotionEstimate,
     HeightSwitch,
     ImageArray,
     IntArray,
     PoseBatch,
-    SteadinessEstimate,
     WireProtocol,
     image_indices,
 )
@@ -48,7 +48,7 @@ class MessageRows:
     channel: IntArray
     log_ns: IntArray
     sequence: IntArray
-    texts: Texts
+    texts: PackedBytes
 
     def __len__(self) -> int:
         return len(self.channel)
@@ -76,9 +76,9 @@ class MessageRows:
 
 def warm_up() -> None:
     """Compile now what would hold up the first messages of something live."""
-    made = Form.of([b"[", b",", b",", b"]"], range(3)).filled((b"1", b"2", b"3"), b",,,", 1)
+    made = JsonTemplate.of([b"[", b",", b",", b"]"], range(3)).filled((b"1", b"2", b"3"), b",,,", 1)
     one = np.ones(1, dtype=np.int64)
-    for texts in (made, Texts(bytes(made.data), made.start, made.stop)):  # as they are made, and as they came
+    for texts in (made, PackedBytes(bytes(made.data), made.start, made.stop)):  # as they are made, and as they came
         MessageRows((raw_channel(WireProtocol.MAVLINK, ""),), one - 1, one, one, texts).lay(0, 1, one, ChunkBuffer())
 
 
@@ -171,7 +171,7 @@ class Records:
             channel = self._senders.setdefault(sender, raw_channel(*sender))
             tick = np.searchsorted(batches.now_ns, block.arrival_ns)
             first_ns = block.arrival_ns[np.searchsorted(tick, tick)]  # of this sender in each tick: who was there first
-            texts = Texts(block.data, block.offset, block.offset + block.length)
+            texts = PackedBytes(block.data, block.offset, block.offset + block.length)
             rows.add_inputs(channel, tick, block.arrival_ns, first_ns - block.arrival_ns, texts)
         images, observations = batches.images, batches.observations
         if images:
@@ -183,7 +183,7 @@ class Records:
             if name not in self._observed:
                 self._observed[name] = json_channel(self._keys.observation(name), events.OBSERVATION_SCHEMA)
             own = np.array([row for row, observation in enumerate(observations) if observation.name == name])
-            texts = Texts.of([events.encode_observation(observations[row]) for row in own.tolist()])
+            texts = PackedBytes.of([events.encode_observation(observations[row]) for row in own.tolist()])
             arrival_ns = np.array([observations[row].arrival_ns for row in own.tolist()])
             rows.add_inputs(self._observed[name], batches.observation_tick[own], arrival_ns, 2 + own, texts)
 
@@ -194,7 +194,7 @@ class Records:
             order = _PER_IMAGE * np.concatenate([block.order for block in outputs.images])
             rows.add_outputs(self._pose, tick, order, pose.encode_poses(poses))
             fixed = self._fixes_due(poses, rows.now_ns[tick], order)
-            fixes = Texts.of([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
+            fixes = PackedBytes.of([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
             rows.add_outputs(self._location, tick[fixed], order[fixed] + 1, fixes)
         for tick, order, batch in outputs.measured():
             rows.add_outputs(self._measured, tick, _PER_IMAGE * order + 2, measurement.encode_batch(batch))
@@ -202,14 +202,14 @@ class Records:
             match single.content:
                 case HeightSwitch():
                     channel, data = self._height, height.encode_height_switch(single.content)
-                case SteadinessEstimate():
+                case CameraMotionEstimate():
                     channel, data = self._steadiness, steadiness.encode_steadiness(single.content)
                 case CalibrationEstimate():
                     channel, data = self._calibration, estimate.encode_estimate(single.content)
                 case _:  # an observation is recorded as it came
                     continue
             tick, order = np.array([[single.tick], [_PER_IMAGE * single.order]])
-            rows.add_outputs(channel, tick, order, Texts.of([data]))
+            rows.add_outputs(channel, tick, order, PackedBytes.of([data]))
 
     def _fixes_due(self, poses: PoseBatch, now_ns: IntArray, order: IntArray) -> IntArray:
         """Which of the poses ``(n,)`` are shown on maps: a few times a second one whose place is known."""
@@ -234,7 +234,7 @@ class _TickRows:
         self.now_ns = now_ns
         self._channels: dict[Channel, int] = {}
         self._heads: list[IntArray] = [np.empty((5, 0), dtype=np.int64)]
-        self._texts: list[Texts] = [Texts.of([])]
+        self._texts: list[PackedBytes] = [PackedBytes.of([])]
 
     def add_inputs(
         self,
@@ -242,13 +242,13 @@ class _TickRows:
         tick: IntArray,
         arrival_ns: IntArray,
         order: IntArray,
-        texts: Texts,
+        texts: PackedBytes,
         sequence: IntArray | int = 0,
     ) -> None:
         """Add messages ``(m,)`` of one channel, logged at their arrival; ``order`` is among those of the same time."""
         self._add(channel, texts, (2 * tick, arrival_ns, order), sequence)
 
-    def add_outputs(self, channel: Channel, tick: IntArray, order: IntArray, texts: Texts) -> None:
+    def add_outputs(self, channel: Channel, tick: IntArray, order: IntArray, texts: PackedBytes) -> None:
         """Add messages ``(m,)`` of one channel, logged at their ticks; ``order`` is among all outputs."""
         self._add(channel, texts, (2 * tick + 1, self.now_ns[tick], order), 0)
 
@@ -257,10 +257,10 @@ class _TickRows:
         heads = np.concatenate(self._heads, axis=1)
         rows = np.lexsort((heads[2], heads[1], heads[0]))
         _, log_ns, _, channel, sequence = heads[:, rows]
-        return MessageRows(tuple(self._channels), channel, log_ns, sequence, Texts.joined(self._texts, rows))
+        return MessageRows(tuple(self._channels), channel, log_ns, sequence, PackedBytes.joined(self._texts, rows))
 
     def _add(
-        self, channel: Channel, texts: Texts, keys: tuple[IntArray, IntArray, IntArray], sequence: IntArray | int
+        self, channel: Channel, texts: PackedBytes, keys: tuple[IntArray, IntArray, IntArray], sequence: IntArray | int
     ) -> None:
         """Add messages with what is put into order by: part of a tick, log time, order."""
         heads = np.empty((5, len(texts)), dtype=np.int64)

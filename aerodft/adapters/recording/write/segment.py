@@ -36,7 +36,7 @@ from mcap.records import (
 from mcap.records import Channel as ChannelRecord
 
 from aerodft.adapters.recording.layout import INDEX_ENTRY_BYTES, INDEX_HEAD_BYTES, MAGIC, BuiltChunk, Registry, encoded
-from aerodft.adapters.wire.payload import SOFTWARE
+from aerodft.version import SOFTWARE
 
 _KEEP_SIZE = 1
 _PIECE_BYTES = 1 << 20

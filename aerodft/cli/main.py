@@ -7,7 +7,6 @@ a loss to report.
 import difflib
 import inspect
 import io
-import keyword
 import logging
 import os
 import re
@@ -46,8 +45,26 @@ COMMANDS: Final = {
     "paper": "Compute the paper's tables and figures, beside what it prints.",
     "demo": "Fly a simulated flight through everything and show the result.",
 }
-"""Every command with its line of help; ``x`` is the function ``x`` of ``aerodft.cli.x``, ``import`` is ``import_``,
-``x-y`` is ``x_y``."""
+"""Every command with its line of help."""
+
+_MODULE_OF: Final = {
+    "measure": "aerodft.cli.scenes.measure",
+    "serve": "aerodft.cli.flights.serve",
+    "import": "aerodft.cli.flights.import_",
+    "replay": "aerodft.cli.recordings.replay",
+    "recompute": "aerodft.cli.recordings.recompute",
+    "recover": "aerodft.cli.recordings.recover",
+    "compare": "aerodft.cli.recordings.compare",
+    "export": "aerodft.cli.recordings.export",
+    "sync": "aerodft.cli.flights.sync",
+    "calibrate-lens": "aerodft.cli.scenes.calibrate_lens",
+    "river": "aerodft.cli.scenes.river",
+    "doctor": "aerodft.cli.flights.doctor",
+    "calibrate": "aerodft.cli.scenes.calibrate",
+    "paper": "aerodft.cli.paper",
+    "demo": "aerodft.cli.demo",
+}
+"""The module of every command; its function bears the module's name."""
 
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
 
@@ -124,8 +141,8 @@ def _options(
 def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
-        python_name = f"{name}_" if keyword.iskeyword(name) else name.replace("-", "_")
-        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{python_name}"), python_name)
+        module = _MODULE_OF[name]
+        function: Callable[..., None] = getattr(import_module(module), module.rpartition(".")[2])
         return function
     return lambda: None
 

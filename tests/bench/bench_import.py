@@ -14,8 +14,8 @@ from pathlib import Path
 
 from aerodft.adapters.config.station import load_station
 from aerodft.cli.flight import open_flight
-from aerodft.cli.import_ import import_
-from aerodft.cli.recompute import recompute
+from aerodft.cli.flights.import_ import import_
+from aerodft.cli.recordings.recompute import recompute
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.wiring import build_pipeline, run
 from aerodft.service import MergedFeed

@@ -6,7 +6,7 @@ from typing import Any
 
 from numba.core.dispatcher import Dispatcher
 
-from aerodft.cli import serve
+from aerodft.cli.flights import serve
 from aerodft.cli.main import main
 
 WORD = "late:"

@@ -8,7 +8,7 @@ import typer
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from typer.testing import CliRunner
 
-from aerodft.cli.doctor import doctor
+from aerodft.cli.flights.doctor import doctor
 from aerodft.errors import InputError, LinkError, NoAnswerError
 from tests.replay.foreign_files import frames_of
 

@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from aerodft.cli.doctor import doctor
+from aerodft.cli.flights.doctor import doctor
 from aerodft.errors import NoAnswerError
 
 from .autopilot import ACCEPTED, DENIED, QUIET, REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, StandIn, flying, free_port

@@ -7,8 +7,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from aerodft.cli.doctor import doctor
-from aerodft.cli.import_ import import_
+from aerodft.cli.flights.doctor import doctor
+from aerodft.cli.flights.import_ import import_
 from aerodft.errors import NoAnswerError
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"

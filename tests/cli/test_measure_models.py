@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.cli.measure import cautions
+from aerodft.cli.scenes.measure import cautions
 from aerodft.geometry import camera_pose
 from aerodft.model import PoseSample, Status
 

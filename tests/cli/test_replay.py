@@ -93,7 +93,7 @@ def test_what_has_no_mavlink_is_not_sent(aerodft, desk, tmp_path):
 
 
 def test_to_connect_to_nobody_is_no_success(aerodft, flight_recording, monkeypatch):
-    monkeypatch.setattr("aerodft.cli.replay._LINK_S", 0.2)
+    monkeypatch.setattr("aerodft.cli.recordings.replay._LINK_S", 0.2)
     endpoint = free_endpoint()
     found = aerodft("replay", flight_recording, "--rate", "max", "--listen", "none", "--connect", endpoint)
     assert (found.code, f"{endpoint}: nobody to publish to: got no answer within 0.2 s" in found.last) == (4, True)

@@ -24,7 +24,7 @@ from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.looking import build_observers
 from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
-from aerodft.cli.recover import recovering_beside
+from aerodft.cli.recordings.recover import recovering_beside
 from aerodft.cli.rehearsal import rehearse
 from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.signed import opened_signing

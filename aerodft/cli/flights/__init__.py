@@ -1,0 +1,1 @@
+"""Commands about flights: live, imported, aligned, diagnosed."""

@@ -1,0 +1,1 @@
+"""Commands about images and scenes: measured, surveyed, calibrated."""

@@ -7,9 +7,8 @@ from typing import Any, Final
 
 from aerodft.adapters.config.station import Topics
 from aerodft.adapters.telemetry.mavlink import Followed, MavlinkLink, parse_address
-from aerodft.cli.logs import open_telemetry_log
+from aerodft.app.assembly import open_telemetry_log, opened_signing
 from aerodft.cli.output import say
-from aerodft.cli.signed import opened_signing
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import LogDiagnosis, Outcome, SurveyReport, ask
 from aerodft.errors import NoAnswerError, UsageError

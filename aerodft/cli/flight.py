@@ -12,20 +12,21 @@ from aerodft.adapters.recording.write import Thinned
 from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.observations import load_observations
-from aerodft.cli.ending import Interruptible
-from aerodft.cli.logs import TelemetryLog, open_telemetry_log
-from aerodft.cli.looking import build_observers
-from aerodft.cli.output import progress_bar, say
-from aerodft.cli.run_statistics import RunStatistics
-from aerodft.cli.summary import report
-from aerodft.cli.wiring import (
+from aerodft.app.assembly import (
     DelayedSource,
+    RunStatistics,
     SizeChecked,
+    TelemetryLog,
+    build_observers,
     build_pipeline,
     build_recorder,
     closing_recorder,
+    open_telemetry_log,
     run,
 )
+from aerodft.cli.ending import Interruptible
+from aerodft.cli.output import progress_bar, say
+from aerodft.cli.summary import report
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
@@ -235,7 +236,7 @@ def measure_flight(
     """
     statistics, pipeline = RunStatistics(), build_pipeline(station)
     eyes = build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
-    flight = open_flight(station, log, (*station.observations.files, *observations), eyes.lookouts)
+    flight = open_flight(station, log, (*station.observations.files, *observations), eyes.schedules)
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
         feed = Interruptible(MergedFeed(flight.sources, station.pipeline.tick_ns))

@@ -228,7 +228,7 @@ def open_telemetry(
 
     if not is_mcap(path) and not path.is_dir():
         return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
-    from aerodft.cli.recorded import recorded_station
+    from aerodft.app.assembly import recorded_station
     from replay.foreign import ForeignTelemetry, open_recording
     from replay.recordings import Recording, RecordingSource
 

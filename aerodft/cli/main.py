@@ -121,6 +121,10 @@ class _Sentences(logging.Formatter):
         return printable(super().formatMessage(record))
 
 
+_HANDLER: Final = logging.StreamHandler()
+_HANDLER.setFormatter(_Sentences("aerodft: %(message)s"))
+
+
 def _options(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
@@ -132,9 +136,8 @@ def _options(
         raise typer.Exit
     if context.invoked_subcommand is None:
         raise UsageError("no command", expected=f"one of {', '.join(COMMANDS)}", hint="see aerodft --help")
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_Sentences("aerodft: %(message)s"))
-    logging.basicConfig(level=logging.WARNING, handlers=[handler])
+    _HANDLER.stream = sys.stderr
+    logging.getLogger().addHandler(_HANDLER)
     logging.getLogger("aerodft").setLevel(logging.DEBUG if verbose else logging.INFO)
 
 

@@ -13,10 +13,9 @@ import typer
 
 from aerodft.adapters.config.station import resolved_toml
 from aerodft.adapters.wire.measurement import encode_measurement
+from aerodft.app.assembly import RunStatistics, run
 from aerodft.cli.output import LOSS, gaps, print_json, progress_bar, say
 from aerodft.cli.recomputing import Recomputation, prepare
-from aerodft.cli.run_statistics import RunStatistics
-from aerodft.cli.wiring import run
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from aerodft.service import Batches, StepOutputs
 from replay.batch import Dataset, InputKey, Job, Outcome, State, input_key, jobs_of, run_batch

@@ -4,9 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.looking import ImageObservers, build_observers
-from aerodft.cli.recorded import reoffset, stations_of
-from aerodft.cli.wiring import build_pipeline
+from aerodft.app.assembly import ImageObservers, build_observers, build_pipeline, reoffset, stations_of
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
 from replay.recordings import Recording, RecordingSource, Redetection
@@ -65,10 +63,10 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
 
 
 def _seen_again(source: Source, recording: Recording, eyes: ImageObservers) -> Redetection:
-    if not eyes.lookouts:
+    if not eyes.schedules:
         got = "a configuration without [markers], [watch], [objects], [river] and tracked probes"
         raise UsageError("--vision", got=got, expected="one of them: else aerodft looks for nothing itself")
     if next(recording.image_messages(), None) is None:
         hint = "record.image_hz says how many are kept"
         raise NoAnswerError("no images in the recording", where=recording.folder, hint=hint)
-    return Redetection(source, eyes.lookouts)
+    return Redetection(source, eyes.schedules)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station, refreshed, with_calibration
+from aerodft.app.assembly import build_pipeline, recorded_station
 from aerodft.cli.option_values import parse_instant
-from aerodft.cli.recorded import recorded_station
-from aerodft.cli.wiring import build_pipeline
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.config.station import StationConfig
-from aerodft.cli.wiring import build_pipeline
+from aerodft.app.assembly import build_pipeline
 from aerodft.conventions import SECOND_NS
 from aerodft.model import GeoOrigin, Image, StampClock, WireProtocol
 from aerodft.service import Batches, block_of

@@ -12,9 +12,8 @@ import numpy as np
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.images import VideoFileSource, video_info
+from aerodft.app.assembly import build_pipeline, check_size, reoffset, stations_of
 from aerodft.cli.output import steps
-from aerodft.cli.recorded import reoffset, stations_of
-from aerodft.cli.wiring import build_pipeline, check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError

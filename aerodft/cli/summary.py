@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 import typer
 
 from aerodft.adapters.recording.write import RecordingTotals
+from aerodft.app.assembly import RunStatistics
 from aerodft.cli.output import LOSS, end_with_gaps, print_json, say
-from aerodft.cli.run_statistics import RunStatistics
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.model import CameraMotionEstimate

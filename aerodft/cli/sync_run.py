@@ -6,9 +6,8 @@ from pathlib import Path
 from aerodft.adapters.config.station import Topics
 from aerodft.adapters.images import VideoFileSource
 from aerodft.adapters.telemetry import decoder_of
-from aerodft.cli.logs import open_telemetry_log
+from aerodft.app.assembly import check_size, open_telemetry_log
 from aerodft.cli.output import progress_bar
-from aerodft.cli.wiring import check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.model import Camera

@@ -13,11 +13,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from aerodft.adapters.config.station import load_station
+from aerodft.app.assembly import RunStatistics, build_pipeline, run
 from aerodft.cli.flight import open_flight
 from aerodft.cli.flights.import_ import import_
 from aerodft.cli.recordings.recompute import recompute
-from aerodft.cli.run_statistics import RunStatistics
-from aerodft.cli.wiring import build_pipeline, run
 from aerodft.service import MergedFeed
 from aerodft.sim import Autopilot, datagrams
 from aerodft.sim.river import River

@@ -28,8 +28,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.config.station import load_station
 from aerodft.adapters.images import RateSource
 from aerodft.adapters.telemetry import TlogSource
+from aerodft.app.assembly import DelayedSource, build_recorder
 from aerodft.cli.recordings.recompute import recompute
-from aerodft.cli.wiring import DelayedSource, build_recorder
 from aerodft.model import Camera, Observation
 from aerodft.service import MergedFeed, StepOutputs
 from aerodft.sim import Autopilot, Waypoint, datagrams, fly

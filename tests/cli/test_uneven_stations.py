@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pyproj import Geod
 
 from aerodft.adapters.wire.pose import SCHEMA
-from aerodft.cli import wiring
+from aerodft.app.assembly import pipeline
 from aerodft.model import Status
 from replay.recordings import Recording
 from tests.payloads import decode_pose
@@ -237,7 +237,7 @@ def test_a_recording_whose_terrain_was_changed_or_lost_says_so(aerodft, hill):
 
 
 def test_a_large_elevation_model_stays_where_it_is(aerodft, hill, monkeypatch):
-    monkeypatch.setattr(wiring, "travels", lambda _: False)
+    monkeypatch.setattr(pipeline, "travels", lambda _: False)
     out = hill.folder / "out"
     run = aerodft("import", hill.folder / "climb.tlog", "-c", hill.station(FLIGHT + TERRAIN), "-o", out)
     assert f"{hill.folder / 'dem.tif'} is not copied into the recording, which needs it to be computed anew" in run.err

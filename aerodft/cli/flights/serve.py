@@ -20,16 +20,21 @@ from aerodft.adapters.telemetry import signing_sentences
 from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus
+from aerodft.app.assembly import (
+    RunStatistics,
+    build_observers,
+    build_pipeline,
+    build_recorder,
+    check_size,
+    opened_signing,
+    run,
+)
 from aerodft.cli.flight import DEFAULT_RATE_HZ
-from aerodft.cli.looking import build_observers
 from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
 from aerodft.cli.recordings.recover import recovering_beside
 from aerodft.cli.rehearsal import rehearse
-from aerodft.cli.run_statistics import RunStatistics
-from aerodft.cli.signed import opened_signing
 from aerodft.cli.summary import report
-from aerodft.cli.wiring import build_pipeline, build_recorder, check_size, run
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
@@ -69,7 +74,7 @@ def serve(
         bus = _open_bus(station, pipeline, inbox)
         if bus is not None:
             stack.callback(bus.close)
-        look = stack.enter_context(LiveObservers(eyes.lookouts, inbox.put_observations))
+        look = stack.enter_context(LiveObservers(eyes.schedules, inbox.put_observations))
         images = _ImageGate(station, inbox, feed, look, where=config)
         packets = _PacketGate()
         link = _open_inputs(station, inbox, images, packets, clock, stack)

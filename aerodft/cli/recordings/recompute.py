@@ -10,14 +10,13 @@ import tomli_w
 import typer
 
 from aerodft.adapters.config.station import load_station, with_calibration
+from aerodft.app.assembly import RunStatistics, build_recorder, closing_recorder, run
 from aerodft.cli.ending import Interruptible
 from aerodft.cli.option_values import TopicOption, parse_topics
 from aerodft.cli.output import progress_bar, say
 from aerodft.cli.recompute_many import Many, are_many, recompute_many
 from aerodft.cli.recomputing import Recomputation, prepare
-from aerodft.cli.run_statistics import RunStatistics
 from aerodft.cli.summary import report
-from aerodft.cli.wiring import build_recorder, closing_recorder, run
 from aerodft.errors import InputError, UsageError
 from replay.batch import recording_hash
 from replay.foreign import is_foreign

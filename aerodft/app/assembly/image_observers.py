@@ -1,19 +1,18 @@
-"""The lookouts of a station: what each of its tables and probes asks for."""
+"""What finds pixels in a station's images: what each of its tables and probes asks for."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from aerodft.adapters.config.station import Rate, StationConfig, Watch, river_probes
 from aerodft.adapters.images import read_camera_image
-from aerodft.cli.looking import ImageObservers
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import moved_on
 from aerodft.model import Image, PixelSource, PoseSample, Status
-from aerodft.service import ObjectSettings, ObserverSchedule, Pipeline
+from aerodft.service import ObjectSettings, ObserverCounts, ObserverSchedule, Pipeline
 from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
 from aerodft.vision.objects import MovingObjects, MovingOverGround
 from aerodft.vision.plane_lock import TrackedProbes
@@ -23,47 +22,82 @@ from calibration.markers import CameraPlace, MarkerObserver
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
 
 
-def lookouts_of(station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool) -> ImageObservers:
-    """What ``looking.build_observers`` says, with its arguments.
+@dataclass(frozen=True, slots=True)
+class ImageObservers:
+    """All that looks at a station's images.
+
+    Attributes:
+        schedules: What a feed shows images to.
+        names: Of the tables that ask for each.
+        notes: What some of them have to say of their own, by that name.
+    """
+
+    schedules: tuple[ObserverSchedule, ...] = ()
+    names: tuple[str, ...] = ()
+    notes: Mapping[str, Callable[[], dict[str, object]]] = field(default_factory=dict)
+
+    def report(self, counts: Sequence[ObserverCounts]) -> dict[str, object]:
+        """What was looked at, for the summary; empty where nobody looked.
+
+        Args:
+            counts: Of each schedule.
+        """
+        looks: dict[str, object] = {}
+        for name, count in zip(self.names, counts, strict=True):
+            found = {"images": count.looked, "skipped": count.skipped, "unreadable": count.unreadable}
+            looks[name] = found | (self.notes[name]() if name in self.notes else {})
+        return looks
+
+
+def build_observers(
+    station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool = False
+) -> ImageObservers:
+    """Who looks at the images of a station.
+
+    Args:
+        station: The station.
+        pipeline: Its pipeline, which knows about where the camera is.
+        where: The configuration's name in messages.
+        may_record: Images may come with a recording, whatever the configuration says of their source.
 
     Raises:
         ConfigError: There is something to look for, and no images.
         InputError: The reference image of a watched camera is of no use.
     """
-    lookouts: dict[str, ObserverSchedule] = {}
+    schedules: dict[str, ObserverSchedule] = {}
     notes: dict[str, Callable[[], dict[str, object]]] = {}
     if station.watch is not None:
         _check_images(station, "[watch]", where, may_record=may_record)
-        lookouts["watch"] = _steady_lookout(station.watch, station)
+        schedules["watch"] = _camera_motion_schedule(station.watch, station)
     if (markers := station.markers) is not None:
         _check_images(station, "[markers]", where, may_record=may_record)
         observer = MarkerObserver(
             markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
         )
-        lookouts["markers"] = ObserverSchedule(observer, markers.every_s)
+        schedules["markers"] = ObserverSchedule(observer, markers.every_s)
         notes["markers"] = partial(_marker_notes, observer)
     if (objects := station.objects) is not None and objects.detect:
         _check_images(station, "[objects]", where, may_record=may_record)
         moving = _who_sees_objects(station, objects, pipeline)
-        lookouts["objects"] = ObserverSchedule(moving, objects.every_s)
+        schedules["objects"] = ObserverSchedule(moving, objects.every_s)
         notes["objects"] = lambda: {"restless": moving.restless}
     if station.river is not None:
         _check_images(station, "[river]", where, may_record=may_record)
         probes = river_probes(station.pipeline.probes)
         river = RiverObserver(station.pipeline.camera, station.river, probes, lambda image: _pose_now(pipeline, image))
-        lookouts["river"] = ObserverSchedule(river, station.river.every_s)
+        schedules["river"] = ObserverSchedule(river, station.river.every_s)
         notes["river"] = lambda: {"without_river": dict(river.misses)}
     tracked = tuple(probe for probe in station.pipeline.probes if probe.source is PixelSource.TRACKED)
     if tracked:
         _check_images(station, "tracked probes", where, may_record=may_record)
         camera, ground = station.pipeline.camera, station.pipeline.ground
-        lookouts["tracked"] = ObserverSchedule(
+        schedules["tracked"] = ObserverSchedule(
             TrackedProbes(camera, tracked, lambda image: _pose_now(pipeline, image), ground)
         )
-    return ImageObservers(tuple(lookouts.values()), tuple(lookouts), notes)
+    return ImageObservers(tuple(schedules.values()), tuple(schedules), notes)
 
 
-def _steady_lookout(watch: Watch, station: StationConfig) -> ObserverSchedule:
+def _camera_motion_schedule(watch: Watch, station: StationConfig) -> ObserverSchedule:
     """Who looks for steady points.
 
     Raises:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from aerodft.adapters.config.station import StationConfig, load_station, parse_station, with_calibration
-from aerodft.cli.wiring import check_size
+from aerodft.app.assembly.pipeline import check_size
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model import VISION, Event, Image, Observation

@@ -1,5 +1,6 @@
 """Where ports meet adapters: pipelines, recorders and feeds out of a station's configuration."""
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,13 +18,15 @@ from aerodft.adapters.config.station import (
 )
 from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.telemetry import decoder_of
-from aerodft.cli.output import say
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import Camera, Event, Image, RawBlock
-from aerodft.service import Batches, Feed, ObjectSettings, ObjectTracker, Pipeline, Sink, Source
+from aerodft.service import Batches, Feed, Pipeline, Sink, Source
+from aerodft.vision.objects import ObjectTracks
 from calibration.camera_motion import CameraMotionCalibrator
 from calibration.flight import BiasCalibrator
 from calibration.live import LiveCalibrator
+
+_log = logging.getLogger(__name__)
 
 
 def build_pipeline(station: StationConfig) -> Pipeline:
@@ -32,7 +35,7 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         hint = "`aerodft import` finds it, `aerodft sync` says it"
         raise ConfigError("images.time_offset_s", got='"auto"', expected="a number", hint=hint)
     decoder = decoder_of(station.pipeline.telemetry)
-    tracker = None if station.objects is None else _tracker(station.objects)
+    tracker = None if station.objects is None else ObjectTracks(station.objects)
     if station.live is not None:
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live, tracker)
@@ -41,12 +44,6 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         return Pipeline(station.pipeline, decoder, steady, steady, tracker)
     calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
     return Pipeline(station.pipeline, decoder, calibrator, tracker=tracker)
-
-
-def _tracker(settings: ObjectSettings) -> ObjectTracker:
-    from aerodft.vision.objects import ObjectTracks
-
-    return ObjectTracks(settings)
 
 
 def build_recorder(
@@ -79,7 +76,7 @@ def build_recorder(
     text = resolved_toml(station, terrain_file=COPY_NAME if copied else None)
     recorder = McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": text, **(texts or {})})
     if terrain is not None and not copied:
-        say(f"aerodft: {terrain.path} is not copied into the recording, which needs it to be computed anew")
+        _log.warning("%s is not copied into the recording, which needs it to be computed anew", terrain.path)
     elif terrain is not None:
         try:
             copy_terrain(terrain, folder)
@@ -96,7 +93,7 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
         yield
     except BaseException:
         recorder.close()
-        say(f"aerodft: not finished; {folder} holds what was read so far")
+        _log.warning("not finished; %s holds what was read so far", folder)
         raise
     recorder.close()
 

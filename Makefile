@@ -1,4 +1,5 @@
-# Two commands are all there is to know: `make demo` and `make test`. Both set everything up in .venv first.
+# Two commands are all there is to know: `make demo` and `make test`. Both set everything up in .venv first; `make nightly`
+# runs the slow truth.
 
 PYTHON ?= python3
 VENV := .venv
@@ -10,7 +11,7 @@ INSTALLED := $(VENV)/.installed
 # package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
-.PHONY: demo test lint types imports unit coverage bench bench-peer format clean
+.PHONY: demo test nightly lint types imports unit coverage bench bench-peer format clean
 
 demo: $(INSTALLED)
 	$(BIN)/aerodft demo --output demo
@@ -41,12 +42,18 @@ types: $(INSTALLED)
 imports: $(INSTALLED)
 	$(BIN)/lint-imports
 
+PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
+
 unit: $(INSTALLED)
-	$(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
+	$(PYTEST) -m "not nightly"
+
+# Slow truth: statistics over random scenes, memory, faults at full scale.
+nightly: $(INSTALLED)
+	AERODFT_FAULTS=full $(PYTEST) --timeout=1800 -m nightly
 
 # Twice as slow as without.
 coverage: $(INSTALLED)
-	$(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --benchmark-disable --cov --cov-report=term:skip-covered -q
+	$(PYTEST) --cov --cov-report=term:skip-covered
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_query.py

@@ -50,7 +50,7 @@ kind = "position"
 pixels = [[320, 240]]
 """
 
-pytestmark = pytest.mark.skipif(not CAN_MEASURE, reason="peaks are read from /proc")
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(not CAN_MEASURE, reason="peaks are read from /proc")]
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,8 @@ import pytest
 
 from .calibration_sets import DEG, POSE, TASKS, Task, drawn, landmarks, ranges, solved, together, with_outliers
 
+pytestmark = pytest.mark.nightly
+
 SCENES = {
     "a pose from landmarks": 400,
     "a lens from landmarks": 700,

@@ -45,6 +45,8 @@ from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
 from tests.answers import answers_of, measurements_of
 
+pytestmark = pytest.mark.nightly
+
 FLIGHTS = 750 if os.environ.get("AERODFT_FAULTS") == "full" else 250
 """At each tilt. All 1,000 tell a coverage to 0.7 % (one std; 1.5 % are allowed): 92 % is seen 96 times in 100, and 87 %
 at one tilt alone 99 times."""

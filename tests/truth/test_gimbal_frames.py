@@ -16,6 +16,8 @@ from tests.one_image import sample_at
 
 from .gimbal_flights import MESSAGES, STEP_NS, UTC0_NS, Plan, made
 
+pytestmark = pytest.mark.nightly
+
 SERVO_DEG = (-90.0, 10.0)
 STD = math.radians(1.0)
 

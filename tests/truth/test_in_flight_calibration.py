@@ -23,6 +23,8 @@ from tests.payloads import decode_estimate, decode_pose, encode_pose
 
 from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory
 
+pytestmark = pytest.mark.nightly
+
 TILTS_DEG = (0.0, 30.0, 45.0, 60.0)
 FLIGHTS = 800 if os.environ.get("AERODFT_FAULTS") == "full" else 400
 """They tell a coverage to 1.1 % (one std; 2 % are allowed): 90 % is seen 98 times in 100."""

@@ -18,6 +18,8 @@ from tests.one_image import measure
 
 from .scenes import as_pixels, camera_axes, depression_rad, opencv_matrix, opencv_pixels, sample_of
 
+pytestmark = pytest.mark.nightly
+
 CAMERA = Camera(
     name="c", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1500.0, cx_px=970.0, cy_px=530.0
 )  # fmt: skip

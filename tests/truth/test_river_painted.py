@@ -7,6 +7,8 @@ from aerodft.dft import Setup
 from aerodft.vision.river import NoRiver, RiverQuestion, RiverStatus, WaterPlane, find_river
 from tests.vision.painted_rivers import CAMERA, LANDS, WATERS, PaintedRiver
 
+pytestmark = pytest.mark.nightly
+
 LOOKS = ({}, {"bushes": True}, {"bushes": True, "foam": True}, {"shade": True, "bushes": True}, {"glare": True})
 TILTS_DEG = (0.0, 20.0, 40.0, 55.0)
 SCENES = [

@@ -20,6 +20,8 @@ from aerodft.vision.river.observer import channel_of, oriented, river_across
 from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing
 from tests.waterside import Waterside, WatersideRenderer
 
+pytestmark = pytest.mark.nightly
+
 LOOKS = {
     "plain": None,
     "muddy": Waterside(water_bgr=(78.0, 104.0, 122.0), waves=0.12, foam=0.05, growth=1.6),

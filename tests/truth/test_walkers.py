@@ -13,6 +13,8 @@ from aerodft.service import OBJECTS, ObjectSettings
 from aerodft.vision.objects import MovingObjects, ObjectTracks
 from tests.truth import walkers as yard
 
+pytestmark = pytest.mark.nightly
+
 PIXEL = 1.0
 
 

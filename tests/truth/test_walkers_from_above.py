@@ -14,6 +14,8 @@ from aerodft.sim.world import Post
 from aerodft.vision.objects import MovingOverGround, ObjectTracks
 from tests.truth import walkers_from_above as flown
 
+pytestmark = pytest.mark.nightly
+
 PIXEL = 1.0
 SECONDS = 9.0
 EDGE_PX = 12.0

@@ -5,9 +5,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from aerodft.adapters.wire import camera_motion as steadiness
-from aerodft.adapters.wire import estimate, events, measurement, pose, status
-from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA
+from aerodft.adapters.wire.events import decode_observations
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA
+from aerodft.adapters.wire.payload import Json, load_payload, number_or_nan, pixel_pairs
+from aerodft.adapters.wire.pose import POSE_SCHEMA, encode_poses
+from aerodft.adapters.wire.status import STATUS_SCHEMA, StationStatus
 from aerodft.geometry import camera_attitude
 from aerodft.model import (
     BiasValues,
@@ -45,10 +48,10 @@ def decode_measurement(data: bytes) -> Measurement:
 
     Exact but for degrees (``wire.DEGREES_RTOL``); its pose has height and attitude, no covariance.
     """
-    return wire.load(data, measurement.SCHEMA, _measurement)
+    return load_payload(data, MEASUREMENT_SCHEMA, _measurement)
 
 
-def _measurement(payload: wire.Json) -> Measurement:
+def _measurement(payload: Json) -> Measurement:
     own_status = Status(payload["status"])
     stamp_ns = int(payload["stamp_ns"])
     ci95, geo, ranges_m = payload["ci95"], payload["geo"], payload["range_m"]
@@ -58,14 +61,14 @@ def _measurement(payload: wire.Json) -> Measurement:
         status=own_status,
         reasons=tuple(payload["reasons"]),
         stamp_ns=stamp_ns,
-        pixels=wire.pixel_pairs(payload["pixels"]),
-        std_px=wire.number(payload["std_px"]),
+        pixels=pixel_pairs(payload["pixels"]),
+        std_px=number_or_nan(payload["std_px"]),
         camera=payload["camera"],
         model=ProjectionModel(payload["model"]),
         pose=_sample_of_summary(payload["pose"], stamp_ns, own_status),
         value=payload["value"],
         std=payload["std"],
-        ci95=None if ci95 is None else (wire.number(ci95[0]), wire.number(ci95[1])),
+        ci95=None if ci95 is None else (number_or_nan(ci95[0]), number_or_nan(ci95[1])),
         ellipse95=None if payload["ellipse95"] is None else _ellipse(payload["ellipse95"]),
         ground_m=_rows(payload["ground_m"]),
         enu_m=_rows(payload["enu_m"]),
@@ -79,33 +82,33 @@ def _measurement(payload: wire.Json) -> Measurement:
     )
 
 
-def _ellipse(payload: wire.Json) -> Ellipse95:
+def _ellipse(payload: Json) -> Ellipse95:
     return Ellipse95(
-        semi_major_m=wire.number(payload["semi_major_m"]),
-        semi_minor_m=wire.number(payload["semi_minor_m"]),
-        azimuth_rad=math.radians(wire.number(payload["azimuth_deg"])),
+        semi_major_m=number_or_nan(payload["semi_major_m"]),
+        semi_minor_m=number_or_nan(payload["semi_minor_m"]),
+        azimuth_rad=math.radians(number_or_nan(payload["azimuth_deg"])),
     )
 
 
-def _geo(payload: wire.Json) -> GeoPoint:
+def _geo(payload: Json) -> GeoPoint:
     return GeoPoint(
-        lat_rad=math.radians(wire.number(payload["lat"])),
-        lon_rad=math.radians(wire.number(payload["lon"])),
+        lat_rad=math.radians(number_or_nan(payload["lat_deg"])),
+        lon_rad=math.radians(number_or_nan(payload["lon_deg"])),
         alt_msl_m=payload["alt_msl_m"],
     )
 
 
 def encode_pose(sample: PoseSample) -> bytes:
     """One pose sample as ``aerodft.pose/1``."""
-    return pose.encode_poses(PoseBatch.of([sample])).text(0)
+    return encode_poses(PoseBatch.of([sample])).text(0)
 
 
 def decode_pose(data: bytes) -> PoseSample:
     """``aerodft.pose/1`` to a pose sample; position, attitude and covariance exact, angles of ``std`` to an ulp."""
-    return wire.load(data, pose.SCHEMA, _sample)
+    return load_payload(data, POSE_SCHEMA, _sample)
 
 
-def _sample(payload: wire.Json) -> PoseSample:
+def _sample(payload: Json) -> PoseSample:
     origin = payload["origin"]
     return PoseSample(
         stamp_ns=int(payload["stamp_ns"]),
@@ -114,8 +117,8 @@ def _sample(payload: wire.Json) -> PoseSample:
         pose=_pose(payload),
         std=_std_of(payload["std"]),
         origin=None if origin is None else _origin(origin),
-        lat_rad=_radians(payload["lat"]),
-        lon_rad=_radians(payload["lon"]),
+        lat_rad=_radians(payload["lat_deg"]),
+        lon_rad=_radians(payload["lon_deg"]),
         alt_msl_m=payload["alt_msl_m"],
         height_source=_height_source_of(payload["height_source"]),
         height_datum=payload["height_datum"],
@@ -127,7 +130,7 @@ def _sample(payload: wire.Json) -> PoseSample:
     )
 
 
-def _pose(payload: wire.Json) -> Pose | None:
+def _pose(payload: Json) -> Pose | None:
     if payload["wxyz"] is None:
         return None
     return Pose(
@@ -136,33 +139,32 @@ def _pose(payload: wire.Json) -> Pose | None:
         cov=read_only([_numbers(row) for row in payload["cov"]]),
         velocity_enu_mps=read_only(_numbers(payload["velocity_enu_mps"])),
         rate_cam_radps=read_only(_numbers(payload["rate_cam_radps"])),
-        time_std_s=wire.number(payload["time_std_s"]),
+        time_std_s=number_or_nan(payload["time_std_s"]),
     )
 
 
-def _zoom(payload: wire.Json) -> Zoom | None:
+def _zoom(payload: Json) -> Zoom | None:
     zoom = payload.get("zoom")  # recordings made before there was one have none
     if zoom is None:
         return None
     return Zoom(
-        magnification=wire.number(zoom["magnification"]),
-        std=wire.number(zoom["std"]),
+        magnification=number_or_nan(zoom["magnification"]),
+        std=number_or_nan(zoom["std"]),
         source=ZoomSource(zoom["source"]),
     )
 
 
-def _origin(payload: wire.Json) -> GeoOrigin:
-    return GeoOrigin(
-        lat_rad=math.radians(payload["lat"]), lon_rad=math.radians(payload["lon"]), alt_msl_m=payload["alt_msl_m"]
-    )
+def _origin(payload: Json) -> GeoOrigin:
+    lat_rad, lon_rad = math.radians(payload["lat_deg"]), math.radians(payload["lon_deg"])
+    return GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=payload["alt_msl_m"])
 
 
-def _sample_of_summary(payload: wire.Json, stamp_ns: int, own_status: Status) -> PoseSample:
+def _sample_of_summary(payload: Json, stamp_ns: int, own_status: Status) -> PoseSample:
     """The pose of a measurement: attitude and height, without covariance, straight above the origin."""
     angles_deg = (payload["tilt_deg"], payload["roll_deg"], payload["heading_deg"])
     pose = None
     if None not in angles_deg:
-        height_m = wire.number(payload["height_agl_m"])
+        height_m = number_or_nan(payload["height_agl_m"])
         pose = Pose(
             position_enu_m=read_only((0.0, 0.0, height_m)), wxyz=camera_attitude(*np.radians(np.array(angles_deg)))
         )
@@ -171,8 +173,8 @@ def _sample_of_summary(payload: wire.Json, stamp_ns: int, own_status: Status) ->
         status=Status.OK if pose else own_status,
         pose=pose,
         std=_std_of(payload["std"]),
-        lat_rad=_radians(payload["lat"]),
-        lon_rad=_radians(payload["lon"]),
+        lat_rad=_radians(payload["lat_deg"]),
+        lon_rad=_radians(payload["lon_deg"]),
         height_source=_height_source_of(payload["height_source"]),
         height_datum=payload["height_datum"],
         height_age_s=payload.get("height_age_s"),
@@ -180,16 +182,16 @@ def _sample_of_summary(payload: wire.Json, stamp_ns: int, own_status: Status) ->
     )
 
 
-def _std_of(payload: wire.Json) -> PoseStd:
+def _std_of(payload: Json) -> PoseStd:
     """Standard deviations in metres, seconds and radians; those that a summary leaves out are 0."""
     return PoseStd(
-        height_agl_m=wire.number(payload["height_agl_m"]),
-        horizontal_m=wire.number(payload.get("horizontal_m", 0.0)),
-        tilt_rad=math.radians(wire.number(payload["tilt_deg"])),
-        pan_rad=math.radians(wire.number(payload["pan_deg"])),
-        roll_rad=math.radians(wire.number(payload["roll_deg"])),
-        heading_rad=math.radians(wire.number(payload["heading_deg"])),
-        time_s=wire.number(payload.get("time_s", 0.0)),
+        height_agl_m=number_or_nan(payload["height_agl_m"]),
+        horizontal_m=number_or_nan(payload.get("horizontal_m", 0.0)),
+        tilt_rad=math.radians(number_or_nan(payload["tilt_deg"])),
+        pan_rad=math.radians(number_or_nan(payload["pan_deg"])),
+        roll_rad=math.radians(number_or_nan(payload["roll_deg"])),
+        heading_rad=math.radians(number_or_nan(payload["heading_deg"])),
+        time_s=number_or_nan(payload.get("time_s", 0.0)),
     )
 
 
@@ -202,13 +204,13 @@ def _height_source_of(value: str | None) -> HeightSource | None:
     return None if value is None else HeightSource(value)
 
 
-def decode_status(data: bytes) -> status.StationStatus:
+def decode_status(data: bytes) -> StationStatus:
     """``aerodft.status/1`` to a station's state."""
-    return wire.load(data, status.SCHEMA, _status)
+    return load_payload(data, STATUS_SCHEMA, _status)
 
 
-def _status(payload: wire.Json) -> status.StationStatus:
-    return status.StationStatus(
+def _status(payload: Json) -> StationStatus:
+    return StationStatus(
         station=payload["station"],
         stamp_ns=int(payload["stamp_ns"]),
         state=payload["state"],
@@ -219,7 +221,7 @@ def _status(payload: wire.Json) -> status.StationStatus:
     )
 
 
-def _health(payload: wire.Json) -> Health:
+def _health(payload: Json) -> Health:
     gps, estimator, link = payload["gps"], payload["estimator"], payload["link"]
     return Health(
         heartbeat_age_s=payload["heartbeat_age_s"],
@@ -236,12 +238,12 @@ def _health(payload: wire.Json) -> Health:
     )
 
 
-def decode_steadiness(data: bytes) -> CameraMotionEstimate:
-    """``aerodft.steadiness/1`` to an estimate; angles to an ulp."""
-    return wire.load(data, steadiness.SCHEMA, _steadiness)
+def decode_camera_motion(data: bytes) -> CameraMotionEstimate:
+    """``aerodft.camera_motion/1`` to an estimate; angles to an ulp."""
+    return load_payload(data, CAMERA_MOTION_SCHEMA, _camera_motion)
 
 
-def _steadiness(payload: wire.Json) -> CameraMotionEstimate:
+def _camera_motion(payload: Json) -> CameraMotionEstimate:
     turn, look, moved = payload["turn"], payload["look"], payload["moved_ns"]
     return CameraMotionEstimate(
         stamp_ns=int(payload["stamp_ns"]),
@@ -259,16 +261,16 @@ def _steadiness(payload: wire.Json) -> CameraMotionEstimate:
 
 
 def _three_radians(values_deg: list[float | None]) -> tuple[float, float, float]:
-    x, y, z = (math.radians(wire.number(value)) for value in values_deg)
+    x, y, z = (math.radians(number_or_nan(value)) for value in values_deg)
     return x, y, z
 
 
 def decode_estimate(data: bytes) -> CalibrationEstimate:
     """``aerodft.calibration_estimate/1`` to an estimate; angles to an ulp."""
-    return wire.load(data, estimate.SCHEMA, _estimate)
+    return load_payload(data, CALIBRATION_SCHEMA, _estimate)
 
 
-def _estimate(payload: wire.Json) -> CalibrationEstimate:
+def _estimate(payload: Json) -> CalibrationEstimate:
     source = payload["height_source"]
     return CalibrationEstimate(
         stamp_ns=int(payload["stamp_ns"]),
@@ -283,7 +285,7 @@ def _estimate(payload: wire.Json) -> CalibrationEstimate:
     )
 
 
-def _innovation(payload: wire.Json) -> Innovation:
+def _innovation(payload: Json) -> Innovation:
     px, sigma = payload["px"], payload["sigma_px"]
     return Innovation(
         name=payload["name"],
@@ -294,15 +296,15 @@ def _innovation(payload: wire.Json) -> Innovation:
     )
 
 
-def _values(payload: wire.Json, part: str) -> BiasValues:
-    lengths = {key: wire.number(payload[key][part]) for key in _SI}
-    angles = {f"{name}_rad": math.radians(wire.number(payload[f"{name}_deg"][part])) for name in _ANGLES}
+def _values(payload: Json, part: str) -> BiasValues:
+    lengths = {key: number_or_nan(payload[key][part]) for key in _SI}
+    angles = {f"{name}_rad": math.radians(number_or_nan(payload[f"{name}_deg"][part])) for name in _ANGLES}
     return BiasValues(**lengths, **angles)
 
 
 def decode_observation(data: bytes) -> Observation:
     """``aerodft.observation/1`` to an observation."""
-    (observation,) = events.decode_observations([data])
+    (observation,) = decode_observations([data])
     return observation
 
 
@@ -311,7 +313,7 @@ def _radians(angle_deg: float | None) -> float | None:
 
 
 def _numbers(values: Iterable[float | None]) -> tuple[float, ...]:
-    return tuple(map(wire.number, values))
+    return tuple(map(number_or_nan, values))
 
 
 def _rows(values: Iterable[Sequence[float | None]] | None) -> tuple[tuple[float, ...], ...] | None:

@@ -196,7 +196,7 @@ def geo_of(sample: PoseSample, points_enu_m: FloatArray) -> list[dict[str, float
     if sample.origin is None:
         return None
     places = np.degrees(lat_lon(sample.origin, points_enu_m[:, :2]))
-    return [{"lat": float(lat), "lon": float(lon)} for lat, lon in places]
+    return [{"lat_deg": float(lat), "lon_deg": float(lon)} for lat, lon in places]
 
 
 def refused_reach(found: NoRiver, views: Views) -> dict[str, Any]:

@@ -138,9 +138,9 @@ def _cells(transect: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     yield from ((name, transect.get(name)) for name in COLUMNS[:12] if name not in named)
     yield from named.items()
     for row, side in enumerate(SIDES):
-        place = transect["geo"][row] if transect["geo"] else {"lat": None, "lon": None}
+        place = transect["geo"][row] if transect["geo"] else {"lat_deg": None, "lon_deg": None}
         u, v = transect[side] or (None, None)
-        yield from ((f"{side}_lat", place["lat"]), (f"{side}_lon", place["lon"]))
+        yield from ((f"{side}_lat", place["lat_deg"]), (f"{side}_lon", place["lon_deg"]))
         yield from ((f"{side}_u", u), (f"{side}_v", v), (f"{side}_std_px", transect["bank_std_px"][row]))
 
 

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import orjson
 
-from aerodft.adapters.wire import events
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.dft import KINDS
 from aerodft.errors import InputError, located
 from aerodft.model import CODE_OF, FloatArray, IntArray, ProbeKind, Status
@@ -224,8 +224,8 @@ class _Collected:
 
 def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
     """Stamp and arrival of the first images, by index."""
-    messages = recording.messages(wanted=lambda channel: channel.schema == events.IMAGE_SCHEMA)
-    images = (events.decode_image(message.data) for message in islice(messages, _HEAD_IMAGES))
+    messages = recording.messages(wanted=lambda channel: channel.schema == IMAGE_SCHEMA)
+    images = (decode_image(message.data) for message in islice(messages, _HEAD_IMAGES))
     return {image.index: (image.stamp_ns, image.arrival_ns) for image in images}
 
 

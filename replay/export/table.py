@@ -13,8 +13,7 @@ from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.wire import bounded_json
-from aerodft.adapters.wire.payload import LATEST_NS
+from aerodft.adapters.wire.payload import LATEST_NS, load_bounded_json
 from aerodft.errors import InputError
 from aerodft.model import ProbeKind
 
@@ -140,7 +139,7 @@ Item = Mapping[str, Any]
 
 _ANGLE_DIGITS: Final = 9
 _RING = 3  # points that make an outline
-_NO_POINT: Final[Item] = {"lat": None, "lon": None, "alt_msl_m": None}
+_NO_POINT: Final[Item] = {"lat_deg": None, "lon_deg": None, "alt_msl_m": None}
 _NO_ELLIPSE: Final[Item] = {"semi_major_m": None, "semi_minor_m": None, "azimuth_deg": None}
 
 
@@ -151,7 +150,7 @@ def parsed(payload: bytes) -> Item:
         InputError: It is no JSON object.
     """
     try:
-        item = bounded_json.loads(payload)
+        item = load_bounded_json(payload)
     except orjson.JSONDecodeError as error:
         raise _not_a_measurement(payload) from error
     if not isinstance(item, dict):
@@ -189,12 +188,12 @@ def _row(item: Item) -> dict[str, object]:
         "ellipse95_azimuth_deg": ellipse["azimuth_deg"],
         "reasons": "; ".join(item["reasons"]),
         "pixels_px": item["pixels"],
-        "lat_deg": first["lat"],
-        "lon_deg": first["lon"],
+        "lat_deg": first["lat_deg"],
+        "lon_deg": first["lon_deg"],
         "alt_msl_m": first["alt_msl_m"],
         "range_m": _at(ranges, 0, None),
-        "lat_2_deg": second["lat"],
-        "lon_2_deg": second["lon"],
+        "lat_2_deg": second["lat_deg"],
+        "lon_2_deg": second["lon_deg"],
         "alt_2_msl_m": second["alt_msl_m"],
         "range_2_m": _at(ranges, 1, None),
         "geo_wkt": _wkt(geo, item["kind"]),
@@ -219,8 +218,8 @@ def _pose_columns(pose: Item) -> dict[str, object]:
         "pan_std_deg": std.get("pan_deg"),
         "roll_std_deg": std.get("roll_deg"),
         "heading_std_deg": std.get("heading_deg"),
-        "camera_lat_deg": pose["lat"],
-        "camera_lon_deg": pose["lon"],
+        "camera_lat_deg": pose["lat_deg"],
+        "camera_lon_deg": pose["lon_deg"],
         "height_age_s": pose.get("height_age_s"),
         "telemetry_age_s": pose["telemetry_age_s"],
     }
@@ -237,7 +236,8 @@ def positions(geo: Sequence[Item] | None, kind: str) -> list[list[float]] | None
     An area's outline is closed and runs counterclockwise, as maps want it.
     """
     points = geo or ()
-    parts = ("lon", "lat", "alt_msl_m") if all(point["alt_msl_m"] is not None for point in points) else ("lon", "lat")
+    has_altitudes = all(point["alt_msl_m"] is not None for point in points)
+    parts = ("lon_deg", "lat_deg", *(["alt_msl_m"] if has_altitudes else []))
     found = [[point[part] for part in parts] for point in points]
     if not found or any(value is None or not math.isfinite(value) for place in found for value in place):
         return None

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image as Picture
 from PIL import ImageDraw, ImageFont
 
-from aerodft.adapters.wire import events
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import FloatArray, Image, ImageArray, ProbeKind, Status
@@ -189,8 +189,8 @@ def _place(item: Item) -> str:
     ellipse = item["ellipse95"]
     spread = f"  ± {ellipse['semi_major_m']:.2g} m" if ellipse and ellipse["semi_major_m"] is not None else ""
     geo, enu = item["geo"], item["enu_m"]
-    if geo and geo[0]["lat"] is not None and geo[0]["lon"] is not None:
-        return f"{geo[0]['lat']:.6f}°, {geo[0]['lon']:.6f}°{spread}"
+    if geo and geo[0]["lat_deg"] is not None and geo[0]["lon_deg"] is not None:
+        return f"{geo[0]['lat_deg']:.6f}°, {geo[0]['lon_deg']:.6f}°{spread}"
     if enu:
         return f"east {enu[0][0]:.2f} m, north {enu[0][1]:.2f} m{spread}"
     return str(item["status"])
@@ -291,8 +291,8 @@ def _images(recording: Recording) -> Iterator[Image]:
     """The images that have pixels, in order of arrival."""
     store = PixelStore(recording)
     for message in recording.messages():
-        if message.channel.schema == events.IMAGE_SCHEMA:
-            image = events.decode_image(message.data)
+        if message.channel.schema == IMAGE_SCHEMA:
+            image = decode_image(message.data)
             pixels = store.pixels(image)
             if pixels is not None:
                 yield Image(

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V1, V2, Cut, FrameCounts, StreamFramer
-from aerodft.adapters.wire import bounded_json
+from aerodft.adapters.wire.payload import load_bounded_json
 from aerodft.model import IntArray
 from replay.foreign.kinds import JSON, ROS1, type_of
 from replay.foreign.ros_fields import Fields
@@ -155,7 +155,7 @@ class FrameReader:
         return data
 
     def _of_json(self, data: bytes) -> bytes:
-        item = bounded_json.loads(data)
+        item = load_bounded_json(data)
         if isinstance(item, dict) and isinstance(item.get("message"), dict):
             return self._packer.pack(item)
         return b"".join(_bytes_in(item, _DEPTH))

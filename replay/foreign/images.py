@@ -13,8 +13,7 @@ from google.protobuf.message import DecodeError
 
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
-from aerodft.adapters.wire import bounded_json
-from aerodft.adapters.wire.payload import LATEST_NS
+from aerodft.adapters.wire.payload import LATEST_NS, MOST_PICTURE_BYTES, load_bounded_json
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Camera, LensModel
 from replay.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
@@ -86,7 +85,7 @@ def _of_protobuf(channel: Channel, data: bytes) -> Picture:
 
 def _of_json(data: bytes) -> Picture:
     try:
-        item = bounded_json.loads(data, bounded_json.MOST_PICTURE_BYTES)
+        item = load_bounded_json(data, MOST_PICTURE_BYTES)
         header = item.get("header") or {}
         stamp = item.get("timestamp") or header.get("stamp")
         return _picture(json_stamp_ns(stamp), base64.b64decode(item["data"], validate=True), item.get("format", ""))
@@ -145,7 +144,7 @@ def _values(channel: Channel, data: bytes) -> tuple[Any, ...]:
         message = CameraCalibration.FromString(data)
         return message.width, message.height, message.distortion_model, message.D[:_MOST], message.K[:_MOST]
     if channel.encoding == JSON:
-        item = bounded_json.loads(data)
+        item = load_bounded_json(data)
         matrix = item.get("K") or item.get("k") or []
         return item["width"], item["height"], item.get("distortion_model", ""), item.get("D") or item.get("d"), matrix
     fields = Fields(data, is_ros1=channel.encoding == ROS1)

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ReadMessage, SegmentScan, content_bytes
 from aerodft.adapters.recording.read import Wanted as ChannelWanted
-from aerodft.adapters.wire import events
+from aerodft.adapters.wire.events import IMAGE_SCHEMA
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
 from replay.recordings import Recording, channels_of, in_time, messages_of, nearly_sorted
@@ -45,7 +45,7 @@ def name_of(recording: AnyRecording) -> str:
 def is_image_mark(recording: AnyRecording, channel: Channel) -> bool:
     """Whether a channel has a recording's images, or their stamps."""
     if isinstance(recording, Recording):
-        return channel.schema == events.IMAGE_SCHEMA
+        return channel.schema == IMAGE_SCHEMA
     return channel.topic == recording.images
 
 

@@ -23,10 +23,13 @@ from aerodft.adapters.images import FramePixels, PacketDecoder, encode_jpeg
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ReadMessage
 from aerodft.adapters.telemetry.mavlink import V1, V2, Transport
-from aerodft.adapters.wire import bounded_json, estimate, events, height, measurement, pose, status
-from aerodft.adapters.wire import camera_motion as steadiness
-from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, encode_image
 from aerodft.adapters.wire.keys import Keys, key_part
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
+from aerodft.adapters.wire.payload import Json, load_bounded_json, load_payload
+from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
+from aerodft.adapters.wire.status import STATUS_SCHEMA
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Image, StampClock, WireProtocol
@@ -44,7 +47,7 @@ from replay.foreign import (
     read_picture,
 )
 from replay.player.merged_timeline import AnyRecording, Item, name_of
-from replay.recordings import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording, channels_of, jpeg_of
+from replay.recordings import JPEG_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording, channels_of, jpeg_of
 
 Shift = Callable[[bytes, int], bytes]
 _STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d{1,20})(")')
@@ -119,7 +122,7 @@ def _shift_message(message: Message, shift_ns: int) -> None:
 
 def _shift_json(data: bytes, shift_ns: int) -> bytes:
     try:
-        return shifted(orjson.dumps(_moved(bounded_json.loads(data), shift_ns)), shift_ns)
+        return shifted(orjson.dumps(_moved(load_bounded_json(data), shift_ns)), shift_ns)
     except (ValueError, TypeError, RecursionError):  # no JSON, or values beyond what it can hold once they are moved
         return data
 
@@ -161,18 +164,18 @@ def _ros_shift(channel: Channel) -> Shift | None:
 
 _PUBLISHED: Final = frozenset(
     {
-        measurement.SCHEMA,
-        measurement.IMAGE_SCHEMA,
-        pose.SCHEMA,
-        status.SCHEMA,
-        height.SCHEMA,
-        estimate.SCHEMA,
-        steadiness.SCHEMA,
+        MEASUREMENT_SCHEMA,
+        MEASUREMENTS_SCHEMA,
+        POSE_SCHEMA,
+        STATUS_SCHEMA,
+        HEIGHT_SWITCH_SCHEMA,
+        CALIBRATION_SCHEMA,
+        CAMERA_MOTION_SCHEMA,
     }
 )
 _POLL_S: Final = 0.02
 _MOST_NAMED: Final = 10  # topics
-_STAMPED: Final = (_PUBLISHED | {events.IMAGE_SCHEMA}) - {measurement.IMAGE_SCHEMA}
+_STAMPED: Final = (_PUBLISHED | {IMAGE_SCHEMA}) - {MEASUREMENTS_SCHEMA}
 _ENCODINGS: Final = {
     JSON: zenoh.Encoding.APPLICATION_JSON,
     PROTOBUF: zenoh.Encoding.APPLICATION_PROTOBUF,
@@ -264,10 +267,10 @@ class Republisher:
         message, keys = item.message, keys_of(item.recording)
         schema = message.channel.schema
         if schema in _STAMPED:
-            wire.load(message.data, schema, _stamp_of)  # refuses what is none
-        if schema == events.IMAGE_SCHEMA:
+            load_payload(message.data, schema, _stamp_of)  # refuses what is none
+        if schema == IMAGE_SCHEMA:
             self._image_stamps[id(item.recording)] = (message.sequence, shifted(message.data, shift_ns))
-        elif schema == IMAGE_SCHEMA:
+        elif schema == JPEG_SCHEMA:
             sequence, stamps = self._image_stamps.get(id(item.recording), (None, None))
             self._put_jpeg(keys.image, jpeg_of(message.data), stamps if sequence == message.sequence else None)
         elif schema == VIDEO_SCHEMA:
@@ -275,13 +278,13 @@ class Republisher:
             sequence, stamps = self._image_stamps.get(id(item.recording), (None, None))
             if still is not None and sequence == message.sequence:
                 self._put_jpeg(keys.image, still, stamps)
-        elif schema == measurement.IMAGE_SCHEMA:
-            for name, payload in measurement.split_measurements(message.data):
+        elif schema == MEASUREMENTS_SCHEMA:
+            for name, payload in split_measurements(message.data):
                 self._put_json(keys.measurement(name), shifted(payload, shift_ns))
                 self.published.measurements += 1
         elif schema in _PUBLISHED:
             self._put_json(message.channel.topic, shifted(message.data, shift_ns))
-            is_measurement = schema == measurement.SCHEMA
+            is_measurement = schema == MEASUREMENT_SCHEMA
             self.published.measurements += is_measurement
             self.published.others += not is_measurement
 
@@ -315,7 +318,7 @@ class Republisher:
             index=item.message.sequence, stamp_ns=stamp_ns, arrival_ns=item.log_ns + shift_ns, clock=StampClock.HOST
         )
         if picture.data.startswith(b"\xff\xd8"):
-            self._put_jpeg(keys_of(item.recording).image, picture.data, events.encode_image(image))
+            self._put_jpeg(keys_of(item.recording).image, picture.data, encode_image(image))
 
     def _shift(self, channel: Channel) -> Shift | None:
         if channel.topic not in self._shifts:
@@ -334,7 +337,7 @@ class Republisher:
         self.published.images += 1
 
 
-def _stamp_of(payload: wire.Json) -> int:
+def _stamp_of(payload: Json) -> int:
     return int(payload["stamp_ns"])
 
 

@@ -13,7 +13,7 @@ from aerodft.adapters.recording.read import ChunkPlace, ChunkReader, ReadMessage
 from aerodft.adapters.recording.write import image_sequence
 from aerodft.errors import InputError
 from aerodft.model import Image, ImageArray
-from replay.recordings.recording import IMAGE_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.recordings.recording import JPEG_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
 from replay.recordings.segments import channels_of
 
 
@@ -56,7 +56,7 @@ class RecordedPixels:
         where = f"{self.place.path}, image at {self.log_ns} ns"
         for message in _messages_at(self.segment, self.place):
             found = message.log_ns == self.log_ns and message.sequence == self.sequence
-            if found and message.channel.schema == IMAGE_SCHEMA:
+            if found and message.channel.schema == JPEG_SCHEMA:
                 return decode_jpeg(jpeg_of(message.data), where, self.most_px)
         raise InputError("the recorded image is gone", where=where)
 

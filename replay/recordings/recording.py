@@ -10,7 +10,7 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ChunkTable, ReadMessage, SegmentScan, Wanted, scan_segment
-from aerodft.adapters.wire import measurement
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError, located
 from aerodft.version import SOFTWARE
@@ -19,10 +19,10 @@ from replay.recordings.segments import is_mcap, messages_of, numbered, tables_of
 _SHOWN = 3
 _MOST_TEXT_BYTES = 4 << 20  # as of one that a file carries
 _OWN = "aerodft."
-IMAGE_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
+JPEG_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
 VIDEO_SCHEMA = str(CompressedVideo.DESCRIPTOR.full_name)
-PICTURE_SCHEMAS = frozenset({IMAGE_SCHEMA, VIDEO_SCHEMA})
-_MEASURED = frozenset({measurement.SCHEMA, measurement.IMAGE_SCHEMA})
+PICTURE_SCHEMAS = frozenset({JPEG_SCHEMA, VIDEO_SCHEMA})
+_MEASURED = frozenset({MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA})
 
 _log = logging.getLogger(__name__)
 
@@ -138,11 +138,11 @@ class Recording:
             InputError: Some of them cannot be told apart.
         """
         for message in self.messages(wanted=lambda channel: channel.schema in _MEASURED):
-            if message.channel.schema == measurement.SCHEMA:
+            if message.channel.schema == MEASUREMENT_SCHEMA:
                 yield message.data
             else:
                 with located(self.folder):
-                    payloads = measurement.split_measurements(message.data)
+                    payloads = split_measurements(message.data)
                 yield from (payload for _, payload in payloads)
 
 

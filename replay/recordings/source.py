@@ -9,7 +9,7 @@ import numpy as np
 
 from aerodft.adapters.recording import SENDER_KEY, Channel
 from aerodft.adapters.recording.read import ChunkTable, is_one_of
-from aerodft.adapters.wire import events
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_images, decode_observations
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
@@ -18,7 +18,7 @@ from aerodft.service import first_arrival_ns
 from replay.recordings.pixels import PixelStore
 from replay.recordings.recording import Recording
 
-_INPUTS = frozenset({events.IMAGE_SCHEMA, events.OBSERVATION_SCHEMA})
+_INPUTS = frozenset({IMAGE_SCHEMA, OBSERVATION_SCHEMA})
 _LEAST_SHARE = 0.25  # of a chunk
 _TOGETHER: Final = 256  # images: spans of ticks are bounded by them
 _PROTOCOLS = frozenset(protocol.value for protocol in WireProtocol)
@@ -59,8 +59,8 @@ class RecordingSource:
         self._to_ns = to_ns
         self._pixels = PixelStore(recording) if pixels else None
         self._decoders: dict[str, Callable[[Sequence[bytes]], Sequence[_Subject]]] = {
-            events.IMAGE_SCHEMA: self._images,
-            events.OBSERVATION_SCHEMA: events.decode_observations,
+            IMAGE_SCHEMA: self._images,
+            OBSERVATION_SCHEMA: decode_observations,
         }
 
     def events(self) -> Iterator[Event]:
@@ -130,7 +130,7 @@ class RecordingSource:
         )
 
     def _images(self, data: Sequence[bytes]) -> Sequence[Image]:
-        images, pixels = events.decode_images(data), self._pixels
+        images, pixels = decode_images(data), self._pixels
         if pixels is None:
             return images
         return [replace(image, pixels=pixels.pixels(image)) for image in images]

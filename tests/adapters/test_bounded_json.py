@@ -5,16 +5,16 @@ import tracemalloc
 import orjson
 import pytest
 
-from aerodft.adapters.wire.bounded_json import MOST_JSON_BYTES, MOST_PICTURE_BYTES, loads
-from aerodft.adapters.wire.measurement import IMAGE_SCHEMA, split_measurements
+from aerodft.adapters.wire.measurement import MEASUREMENTS_SCHEMA, split_measurements
+from aerodft.adapters.wire.payload import MOST_JSON_BYTES, MOST_PICTURE_BYTES, load_bounded_json
 from aerodft.errors import InputError
 
 
 def test_it_reads_what_the_library_reads() -> None:
     text = orjson.dumps({"a": [1.5, None, "x, y"], "b": {"c": [True] * 1000}})
-    assert loads(text) == orjson.loads(text)
+    assert load_bounded_json(text) == orjson.loads(text)
     with pytest.raises(orjson.JSONDecodeError):
-        loads(text[:-1])
+        load_bounded_json(text[:-1])
 
 
 @pytest.mark.parametrize("one", [b"[]", b"{}", b'{"a":{}}', b"1.5", b"12345678901", b'"\xf0\x9f\x9a\x81"'])
@@ -24,21 +24,21 @@ def test_no_text_takes_more_than_some_dozen_megabytes(one: bytes) -> None:
     text = b"[" + b",".join([one] * count) + b"]"
     tracemalloc.start()
     try:
-        found = loads(text)
+        found = load_bounded_json(text)
         taken_mb = tracemalloc.get_traced_memory()[1] / 1e6
     finally:
         tracemalloc.stop()
     assert len(found) == count
     assert taken_mb < 90
     with pytest.raises(orjson.JSONDecodeError, match="more than"):
-        loads(text[:-1] + b"," + one * 10 + b"," + one + b"]" + b" " * (MOST_JSON_BYTES - len(text)))
+        load_bounded_json(text[:-1] + b"," + one * 10 + b"," + one + b"]" + b" " * (MOST_JSON_BYTES - len(text)))
 
 
 def test_an_image_as_text_may_be_longer() -> None:
     text = orjson.dumps("A" * (2 * MOST_JSON_BYTES))
-    assert len(loads(text, MOST_PICTURE_BYTES)) == 2 * MOST_JSON_BYTES
+    assert len(load_bounded_json(text, MOST_PICTURE_BYTES)) == 2 * MOST_JSON_BYTES
     with pytest.raises(orjson.JSONDecodeError, match="more than 4 MB"):
-        loads(text)
+        load_bounded_json(text)
 
 
 def test_what_measurements_share_is_not_written_out_for_too_many() -> None:
@@ -46,7 +46,7 @@ def test_what_measurements_share_is_not_written_out_for_too_many() -> None:
 
     def payload(shared_bytes: int, count: int) -> bytes:
         measured = [{"name": f"{k}"} for k in range(count)]
-        return orjson.dumps({"schema": IMAGE_SCHEMA, "pose": "x" * shared_bytes, "measurements": measured})
+        return orjson.dumps({"schema": MEASUREMENTS_SCHEMA, "pose": "x" * shared_bytes, "measurements": measured})
 
     found = split_measurements(payload(1000, 2000))
     assert [orjson.loads(data)["name"] for _, data in found] == [f"{k}" for k in range(2000)]

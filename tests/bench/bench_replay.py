@@ -19,8 +19,8 @@ from mcap.writer import CompressionType, Writer
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from aerodft.adapters.bus import session_on
-from aerodft.adapters.wire import events, measurement
-from aerodft.adapters.wire.measurement import encode_measurement
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, encode_image
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, encode_measurement
 from aerodft.geometry import camera_attitude
 from aerodft.model import Image, Measurement, Pose, PoseSample, ProbeKind, ProjectionModel, Status
 from replay.player import Player, Republisher, is_published, timeline
@@ -67,8 +67,8 @@ def _write(folder: Path, megabytes: int) -> int:
         def channel(topic: str, schema: str) -> int:
             return writer.register_channel(topic, "json", writer.register_schema(schema, "jsonschema", b"{}"))
 
-        measured = channel("aerodft/s/measurement/w", measurement.SCHEMA)
-        images = channel("aerodft/s/image", events.IMAGE_SCHEMA)
+        measured = channel("aerodft/s/measurement/w", MEASUREMENT_SCHEMA)
+        images = channel("aerodft/s/image", IMAGE_SCHEMA)
         frames = writer.register_channel("mavlink", "mavlink", 0)
         count = 0
         while file.tell() < megabytes << 20:
@@ -77,7 +77,7 @@ def _write(folder: Path, megabytes: int) -> int:
             writer.add_message(frames, at_ns, noise[start : start + FRAME_BYTES], at_ns)
             writer.add_message(measured, at_ns, payload, at_ns)
             if count % 40 == 0:
-                image = events.encode_image(Image(index=count, stamp_ns=at_ns, arrival_ns=at_ns))
+                image = encode_image(Image(index=count, stamp_ns=at_ns, arrival_ns=at_ns))
                 writer.add_message(images, at_ns, image, at_ns, count)
             count += 1
         writer.finish()

@@ -74,7 +74,7 @@ def test_both_banks_of_a_width_are_in_its_row(aerodft, flight_recording):
 def test_an_area_is_a_closed_counterclockwise_polygon(flight_recording):
     item = orjson.loads(next(Recording(flight_recording).measurements()))
     corners = [(-35.0, 149.0), (-34.9, 149.0), (-34.9, 149.1)]  # north, then east: clockwise
-    item |= {"kind": "area", "geo": [{"lat": lat, "lon": lon, "alt_msl_m": 5.0} for lat, lon in corners]}
+    item |= {"kind": "area", "geo": [{"lat_deg": lat, "lon_deg": lon, "alt_msl_m": 5.0} for lat, lon in corners]}
     payload = orjson.dumps(item)
     document = orjson.loads("".join(export_text([payload], ExportFormat.GEOJSON)))
     geometry = document["features"][0]["geometry"]
@@ -86,9 +86,9 @@ def test_an_area_is_a_closed_counterclockwise_polygon(flight_recording):
 
 
 def test_a_point_without_an_altitude_makes_all_flat():
-    geo = [{"lat": 1.0, "lon": 2.0, "alt_msl_m": 3.0}, {"lat": 4.0, "lon": 5.0, "alt_msl_m": None}]
+    geo = [{"lat_deg": 1.0, "lon_deg": 2.0, "alt_msl_m": 3.0}, {"lat_deg": 4.0, "lon_deg": 5.0, "alt_msl_m": None}]
     assert positions(geo, "distance") == [[2.0, 1.0], [5.0, 4.0]]
-    assert positions([geo[0] | {"lat": None}], "position") is None
+    assert positions([geo[0] | {"lat_deg": None}], "position") is None
 
 
 @pytest.mark.parametrize("form", ["csv", "geojson", "jsonl", "parquet"])

@@ -113,7 +113,7 @@ def test_labels_say_value_and_interval_or_why_there_is_none():
     assert label_of(an_item(status="NO_HEIGHT", value=None, ci95=None)) == "width  NO_HEIGHT"
     ellipse = {"semi_major_m": 4.21, "semi_minor_m": 2.0, "azimuth_deg": 3.0}
     place = an_item(
-        value=None, ci95=None, ellipse95=ellipse, geo=[{"lat": -35.3634121, "lon": 149.165, "alt_msl_m": None}]
+        value=None, ci95=None, ellipse95=ellipse, geo=[{"lat_deg": -35.3634121, "lon_deg": 149.165, "alt_msl_m": None}]
     )
     assert label_of(place) == "width  -35.363412°, 149.165000°  ± 4.2 m"
 

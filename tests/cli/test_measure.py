@@ -151,9 +151,9 @@ def test_latitude_and_longitude_put_it_on_the_map(aerodft, lens):
     (point,) = found.json
     away_m = 50 * math.tan(math.radians(40))
     lon, lat, _ = Geod(ellps="WGS84").fwd(149.16, -35.36, 120.0, away_m)
-    assert_allclose([point["geo"][0]["lat"], point["geo"][0]["lon"]], [lat, lon], atol=1e-8)
+    assert_allclose([point["geo"][0]["lat_deg"], point["geo"][0]["lon_deg"]], [lat, lon], atol=1e-8)
     assert_allclose(point["enu_m"][0][:2], [away_m * math.sin(2 * math.pi / 3), away_m * math.cos(2 * math.pi / 3)])
-    assert point["pose"]["lat"] == pytest.approx(-35.36)
+    assert point["pose"]["lat_deg"] == pytest.approx(-35.36)
 
 
 def test_every_answer_follows_the_published_schema(aerodft, lens):

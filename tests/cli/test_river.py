@@ -62,7 +62,7 @@ def test_widths_are_those_of_the_river(river, shot, tmp_path):
     assert set(rows[0]) == set(COLUMNS)
     row, each = next((row, each) for row, each in zip(rows, document["transects"], strict=True) if row["width_m"])
     assert [float(row[name]) for name in ("std_m", "ci95_low_m", "ci95_high_m", "wetted_m", "left_u", "right_lat")] == [
-        each["std"], *each["ci95"], each["wetted_m"], each["left"][0], each["geo"][1]["lat"],
+        each["std"], *each["ci95"], each["wetted_m"], each["left"][0], each["geo"][1]["lat_deg"],
     ]  # fmt: skip
     assert (row["images"], row["scatter_m"]) == ("1", "")
 

@@ -62,7 +62,10 @@ def measured(flight, aerodft, tmp_path_factory):
 
 def true_width(scenario, transect):
     """The river's width along a transect's own line."""
-    ends = [east_north(scenario.world.origin, math.radians(p["lat"]), math.radians(p["lon"])) for p in transect["geo"]]
+    ends = [
+        east_north(scenario.world.origin, math.radians(p["lat_deg"]), math.radians(p["lon_deg"]))
+        for p in transect["geo"]
+    ]
     left, right = map(np.asarray, ends)
     middle, unit = (left + right) / 2, (left - right) / np.linalg.norm(left - right)
     ((to_left, to_right),) = true_crossing(scenario.world.river, middle[None], unit[None])
@@ -96,7 +99,7 @@ def test_stamps_that_are_not_the_telemetry_s_are_suspected(ratio, remarks, is_su
 def test_left_is_left_looking_downstream_and_files_say_what_the_document_says(measured):
     document, folder = measured
     used = [each for each in document["transects"] if each["status"] == "ok"]
-    assert all(each["geo"][0]["lat"] > each["geo"][1]["lat"] for each in used)  # it flows east
+    assert all(each["geo"][0]["lat_deg"] > each["geo"][1]["lat_deg"] for each in used)  # it flows east
     assert json.loads((folder / "result.json").read_text())["width_m"] == document["width_m"]
     rows = list(csv.DictReader((folder / "transects.csv").read_text().splitlines()))
     assert [float(row["width_m"]) for row in rows if row["status"] == "ok"] == [each["width_m"] for each in used]

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pyproj import Geod
 
-from aerodft.adapters.wire.pose import SCHEMA
+from aerodft.adapters.wire.pose import POSE_SCHEMA
 from aerodft.app.assembly import pipeline
 from aerodft.model import Status
 from replay.recordings import Recording
@@ -133,7 +133,7 @@ def measured(folder, name):
 
 
 def poses(folder):
-    return [decode_pose(m.data) for m in Recording(folder).messages() if m.channel.schema == SCHEMA]
+    return [decode_pose(m.data) for m in Recording(folder).messages() if m.channel.schema == POSE_SCHEMA]
 
 
 def boot_ms(document):

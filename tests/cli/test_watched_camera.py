@@ -13,13 +13,13 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.wire import camera_motion as steadiness
+from aerodft.adapters.wire.estimates import CAMERA_MOTION_SCHEMA
 from aerodft.dft import Request, Setup
 from aerodft.geometry import camera_pose, from_rotation_vector, inverse, multiply
 from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
 from replay.recordings import Recording
 from tests.one_image import measure
-from tests.payloads import decode_steadiness
+from tests.payloads import decode_camera_motion
 
 BRIDGE = Path(__file__).parents[2] / "configs/calibration/bridge.jpg"
 CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=790.0, fy_px=802.0, cx_px=484.0, cy_px=262.0)
@@ -123,8 +123,8 @@ def test_the_summary_says_what_happened(imported):
 
 
 def test_what_was_estimated_is_recorded(imported):
-    messages = [each for each in Recording(imported[1]).messages() if each.channel.schema == steadiness.SCHEMA]
-    estimates = [decode_steadiness(each.data) for each in messages]
+    messages = [each for each in Recording(imported[1]).messages() if each.channel.schema == CAMERA_MOTION_SCHEMA]
+    estimates = [decode_camera_motion(each.data) for each in messages]
     assert len(estimates) == LENGTH
     off = [np.array(each.turn_rad) + TURN for each in estimates[BUMPED + 2 :]]
     stds = [np.array(each.std_rad) for each in estimates[BUMPED + 2 :]]

@@ -66,7 +66,7 @@ def test_it_says_so_and_carries_on_with_the_right_numbers(served):
 
 def test_the_bus_has_the_status_and_the_turn(served):
     statuses = [orjson.loads(payload) for key, payload in served[1] if key == "aerodft/bridge/status"]
-    turns = [orjson.loads(payload) for key, payload in served[1] if key == "aerodft/bridge/steadiness"]
+    turns = [orjson.loads(payload) for key, payload in served[1] if key == "aerodft/bridge/camera_motion"]
     assert "CAMERA_MOVED" in orjson.dumps(statuses[-1]).decode()
     assert "CAMERA_MOVED" not in orjson.dumps(statuses[0]).decode()
     turned = np.array([turns[-1]["turn"][axis]["value"] for axis in ("tilt_deg", "pan_deg", "roll_deg")])

@@ -6,7 +6,8 @@ from pathlib import Path
 import orjson
 import pytest
 
-from aerodft.adapters.wire import events, measurement
+from aerodft.adapters.wire.events import OBSERVATION_SCHEMA
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA
 from aerodft.errors import InputError
 from replay.compare.probe_series import _row_of_payload
 from replay.export import parsed, row_of
@@ -54,21 +55,21 @@ def test_all_that_was_recorded_is_taken() -> None:
         ("pixels", "text"),
         ("pixels", [1e308]),
         ("pixels", [[1.0, 2.0, 3.0]]),
-        ("geo.0.lon", 1e308),
-        ("geo.0.lat", 91.0),
+        ("geo.0.lon_deg", 1e308),
+        ("geo.0.lat_deg", 91.0),
         ("std", 1e308),
         ("image", 1.5),
     ],
 )
 def test_no_measurement(way: str, value: object) -> None:
-    payload = changed(one(measurement.SCHEMA), way, value)
+    payload = changed(one(MEASUREMENT_SCHEMA), way, value)
     with pytest.raises(InputError, match="a recorded measurement is none"):
         row_of(parsed(payload))
 
 
 @pytest.mark.parametrize(("way", "value"), [("name", 7), ("name", None), ("value", 1e308), ("unit", {})])
 def test_no_measurement_to_compare(way: str, value: object) -> None:
-    payload = changed(one(measurement.SCHEMA), way, value)
+    payload = changed(one(MEASUREMENT_SCHEMA), way, value)
     with pytest.raises(InputError, match="none"):
         _row_of_payload(payload, FROZEN)
 
@@ -90,7 +91,7 @@ def test_no_measurement_to_compare(way: str, value: object) -> None:
     ],
 )
 def test_no_observation(way: str, value: object) -> None:
-    payload = one(events.OBSERVATION_SCHEMA)
+    payload = one(OBSERVATION_SCHEMA)
     assert decode_observation(payload).name
     with pytest.raises(InputError, match="incomplete or wrong"):
         decode_observation(changed(payload, way, value))

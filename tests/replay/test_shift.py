@@ -17,11 +17,11 @@ STAMP_NS, HOUR_NS = 1_795_221_278_868_833_001, 3_600_000_000_000
 
 def test_every_stamp_of_ours_is_moved_and_all_else_is_the_same_to_the_byte() -> None:
     payload = (
-        b'{"schema":"aerodft.steadiness/1","stamp_ns":"%d","since_ns":"%d","moved_ns":null,"wait_ns":"5","n":1.50,'
+        b'{"schema":"aerodft.camera_motion/1","stamp_ns":"%d","since_ns":"%d","moved_ns":null,"wait_ns":"5","n":1.50,'
         b'"reasons":["turned by 0.31 deg since 2026-11-21T00:34:38Z, at 2026-11-21T23:34:38.250Z"]}'
     ) % (STAMP_NS, STAMP_NS - 7)
     assert shifted(payload, HOUR_NS) == (
-        b'{"schema":"aerodft.steadiness/1","stamp_ns":"%d","since_ns":"%d","moved_ns":null,"wait_ns":"5","n":1.50,'
+        b'{"schema":"aerodft.camera_motion/1","stamp_ns":"%d","since_ns":"%d","moved_ns":null,"wait_ns":"5","n":1.50,'
         b'"reasons":["turned by 0.31 deg since 2026-11-21T01:34:38Z, at 2026-11-22T00:34:38.250Z"]}'
     ) % (STAMP_NS + HOUR_NS, STAMP_NS - 7 + HOUR_NS)
     assert shifted(shifted(payload, HOUR_NS), -HOUR_NS) == payload
@@ -31,7 +31,7 @@ def test_every_stamp_of_ours_is_moved_and_all_else_is_the_same_to_the_byte() -> 
 
 
 @pytest.mark.parametrize(
-    "schema", ["measurement/1", "pose/1", "status/1", "image/1", "steadiness/1", "height_switch/1", "observation/1"]
+    "schema", ["measurement/1", "pose/1", "status/1", "image/1", "camera_motion/1", "height_switch/1", "observation/1"]
 )
 def test_no_schema_has_a_stamp_that_would_stay(schema: str) -> None:
     names = set[str]()

@@ -14,7 +14,7 @@ import pytest
 from mcap.writer import Writer
 
 from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
-from aerodft.adapters.wire.measurement import SCHEMA, encode_measurement
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, encode_measurement
 from aerodft.adapters.wire.schemas import schema_text
 from aerodft.cli.main import main
 from aerodft.errors import InputError
@@ -216,7 +216,7 @@ def recorded_before(folder: Path, payloads: list[bytes]) -> Path:
     with (folder / "data_000.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start(profile="x-aerodft", library="aerodft 0.1.0")
-        schema = writer.register_schema(SCHEMA, "jsonschema", schema_text(SCHEMA))
+        schema = writer.register_schema(MEASUREMENT_SCHEMA, "jsonschema", schema_text(MEASUREMENT_SCHEMA))
         channels: dict[bytes, int] = {}
         for at_ns, payload in enumerate(payloads, start=1):
             name = payload.split(b'"', 8)[7]

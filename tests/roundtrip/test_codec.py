@@ -12,10 +12,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.wire import events, measurement, pose, schemas, status
-from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.measurement import encode_measurement
-from aerodft.adapters.wire.pose import camera_angles_deg
+from aerodft.adapters.wire.events import (
+    IMAGE_SCHEMA,
+    OBSERVATION_SCHEMA,
+    decode_image,
+    decode_images,
+    encode_image,
+    encode_observation,
+)
+from aerodft.adapters.wire.measurement import (
+    MEASUREMENT_SCHEMA,
+    MEASUREMENTS_SCHEMA,
+    encode_batch,
+    encode_measurement,
+    encode_measurements,
+    split_measurements,
+)
+from aerodft.adapters.wire.payload import DEGREES_RTOL
+from aerodft.adapters.wire.pose import POSE_SCHEMA, camera_angles_deg
+from aerodft.adapters.wire.schemas import SCHEMAS, schema_text
+from aerodft.adapters.wire.status import STATES, STATUS_SCHEMA, StationStatus, encode_status
 from aerodft.errors import InputError
 from aerodft.geometry import camera_angles, camera_attitude
 from aerodft.model import (
@@ -157,26 +173,26 @@ def assert_same(got: object, want: object, path: str = "") -> None:
         for index, (one, other) in enumerate(zip(got, want, strict=True)):
             assert_same(one, other, f"{path}[{index}]")
     elif path.endswith("_rad") and want is not None:
-        assert got == pytest.approx(want, rel=wire.DEGREES_RTOL, abs=1e-300), path
+        assert got == pytest.approx(want, rel=DEGREES_RTOL, abs=1e-300), path
     else:
         assert got == want, path
 
 
 def check(name: str, payload: bytes) -> None:
-    Draft202012Validator(schemas.SCHEMAS[name]).validate(orjson.loads(payload))
+    Draft202012Validator(SCHEMAS[name]).validate(orjson.loads(payload))
 
 
 @given(samples)
 def test_a_pose_comes_back(sample: PoseSample) -> None:
     payload = encode_pose(sample)
-    check(pose.SCHEMA, payload)
+    check(POSE_SCHEMA, payload)
     assert_same(decode_pose(payload), sample)
 
 
 @given(measurements)
 def test_a_measurement_comes_back_with_the_pose_that_the_wire_shows(value: Measurement) -> None:
     payload = encode_measurement(value)
-    check(measurement.SCHEMA, payload)
+    check(MEASUREMENT_SCHEMA, payload)
     got = decode_measurement(payload)
     shown = value.pose
     assert_same(replace(got, pose=shown), value)
@@ -193,30 +209,28 @@ def test_a_measurement_comes_back_with_the_pose_that_the_wire_shows(value: Measu
 
 @given(images)
 def test_an_image_comes_back_exactly(image: Image) -> None:
-    payload = events.encode_image(image)
-    check(events.IMAGE_SCHEMA, payload)
-    assert_same(events.decode_image(payload), image)
+    payload = encode_image(image)
+    check(IMAGE_SCHEMA, payload)
+    assert_same(decode_image(payload), image)
 
 
 @given(observations)
 def test_an_observation_comes_back_exactly(observation: Observation) -> None:
-    payload = events.encode_observation(observation)
-    check(events.OBSERVATION_SCHEMA, payload)
+    payload = encode_observation(observation)
+    check(OBSERVATION_SCHEMA, payload)
     assert decode_observation(payload) == observation
 
 
 totals = st.dictionaries(text, st.integers(0, 2**53), max_size=3)
 
 
-@given(totals, totals, st.sampled_from(status.STATES), stamp)
+@given(totals, totals, st.sampled_from(STATES), stamp)
 def test_a_status_comes_back_exactly(
     counts: dict[str, int], rejected: dict[str, int], state: str, stamp_ns: int
 ) -> None:
-    value = status.StationStatus(
-        station="s", stamp_ns=stamp_ns, state=state, text="t", counts=counts, rejected=rejected
-    )
-    payload = status.encode_status(value)
-    check(status.SCHEMA, payload)
+    value = StationStatus(station="s", stamp_ns=stamp_ns, state=state, text="t", counts=counts, rejected=rejected)
+    payload = encode_status(value)
+    check(STATUS_SCHEMA, payload)
     assert decode_status(payload) == value
 
 
@@ -257,14 +271,14 @@ def a_measurement(**changes: Any) -> Measurement:
 def test_what_is_not_finite_is_null_and_never_nan() -> None:
     value = a_measurement(value=math.nan, std=math.inf, ci95=(-math.inf, math.inf), ground_m=((math.nan, 1.0, 0.0),))
     payload = encode_measurement(value)
-    check(measurement.SCHEMA, payload)
+    check(MEASUREMENT_SCHEMA, payload)
     got = orjson.loads(payload)
     assert (got["value"], got["std"], got["ci95"], got["ground_m"]) == (None, None, [None, None], [[None, 1.0, 0.0]])
     sample = PoseSample(
         stamp_ns=1, status=Status.OK, pose=Pose(position_enu_m=np.full(3, np.nan), wxyz=np.array([1.0, 0, 0, 0]))
     )
     payload = encode_pose(sample)
-    check(pose.SCHEMA, payload)
+    check(POSE_SCHEMA, payload)
     assert orjson.loads(payload)["position_enu_m"] == [None, None, None]
 
 
@@ -275,14 +289,15 @@ def test_the_wire_form_is_the_one_that_the_design_shows() -> None:
         " range_m stamp_ns image model camera calibration config software pose"
     )
     assert " ".join(got["pose"]) == (
-        "height_agl_m height_source height_datum height_age_s tilt_deg roll_deg heading_deg lat lon telemetry_age_s std"
+        "height_agl_m height_source height_datum height_age_s tilt_deg roll_deg heading_deg lat_deg lon_deg"
+        " telemetry_age_s std"
     )
     assert got["stamp_ns"] == "1795221278868833000"
     assert got["status"] == "ok"
 
 
 def test_a_list_of_measurements_is_one_json_list() -> None:
-    payload = measurement.encode_measurements([a_measurement(name="a"), a_measurement(name="b")])
+    payload = encode_measurements([a_measurement(name="a"), a_measurement(name="b")])
     assert [item["name"] for item in orjson.loads(payload)] == ["a", "b"]
 
 
@@ -291,35 +306,35 @@ def test_an_images_record_has_all_of_its_measurements_byte_by_byte() -> None:
     values = [a_measurement(name=f"m/{k}", value=0.1 * k) for k in range(3)]
     values.append(a_measurement(name="lost", status=Status.STALE_TELEMETRY, value=None, geo=None, reasons=("old",)))
     values.append(a_measurement(name="far", std=math.inf, ci95=(0.0, math.inf), ground_m=((math.nan, -0.0, 1e-300),)))
-    record = measurement.encode_batch(measurement_batch([values])).text(0)
-    check(measurement.IMAGE_SCHEMA, record)
+    record = encode_batch(measurement_batch([values])).text(0)
+    check(MEASUREMENTS_SCHEMA, record)
     single = list(map(encode_measurement, values))
-    assert [payload for _, payload in measurement.split_measurements(record)] == single
-    assert [name for name, _ in measurement.split_measurements(record)] == ["m/0", "m/1", "m/2", "lost", "far"]
+    assert [payload for _, payload in split_measurements(record)] == single
+    assert [name for name, _ in split_measurements(record)] == ["m/0", "m/1", "m/2", "lost", "far"]
     assert len(record) < 0.7 * sum(map(len, single))
 
 
 @pytest.mark.parametrize("payload", [b"{}", b"[]", b'{"schema": "aerodft.measurements/1", "measurements": [{}]}'])
 def test_what_is_no_images_record_is_refused(payload: bytes) -> None:
     with pytest.raises(InputError, match=r"aerodft.measurements/1"):
-        measurement.split_measurements(payload)
+        split_measurements(payload)
 
 
 @pytest.mark.parametrize("damage", [b'{"index": 17}', b"{}, {}", b"", b"{", b"[]"])
 def test_many_images_come_back_as_one_by_one_and_a_damaged_one_is_shown(damage: bytes) -> None:
     images = [Image(index=k, stamp_ns=10**18 + k, arrival_ns=2 * k, clock=StampClock.HOST) for k in range(5)]
-    data = [events.encode_image(image) for image in images]
-    assert list(map(events.encode_image, events.decode_images(data))) == data
-    assert events.decode_images([]) == []
+    data = [encode_image(image) for image in images]
+    assert list(map(encode_image, decode_images(data))) == data
+    assert decode_images([]) == []
     with pytest.raises(InputError) as alone:
-        events.decode_image(damage)
+        decode_image(damage)
     with pytest.raises(InputError) as among:
-        events.decode_images([*data[:3], damage, data[4]])
+        decode_images([*data[:3], damage, data[4]])
     assert str(among.value) == str(alone.value)
 
 
-@pytest.mark.parametrize("name", schemas.SCHEMAS)
+@pytest.mark.parametrize("name", SCHEMAS)
 def test_the_published_schema_files_are_the_ones_in_use(name: str) -> None:
-    Draft202012Validator.check_schema(schemas.SCHEMAS[name])
+    Draft202012Validator.check_schema(SCHEMAS[name])
     file_name = name.removeprefix("aerodft.").replace("/", "-") + ".json"
-    assert (SCHEMA_FILES / file_name).read_bytes() == schemas.schema_text(name)
+    assert (SCHEMA_FILES / file_name).read_bytes() == schema_text(name)

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.wire import estimate
-from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, encode_estimate
+from aerodft.adapters.wire.payload import DEGREES_RTOL
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.model import BiasValues, CalibrationEstimate, HeightSource, Innovation
 from tests.payloads import decode_estimate
@@ -53,8 +53,8 @@ estimates = st.builds(
 
 @given(estimates)
 def test_an_estimate_comes_back(value: CalibrationEstimate) -> None:
-    payload = estimate.encode_estimate(value)
-    Draft202012Validator(SCHEMAS[estimate.SCHEMA]).validate(orjson.loads(payload))
+    payload = encode_estimate(value)
+    Draft202012Validator(SCHEMAS[CALIBRATION_SCHEMA]).validate(orjson.loads(payload))
     got = decode_estimate(payload)
     for field in fields(CalibrationEstimate):
         if field.name not in {"bias", "std"}:
@@ -62,12 +62,12 @@ def test_an_estimate_comes_back(value: CalibrationEstimate) -> None:
     for part in ("bias", "std"):
         for field in fields(BiasValues):
             one, other = (getattr(getattr(each, part), field.name) for each in (got, value))
-            assert one == pytest.approx(other, rel=wire.DEGREES_RTOL, abs=1e-300), (part, field.name)
+            assert one == pytest.approx(other, rel=DEGREES_RTOL, abs=1e-300), (part, field.name)
 
 
 def test_whether_a_landmark_was_used_is_on_the_wire() -> None:
     seen = (Innovation(name="a", px=(1.0, 2.0)), Innovation(name="b", reason="it was not there"))
-    payload = estimate.encode_estimate(CalibrationEstimate(stamp_ns=1, calibration=None, innovations=seen))
+    payload = encode_estimate(CalibrationEstimate(stamp_ns=1, calibration=None, innovations=seen))
     got = orjson.loads(payload)["innovations"]
     assert [(each["name"], each["accepted"], each["reason"]) for each in got] == [
         ("a", True, None),

@@ -10,7 +10,8 @@ import orjson
 import pytest
 
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.adapters.wire import estimate, pose
+from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA
+from aerodft.adapters.wire.pose import POSE_SCHEMA
 from aerodft.cli.main import main
 from aerodft.cli.recorded_pose import Overrides, recorded_setup
 from aerodft.conventions import SECOND_NS
@@ -189,16 +190,16 @@ def test_an_imported_flight_with_landmarks_is_computed_anew_to_the_byte(monkeypa
     again = surveyed / "again"
     assert aerodft(monkeypatch, "recompute", recording.folder, "-o", again) == 0
     assert list(Recording(again).measurements()) == list(recording.measurements())
-    estimates = payloads(recording, estimate.SCHEMA)
+    estimates = payloads(recording, CALIBRATION_SCHEMA)
     assert len(estimates) > 25
-    assert payloads(Recording(again), estimate.SCHEMA) == estimates
+    assert payloads(Recording(again), CALIBRATION_SCHEMA) == estimates
     last = decode_estimate(estimates[-1])
     assert last.bias.height_m == pytest.approx(-BIASES.height_m, abs=3 * last.std.height_m)
     assert last.bias.tilt_rad == pytest.approx(-BIASES.tilt_rad, abs=3 * last.std.tilt_rad)
     named = [orjson.loads(each)["calibration"] for each in recording.measurements()]
     assert named[0] is None
     assert named[-1].startswith("live:")
-    middle = payloads(recording, pose.SCHEMA)[60]
+    middle = payloads(recording, POSE_SCHEMA)[60]
     _, asked = recorded_setup(recording.folder, unix_ns_to_iso(decode_pose(middle).stamp_ns), Overrides())
     assert asked.calibration.startswith("live:")
     assert encode_pose(asked) == middle

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from aerodft.adapters.images import VideoFileSource
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.adapters.wire.pose import SCHEMA as POSE_SCHEMA
+from aerodft.adapters.wire.pose import POSE_SCHEMA
 from aerodft.dft import Request, Setup
 from aerodft.geometry import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
 from aerodft.model import Camera, Image, PixelSource, Pose, PoseSample, Probe, ProbeKind, Status

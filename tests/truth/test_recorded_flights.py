@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from pymavlink import mavutil
 
-from aerodft.adapters.wire.pose import SCHEMA
+from aerodft.adapters.wire.pose import POSE_SCHEMA
 from aerodft.geometry import camera_angles
 from aerodft.model import Status
 from replay.recordings import Recording
@@ -57,7 +57,7 @@ class Imported:
     summary: dict
 
     def poses(self):
-        return [decode_pose(m.data) for m in Recording(self.folder).messages() if m.channel.schema == SCHEMA]
+        return [decode_pose(m.data) for m in Recording(self.folder).messages() if m.channel.schema == POSE_SCHEMA]
 
     def measurements(self):
         return [orjson.loads(data) for data in Recording(self.folder).measurements()]

@@ -13,14 +13,12 @@ import zenoh
 
 from aerodft.adapters.bus.session import DEFAULT_LISTEN, close_session, open_session
 from aerodft.adapters.images import encode_jpeg
-from aerodft.adapters.wire import events
-from aerodft.adapters.wire.camera_motion import encode_steadiness
-from aerodft.adapters.wire.estimate import encode_estimate
-from aerodft.adapters.wire.height import encode_height_switch
+from aerodft.adapters.wire.estimates import encode_camera_motion, encode_estimate
+from aerodft.adapters.wire.events import encode_image
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
 from aerodft.adapters.wire.observations import parse_observation
-from aerodft.adapters.wire.pose import encode_poses
+from aerodft.adapters.wire.pose import encode_height_switch, encode_poses
 from aerodft.adapters.wire.requests import (
     MeasureRequest,
     encode_error,
@@ -190,7 +188,7 @@ class ZenohBus:
                 case CalibrationEstimate():
                     yield _Payload(single.order, None, self._keys.calibration, encode_estimate(single.content))
                 case CameraMotionEstimate():
-                    yield _Payload(single.order, None, self._keys.steadiness, encode_steadiness(single.content))
+                    yield _Payload(single.order, None, self._keys.camera_motion, encode_camera_motion(single.content))
 
     def _publish_image(self, image: Image) -> None:
         try:
@@ -198,7 +196,7 @@ class ZenohBus:
         except (AerodftError, OSError, ValueError) as error:
             _log.debug("image %d cannot be published: %s", image.index, error)
             return
-        self._publishers.jpeg(self._keys.image, jpeg, events.encode_image(image))
+        self._publishers.jpeg(self._keys.image, jpeg, encode_image(image))
 
     def _is_due(self, image: Image) -> bool:
         rate_hz = self._settings.max_image_hz

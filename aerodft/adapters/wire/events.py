@@ -5,9 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.packed_bytes import PackedBytes
-from aerodft.adapters.wire.template import encode_payloads
+from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads
+from aerodft.adapters.wire.payload import Json, dump_payload, integers, load_payload, load_payloads, pixel_pairs
 from aerodft.conventions import LARGEST
 from aerodft.model import Box, Image, ImageRows, Observation, StampClock
 from aerodft.version import SOFTWARE
@@ -20,7 +19,7 @@ _CLOCKS: Final = {clock.value: clock for clock in StampClock}
 
 def encode_image(image: Image) -> bytes:
     """An image's index, stamps and size as ``aerodft.image/1``; its pixels travel as JPEG elsewhere."""
-    return wire.dump(_image_payload(image))
+    return dump_payload(_image_payload(image))
 
 
 def encode_images(images: Sequence[Image]) -> PackedBytes:
@@ -38,7 +37,7 @@ def encode_images(images: Sequence[Image]) -> PackedBytes:
     return encode_payloads(kind[:, None], lambda row: _image_payload(images[row]), whole, np.empty((len(images), 0)))
 
 
-def _image_payload(image: Image) -> wire.Json:
+def _image_payload(image: Image) -> Json:
     return {
         "schema": IMAGE_SCHEMA,
         "index": image.index,
@@ -57,16 +56,16 @@ def decode_image(data: bytes) -> Image:
     Raises:
         InputError: The payload is not of that schema.
     """
-    return wire.load(data, IMAGE_SCHEMA, _image)
+    return load_payload(data, IMAGE_SCHEMA, _image)
 
 
 def decode_images(data: Sequence[bytes]) -> Sequence[Image]:
     """The same of many: ``ImageRows`` where they can be."""
-    return wire.load_all(data, IMAGE_SCHEMA, _image, _image_rows)
+    return load_payloads(data, IMAGE_SCHEMA, _image, _image_rows)
 
 
-def _image(payload: wire.Json) -> Image:
-    index, stamp_ns, arrival_ns = wire.whole(payload["index"], payload["stamp_ns"], payload["arrival_ns"])
+def _image(payload: Json) -> Image:
+    index, stamp_ns, arrival_ns = integers(payload["index"], payload["stamp_ns"], payload["arrival_ns"])
     return Image(
         index=index,
         stamp_ns=stamp_ns,
@@ -77,14 +76,14 @@ def _image(payload: wire.Json) -> Image:
     )
 
 
-def _image_rows(payloads: Sequence[wire.Json]) -> ImageRows | None:
+def _image_rows(payloads: Sequence[Json]) -> ImageRows | None:
     """The same of many; None where they differ in more than whole numbers, or do not come in order of arrival."""
     common = {(each["clock"], each["width_px"], each["height_px"]) for each in payloads}
     kinds = {(type(each["width_px"]), type(each["height_px"])) for each in payloads}  # 1 and 1.0 are equal
     if len(common) != 1 or len(kinds) != 1:
         return None
     names = ("index", "stamp_ns", "arrival_ns")
-    columns = [wire.whole(*(each[name] for each in payloads)) for name in names]
+    columns = [integers(*(each[name] for each in payloads)) for name in names]
     indices, stamp_ns, arrival_ns = np.array(columns, dtype=np.int64)
     clock, width_px, height_px = common.pop()
     if np.any(arrival_ns[1:] < arrival_ns[:-1]):
@@ -94,7 +93,7 @@ def _image_rows(payloads: Sequence[wire.Json]) -> ImageRows | None:
 
 def encode_observation(observation: Observation) -> bytes:
     """An observation as ``aerodft.observation/1``."""
-    return wire.dump(
+    return dump_payload(
         {
             "schema": OBSERVATION_SCHEMA,
             "name": observation.name,
@@ -115,11 +114,11 @@ def encode_observation(observation: Observation) -> bytes:
 
 def decode_observations(data: Sequence[bytes]) -> Sequence[Observation]:
     """The same of many."""
-    return wire.load_all(data, OBSERVATION_SCHEMA, _observation)
+    return load_payloads(data, OBSERVATION_SCHEMA, _observation)
 
 
-def _observation(payload: wire.Json) -> Observation:
-    stamp_ns, arrival_ns = wire.whole(payload["stamp_ns"], payload["arrival_ns"])
+def _observation(payload: Json) -> Observation:
+    stamp_ns, arrival_ns = integers(payload["stamp_ns"], payload["arrival_ns"])
     image, std_px = payload["image"], payload["std_px"]
     if std_px is not None and not 0 <= std_px <= LARGEST:
         raise ValueError(f"std_px {std_px!r:.60}")
@@ -127,13 +126,13 @@ def _observation(payload: wire.Json) -> Observation:
         name=_text(payload["name"]),
         stamp_ns=stamp_ns,
         arrival_ns=arrival_ns,
-        pixels=wire.pixel_pairs(payload["pixels"]),
+        pixels=pixel_pairs(payload["pixels"]),
         std_px=std_px,
         clock=StampClock(payload["clock"]),
-        image=None if image is None else wire.whole(image)[0],
+        image=None if image is None else integers(image)[0],
         source=_text(payload["source"]),
         box=_box(payload.get("box")),  # recordings of old have none of these
-        contour=wire.pixel_pairs(payload.get("contour") or ()),
+        contour=pixel_pairs(payload.get("contour") or ()),
         unseen=_text(payload.get("unseen") or ""),
     )
 
@@ -147,5 +146,5 @@ def _text(value: object) -> str:
 def _box(values: list[float] | None) -> Box | None:
     if values is None:
         return None
-    (left, top), (right, bottom) = wire.pixel_pairs((values[:2], values[2:]))
+    (left, top), (right, bottom) = pixel_pairs((values[:2], values[2:]))
     return left, top, right, bottom

@@ -22,7 +22,7 @@ class Keys:
         self.height = f"{self.root}/height"
         self.location = f"{self.root}/location"
         self.calibration = f"{self.root}/calibration"
-        self.steadiness = f"{self.root}/steadiness"
+        self.camera_motion = f"{self.root}/camera_motion"
         self.status = f"{self.root}/status"
         self.alive = f"{self.root}/alive"
         self.measure = f"{self.root}/measure"

@@ -10,16 +10,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.packed_bytes import PackedBytes
+from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
+from aerodft.adapters.wire.payload import Json, dump_payload, load_payload
 from aerodft.adapters.wire.pose import summary_numbers, summary_payload
-from aerodft.adapters.wire.template import encode_payloads, flat
 from aerodft.dft import NO_IMAGE, MeasurementBatch, MeasurementColumn
 from aerodft.model import Ellipse95, FloatArray, GeoPoint, Measurement, PoseSample, ProjectionModel
 from aerodft.version import SOFTWARE
 
-SCHEMA = "aerodft.measurement/1"
-IMAGE_SCHEMA = "aerodft.measurements/1"
+MEASUREMENT_SCHEMA = "aerodft.measurement/1"
+MEASUREMENTS_SCHEMA = "aerodft.measurements/1"
 
 _LIST = "measurements"
 _MOST_SPLIT_BYTES: Final = 32 << 20  # what the measurements of an image share, once for each
@@ -69,7 +68,7 @@ def _numbers(column: MeasurementColumn, names: Sequence[str]) -> list[FloatArray
     return found
 
 
-def _image_payload(batch: MeasurementBatch, row: int) -> wire.Json:
+def _image_payload(batch: MeasurementBatch, row: int) -> Json:
     sample, image = batch.poses[row], int(batch.images[row])
     shared = _shared_payload(
         sample,
@@ -80,7 +79,7 @@ def _image_payload(batch: MeasurementBatch, row: int) -> wire.Json:
         calibration=sample.calibration,
         config=batch.config,
     )
-    return {"schema": IMAGE_SCHEMA, **shared, _LIST: list(map(_own_payload, batch[row]))}
+    return {"schema": MEASUREMENTS_SCHEMA, **shared, _LIST: list(map(_own_payload, batch[row]))}
 
 
 def encode_measurements(measurements: Sequence[Measurement]) -> bytes:
@@ -90,10 +89,10 @@ def encode_measurements(measurements: Sequence[Measurement]) -> bytes:
 
 def encode_measurement(measurement: Measurement) -> bytes:
     """One measurement as ``aerodft.measurement/1``."""
-    return wire.dump(measurement_payload(measurement))
+    return dump_payload(measurement_payload(measurement))
 
 
-def measurement_payload(measurement: Measurement) -> wire.Json:
+def measurement_payload(measurement: Measurement) -> Json:
     """One measurement as ``aerodft.measurement/1``, before it is written out."""
     shared = _shared_payload(
         measurement.pose,
@@ -104,7 +103,7 @@ def measurement_payload(measurement: Measurement) -> wire.Json:
         calibration=measurement.calibration,
         config=measurement.config,
     )
-    return {"schema": SCHEMA, **_own_payload(measurement), **shared}
+    return {"schema": MEASUREMENT_SCHEMA, **_own_payload(measurement), **shared}
 
 
 def _shared_payload(
@@ -116,7 +115,7 @@ def _shared_payload(
     camera: str,
     calibration: str | None,
     config: str | None,
-) -> wire.Json:
+) -> Json:
     """What all measurements of an image have in common."""
     return {
         "stamp_ns": str(stamp_ns),
@@ -130,7 +129,7 @@ def _shared_payload(
     }
 
 
-def _own_payload(measurement: Measurement) -> wire.Json:
+def _own_payload(measurement: Measurement) -> Json:
     """What is one measurement's own."""
     ellipse, geo = measurement.ellipse95, measurement.geo
     return {
@@ -159,17 +158,17 @@ def split_measurements(data: bytes) -> list[tuple[str, bytes]]:
     Raises:
         InputError: The payload is not of that schema.
     """
-    return wire.load(data, IMAGE_SCHEMA, _split)
+    return load_payload(data, MEASUREMENTS_SCHEMA, _split)
 
 
-def _split(payload: wire.Json) -> list[tuple[str, bytes]]:
+def _split(payload: Json) -> list[tuple[str, bytes]]:
     shared: dict[str, Any] = {key: value for key, value in payload.items() if key not in {"schema", _LIST}}
-    if len(wire.dump(shared)) * len(payload[_LIST]) > _MOST_SPLIT_BYTES:
+    if len(dump_payload(shared)) * len(payload[_LIST]) > _MOST_SPLIT_BYTES:
         raise ValueError(f"{len(payload[_LIST])} measurements that share too much")
-    return [(own["name"], wire.dump({"schema": SCHEMA, **own, **shared})) for own in payload[_LIST]]
+    return [(own["name"], dump_payload({"schema": MEASUREMENT_SCHEMA, **own, **shared})) for own in payload[_LIST]]
 
 
-def _ellipse_payload(ellipse: Ellipse95) -> wire.Json:
+def _ellipse_payload(ellipse: Ellipse95) -> Json:
     return {
         "semi_major_m": ellipse.semi_major_m,
         "semi_minor_m": ellipse.semi_minor_m,
@@ -177,9 +176,9 @@ def _ellipse_payload(ellipse: Ellipse95) -> wire.Json:
     }
 
 
-def _geo_payload(point: GeoPoint) -> wire.Json:
+def _geo_payload(point: GeoPoint) -> Json:
     return {
-        "lat": math.degrees(point.lat_rad),
-        "lon": math.degrees(point.lon_rad),
+        "lat_deg": math.degrees(point.lat_rad),
+        "lon_deg": math.degrees(point.lon_rad),
         "alt_msl_m": point.alt_msl_m,
     }

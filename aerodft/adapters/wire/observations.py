@@ -7,8 +7,7 @@ from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.wire import bounded_json
-from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.payload import LATEST_NS, load_bounded_json
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model import Box, Observation, StampClock
@@ -92,7 +91,7 @@ def _observation(line: bytes, where: str, source: str, image_stamps_ns: Mapping[
 
 def _object(data: bytes, where: str) -> dict[str, Any]:
     try:
-        payload = bounded_json.loads(data)
+        payload = load_bounded_json(data)
     except orjson.JSONDecodeError as error:
         raise InputError("the observation is not JSON", where=where, got=error, expected=_EXAMPLE) from error
     if not isinstance(payload, dict):
@@ -138,7 +137,7 @@ def _stamp_ns(stamp: object, image: int | None, where: str, image_stamps_ns: Map
         return image_stamps_ns[image]
     if isinstance(stamp, str) and stamp.isascii() and stamp.isdigit():
         stamp = int(stamp[:20])
-    if type(stamp) is not int or not 0 <= stamp <= wire.LATEST_NS:
+    if type(stamp) is not int or not 0 <= stamp <= LATEST_NS:
         raise InputError(
             "stamp_ns is no stamp", where=where, got=repr(stamp), expected="nanoseconds UTC as a decimal string"
         )

@@ -10,9 +10,32 @@ from typing import Any, Final, NoReturn, TypeVar
 
 import orjson
 
-from aerodft.adapters.wire import bounded_json
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
+
+MOST_JSON_BYTES: Final = 4 << 20
+"""Of a payload without an image: a thousand measurements of one image take one or two."""
+MOST_PICTURE_BYTES: Final = 16 << 20
+"""Of a payload with an image as text."""
+_MOST_COMMAS: Final = 200_000  # there is one for each value; an object of one key takes 300 bytes
+
+
+def load_bounded_json(data: bytes, most_bytes: int = MOST_JSON_BYTES) -> Any:  # noqa: ANN401 - whatever JSON holds
+    """The value of a JSON text.
+
+    Args:
+        data: The text.
+        most_bytes: No longer one is read.
+
+    Raises:
+        orjson.JSONDecodeError: It is no JSON text, or one of more than is believed.
+    """
+    if len(data) > most_bytes:
+        raise orjson.JSONDecodeError(f"more than {most_bytes >> 20} MB", "", 0)
+    if data.count(b",") > _MOST_COMMAS:
+        raise orjson.JSONDecodeError(f"more than {_MOST_COMMAS} values", "", 0)
+    return orjson.loads(data)
+
 
 DEGREES_RTOL = 4.5e-16  # two roundings: an angle comes back within two units in the last place
 
@@ -25,12 +48,12 @@ T = TypeVar("T")
 Json = dict[str, Any]
 
 
-def dump(payload: Json) -> bytes:
+def dump_payload(payload: Json) -> bytes:
     """Payload to bytes; numpy arrays become lists, non-finite numbers null."""
     return orjson.dumps(payload, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
-def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
+def load_payload(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
     """Bytes to a value.
 
     Args:
@@ -42,7 +65,7 @@ def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
         InputError: Not JSON, another schema, a key missing or of the wrong type.
     """
     try:
-        payload = bounded_json.loads(data)
+        payload = load_bounded_json(data)
     except orjson.JSONDecodeError as error:
         _refuse(schema, data, error)
     if not isinstance(payload, dict) or payload.get("schema") != schema:
@@ -50,7 +73,7 @@ def load(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
     return _built(schema, payload, build)
 
 
-def load_all(
+def load_payloads(
     data: Sequence[bytes],
     schema: str,
     build: Callable[[Json], T],
@@ -65,13 +88,13 @@ def load_all(
         build_all: Makes all values at once; gives None, or fails, where that cannot be done.
     """
     try:
-        payloads = bounded_json.loads(b"[%b]" % b",".join(data))
+        payloads = load_bounded_json(b"[%b]" % b",".join(data))
     except orjson.JSONDecodeError:
         payloads = []
     if len(payloads) != len(data) or not all(
         isinstance(each, dict) and each.get("schema") == schema for each in payloads
     ):
-        return [load(each, schema, build) for each in data]  # one of them says what it is
+        return [load_payload(each, schema, build) for each in data]  # one of them says what it is
     with suppress(*_WRONG):
         found = build_all(payloads)
         if found is not None:
@@ -90,7 +113,7 @@ def _refuse(schema: str, data: bytes, error: Exception | None = None) -> NoRetur
     raise InputError("payload is of another kind", got=repr(bytes(data[:60])), expected=schema) from error
 
 
-def whole(*values: int | str) -> list[int]:
+def integers(*values: int | str) -> list[int]:
     """Whole numbers, or texts of such.
 
     Raises:
@@ -102,12 +125,12 @@ def whole(*values: int | str) -> list[int]:
     return found
 
 
-def degrees(angle_rad: float | None) -> float | None:
+def degrees_or_none(angle_rad: float | None) -> float | None:
     """Radians to degrees; None stays None."""
     return None if angle_rad is None else math.degrees(angle_rad)
 
 
-def number(value: float | None) -> float:
+def number_or_nan(value: float | None) -> float:
     """A number where JSON had null for a non-finite one."""
     return math.nan if value is None else float(value)
 
@@ -118,7 +141,7 @@ def pixel_pairs(values: Iterable[Sequence[float | None]]) -> tuple[tuple[float, 
     Raises:
         ValueError: A pixel without exactly two coordinates, or one that nothing can be calculated with.
     """
-    pixels = tuple((number(u), number(v)) for u, v in values)
+    pixels = tuple((number_or_nan(u), number_or_nan(v)) for u, v in values)
     if any(abs(u) > LARGEST or abs(v) > LARGEST for u, v in pixels):
         raise ValueError("pixels beyond all images")
     return pixels

@@ -5,14 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.wire import payload as wire
-from aerodft.adapters.wire.packed_bytes import PackedBytes
-from aerodft.adapters.wire.template import encode_payloads, flat
+from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
+from aerodft.adapters.wire.payload import Json, degrees_or_none, dump_payload
 from aerodft.conventions import NADIR_TILT_RAD
-from aerodft.model import HORIZONTAL, TIME, FloatArray, GeoOrigin, PoseBatch, PoseSample, Zoom
+from aerodft.model import HORIZONTAL, TIME, FloatArray, GeoOrigin, HeightSwitch, PoseBatch, PoseSample, Zoom
 from aerodft.version import SOFTWARE
 
-SCHEMA = "aerodft.pose/1"
+POSE_SCHEMA = "aerodft.pose/1"
 
 _ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
 
@@ -34,10 +33,10 @@ def encode_poses(poses: PoseBatch) -> PackedBytes:
     )
 
 
-def _payload(sample: PoseSample) -> wire.Json:
+def _payload(sample: PoseSample) -> Json:
     pose, origin, summary = sample.pose, sample.origin, summary_payload(sample)
     return {
-        "schema": SCHEMA,
+        "schema": POSE_SCHEMA,
         "stamp_ns": str(sample.stamp_ns),
         "status": sample.status,
         "reasons": sample.reasons,
@@ -53,7 +52,7 @@ def _payload(sample: PoseSample) -> wire.Json:
     }
 
 
-def summary_payload(sample: PoseSample) -> wire.Json:
+def summary_payload(sample: PoseSample) -> Json:
     """Height, angles, position, age and their standard deviations, as a measurement shows them."""
     pose, std = sample.pose, sample.std
     tilt_deg = roll_deg = heading_deg = height_m = None
@@ -68,8 +67,8 @@ def summary_payload(sample: PoseSample) -> wire.Json:
         "tilt_deg": tilt_deg,
         "roll_deg": roll_deg,
         "heading_deg": heading_deg,
-        "lat": wire.degrees(sample.lat_rad),
-        "lon": wire.degrees(sample.lon_rad),
+        "lat_deg": degrees_or_none(sample.lat_rad),
+        "lon_deg": degrees_or_none(sample.lon_rad),
         "telemetry_age_s": sample.telemetry_age_s,
         "std": {
             "height_agl_m": std.height_agl_m,
@@ -114,13 +113,35 @@ def camera_angles_deg(w: float, x: float, y: float, z: float) -> tuple[float, fl
     return math.degrees(tilt_rad), math.degrees(math.atan2(along_down, along_right)), math.degrees(heading_rad)
 
 
-def _zoom_payload(zoom: Zoom) -> wire.Json:
+def _zoom_payload(zoom: Zoom) -> Json:
     return {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source}
 
 
-def _origin_payload(origin: GeoOrigin) -> wire.Json:
+def _origin_payload(origin: GeoOrigin) -> Json:
     return {
-        "lat": math.degrees(origin.lat_rad),
-        "lon": math.degrees(origin.lon_rad),
+        "lat_deg": math.degrees(origin.lat_rad),
+        "lon_deg": math.degrees(origin.lon_rad),
         "alt_msl_m": origin.alt_msl_m,
     }
+
+
+HEIGHT_SWITCH_SCHEMA = "aerodft.height_switch/1"
+
+
+def encode_height_switch(switch: HeightSwitch) -> bytes:
+    """A switch as ``aerodft.height_switch/1``."""
+    step = switch.step
+    return dump_payload(
+        {
+            "schema": HEIGHT_SWITCH_SCHEMA,
+            "stamp_ns": str(switch.stamp_ns),
+            "before": switch.before,
+            "after": switch.after,
+            "step_m": None if step is None else step.step_m,
+            "std_m": None if step is None else step.std_m,
+            "before_m": None if step is None else step.height_m,
+            "after_m": None if step is None else step.other_m,
+            "compared_ns": None if step is None else str(step.stamp_ns),
+            "software": SOFTWARE,
+        }
+    )

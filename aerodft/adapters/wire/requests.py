@@ -6,8 +6,7 @@ from typing import Any
 
 import orjson
 
-from aerodft.adapters.wire import bounded_json
-from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.payload import LATEST_NS, dump_payload, load_bounded_json, pixel_pairs
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
@@ -49,7 +48,7 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     stamp_ns = payload.get("stamp_ns")
     if isinstance(stamp_ns, str) and stamp_ns.isascii() and stamp_ns.isdigit():
         stamp_ns = int(stamp_ns[:20])
-    if stamp_ns is not None and not (type(stamp_ns) is int and 0 <= stamp_ns <= wire.LATEST_NS):
+    if stamp_ns is not None and not (type(stamp_ns) is int and 0 <= stamp_ns <= LATEST_NS):
         raise InputError("stamp_ns is no stamp", where=_WHERE, got=repr(stamp_ns), expected="a decimal string")
     std_px = _real(payload, "std_px", 1.0)
     if std_px <= 0:
@@ -102,12 +101,12 @@ def encode_probes(probes: Iterable[Probe]) -> bytes:
 
 def encode_error(sentence: str) -> bytes:
     """The answer to a question that has none."""
-    return wire.dump({"error": sentence})
+    return dump_payload({"error": sentence})
 
 
 def _object(data: bytes, where: str) -> dict[str, Any]:
     try:
-        payload = bounded_json.loads(data)
+        payload = load_bounded_json(data)
     except orjson.JSONDecodeError as error:
         raise InputError("the question is not JSON", where=where, got=error, expected=_EXAMPLE) from error
     if not isinstance(payload, dict):
@@ -117,7 +116,7 @@ def _object(data: bytes, where: str) -> dict[str, Any]:
 
 def _pixels(value: object, kind: ProbeKind) -> tuple[tuple[float, float], ...]:
     try:
-        pixels = wire.pixel_pairs(value)  # type: ignore[arg-type]  # what JSON has is checked by taking it apart
+        pixels = pixel_pairs(value)  # type: ignore[arg-type]  # what JSON has is checked by taking it apart
     except (TypeError, ValueError):
         pixels = ()
     if not takes_pixels(kind, len(pixels)) or not all(abs(u) <= LARGEST and abs(v) <= LARGEST for u, v in pixels):

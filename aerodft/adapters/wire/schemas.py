@@ -5,8 +5,11 @@ from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.wire import camera_motion as steadiness
-from aerodft.adapters.wire import estimate, events, height, measurement, pose, status
+from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA
+from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
+from aerodft.adapters.wire.status import STATES, STATUS_SCHEMA
 from aerodft.model import (
     GimbalSource,
     HeightSource,
@@ -77,7 +80,7 @@ def document(name: str, title: str, properties: Schema) -> Schema:
 
 _PIXELS = said(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
 _POINTS = or_null(list_of(list_of(NUMBER, length=3)))
-_GEO = {"lat": NUMBER, "lon": NUMBER, "alt_msl_m": NUMBER}
+_GEO = {"lat_deg": NUMBER, "lon_deg": NUMBER, "alt_msl_m": NUMBER}
 _SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), NUMBER)
 _SUMMARY = {
     "height_agl_m": said(
@@ -89,8 +92,8 @@ _SUMMARY = {
     "tilt_deg": said(NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
     "roll_deg": said(NUMBER, "About the optical axis; above 0 with the camera's right side down"),
     "heading_deg": said(NUMBER, "Clockwise from true north"),
-    "lat": NUMBER,
-    "lon": NUMBER,
+    "lat_deg": NUMBER,
+    "lon_deg": NUMBER,
     "telemetry_age_s": NUMBER,
 }
 
@@ -122,16 +125,16 @@ _OF_IMAGE: Final[dict[str, Schema]] = {
     "pose": object_of({**_SUMMARY, "std": object_of(_SUMMARY_STD)}),
 }
 
-MEASUREMENT: Final = document(measurement.SCHEMA, "One measurement, or why there is none", {**_OWN, **_OF_IMAGE})
+MEASUREMENT: Final = document(MEASUREMENT_SCHEMA, "One measurement, or why there is none", {**_OWN, **_OF_IMAGE})
 
 MEASUREMENTS: Final = document(
-    measurement.IMAGE_SCHEMA,
+    MEASUREMENTS_SCHEMA,
     "All measurements of one image, as a recording has them: what they share, and a list",
     {**_OF_IMAGE, "measurements": list_of(object_of(_OWN))},
 )
 
 POSE: Final = document(
-    pose.SCHEMA,
+    POSE_SCHEMA,
     "The camera's pose at one stamp, or why there is none",
     {
         "stamp_ns": STAMP,
@@ -160,7 +163,7 @@ POSE: Final = document(
 )
 
 IMAGE: Final = document(
-    events.IMAGE_SCHEMA,
+    IMAGE_SCHEMA,
     "An image's stamps and size",
     {
         "index": {"type": "integer"},
@@ -173,7 +176,7 @@ IMAGE: Final = document(
 )
 
 OBSERVATION: Final = document(
-    events.OBSERVATION_SCHEMA,
+    OBSERVATION_SCHEMA,
     "One probe's pixels, or the outline of what it measures, at one stamp",
     {
         "name": said(TEXT, "The probe"),
@@ -194,7 +197,7 @@ _BIAS = object_of({"value": NUMBER, "std": NUMBER})
 _PAIR = or_null(list_of(NUMBER, length=2))
 
 CALIBRATION_ESTIMATE: Final = document(
-    estimate.SCHEMA,
+    CALIBRATION_SCHEMA,
     "What is to be added to the telemetry, after the landmarks of one image",
     {
         "stamp_ns": said(STAMP, "Of the image that they were seen in"),
@@ -236,8 +239,8 @@ _TURN = {
     "roll_deg": "About its z axis; clockwise, seen from behind",
 }
 
-STEADINESS: Final = document(
-    steadiness.SCHEMA,
+CAMERA_MOTION: Final = document(
+    CAMERA_MOTION_SCHEMA,
     "Whether a fixed camera still looks where it looked, after one look at its steady points",
     {
         "stamp_ns": said(STAMP, "Of the image that was looked at"),
@@ -282,7 +285,7 @@ _HEALTH = object_of(
 )
 
 HEIGHT_SWITCH: Final = document(
-    height.SCHEMA,
+    HEIGHT_SWITCH_SCHEMA,
     "From this stamp on heights are of another source",
     {
         "stamp_ns": said(STAMP, "Of the first pose with the new source"),
@@ -297,12 +300,12 @@ HEIGHT_SWITCH: Final = document(
 )
 
 STATUS: Final = document(
-    status.SCHEMA,
+    STATUS_SCHEMA,
     "What a station is doing",
     {
         "station": TEXT,
         "stamp_ns": STAMP,
-        "state": {"enum": list(status.STATES)},
+        "state": {"enum": list(STATES)},
         "text": TEXT,
         "counts": {"type": "object", "additionalProperties": {"type": "integer"}},
         "health": said(or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
@@ -314,15 +317,15 @@ STATUS: Final = document(
 )
 
 SCHEMAS: Final[dict[str, Schema]] = {
-    measurement.SCHEMA: MEASUREMENT,
-    measurement.IMAGE_SCHEMA: MEASUREMENTS,
-    pose.SCHEMA: POSE,
-    events.IMAGE_SCHEMA: IMAGE,
-    events.OBSERVATION_SCHEMA: OBSERVATION,
-    height.SCHEMA: HEIGHT_SWITCH,
-    estimate.SCHEMA: CALIBRATION_ESTIMATE,
-    steadiness.SCHEMA: STEADINESS,
-    status.SCHEMA: STATUS,
+    MEASUREMENT_SCHEMA: MEASUREMENT,
+    MEASUREMENTS_SCHEMA: MEASUREMENTS,
+    POSE_SCHEMA: POSE,
+    IMAGE_SCHEMA: IMAGE,
+    OBSERVATION_SCHEMA: OBSERVATION,
+    HEIGHT_SWITCH_SCHEMA: HEIGHT_SWITCH,
+    CALIBRATION_SCHEMA: CALIBRATION_ESTIMATE,
+    CAMERA_MOTION_SCHEMA: CAMERA_MOTION,
+    STATUS_SCHEMA: STATUS,
 }
 
 

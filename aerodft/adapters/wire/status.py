@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from aerodft.adapters.wire import payload as wire
+from aerodft.adapters.wire.payload import Json, dump_payload
 from aerodft.model import Health
 from aerodft.version import SOFTWARE
 
-SCHEMA = "aerodft.status/1"
+STATUS_SCHEMA = "aerodft.status/1"
 STATES = ("starting", "running", "ending")
 
 
@@ -37,9 +37,9 @@ class StationStatus:
 
 def encode_status(status: StationStatus) -> bytes:
     """A station's state as ``aerodft.status/1``."""
-    return wire.dump(
+    return dump_payload(
         {
-            "schema": SCHEMA,
+            "schema": STATUS_SCHEMA,
             "station": status.station,
             "stamp_ns": str(status.stamp_ns),
             "state": status.state,
@@ -52,7 +52,7 @@ def encode_status(status: StationStatus) -> bytes:
     )
 
 
-def _health_payload(health: Health) -> wire.Json:
+def _health_payload(health: Health) -> Json:
     return {
         "heartbeat_age_s": health.heartbeat_age_s,
         "gps": {

@@ -7,11 +7,11 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.wire import payload as wire
 from aerodft.adapters.wire.events import decode_images, encode_image, encode_images
-from aerodft.adapters.wire.measurement import IMAGE_SCHEMA, encode_batch, encode_measurement
+from aerodft.adapters.wire.measurement import MEASUREMENTS_SCHEMA, encode_batch, encode_measurement
+from aerodft.adapters.wire.packed_json import encode_payloads
+from aerodft.adapters.wire.payload import Json, dump_payload
 from aerodft.adapters.wire.pose import encode_poses
-from aerodft.adapters.wire.template import encode_payloads
 from aerodft.dft import NO_IMAGE, Request, Setup, linked, measure
 from aerodft.errors import InputError
 from aerodft.geometry import camera_pose
@@ -130,7 +130,7 @@ def image_record(measurements: list[Measurement]) -> bytes:
     alone = [orjson.loads(encode_measurement(each)) for each in measurements]
     shared = {key: value for key, value in alone[0].items() if key not in {"schema", *own.split()}}
     each = [{key: one[key] for key in own.split()} for one in alone]
-    return wire.dump({"schema": IMAGE_SCHEMA, **shared, "measurements": each})
+    return dump_payload({"schema": MEASUREMENTS_SCHEMA, **shared, "measurements": each})
 
 
 def test_any_number_and_reason_is_written_as_alone() -> None:
@@ -145,7 +145,7 @@ def test_any_number_and_reason_is_written_as_alone() -> None:
         for row in range(400)
     ]
 
-    def payload(row: int) -> wire.Json:
+    def payload(row: int) -> Json:
         first, *rest = values[row].tolist()
         first = first if is_float[row] else round(min(first, 9.0) if first > 0 else 0)
         own = {"text": str(whole[row]), "whole": int(whole[row]), "none": None}
@@ -160,7 +160,7 @@ def test_any_number_and_reason_is_written_as_alone() -> None:
 
     columns = {"text": whole, "whole": whole, "none": whole}
     written = encode_payloads(is_float[:, None], payload, columns, values, texts, fixed={"std_px"})
-    assert written.each() == [wire.dump(payload(row)) for row in range(400)]
+    assert written.each() == [dump_payload(payload(row)) for row in range(400)]
 
 
 @pytest.mark.parametrize("clock", StampClock)
@@ -193,7 +193,7 @@ def test_images_that_differ_in_more_are_none(change: dict[str, object]) -> None:
         for k in range(3)
     ]
     data = [encode_image(image) for image in shots]
-    data[1] = wire.dump({**orjson.loads(data[1]), **change})
+    data[1] = dump_payload({**orjson.loads(data[1]), **change})
     found = decode_images(data)
     assert not isinstance(found, ImageRows)
     assert [encode_image(image) for image in found] == data

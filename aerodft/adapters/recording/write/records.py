@@ -10,10 +10,18 @@ from mcap.opcode import Opcode
 from aerodft.adapters.recording.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, RECORD_HEAD, ChunkBuffer
 from aerodft.adapters.recording.write.foxglove import location_fix
-from aerodft.adapters.wire import camera_motion as steadiness
-from aerodft.adapters.wire import estimate, events, height, measurement, pose, status
+from aerodft.adapters.wire.estimates import (
+    CALIBRATION_SCHEMA,
+    CAMERA_MOTION_SCHEMA,
+    encode_camera_motion,
+    encode_estimate,
+)
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, encode_images, encode_observation
 from aerodft.adapters.wire.keys import Keys
-from aerodft.adapters.wire.packed_bytes import JsonTemplate, PackedBytes
+from aerodft.adapters.wire.measurement import MEASUREMENTS_SCHEMA, encode_batch
+from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads
+from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA, encode_height_switch, encode_poses
+from aerodft.adapters.wire.status import STATUS_SCHEMA, StationStatus, encode_status
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model import (
@@ -76,9 +84,10 @@ class MessageRows:
 
 def warm_up() -> None:
     """Compile now what would hold up the first messages of something live."""
-    made = JsonTemplate.of([b"[", b",", b",", b"]"], range(3)).filled((b"1", b"2", b"3"), b",,,", 1)
     one = np.ones(1, dtype=np.int64)
-    for texts in (made, PackedBytes(bytes(made.data), made.start, made.stop)):  # as they are made, and as they came
+    half = one[:, None] / 2
+    written = encode_payloads(one[:, None], lambda _: {"stamp_ns": "1", "value": 0.5}, {"stamp_ns": one}, half)
+    for texts in (written, PackedBytes(bytes(written.data), written.start, written.stop)):  # as written, and as read
         MessageRows((raw_channel(WireProtocol.MAVLINK, ""),), one - 1, one, one, texts).lay(0, 1, one, ChunkBuffer())
 
 
@@ -138,13 +147,13 @@ class Records:
         self._frame = frame
         self._senders: dict[tuple[str, str], Channel] = {}
         self._observed: dict[str, Channel] = {}
-        self._measured = json_channel(keys.measurements, measurement.IMAGE_SCHEMA)
-        self._image = json_channel(keys.image, events.IMAGE_SCHEMA)
-        self._pose = json_channel(keys.pose, pose.SCHEMA)
-        self._calibration = json_channel(keys.calibration, estimate.SCHEMA)
-        self._steadiness = json_channel(keys.steadiness, steadiness.SCHEMA)
-        self._height = json_channel(keys.height, height.SCHEMA)
-        self._status = json_channel(keys.status, status.SCHEMA)
+        self._measured = json_channel(keys.measurements, MEASUREMENTS_SCHEMA)
+        self._image = json_channel(keys.image, IMAGE_SCHEMA)
+        self._pose = json_channel(keys.pose, POSE_SCHEMA)
+        self._calibration = json_channel(keys.calibration, CALIBRATION_SCHEMA)
+        self._camera_motion = json_channel(keys.camera_motion, CAMERA_MOTION_SCHEMA)
+        self._height = json_channel(keys.height, HEIGHT_SWITCH_SCHEMA)
+        self._status = json_channel(keys.status, STATUS_SCHEMA)
         self._location = protobuf_channel(keys.location, LocationFix)
         self._fixed_ns = 0
 
@@ -160,9 +169,9 @@ class Records:
         self._add_outputs(rows, outputs)
         return rows.sorted()
 
-    def of_status(self, value: status.StationStatus) -> Record:
+    def of_status(self, value: StationStatus) -> Record:
         """A station's state."""
-        return Record(value.stamp_ns, self._status, status.encode_status(value))
+        return Record(value.stamp_ns, self._status, encode_status(value))
 
     def _add_inputs(self, rows: "_TickRows", batches: Batches) -> None:
         """What arrived at the very same time comes in this order: frames, the stamps of images, observations."""
@@ -177,13 +186,13 @@ class Records:
         if images:
             sequence = image_indices(images) & _SEQUENCE_MASK
             order = np.ones_like(sequence)
-            texts = events.encode_images(images)
+            texts = encode_images(images)
             rows.add_inputs(self._image, batches.image_tick, batches.image_arrival_ns, order, texts, sequence)
         for name in dict.fromkeys(observation.name for observation in observations):
             if name not in self._observed:
-                self._observed[name] = json_channel(self._keys.observation(name), events.OBSERVATION_SCHEMA)
+                self._observed[name] = json_channel(self._keys.observation(name), OBSERVATION_SCHEMA)
             own = np.array([row for row, observation in enumerate(observations) if observation.name == name])
-            texts = PackedBytes.of([events.encode_observation(observations[row]) for row in own.tolist()])
+            texts = PackedBytes.of([encode_observation(observations[row]) for row in own.tolist()])
             arrival_ns = np.array([observations[row].arrival_ns for row in own.tolist()])
             rows.add_inputs(self._observed[name], batches.observation_tick[own], arrival_ns, 2 + own, texts)
 
@@ -192,20 +201,20 @@ class Records:
             poses = PoseBatch.joined([block.poses for block in outputs.images])
             tick = np.concatenate([block.tick for block in outputs.images])
             order = _PER_IMAGE * np.concatenate([block.order for block in outputs.images])
-            rows.add_outputs(self._pose, tick, order, pose.encode_poses(poses))
+            rows.add_outputs(self._pose, tick, order, encode_poses(poses))
             fixed = self._fixes_due(poses, rows.now_ns[tick], order)
             fixes = PackedBytes.of([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
             rows.add_outputs(self._location, tick[fixed], order[fixed] + 1, fixes)
         for tick, order, batch in outputs.measured():
-            rows.add_outputs(self._measured, tick, _PER_IMAGE * order + 2, measurement.encode_batch(batch))
+            rows.add_outputs(self._measured, tick, _PER_IMAGE * order + 2, encode_batch(batch))
         for single in outputs.singles:
             match single.content:
                 case HeightSwitch():
-                    channel, data = self._height, height.encode_height_switch(single.content)
+                    channel, data = self._height, encode_height_switch(single.content)
                 case CameraMotionEstimate():
-                    channel, data = self._steadiness, steadiness.encode_steadiness(single.content)
+                    channel, data = self._camera_motion, encode_camera_motion(single.content)
                 case CalibrationEstimate():
-                    channel, data = self._calibration, estimate.encode_estimate(single.content)
+                    channel, data = self._calibration, encode_estimate(single.content)
                 case _:  # an observation is recorded as it came
                     continue
             tick, order = np.array([[single.tick], [_PER_IMAGE * single.order]])

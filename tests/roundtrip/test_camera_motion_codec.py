@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.wire import camera_motion as steadiness
+from aerodft.adapters.wire.estimates import CAMERA_MOTION_SCHEMA, encode_camera_motion
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.model import CameraMotionEstimate, Steadiness
-from tests.payloads import decode_steadiness
+from tests.payloads import decode_camera_motion
 
 angle = st.floats(-math.pi, math.pi)
 three = st.tuples(angle, angle, angle)
@@ -35,9 +35,9 @@ estimates = st.builds(
 
 @given(estimates)
 def test_an_estimate_comes_back(value):
-    payload = steadiness.encode_steadiness(value)
-    Draft202012Validator(SCHEMAS[steadiness.SCHEMA]).validate(orjson.loads(payload))
-    got = decode_steadiness(payload)
+    payload = encode_camera_motion(value)
+    Draft202012Validator(SCHEMAS[CAMERA_MOTION_SCHEMA]).validate(orjson.loads(payload))
+    got = decode_camera_motion(payload)
     for name in ("stamp_ns", "state", "since_ns", "moved_ns", "points", "agreeing", "std_px", "calibration"):
         assert getattr(got, name) == getattr(value, name)
     np.testing.assert_allclose(got.turn_rad, value.turn_rad, rtol=1e-15, atol=1e-300)
@@ -50,4 +50,4 @@ def test_an_estimate_comes_back(value):
 @pytest.mark.parametrize("state", Steadiness)
 def test_the_angle_is_that_of_the_turn(state):
     value = CameraMotionEstimate(stamp_ns=1, since_ns=1, state=state, turn_rad=(0.03, -0.04, 0.0))
-    assert orjson.loads(steadiness.encode_steadiness(value))["angle_deg"] == pytest.approx(math.degrees(0.05))
+    assert orjson.loads(encode_camera_motion(value))["angle_deg"] == pytest.approx(math.degrees(0.05))

@@ -9,14 +9,13 @@ from pathlib import Path
 from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
 from aerodft.adapters.images import RateSource, StillsFolderSource
 from aerodft.adapters.recording.write import Thinned
-from aerodft.adapters.telemetry import decoder_of
+from aerodft.adapters.telemetry import LogSource, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.observations import load_observations
 from aerodft.app.assembly import (
     DelayedSource,
     RunStatistics,
     SizeChecked,
-    TelemetryLog,
     build_observers,
     build_pipeline,
     build_recorder,
@@ -57,7 +56,7 @@ class Flight:
     first_ns: int
     last_ns: int
     looked: ObservedImages
-    log: TelemetryLog | None = None
+    log: LogSource | None = None
 
     def warnings(self) -> tuple[str, ...]:
         """What is wrong with the log, one sentence each; complete once it was read."""

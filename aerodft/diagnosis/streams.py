@@ -78,12 +78,14 @@ class StreamTable:
         """Count a block's frames; ``formats`` names an on-board log's messages."""
         if not len(block.offset):
             return
-        if block.protocol is WireProtocol.MAVLINK:
+        if block.protocol == WireProtocol.MAVLINK:
             heads = headers(block)
             keys = np.where(heads[0] < 0, -1, heads[0] | heads[1] << _SYSTEM_BITS | heads[2] << _COMPONENT_BITS)
-        else:
+        elif block.protocol == WireProtocol.DATAFLASH:
             kinds = np.frombuffer(block.data, dtype=np.uint8)[block.offset + HEAD_SIZE - 1]
             keys = kinds.astype(np.int64)
+        else:  # of another format nobody knows the messages here
+            keys = np.zeros(len(block.offset), dtype=np.int64)
         for key in np.unique(keys[keys >= 0]).tolist():
             arrival_ns = block.arrival_ns[keys == key]
             if key not in self._streams:
@@ -91,11 +93,13 @@ class StreamTable:
             self._streams[key].add(arrival_ns)
 
 
-def _new_stream(protocol: WireProtocol, key: int, first_ns: int, formats: dict[int, MessageFormat]) -> Stream:
-    if protocol is WireProtocol.MAVLINK:
+def _new_stream(protocol: str, key: int, first_ns: int, formats: dict[int, MessageFormat]) -> Stream:
+    if protocol == WireProtocol.MAVLINK:
         return Stream(
             message_name(key & _ID_MASK), key >> _SYSTEM_BITS & _BYTE, key >> _COMPONENT_BITS, first_ns, first_ns
         )
+    if protocol != WireProtocol.DATAFLASH:
+        return Stream(protocol, None, None, first_ns, first_ns)
     layout = formats.get(key)
     name = "FMT" if key == FMT_TYPE else layout.name if layout else f"UNKNOWN_{key}"
     return Stream(name, None, None, first_ns, first_ns)
@@ -103,7 +107,7 @@ def _new_stream(protocol: WireProtocol, key: int, first_ns: int, formats: dict[i
 
 def rangefinder_readings_m(block: RawBlock) -> FloatArray:
     """Every finite RANGEFINDER distance in a block ``(n,)``, also where a better message makes it superfluous."""
-    if block.protocol is not WireProtocol.MAVLINK:
+    if block.protocol != WireProtocol.MAVLINK:
         return np.empty(0)
     heads = headers(block)
     index = np.flatnonzero(heads[0] == RANGEFINDER)
@@ -169,9 +173,9 @@ class ParameterTable:
         """Take in a block; ``formats`` says how an on-board log's messages are laid out."""
         if not len(block.offset):
             return
-        if block.protocol is WireProtocol.MAVLINK:
+        if block.protocol == WireProtocol.MAVLINK:
             self._add_mavlink(block)
-        else:
+        elif block.protocol == WireProtocol.DATAFLASH:
             self._add_dataflash(block, formats)
 
     def of(self, system: int | None, component: int | None) -> Parameters:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry import CompositeDecoder, SigningCounts
+from aerodft.adapters.telemetry import CompositeDecoder, DataflashDecoder, SigningCounts
 from aerodft.adapters.telemetry.mavlink import (
     OF_POSES,
     SIGNED,
@@ -19,6 +19,7 @@ from aerodft.adapters.telemetry.mavlink import (
     V2,
     Followed,
     FrameCounts,
+    MavlinkDecoder,
     frame_table,
     measure,
     message_name,
@@ -264,7 +265,7 @@ class ClockSurvey:
 def unknown_ids(block: RawBlock) -> Counter[int]:
     """How often each unknown id stands between a stamped log's frames; links hand on good frames alone."""
     found: Counter[int] = Counter()
-    if block.protocol is not WireProtocol.MAVLINK or len(block.offset) < 2:  # noqa: PLR2004 - two frames have a gap
+    if block.protocol != WireProtocol.MAVLINK or len(block.offset) < 2:  # noqa: PLR2004 - two frames have a gap
         return found
     data, table = np.frombuffer(block.data, dtype=np.uint8), frame_table()
     ends, starts = (block.offset + block.length)[:-1], block.offset[1:] - STAMP_SIZE
@@ -296,6 +297,8 @@ class LogDiagnosis:
         self._settings = settings
         self._followed = followed or Followed()
         self._decoder = CompositeDecoder(followed)
+        self._mavlink = self._decoder.of_type(MavlinkDecoder)
+        self._formats = self._decoder.of_type(DataflashDecoder).formats
         self._table = StreamTable()
         self._parameters = ParameterTable()
         self._unknown: Counter[int] = Counter()
@@ -325,8 +328,8 @@ class LogDiagnosis:
         self._health.start_ns = self._first_ns
         for rows in _short(block):
             self._add_rows(rows)
-        self._table.add(block, self._decoder.dataflash.formats)
-        self._parameters.add(block, self._decoder.dataflash.formats)
+        self._table.add(block, self._formats)
+        self._parameters.add(block, self._formats)
         self._rangefinder.add(rangefinder_readings_m(block))
         self._unknown += unknown_ids(block)
         self._signed += _signed(block)
@@ -368,7 +371,7 @@ class LogDiagnosis:
             signing: The counters of a signed link.
         """
         streams = self._table.streams()
-        vehicle = self._decoder.mavlink
+        vehicle = self._mavlink
         zoom = (self._settings or TelemetrySettings()).zoom
         asked = {"system": vehicle.system, "component": vehicle.component, "autopilot": self._health.autopilot}
         parameters = self._parameters.of(vehicle.system, vehicle.component)
@@ -433,7 +436,7 @@ def _short(block: RawBlock) -> Iterator[RawBlock]:
 
 def _signed(block: RawBlock) -> int:
     """How many frames carry a signature."""
-    if block.protocol is not WireProtocol.MAVLINK:
+    if block.protocol != WireProtocol.MAVLINK:
         return 0
     data = np.frombuffer(block.data, dtype=np.uint8)
     return int(np.count_nonzero((data[block.offset] == V2) & (data[block.offset + 2] & SIGNED != 0)))

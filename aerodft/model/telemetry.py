@@ -21,7 +21,7 @@ TrackOf = TypeVar("TrackOf", bound="Track")
 
 
 class WireProtocol(StrEnum):
-    """How raw telemetry bytes are framed."""
+    """How raw telemetry bytes of the built-in formats are framed; further log formats bring names of their own."""
 
     MAVLINK = "mavlink"
     DATAFLASH = "dataflash"
@@ -39,7 +39,7 @@ class RawBlock:
     """Whole frames as they came, from one sender, in order of arrival.
 
     Attributes:
-        protocol: How the bytes are framed.
+        protocol: How the bytes are framed: a ``WireProtocol``, or the name that another log format has.
         sender: Address or file that they came from.
         arrival_ns: ``(n,)`` host UTC of each frame; not decreasing.
         offset: ``(n,)`` start of each frame in ``data``.
@@ -48,7 +48,7 @@ class RawBlock:
         checked: Whether every frame has just passed its check, so that it need not be made again.
     """
 
-    protocol: WireProtocol
+    protocol: str
     sender: str
     arrival_ns: IntArray
     offset: IntArray

@@ -7,7 +7,7 @@ from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCou
 from aerodft.service.outline_requests import standing_of
 from aerodft.service.outputs import ImageOutputs, Sink, StepOutputs
 from aerodft.service.pipeline import Counts, Pipeline
-from aerodft.service.ports import Clock, Feed, ImageObserver, ObjectTracker, Source
+from aerodft.service.ports import Clock, Feed, ImageObserver, ObjectTracker, Source, TelemetryDecoder
 from aerodft.service.settings import (
     DEMAND_TILT_STD_RAD,
     DRIFT,

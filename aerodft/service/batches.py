@@ -17,7 +17,6 @@ from aerodft.model import (
     Observation,
     RawBlock,
     StampClock,
-    WireProtocol,
     joined_images,
 )
 
@@ -44,7 +43,7 @@ class Batches:
     @staticmethod
     def of(now_ns: IntArray, events: Iterable[Arrival]) -> "Batches":
         """Events of ticks that end at ``now_ns (n,)``; blocks of one sender become one block."""
-        senders: dict[tuple[WireProtocol, str], list[RawBlock]] = {}
+        senders: dict[tuple[str, str], list[RawBlock]] = {}
         images: list[Image | ImageRows] = []
         observations: list[Observation] = []
         for event in events:

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import Arrival, Image, IntArray, Observation, RawBlock, WireProtocol
+from aerodft.model import Arrival, Image, IntArray, Observation, RawBlock
 from aerodft.service.arrivals import arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
 from aerodft.service.batches import Batches
 from aerodft.service.ports import Clock, GatheredSource, Source
@@ -33,7 +33,7 @@ def tick_after(arrival_ns: int, tick_ns: int) -> int:
     return -(-arrival_ns // tick_ns) * tick_ns
 
 
-def block_of(protocol: WireProtocol, sender: str, arrivals_ns: Sequence[int], frames: Sequence[bytes]) -> RawBlock:
+def block_of(protocol: str, sender: str, arrivals_ns: Sequence[int], frames: Sequence[bytes]) -> RawBlock:
     """Build a block from whole frames and their arrivals (host UTC, not decreasing)."""
     length = np.fromiter(map(len, frames), dtype=np.int64, count=len(frames))
     offset = np.zeros_like(length)
@@ -185,7 +185,7 @@ class Inbox:
             firsts = [first_arrival_ns(each) for each in (*islice(self._events, 1), *islice(self._images, 1))]
         return min(firsts, default=None)
 
-    def put_frames(self, protocol: WireProtocol, sender: str, frames: Sequence[bytes]) -> None:
+    def put_frames(self, protocol: str, sender: str, frames: Sequence[bytes]) -> None:
         """Leave whole frames, in the order in which they were received."""
         if not frames:
             return

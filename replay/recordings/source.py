@@ -7,13 +7,13 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from aerodft.adapters.recording import SENDER_KEY, Channel
+from aerodft.adapters.recording import SENDER_KEY, Channel, is_raw
 from aerodft.adapters.recording.read import ChunkTable, is_one_of
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_images, decode_observations
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
-from aerodft.model import Arrival, Event, Image, ImageRows, IntArray, Observation, RawBlock, WireProtocol
+from aerodft.model import Arrival, Event, Image, ImageRows, IntArray, Observation, RawBlock
 from aerodft.service import first_arrival_ns
 from replay.recordings.pixels import PixelStore
 from replay.recordings.recording import Recording
@@ -21,7 +21,6 @@ from replay.recordings.recording import Recording
 _INPUTS = frozenset({IMAGE_SCHEMA, OBSERVATION_SCHEMA})
 _LEAST_SHARE = 0.25  # of a chunk
 _TOGETHER: Final = 256  # images: spans of ticks are bounded by them
-_PROTOCOLS = frozenset(protocol.value for protocol in WireProtocol)
 
 
 _Subject: TypeAlias = Image | Observation
@@ -144,7 +143,7 @@ def _together(events: Sequence[_Subject]) -> Sequence[Arrival]:
 
 
 def _is_input(channel: Channel) -> bool:
-    return channel.encoding in _PROTOCOLS or channel.schema in _INPUTS
+    return is_raw(channel) or channel.schema in _INPUTS
 
 
 def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
@@ -152,8 +151,8 @@ def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
     senders: dict[tuple[str, str], list[int]] = {}
     for number in np.unique(table.channel).tolist():
         channel = table.channels[number]
-        if channel.encoding in _PROTOCOLS:
-            senders.setdefault((channel.encoding, dict(channel.metadata).get(SENDER_KEY, "")), []).append(number)
+        if is_raw(channel):
+            senders.setdefault((channel.encoding, dict(channel.metadata)[SENDER_KEY]), []).append(number)
     for (protocol, sender), numbers in senders.items():
         own = table.rows(is_one_of(table.channel, numbers))
         length, offset, data = own.stop - own.start, own.start, table.content
@@ -161,7 +160,7 @@ def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
             data = b"".join([data[start:stop] for start, stop in zip(offset.tolist(), own.stop.tolist(), strict=True)])
             offset = np.cumsum(length) - length
         yield RawBlock(
-            protocol=WireProtocol(protocol),
+            protocol=protocol,
             sender=sender,
             arrival_ns=own.log_ns.astype(np.int64),
             offset=offset,

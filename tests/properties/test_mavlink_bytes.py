@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.telemetry.dataflash import DataflashDecoder
-from aerodft.adapters.telemetry.logs import DataflashSource
+from aerodft.adapters.telemetry.dataflash import DataflashDecoder, DataflashSource
 from aerodft.adapters.telemetry.mavlink import MavlinkDecoder, StreamFramer, headers
 from aerodft.adapters.telemetry.mavlink.decoding import WANTED
 from aerodft.errors import InputError

@@ -15,7 +15,6 @@ from mcap.records import Schema
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from aerodft.adapters.wire.schemas import schema_text
-from aerodft.model import WireProtocol
 
 SENDER_KEY = "sender"
 STATION_KEY = "station"
@@ -49,9 +48,15 @@ class Channel:
     metadata: tuple[tuple[str, str], ...] = ()
 
 
-def raw_channel(protocol: WireProtocol, sender: str) -> Channel:
+def raw_channel(protocol: str, sender: str) -> Channel:
     """Raw telemetry frames of one sender, each a message as it came."""
-    return Channel(topic=protocol.value, encoding=protocol.value, metadata=((SENDER_KEY, sender),))
+    name = str(protocol)
+    return Channel(topic=name, encoding=name, metadata=((SENDER_KEY, sender),))
+
+
+def is_raw(channel: Channel) -> bool:
+    """Whether a channel is as ``raw_channel`` makes it, whatever the protocol."""
+    return channel.topic == channel.encoding and SENDER_KEY in dict(channel.metadata)
 
 
 def json_channel(topic: str, schema: str) -> Channel:

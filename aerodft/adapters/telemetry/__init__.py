@@ -1,8 +1,8 @@
 """Telemetry logs and links, whatever their format, decoded to tracks in SI units."""
 
-from aerodft.adapters.telemetry.dataflash import FMT_TYPE, HEAD_SIZE, MessageFormat
-from aerodft.adapters.telemetry.log_formats import CompositeDecoder, decoder_of, followed_by, open_log
-from aerodft.adapters.telemetry.logs import TlogSource
+from aerodft.adapters.telemetry.dataflash import FMT_TYPE, HEAD_SIZE, DataflashDecoder, MessageFormat
+from aerodft.adapters.telemetry.log_file import LogFormat, LogSource
+from aerodft.adapters.telemetry.log_formats import LOG_FORMATS, CompositeDecoder, decoder_of, followed_by, open_log
 from aerodft.adapters.telemetry.signing import (
     SignatureCheck,
     SigningCounts,
@@ -13,4 +13,5 @@ from aerodft.adapters.telemetry.signing import (
     signing_sentences,
     unchecked,
 )
+from aerodft.adapters.telemetry.tlog import TlogSource
 from aerodft.adapters.telemetry.tracks import MOST_ATTACHED

@@ -1,4 +1,4 @@
-"""ArduPilot's self-describing log format, and its messages to telemetry tracks.
+"""ArduPilot's self-describing log format (.bin): messages found in a file, and decoded to telemetry tracks.
 
 A FMT message names the fields of every other message.
 """
@@ -6,18 +6,35 @@ A FMT message names the fields of every other message.
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry import tracks as to
-from aerodft.adapters.telemetry.mavlink import MAX_STAMP_US, ORIENTATION_DOWN, payload_rows
+from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.telemetry.log_file import LogFile
+from aerodft.adapters.telemetry.mavlink import (
+    AT_SYNC,
+    MAX_STAMP_US,
+    N_OK,
+    N_SKIPPED,
+    N_TRUNCATED,
+    ORIENTATION_DOWN,
+    Bytes,
+    Followed,
+    payload_rows,
+    plausible_stamps,
+)
+from aerodft.adapters.telemetry.tracks import Rows, beyond, height_track, no_angle, no_height, vehicle_yaw_track
 from aerodft.geometry import from_yaw_pitch_roll
+from aerodft.jit import njit
 from aerodft.model import (
     BoolArray,
     ClockTrack,
+    Event,
     FloatArray,
     GimbalSource,
     HeightSource,
@@ -73,6 +90,33 @@ _TERRAIN_OK: Final = 2
 _NUMBERS: Final = ("i", "u", "f")
 _MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
 _DEG: Final = math.radians(1)
+
+
+_FIRST, _SECOND = HEAD
+_FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
+_TIME_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
+_TIMED: Final = 1 << 8  # beside a type's length: the message starts with TimeUS
+_TYPES: Final = 256
+_BLOCK_MESSAGES: Final = 1 << 15
+_FIRST_MESSAGES: Final = 1 << 12
+
+PROTOCOL: Final = WireProtocol.DATAFLASH
+TITLE: Final = "an ArduPilot .bin log"
+
+
+def recognises(head: bytes) -> bool:
+    """Whether a message stands at the beginning."""
+    return head.startswith(bytes(HEAD))
+
+
+def open_source(path: Path) -> "DataflashSource":
+    """A .bin log as blocks of messages."""
+    return DataflashSource(path)
+
+
+def new_decoder(followed: Followed) -> "DataflashDecoder":  # noqa: ARG001 - a log of its own vehicle alone
+    """A decoder that learns the messages' layouts on the way."""
+    return DataflashDecoder()
 
 
 class MessageFormat:
@@ -167,17 +211,17 @@ def _kind(dtype: np.dtype[np.void], column: str) -> str | None:
     return dtype[column].kind if column in (dtype.names or ()) else None
 
 
-def _has(rows: to.Rows, *columns: str) -> bool:
+def _has(rows: Rows, *columns: str) -> bool:
     """Whether the log's version of the message has these fields, as numbers."""
     return all(_kind(rows.payload.dtype, column) in _NUMBERS for column in columns)
 
 
-def _another_instance(rows: to.Rows) -> dict[str, BoolArray]:
+def _another_instance(rows: Rows) -> dict[str, BoolArray]:
     """Rows of a second receiver or mount."""
     return {"another instance": rows.payload["I"] != 0} if _has(rows, "I") else {}
 
 
-def _gps(rows: to.Rows, rejected: Counter[str]) -> Track:
+def _gps(rows: Rows, rejected: Counter[str]) -> Track:
     no_fix = rows.payload["Status"] < _GPS_FIX_3D
     faults = {
         **_another_instance(rows),
@@ -189,29 +233,29 @@ def _gps(rows: to.Rows, rejected: Counter[str]) -> Track:
     return ClockTrack(unix_ns=gps_to_unix_ns(good.payload["GWk"], good.payload["GMS"]), **good.stamps())
 
 
-def _wxyz(rows: to.Rows, yaw: str) -> FloatArray:
+def _wxyz(rows: Rows, yaw: str) -> FloatArray:
     angles_rad = (np.radians(rows.column(column)) for column in (yaw, "Pitch", "Roll"))
     return from_yaw_pitch_roll(*angles_rad)
 
 
-def _att(rows: to.Rows, rejected: Counter[str]) -> Track:
-    good = rows.kept(rejected, to.no_angle(rows, "Roll", "Pitch", "Yaw", unit_rad=_DEG))
+def _att(rows: Rows, rejected: Counter[str]) -> Track:
+    good = rows.kept(rejected, no_angle(rows, "Roll", "Pitch", "Yaw", unit_rad=_DEG))
     return VehicleTrack(wxyz=_wxyz(good, "Yaw"), **good.stamps())
 
 
-def _mnt(rows: to.Rows, rejected: Counter[str]) -> Track:
-    no_angle = to.no_angle(rows, "Roll", "Pitch", "YawB", unit_rad=_DEG)
-    good = rows.kept(rejected, {**_another_instance(rows), **no_angle})
-    return to.vehicle_yaw_track(GimbalSource.DATAFLASH_MNT, good, _wxyz(good, "YawB"))
+def _mnt(rows: Rows, rejected: Counter[str]) -> Track:
+    faults = {**_another_instance(rows), **no_angle(rows, "Roll", "Pitch", "YawB", unit_rad=_DEG)}
+    good = rows.kept(rejected, faults)
+    return vehicle_yaw_track(GimbalSource.DATAFLASH_MNT, good, _wxyz(good, "YawB"))
 
 
-def _pos(rows: to.Rows, rejected: Counter[str]) -> Track:
+def _pos(rows: Rows, rejected: Counter[str]) -> Track:
     nowhere = (rows.payload["Lat"] == 0) & (rows.payload["Lng"] == 0)
     faults = {
         "no position yet": nowhere,
-        "Lat is no latitude": to.beyond(rows.column("Lat"), _MAX_LAT_DEG),
-        "Lng is no longitude": to.beyond(rows.column("Lng"), _MAX_LON_DEG),
-        **to.no_height(rows, "Alt", "RelHomeAlt"),
+        "Lat is no latitude": beyond(rows.column("Lat"), _MAX_LAT_DEG),
+        "Lng is no longitude": beyond(rows.column("Lng"), _MAX_LON_DEG),
+        **no_height(rows, "Alt", "RelHomeAlt"),
     }
     good = rows.kept(rejected, faults)
     return PositionTrack(
@@ -223,7 +267,7 @@ def _pos(rows: to.Rows, rejected: Counter[str]) -> Track:
     )
 
 
-def _rfnd(sensors: Rangefinders, rows: to.Rows, rejected: Counter[str]) -> Track:
+def _rfnd(sensors: Rangefinders, rows: Rows, rejected: Counter[str]) -> Track:
     payload = rows.payload
     sensor = rows.column("Instance") if _has(rows, "Instance") else np.zeros(len(payload))
     looks_away, is_bad = payload["Orient"] != ORIENTATION_DOWN, payload["Stat"] != _RANGEFINDER_GOOD
@@ -233,32 +277,32 @@ def _rfnd(sensors: Rangefinders, rows: to.Rows, rejected: Counter[str]) -> Track
         "does not look down": looks_away,
         "status is not good": is_bad,
         **sensors.others(sensor, ~looks_away & ~is_bad),
-        **to.no_height(rows, "Dist"),
+        **no_height(rows, "Dist"),
         "below the sensor's minimum": distance_m < least_m,
         "at the sensor's maximum or above": (most_m > 0) & (distance_m >= most_m),
     }
     good = rows.kept(rejected, faults)
-    return to.height_track(HeightSource.RANGEFINDER, good, good.column("Dist"), slant=True)
+    return height_track(HeightSource.RANGEFINDER, good, good.column("Dist"), slant=True)
 
 
-def _parm(sensors: Rangefinders, rows: to.Rows, _rejected: Counter[str]) -> Track | None:
+def _parm(sensors: Rangefinders, rows: Rows, _rejected: Counter[str]) -> Track | None:
     if _kind(rows.payload.dtype, "Name") == "S":
         names = (value.decode("ascii", "replace") for value in rows.payload["Name"].tolist())
         sensors.learn(names, rows.column("Value").tolist(), rows.boot_ns.tolist())
     return None
 
 
-def _terr(rows: to.Rows, rejected: Counter[str]) -> Track:
+def _terr(rows: Rows, rejected: Counter[str]) -> Track:
     faults = {
         "spacing is 0": rows.payload["Spacing"] == 0,
         "status is not good": rows.payload["Status"] != _TERRAIN_OK,
-        **to.no_height(rows, "CHeight"),
+        **no_height(rows, "CHeight"),
     }
     good = rows.kept(rejected, faults)
-    return to.height_track(HeightSource.TERRAIN, good, good.column("CHeight"), slant=False)
+    return height_track(HeightSource.TERRAIN, good, good.column("CHeight"), slant=False)
 
 
-_Maker = Callable[[to.Rows, Counter[str]], Track | None]
+_Maker = Callable[[Rows, Counter[str]], Track | None]
 _PARAMETER: Final = "PARM"
 # By message the fields that it must have, and what makes a track of them.
 _MAKERS: Final[dict[str, tuple[tuple[str, ...], _Maker]]] = {
@@ -294,7 +338,7 @@ class DataflashDecoder:
         Raises:
             ValueError: The block is not DataFlash.
         """
-        if block.protocol is not WireProtocol.DATAFLASH:
+        if block.protocol != WireProtocol.DATAFLASH:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.DATAFLASH}")
         data = np.frombuffer(block.data, dtype=np.uint8)
         whole = (block.offset >= 0) & (block.length >= HEAD_SIZE) & (block.offset + block.length <= len(data))
@@ -321,10 +365,169 @@ class DataflashDecoder:
         payload = payload_rows(block, places, layout.dtype)
         late = payload["TimeUS"] >= MAX_STAMP_US
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
-        rows = to.Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale)
+        rows = Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale)
         rows = rows.kept(self.rejected, {"impossible time": late})
         columns, make = self._makers[layout.name]
         if not len(rows.payload) or not _has(rows, *columns):
             return None
         track = make(rows, self.rejected)
         return track if track is not None and len(track.arrival_ns) else None
+
+
+@njit
+def _size_at(data: Bytes, at: int, types: IntArray) -> int:
+    """The size of the message that starts at ``at``; 0 where none of a known type does."""
+    if at + HEAD_SIZE > len(data) or data[at] != _FIRST or data[at + 1] != _SECOND:
+        return 0
+    return int(types[data[at + 2]]) & 0xFF
+
+
+@njit
+def _time_us(data: Bytes, at: int) -> int:
+    """The time since boot of a message that begins with it, at ``at``; -1 where it is none."""
+    stamp = 0
+    for i in range(7, -1, -1):
+        if stamp >= MAX_STAMP_US >> 8:
+            return -1
+        stamp = stamp << 8 | int(data[at + i])
+    return stamp
+
+
+@njit
+def _learn_type(data: Bytes, at: int, types: IntArray) -> None:
+    """Take in the size of the type that a FMT message declares, and whether it starts with a time."""
+    size = int(data[at + 4])
+    timed = data[at + _FMT_FORMAT_AT] == ord("Q")
+    for i in range(len(_TIME_COLUMN)):
+        timed = timed and data[at + _FMT_COLUMNS_AT + i] == _TIME_COLUMN[i]
+    if size >= HEAD_SIZE and data[at + 3] != FMT_TYPE:
+        types[data[at + 3]] = size | (_TIMED if timed else 0)
+
+
+@njit
+def _whole(data: Bytes, at: int, size: int, synced: bool, types: IntArray) -> bool:  # noqa: FBT001 - numba
+    """Whether a message may stand here: there is no checksum, so after damage the next one must follow at once."""
+    end = at + size
+    if size == 0 or end > len(data):
+        return False
+    return synced or end == len(data) or _size_at(data, end, types) > 0
+
+
+@njit
+def scan_dataflash(
+    data: Bytes, start: int, limit: int, types: IntArray, rows: IntArray, state: IntArray
+) -> tuple[int, int]:
+    """Find messages from ``start``, until ``rows`` is full or ``limit`` is passed.
+
+    Args:
+        data: The whole file.
+        start: Where to go on.
+        limit: Where to stop looking.
+        types: ``(256,)`` size of each known type, and the mark of those that start with a time; learns.
+        rows: ``(3, n)`` filled with each message's offset, its size, and its time since boot in us,
+            -1 where it has none.
+        state: ``(STATE_SIZE,)``, updated.
+
+    Returns:
+        Number of messages, and where to go on.
+    """
+    at, found, stop = start, 0, len(data)
+    while at < min(stop, limit) and found < rows.shape[1]:
+        kind, synced = 0, at == state[AT_SYNC]
+        # As ``_size_at``: such calls would take most of the time.
+        if at + HEAD_SIZE <= stop and data[at] == _FIRST and data[at + 1] == _SECOND:
+            kind = types[data[at + 2]]
+        size = kind & 0xFF
+        is_due = synced and size > 0 and at + size <= stop
+        if not is_due and not _whole(data, at, size, synced, types):
+            if synced and (at + size > stop or stop - at < HEAD_SIZE):
+                state[N_TRUNCATED] += 1
+            state[N_SKIPPED] += 1
+            at += 1
+            continue
+        end = at + size
+        if data[at + 2] == FMT_TYPE:
+            _learn_type(data, at, types)
+        timed = kind & _TIMED and at + HEAD_SIZE + 8 <= stop
+        rows[0, found], rows[1, found] = at, size
+        rows[2, found] = _time_us(data, at + HEAD_SIZE) if timed else -1
+        found += 1
+        state[N_OK] += 1
+        state[AT_SYNC] = end
+        at = end
+    return found, at
+
+
+class DataflashSource(LogFile):
+    """A .bin log as blocks of raw messages, the ones that describe the format included.
+
+    Arrival is UTC: the first good GPS message ties the log's time since boot to it; without one the file's
+    modification time is taken as the log's end.
+
+    Args:
+        path: The file.
+
+    Raises:
+        InputError: The file is missing, a folder, unreadable, empty, or no such log.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, TITLE)
+        self._first_us, self._unix_minus_boot_ns, self._has_gps = self._boot_to_utc()
+
+    def events(self) -> Iterator[Event]:
+        """All messages in order, in blocks of bounded size; memory does not grow with the file."""
+        for block in self._scan():
+            # What comes before the first stamp (the format's description) arrives with it.
+            time_ns = np.maximum(block.arrival_ns, self._first_us * 1000)
+            yield replace(block, arrival_ns=time_ns + self._unix_minus_boot_ns)
+
+    def _scan(self, most: int = _BLOCK_MESSAGES) -> Iterator[RawBlock]:
+        """Blocks of at most so many, whose arrival is still the time since boot, 0 before the first stamp."""
+        types = np.zeros(_TYPES, dtype=np.int64)
+        types[FMT_TYPE] = FMT_SIZE
+        last_us = 0
+
+        def scan(data: Bytes, start: int, limit: int, rows: IntArray, state: IntArray) -> tuple[int, int]:
+            return scan_dataflash(data, start, limit, types, rows, state)
+
+        for piece, rows in self.scan_pieces(scan, most, self.size):
+            stamps_us = rows[2]
+            plausible_stamps(stamps_us, last_us)
+            last_us = int(stamps_us[-1])
+            yield piece.block(rows, WireProtocol.DATAFLASH, self.path.name)
+
+    def _boot_to_utc(self) -> tuple[int, int, bool]:
+        """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS.
+
+        Raises:
+            InputError: The first messages declare no format.
+        """
+        decoder = DataflashDecoder()
+        first_ns, last_ns = 0, 0
+        for block in self._scan(_FIRST_MESSAGES):
+            last_ns = int(block.arrival_ns[-1])
+            first_ns = first_ns or int(block.arrival_ns[block.arrival_ns > 0].min(initial=last_ns))
+            for track in decoder.decode(block):
+                if isinstance(track, ClockTrack):
+                    return first_ns // 1000, int(track.unix_ns[0] - track.boot_ns[0]), True
+            if not decoder.formats:
+                break
+        if not decoder.formats:
+            raise self.wrong_type(f"{looks_like(self.path)} without a valid message")
+        return first_ns // 1000, self.path.stat().st_mtime_ns - last_ns, False
+
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each kind of damage met so far; complete once ``events`` has ended."""
+        counts = self.counts
+        sentences = []
+        if not self._has_gps:
+            sentences.append(
+                f"{self.path}: no GPS time in the log; the file's modification time is taken as its end, so stamps"
+                " may be off by hours"
+            )
+        if counts.truncated:
+            sentences.append(f"{self.path}: the log is cut off; everything before the cut was read")
+        elif counts.skipped_bytes:
+            sentences.append(f"{self.path}: {counts.skipped_bytes} damaged bytes left out")
+        return tuple(sentences)

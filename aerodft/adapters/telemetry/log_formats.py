@@ -1,13 +1,26 @@
-"""One decoder for all protocols, and one way to open a log of any of them."""
+"""The registry of telemetry log formats, and what opens and decodes a log of any of them.
+
+A new format is a module that has what ``LogFormat`` says, and one line here.
+"""
 
 from collections import Counter
 from pathlib import Path
+from typing import Final, TypeVar
 
-from aerodft.adapters.telemetry.dataflash import HEAD, DataflashDecoder
-from aerodft.adapters.telemetry.logs import DataflashSource, LogFile, TlogSource
-from aerodft.adapters.telemetry.mavlink import Followed, MavlinkDecoder
-from aerodft.model import RawBlock, Track, WireProtocol
-from aerodft.service import TelemetrySettings
+from aerodft.adapters.telemetry import dataflash, tlog
+from aerodft.adapters.telemetry.log_file import HEAD_BYTES, LogFile, LogFormat, LogSource
+from aerodft.adapters.telemetry.mavlink import Followed
+from aerodft.errors import InputError
+from aerodft.model import RawBlock, Track
+from aerodft.service import TelemetryDecoder, TelemetrySettings
+
+LOG_FORMATS: Final[list[LogFormat]] = [
+    tlog,
+    dataflash,
+]
+"""Asked in this order whether a file is theirs."""
+
+_Decoder = TypeVar("_Decoder")
 
 
 class CompositeDecoder:
@@ -18,18 +31,33 @@ class CompositeDecoder:
     """
 
     def __init__(self, followed: Followed | None = None) -> None:
-        self.mavlink = MavlinkDecoder(followed)
-        self.dataflash = DataflashDecoder()
+        self._decoders: dict[str, TelemetryDecoder] = {
+            each.PROTOCOL: each.new_decoder(followed or Followed()) for each in LOG_FORMATS
+        }
 
     @property
     def rejected(self) -> Counter[str]:
         """Rows left out so far, by ``MESSAGE: reason``."""
-        return self.mavlink.rejected + self.dataflash.rejected
+        rejected: Counter[str] = Counter()
+        for decoder in self._decoders.values():
+            rejected.update(decoder.rejected)
+        return rejected
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
-        """The tracks of this block's frames."""
-        decoder = self.mavlink if block.protocol is WireProtocol.MAVLINK else self.dataflash
+        """The tracks of this block's frames.
+
+        Raises:
+            InputError: No format of this protocol is known here.
+        """
+        decoder = self._decoders.get(block.protocol)
+        if decoder is None:
+            known = " or ".join(self._decoders)
+            raise InputError("telemetry of an unknown format", where=block.sender, got=block.protocol, expected=known)
         return decoder.decode(block)
+
+    def of_type(self, kind: type[_Decoder]) -> _Decoder:
+        """The decoder of this type."""
+        return next(each for each in self._decoders.values() if isinstance(each, kind))
 
 
 def decoder_of(telemetry: TelemetrySettings | None) -> CompositeDecoder:
@@ -44,11 +72,15 @@ def followed_by(telemetry: TelemetrySettings | None) -> Followed:
     return Followed(system=telemetry.system, component=telemetry.component, gimbal=telemetry.gimbal)
 
 
-def open_log(path: Path) -> TlogSource | DataflashSource:
+def open_log(path: Path) -> LogSource:
     """Open a telemetry log by what it holds, whatever its name.
 
     Raises:
-        InputError: It is missing, empty, unreadable, or neither a .tlog nor an ArduPilot .bin log.
+        InputError: It is missing, empty, unreadable, or of none of the formats.
     """
-    head = LogFile(path).read(0, len(HEAD))
-    return DataflashSource(path) if head == bytes(HEAD) else TlogSource(path)
+    expected = " or ".join(each.TITLE for each in LOG_FORMATS)
+    head = LogFile(path, expected).read(0, HEAD_BYTES)
+    found = next((each for each in LOG_FORMATS if each.recognises(head)), None)
+    if found is None:  # what is damaged at its beginning may be a .tlog farther on
+        return tlog.TlogSource(path, expected)
+    return found.open_source(path)

@@ -33,7 +33,7 @@ _SCHEMA: Final = "aerodft.signing/1"
 _MOST_STAMP: Final = 1 << 48
 _BYTE: Final = 0xFF
 _STREAM_PARTS: Final = 3
-_SETTLE_S: Final = 0.05
+_COMMIT_S: Final = 0.05
 _OURS: Final = 0o600
 _MOST_BYTES: Final = 4096
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
@@ -131,13 +131,13 @@ class SigningState:
         self.latest = max(self.latest, stamp)
         self._dirty = True
 
-    def settle(self) -> None:
+    def commit(self) -> None:
         """Write down what is new, if the last time was not just now."""
         if self._dirty and time.monotonic() >= self._due_s:
             self._save()
 
     def _save(self) -> None:
-        self._due_s = time.monotonic() + _SETTLE_S
+        self._due_s = time.monotonic() + _COMMIT_S
         self._dirty = False
         if self._path is None:
             return
@@ -316,9 +316,9 @@ class SignatureCheck:
         self._state.note(_stream(frame, self._link_id), stamp)
         return sign(frame, self._key, link_id=self._link_id, stamp=stamp)
 
-    def settle(self) -> None:
+    def commit(self) -> None:
         """Write down what is new, if the last time was not just now; to be called at least ten times a second."""
-        self._state.settle()
+        self._state.commit()
 
     def close(self) -> None:
         """Keep what is known for the next time."""

@@ -13,4 +13,4 @@ from aerodft.app.assembly.pipeline import (
 from aerodft.app.assembly.recorded import recorded_station, reoffset, stations_of
 from aerodft.app.assembly.run_statistics import RunStatistics
 from aerodft.app.assembly.signing import opened_signing
-from aerodft.app.assembly.telemetry_log import TelemetryLog, open_telemetry_log
+from aerodft.app.assembly.telemetry_log import open_telemetry_log

@@ -3,31 +3,13 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from aerodft.adapters.config.station import Topics
-from aerodft.adapters.telemetry import open_log
+from aerodft.adapters.telemetry import LogSource, open_log
 from aerodft.adapters.telemetry.mavlink import FrameCounts
 from aerodft.model import Event, RawBlock
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
 from replay.recordings import RecordingSource, is_mcap
-
-
-class TelemetryLog(Protocol):
-    """A recorded flight's telemetry; a ``service.ports.Source``."""
-
-    @property
-    def counts(self) -> FrameCounts:
-        """What was read so far."""
-        ...
-
-    def events(self) -> Iterator[Event]:
-        """All frames, arrivals not decreasing."""
-        ...
-
-    def warnings(self) -> tuple[str, ...]:
-        """What is wrong with it, one sentence each; complete once ``events`` has ended."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +26,11 @@ class _Recorded:
         return ()
 
 
-def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[TelemetryLog, ForeignRecording | None]:
+def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[LogSource, ForeignRecording | None]:
     """Open a log or a recording by what it holds, whatever its name.
 
     Args:
-        path: A .tlog, a .bin, a recording, or another tool's MCAP file or folder.
+        path: A log of any registered format, a recording, or another tool's MCAP file or folder.
         topics: Which topic of the latter is what.
 
     Returns:

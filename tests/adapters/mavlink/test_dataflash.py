@@ -10,8 +10,7 @@ from pymavlink import DFReader
 from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.telemetry import CompositeDecoder
-from aerodft.adapters.telemetry.dataflash import DataflashDecoder, gps_to_unix_ns
-from aerodft.adapters.telemetry.logs import DataflashSource
+from aerodft.adapters.telemetry.dataflash import DataflashDecoder, DataflashSource, gps_to_unix_ns
 from aerodft.model import ClockTrack, GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
 
 USED = ("GPS", "ATT", "MNT", "POS", "RFND", "TERR")

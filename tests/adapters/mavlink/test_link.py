@@ -27,7 +27,7 @@ class Received:
         self.frames: dict[str, list[bytes]] = defaultdict(list)
         self._news = threading.Condition()
 
-    def put_frames(self, protocol: WireProtocol, sender: str, frames: Sequence[bytes]) -> None:
+    def put_frames(self, protocol: str, sender: str, frames: Sequence[bytes]) -> None:
         assert protocol is WireProtocol.MAVLINK
         with self._news:
             self.frames[sender] += frames

@@ -205,7 +205,7 @@ def test_time_stamps_survive_a_restart_and_a_kill(tmp_path: Path, peer: Peer) ->
     first = SignatureCheck(KEY, SigningState.open(path, KEY), lambda: NOW_NS)
     seen = attitudes(mav, 20)
     assert first.passed(seen) == seen
-    first.settle()
+    first.commit()
     killed = path.read_bytes()  # what a killed process leaves
     first.close()
     path.write_bytes(killed)
@@ -224,7 +224,7 @@ def test_what_is_new_is_written_soon(tmp_path: Path) -> None:
         state.note((1, 1, 0), stamp)
         until = time.monotonic() + 5
         while f'"1/1/0":{stamp}'.encode() not in path.read_bytes() and time.monotonic() < until:
-            state.settle()
+            state.commit()
         assert f'"1/1/0":{stamp}'.encode() in path.read_bytes()
     state.close()
 
@@ -307,6 +307,6 @@ def test_a_disk_that_fails_later_is_said_once(tmp_path: Path, caplog: pytest.Log
         for stamp in range(3):
             state.note((1, 1, 0), stamp)
             time.sleep(0.06)
-            state.settle()
+            state.commit()
         state.close()
     assert caplog.text.count("would let old frames pass") == 1

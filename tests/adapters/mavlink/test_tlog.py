@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry import TlogSource, logs, open_log
-from aerodft.adapters.telemetry.logs import BLOCK_FRAMES, PIECE_BYTES, DataflashSource
+from aerodft.adapters.telemetry import TlogSource, log_file, open_log
+from aerodft.adapters.telemetry.dataflash import DataflashSource
+from aerodft.adapters.telemetry.log_file import PIECE_BYTES
+from aerodft.adapters.telemetry.tlog import BLOCK_FRAMES
 from aerodft.errors import InputError
 from aerodft.model import RawBlock
 
@@ -181,7 +183,7 @@ def test_what_is_read_does_not_depend_on_the_pieces(long_log: Path, monkeypatch:
     long_log.write_bytes(content)
     read = []
     for piece_bytes in (PIECE_BYTES, 10_007, 300):
-        monkeypatch.setattr(logs, "PIECE_BYTES", piece_bytes)
+        monkeypatch.setattr(log_file, "PIECE_BYTES", piece_bytes)
         source = open_log(long_log)
         blocks = [event for event in source.events() if isinstance(event, RawBlock)]
         frames = b"".join(

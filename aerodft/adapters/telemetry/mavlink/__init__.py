@@ -48,9 +48,9 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     Bytes,
     checksum,
     measure,
+    plausible_stamps,
     probe,
     scan_tlog,
-    settle_all,
 )
 from aerodft.adapters.telemetry.mavlink.link import OWN_COMPONENT, OWN_SYSTEM, MavlinkLink
 from aerodft.adapters.telemetry.mavlink.transport import Transport, open_transport

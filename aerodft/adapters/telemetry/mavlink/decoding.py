@@ -13,10 +13,33 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.adapters.telemetry import tracks as to
 from aerodft.adapters.telemetry.mavlink.dialect import TABLE_IDS, message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
 from aerodft.adapters.telemetry.mavlink.kernels import V2_HEAD, Bytes
+from aerodft.adapters.telemetry.tracks import (
+    Rows,
+    altitude_track,
+    boot_ns_of,
+    clock_track,
+    distance_sensor_track,
+    ekf_track,
+    estimator_track,
+    fov_track,
+    gimbal_device_track,
+    gimbal_failure_tracks,
+    gps_track,
+    heartbeat_track,
+    mount_orientation_track,
+    mount_status_track,
+    number_cameras,
+    position_track,
+    rangefinder_track,
+    settings_track,
+    sync_track,
+    terrain_track,
+    vehicle_track,
+    video_stream_track,
+)
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, LinkTrack, RawBlock, RivalTrack, Track, WireProtocol
@@ -67,25 +90,25 @@ _OF_GIMBALS: Final = (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_ST
 _V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
 _MODULUS: Final = 256
 _WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew
-_MAKERS: Final[dict[int, Callable[[to.Rows, Counter[str]], Track]]] = {
-    SYSTEM_TIME: to.clock_track,
-    ATTITUDE: to.vehicle_track,
-    GLOBAL_POSITION_INT: to.position_track,
-    DISTANCE_SENSOR: to.distance_sensor_track,
-    TERRAIN_REPORT: to.terrain_track,
-    ALTITUDE: to.altitude_track,
-    MOUNT_STATUS: to.mount_status_track,
-    RANGEFINDER: to.rangefinder_track,
-    MOUNT_ORIENTATION: to.mount_orientation_track,
-    GIMBAL_DEVICE_ATTITUDE_STATUS: to.gimbal_device_track,
-    TIMESYNC: to.sync_track,
-    HEARTBEAT: to.heartbeat_track,
-    GPS_RAW_INT: to.gps_track,
-    EKF_STATUS_REPORT: to.ekf_track,
-    ESTIMATOR_STATUS: to.estimator_track,
-    CAMERA_SETTINGS: to.settings_track,
-    VIDEO_STREAM_INFORMATION: to.video_stream_track,
-    CAMERA_FOV_STATUS: to.fov_track,
+_MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
+    SYSTEM_TIME: clock_track,
+    ATTITUDE: vehicle_track,
+    GLOBAL_POSITION_INT: position_track,
+    DISTANCE_SENSOR: distance_sensor_track,
+    TERRAIN_REPORT: terrain_track,
+    ALTITUDE: altitude_track,
+    MOUNT_STATUS: mount_status_track,
+    RANGEFINDER: rangefinder_track,
+    MOUNT_ORIENTATION: mount_orientation_track,
+    GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal_device_track,
+    TIMESYNC: sync_track,
+    HEARTBEAT: heartbeat_track,
+    GPS_RAW_INT: gps_track,
+    EKF_STATUS_REPORT: ekf_track,
+    ESTIMATOR_STATUS: estimator_track,
+    CAMERA_SETTINGS: settings_track,
+    VIDEO_STREAM_INFORMATION: video_stream_track,
+    CAMERA_FOV_STATUS: fov_track,
 }
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
 
@@ -474,7 +497,7 @@ class MavlinkDecoder:
         Raises:
             ValueError: The block is not MAVLink.
         """
-        if block.protocol is not WireProtocol.MAVLINK:
+        if block.protocol != WireProtocol.MAVLINK:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.MAVLINK}")
         data = np.frombuffer(block.data, dtype=np.uint8)
         block, heads = self._address.kept(block, headers(block), self._state, self.rejected)
@@ -514,10 +537,10 @@ class MavlinkDecoder:
         message_id = WANTED[slot]
         payload = payload_rows(block, heads[3:, index], _DTYPES[message_id])
         component = heads[2, index]
-        boot_ns = np.where(component == self._state[COMPONENT], to.boot_ns_of(payload), NO_BOOT_TIME)
+        boot_ns = np.where(component == self._state[COMPONENT], boot_ns_of(payload), NO_BOOT_TIME)
         if message_id in OF_CAMERAS:
-            to.number_cameras(payload, component)
-        rows = to.Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns, {})
+            number_cameras(payload, component)
+        rows = Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns, {})
         yield _MAKERS[message_id](rows, self.rejected)
         if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
-            yield from to.gimbal_failure_tracks(rows)
+            yield from gimbal_failure_tracks(rows)

@@ -235,7 +235,7 @@ def following_stamp(data: Bytes, at: int) -> int:
 
 
 @njit
-def settle(stamp_us: int, last_us: int, following_us: int) -> int:
+def plausible_stamp(stamp_us: int, last_us: int, following_us: int) -> int:
     """The arrival of a record, not before the last one.
 
     A jump forward is believed only when the record that follows confirms it: one garbled stamp in the far future would
@@ -256,8 +256,8 @@ def settle(stamp_us: int, last_us: int, following_us: int) -> int:
 
 
 @njit
-def settle_all(stamps_us: IntArray, last_us: int) -> None:
-    """Replace stamps ``(n,)``, -1 where unreadable, by arrivals that do not decrease (``settle``).
+def plausible_stamps(stamps_us: IntArray, last_us: int) -> None:
+    """Replace stamps ``(n,)``, -1 where unreadable, by arrivals that do not decrease (``plausible_stamp``).
 
     Args:
         stamps_us: Replaced in place.
@@ -267,7 +267,7 @@ def settle_all(stamps_us: IntArray, last_us: int) -> None:
     for k in range(len(stamps_us) - 1, -1, -1):  # the first readable stamp from each on
         following_us[k] = stamps_us[k] if stamps_us[k] >= 0 else following_us[k + 1]
     for k in range(len(stamps_us)):
-        stamps_us[k] = last_us = settle(stamps_us[k], last_us, following_us[k + 1])
+        stamps_us[k] = last_us = plausible_stamp(stamps_us[k], last_us, following_us[k + 1])
 
 
 @njit
@@ -275,7 +275,7 @@ def _jumped(stamp_us: int, following_us: int, state: IntArray) -> int:
     """The arrival of a record whose stamp does not go on from the last one."""
     if 0 <= stamp_us < state[LAST_US] - BACK_US:
         state[BACKWARDS] += 1
-    return settle(stamp_us, int(state[LAST_US]), following_us)
+    return plausible_stamp(stamp_us, int(state[LAST_US]), following_us)
 
 
 @njit

@@ -82,7 +82,7 @@ class Senders:
 class FrameInbox(Protocol):
     """Where a link leaves its frames (``service.feed.Inbox``)."""
 
-    def put_frames(self, protocol: WireProtocol, sender: str, frames: Sequence[bytes]) -> None:
+    def put_frames(self, protocol: str, sender: str, frames: Sequence[bytes]) -> None:
         """Take whole frames of one sender, in the order in which they were received; must not block."""
         ...
 
@@ -194,7 +194,7 @@ class MavlinkLink:
         for sender, data in reads:
             self._put(sender, self._senders.push(sender, data))
         if self._signing is not None:
-            self._signing.settle()
+            self._signing.commit()
 
     def _put(self, sender: str, frames: list[bytes]) -> None:
         """Hand on what may be believed."""

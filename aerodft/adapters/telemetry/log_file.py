@@ -1,0 +1,201 @@
+"""Log files read piece by piece: what all formats of telemetry logs share, and what a format has to say."""
+
+import os
+import weakref
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+import numpy as np
+
+from aerodft.adapters.telemetry.mavlink import AT_QUIET, AT_SYNC, STATE_SIZE, Bytes, Followed, FrameCounts, counts_of
+from aerodft.errors import InputError
+from aerodft.model import IntArray, RawBlock
+from aerodft.service import Source, TelemetryDecoder
+
+Scan = Callable[[Bytes, int, int, IntArray, IntArray], tuple[int, int]]
+
+HEAD_BYTES: Final = 512
+"""So much of a log's beginning is shown to the formats."""
+PIECE_BYTES: Final = 1 << 22
+_BEFORE, _AFTER = 1 << 10, 1 << 12  # bytes; scanners look back and ahead by less: what one message and a stamp take
+
+
+class LogSource(Source, Protocol):
+    """A recorded flight's telemetry."""
+
+    @property
+    def counts(self) -> FrameCounts:
+        """What was read so far."""
+        ...
+
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with it, one sentence each; complete once ``events`` has ended."""
+        ...
+
+
+class LogFormat(Protocol):
+    """A format of telemetry logs: a module, or an object, that has these.
+
+    To add one, write such a module and name it in ``log_formats.LOG_FORMATS``.
+    """
+
+    @property
+    def PROTOCOL(self) -> str:  # noqa: N802 - a module's constant
+        """What its blocks of raw frames are marked with, here and in recordings; formats of one protocol share it."""
+        ...
+
+    @property
+    def TITLE(self) -> str:  # noqa: N802 - a module's constant
+        """What such a file is, for the sentence that refuses others: ``a MAVLink .tlog``."""
+        ...
+
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file that begins with these bytes, at most ``HEAD_BYTES``, is of this format."""
+        ...
+
+    def open_source(self, path: Path) -> LogSource:
+        """Open a file of this format.
+
+        Raises:
+            InputError: It is missing, empty, unreadable, or of another format after all.
+        """
+        ...
+
+    def new_decoder(self, followed: Followed) -> TelemetryDecoder:
+        """A decoder of its blocks, which follows one vehicle where the format has several."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Part of a log.
+
+    Attributes:
+        data: Its bytes, with some around it.
+        first: Where they begin in the log.
+        limit: Where in ``data`` the part ends; what is behind it there is only looked at.
+    """
+
+    data: Bytes
+    first: int
+    limit: int
+
+    @property
+    def stop(self) -> int:
+        """Where the part ends in the log."""
+        return self.first + self.limit
+
+    def block(self, rows: IntArray, protocol: str, sender: str, *, checked: bool = False) -> RawBlock:
+        """What a scanner found in it: ``rows (3, n)`` of where in ``data``, how long, and when in us."""
+        start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
+        return RawBlock(
+            protocol=protocol,
+            sender=sender,
+            arrival_ns=rows[2] * 1000,
+            offset=rows[0] - start,
+            length=rows[1].copy(),
+            data=self.data[start:stop].tobytes(),
+            checked=checked,
+        )
+
+
+class LogFile:
+    """A log's bytes, and what was scanned of them so far; memory does not grow with it.
+
+    It is not mapped into memory: to touch what somebody has cut off would end the process without a word.
+
+    Args:
+        path: The file.
+        expected: What would have been right, for the sentence that refuses a file.
+        state_size: How many numbers its scanner keeps.
+
+    Attributes:
+        path: The file.
+        size: Its bytes when it was opened; what is written later is not read.
+
+    Raises:
+        InputError: It is missing, a folder, unreadable or empty.
+    """
+
+    def __init__(self, path: Path, expected: str, state_size: int = STATE_SIZE) -> None:
+        if not path.exists():
+            raise InputError("no such file", where=path, expected=expected, hint="check the path")
+        if path.is_dir():
+            raise InputError("is a folder", where=path, expected=expected, hint="name one file in it")
+        self.path = path
+        self._expected = expected
+        self._state = np.zeros(state_size, dtype=np.int64)
+        try:
+            if path.stat().st_size == 0:  # asked first: to open a pipe would wait for somebody who writes
+                raise InputError("the file is empty", where=path, got="0 bytes", expected=expected)
+            self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            weakref.finalize(self, os.close, self._descriptor)
+            self.size = os.fstat(self._descriptor).st_size
+        except OSError as error:
+            raise InputError("cannot be read", where=path, got=error.strerror or error, expected=expected) from error
+
+    @property
+    def counts(self) -> FrameCounts:
+        """What was read so far."""
+        return counts_of(self._state)
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Bytes of the log; fewer where it ends before ``stop``.
+
+        Raises:
+            InputError: It cannot be read, or somebody has cut it.
+        """
+        parts = []
+        stop = min(stop, self.size)
+        while start < stop:
+            try:
+                parts.append(os.pread(self._descriptor, stop - start, start))
+            except OSError as error:
+                raise InputError("cannot be read", where=self.path, got=error.strerror or error) from error
+            if not parts[-1]:
+                got, expected = f"{start} bytes", f"{self.size} bytes, as when it was opened"
+                raise InputError(
+                    "the file became shorter while it was read", where=self.path, got=got, expected=expected
+                )
+            start += len(parts[-1])
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def piece(self, at: int) -> Piece:
+        """What comes from ``at`` on.
+
+        Raises:
+            InputError: It cannot be read, or somebody has cut it.
+        """
+        first = max(at - _BEFORE, 0)
+        stop = min(at + PIECE_BYTES, self.size)
+        return Piece(np.frombuffer(self.read(first, stop + _AFTER), dtype=np.uint8), first, stop - first)
+
+    def scan_pieces(self, scan: Scan, most: int, stop: int) -> Iterator[tuple[Piece, IntArray]]:
+        """What a scanner finds before ``stop`` at least; begins anew.
+
+        Args:
+            scan: Of some bytes, from where, to where; fills ``rows`` as for ``Piece.block``, and updates its state,
+                the places in which are kept to the bytes of the piece; gives how many, and where to go on.
+            most: So many at once.
+            stop: Nothing is looked for in pieces that begin there or behind.
+
+        Yields:
+            A piece, and the rows in it, valid until the next.
+        """
+        rows = np.empty((3, most), dtype=np.int64)
+        self._state = state = np.zeros_like(self._state)
+        at, piece = 0, Piece(np.empty(0, dtype=np.uint8), 0, 0)
+        while at < stop:
+            if at >= piece.stop:
+                last, piece = piece, self.piece(at)
+                state[[AT_SYNC, AT_QUIET]] -= piece.first - last.first
+            found, end = scan(piece.data, at - piece.first, piece.limit, rows, state)
+            at = piece.first + end
+            if found:
+                yield piece, rows[:, :found]
+
+    def wrong_type(self, got: str, hint: str = "") -> InputError:
+        """The refusal of a file that holds something else."""
+        return InputError("wrong type of file", where=self.path, got=got, expected=self._expected, hint=hint)

@@ -65,7 +65,7 @@ def test_its_flights_are_imported_and_computed_again(log: Path, tmp_path: Path) 
 def test_the_doctor_takes_it(log: Path) -> None:
     done = run_aerodft("doctor", log, "--json")
     assert done.code in {0, 4}, done.err
-    assert "height-table" in {each["name"] for each in done.json["streams"]}
+    assert "height-table" in {each["message"] for each in done.json["streams"]}
 
 
 @pytest.mark.usefixtures("registered")

@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from aerodft.geometry import inverse, matrix, pixels_from_rays, rays_from_pixels
 from aerodft.model import Camera, FloatArray, ImageArray, IntArray, Pose
-from aerodft.sim.river import River
 from aerodft.sim.shading import Rays, RiverFrame, Texels, shade, stamp
-from aerodft.sim.world import Marker, Walker, Wall, World
+from aerodft.sim.world import Marker, River, Walker, Wall, World
 
 MARGIN_SCALE = 8 / 6
 """Marker with its white margin against the black square: one module of six on each side."""

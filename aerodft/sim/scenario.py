@@ -36,11 +36,10 @@ from aerodft.model import (
 )
 from aerodft.sim.observations import Observing, Sighting, busiest_stations, pose_document, sightings, write_lines
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River
 from aerodft.sim.telemetry import Autopilot, Radio, datagrams, received, write_tlog
 from aerodft.sim.trajectory import Trajectory, heading_wxyz, survey
 from aerodft.sim.video import write_video
-from aerodft.sim.world import DEFAULT_ORIGIN, World, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished
 
 TrackT = TypeVar("TrackT", bound=Track)
 

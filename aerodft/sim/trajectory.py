@@ -22,7 +22,7 @@ from aerodft.geometry import (
     yaw_pitch_roll,
 )
 from aerodft.model import FloatArray, GeoOrigin, IntArray, Pose
-from aerodft.sim.river import River
+from aerodft.sim.world import River
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

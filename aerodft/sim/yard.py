@@ -24,11 +24,10 @@ from aerodft.model import Camera, ImageArray
 from aerodft.service.clocks import WallClock
 from aerodft.sim.live import Outlets, encoded, perform, udp_sender
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS, Scenario, default_camera, write_files
 from aerodft.sim.trajectory import Trajectory, Waypoint, fly
 from aerodft.sim.video import TransportStream, write_video
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
+from aerodft.sim.world import DEFAULT_ORIGIN, Look, River, Walker, Wall, World
 
 _EMPTY_S: Final = 1.5  # before anybody is there
 _FPS: Final = 10

@@ -19,11 +19,10 @@ from aerodft.cli.flights.import_ import import_
 from aerodft.cli.recordings.recompute import recompute
 from aerodft.service import MergedFeed
 from aerodft.sim import Autopilot, datagrams
-from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS
 from aerodft.sim.telemetry import write_tlog
 from aerodft.sim.trajectory import survey
-from aerodft.sim.world import DEFAULT_ORIGIN
+from aerodft.sim.world import DEFAULT_ORIGIN, River
 
 RATES_HZ = {
     "HEARTBEAT": 1.0,

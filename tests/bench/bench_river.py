@@ -16,7 +16,7 @@ from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
 from aerodft.model import PoseStd
 from aerodft.sim import default_camera
-from aerodft.sim.river import River as SimulatedRiver
+from aerodft.sim.world import River as SimulatedRiver
 from aerodft.sim.world import furnished
 from aerodft.vision.river import River, RiverQuestion, find_river
 from tests.waterside import Waterside, WatersideRenderer

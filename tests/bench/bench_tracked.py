@@ -19,9 +19,8 @@ from aerodft.model import Image, PixelSource, PoseSample, Probe, ProbeKind, Stat
 from aerodft.service import ObjectSettings
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River
 from aerodft.sim.trajectory import survey
-from aerodft.sim.world import DEFAULT_ORIGIN, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished
 from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import plane_lock
 from aerodft.vision.common import tracking

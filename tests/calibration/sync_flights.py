@@ -10,12 +10,11 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model import PoseStd
 from aerodft.sim import Autopilot, Waypoint, datagrams, default_camera, fly
 from aerodft.sim.render import Imaging
-from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS, Scenario
 from aerodft.sim.telemetry import Radio, drawn_biases, received, write_tlog
 from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.video import write_video
-from aerodft.sim.world import DEFAULT_ORIGIN, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished
 
 MARGIN_S = 20.0
 RIVER = River(origin_en_m=(0.0, -26.0))

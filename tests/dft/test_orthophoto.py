@@ -12,8 +12,7 @@ from aerodft.dft.maps.orthophoto import COARSEST
 from aerodft.geometry import ElevationGrid, Plane, Terrain, camera_pose, matrix
 from aerodft.model import Camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, Marker, World
+from aerodft.sim.world import DEFAULT_ORIGIN, Look, Marker, River, World
 
 STEPS = 2.0
 CAMERA = Camera(

@@ -5,9 +5,8 @@ import pytest
 
 from aerodft.geometry import camera_angles, yaw_pitch_roll
 from aerodft.sim import Waypoint, fly
-from aerodft.sim.river import River
 from aerodft.sim.trajectory import GRAVITY_MPS2, survey
-from aerodft.sim.world import DEFAULT_ORIGIN
+from aerodft.sim.world import DEFAULT_ORIGIN, River
 
 RIVER = River(origin_en_m=(0.0, -26.0))
 DEGREE = math.radians(1.0)

@@ -7,11 +7,10 @@ from pymavlink import mavutil
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry import camera_angles
 from aerodft.sim import Autopilot, datagrams, default_camera
-from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS, from_log, recorded, thin_log
 from aerodft.sim.telemetry import write_tlog
 from aerodft.sim.trajectory import Trajectory, survey
-from aerodft.sim.world import DEFAULT_ORIGIN
+from aerodft.sim.world import DEFAULT_ORIGIN, River
 
 SITL = Path(__file__).parents[2].parent / "shared" / "data" / "sitl"
 RATES = {

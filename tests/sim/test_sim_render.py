@@ -8,8 +8,7 @@ import pytest
 from aerodft.geometry import camera_pose, inverse, matrix
 from aerodft.model import Camera, FloatArray, ImageArray, LensModel, Pose
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import Island, River
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, Marker, Post, Walker, World
+from aerodft.sim.world import DEFAULT_ORIGIN, Island, Look, Marker, Post, River, Walker, World
 
 EDGE_PX = 0.3
 CORNER_PX = 0.5

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.sim.river import Island, River
+from aerodft.sim.world import Island, River
 
 MILLIMETRE = 1e-3
 

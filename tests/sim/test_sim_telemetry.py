@@ -11,11 +11,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.geometry import camera_angles, camera_from_gimbal, east_north, multiply, yaw_pitch_roll
 from aerodft.model import PoseStd
 from aerodft.sim import Autopilot, datagrams
-from aerodft.sim.river import River
 from aerodft.sim.scenario import EPOCH_NS
 from aerodft.sim.telemetry import Biases, Datagram, Radio, drawn_biases, received, write_tlog
 from aerodft.sim.trajectory import Trajectory, camera_of, heading_wxyz, survey
-from aerodft.sim.world import DEFAULT_ORIGIN
+from aerodft.sim.world import DEFAULT_ORIGIN, River
 
 FLIGHT = survey(
     River(origin_en_m=(0.0, -26.0)), origin=DEFAULT_ORIGIN, duration_s=10.0, height_m=40.0, start_ns=EPOCH_NS

@@ -11,9 +11,8 @@ from aerodft.geometry import from_rotation_vector, matrix, multiply, pixels_from
 from aerodft.model import Camera, FloatArray, ImageArray, Pose, PoseSample, Status, Zoom, ZoomSource
 from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River
 from aerodft.sim.trajectory import Trajectory, survey
-from aerodft.sim.world import DEFAULT_ORIGIN, World, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished
 
 SECONDS = 60.0
 FPS = 5.0

@@ -19,9 +19,9 @@ from aerodft.dft import Request, Setup
 from aerodft.geometry import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
 from aerodft.model import Camera, Image, PixelSource, Pose, PoseSample, Probe, ProbeKind, Status
 from aerodft.sim import default_camera
-from aerodft.sim.river import River
 from aerodft.sim.scenario import Scenario, recorded, write_files
 from aerodft.sim.trajectory import Trajectory
+from aerodft.sim.world import River
 from replay.recordings import Recording, RecordingSource
 from tests.commands import run_aerodft
 from tests.one_image import measure

@@ -10,8 +10,7 @@ from aerodft.geometry import camera_pose, inverse, matrix, pixels_from_rays
 from aerodft.model import FloatArray, ImageArray, PoseStd
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, Walker, Wall, World
+from aerodft.sim.world import DEFAULT_ORIGIN, Look, River, Walker, Wall, World
 
 FPS = 10
 EMPTY = 15

@@ -11,9 +11,8 @@ from aerodft.geometry import from_rotation_vector, matrix, multiply, pixels_from
 from aerodft.model import FloatArray, ImageArray, Pose, PoseSample, PoseStd, Status
 from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River
 from aerodft.sim.trajectory import Trajectory
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, Post, Walker, Wall, World
+from aerodft.sim.world import DEFAULT_ORIGIN, Look, Post, River, Walker, Wall, World
 
 FPS = 10
 CAMERA = default_camera(960, 540)

@@ -9,8 +9,7 @@ from aerodft.geometry import camera_pose
 from aerodft.model import Pose
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import Island, River
-from aerodft.sim.world import Look, World, furnished
+from aerodft.sim.world import Island, Look, River, World, furnished
 
 SHAPES = {
     "straight": {"meander_m": 0.0, "width_swing_m": 0.0},

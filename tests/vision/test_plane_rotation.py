@@ -8,8 +8,7 @@ import pytest
 from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
 from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Renderer
-from aerodft.sim.river import River
-from aerodft.sim.world import DEFAULT_ORIGIN, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished
 from aerodft.vision.camera_motion import (
     ImagePair,
     PlaneMotion,

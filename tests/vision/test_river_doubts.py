@@ -8,9 +8,8 @@ from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import Island
-from aerodft.sim.river import River as SimulatedRiver
-from aerodft.sim.world import furnished
+from aerodft.sim.world import Island, furnished
+from aerodft.sim.world import River as SimulatedRiver
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, WaterMask, WaterPlane, find_river
 from aerodft.vision.river.centreline import Centreline
 from aerodft.vision.river.checks import otherwise_m

@@ -9,8 +9,8 @@ from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.river import River as SimulatedRiver
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, World
+from aerodft.sim.world import River as SimulatedRiver
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
 
 CAMERA = default_camera(960, 540)

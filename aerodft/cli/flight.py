@@ -8,6 +8,7 @@ from pathlib import Path
 
 from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
 from aerodft.adapters.images import RateSource, StillsFolderSource
+from aerodft.adapters.outputs import open_outputs
 from aerodft.adapters.recording.write import Thinned
 from aerodft.adapters.telemetry import LogSource, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
@@ -21,6 +22,7 @@ from aerodft.app.assembly import (
     build_recorder,
     closing_recorder,
     open_telemetry_log,
+    outputs_run,
     run,
 )
 from aerodft.cli.ending import Interruptible
@@ -237,9 +239,13 @@ def measure_flight(
     eyes = build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
     flight = open_flight(station, log, (*station.observations.files, *observations), eyes.schedules)
     recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
-    with closing_recorder(recorder, output), progress_bar("importing", flight.first_ns, flight.last_ns) as progress:
+    with (
+        closing_recorder(recorder, output),
+        open_outputs(station.outputs, outputs_run(station, pipeline)) as outputs,
+        progress_bar("importing", flight.first_ns, flight.last_ns) as progress,
+    ):
         feed = Interruptible(MergedFeed(flight.sources, station.pipeline.tick_ns))
-        run(feed, pipeline, (recorder, statistics), progress)
+        run(feed, pipeline, (*outputs, recorder, statistics), progress)
     seen = eyes.report(flight.looked.counts)
     report(recorder.totals, statistics, pipeline.counts, as_json=as_json, warnings=flight.warnings(), seen=seen)
 

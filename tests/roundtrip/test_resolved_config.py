@@ -117,7 +117,7 @@ def test_the_id_follows_what_numbers_depend_on_and_nothing_else() -> None:
     own = station.pipeline.config_id
     elsewhere = replace(
         station,
-        zenoh=replace(station.zenoh, listen="tcp/127.0.0.1:1"),
+        outputs={"zenoh": station.outputs["zenoh"].model_copy(update={"listen": "tcp/127.0.0.1:1"})},
         record=replace(station.record, folder=Path("/elsewhere")),
         images=replace(station.images, source=Rate(rate_hz=3)),
         link=None,

@@ -128,10 +128,10 @@ class ZenohBus:
         if on_observation is not None:
             self._declared.append(self._observations(on_observation))
 
-    @property
-    def malformed(self) -> int:
-        """Observations that came in and were none."""
-        return self._malformed
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the observations that came in, in one sentence."""
+        sentence = f"{self._malformed} observations on the bus were none; the first was said when it came"
+        return (sentence,) if self._malformed else ()
 
     @property
     def shed(self) -> int:

@@ -1,4 +1,5 @@
 """Configuration: TOML files with the unit in every key, to values in SI units."""
 
 from aerodft.adapters.config.covariance import load_covariance
-from aerodft.adapters.config.tables import GEO, LOCAL
+from aerodft.adapters.config.reading import validated
+from aerodft.adapters.config.tables import GEO, LOCAL, Many, Table, matching

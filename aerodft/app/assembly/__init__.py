@@ -8,6 +8,7 @@ from aerodft.app.assembly.pipeline import (
     build_recorder,
     check_size,
     closing_recorder,
+    outputs_run,
     run,
 )
 from aerodft.app.assembly.recorded import recorded_station, reoffset, stations_of

@@ -16,11 +16,14 @@ from aerodft.adapters.config.station import (
     resolved_toml,
     travels,
 )
+from aerodft.adapters.outputs import Run
 from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.telemetry import decoder_of
+from aerodft.adapters.wire.requests import MeasureRequest
+from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
-from aerodft.model import Camera, Event, Image, RawBlock
-from aerodft.service import Batches, Feed, Pipeline, Sink, Source
+from aerodft.model import Camera, Event, Image, Measurement, RawBlock
+from aerodft.service import Batches, Feed, Inbox, Pipeline, Sink, Source
 from aerodft.vision.objects import ObjectTracks
 from calibration.camera_motion import CameraMotionCalibrator
 from calibration.flight import BiasCalibrator
@@ -44,6 +47,24 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         return Pipeline(station.pipeline, decoder, steady, steady, tracker)
     calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
     return Pipeline(station.pipeline, decoder, calibrator, tracker=tracker)
+
+
+def outputs_run(station: StationConfig, pipeline: Pipeline, inbox: Inbox | None = None) -> Run:
+    """A run as its outputs see it: live with an inbox, else from files."""
+
+    def measure(question: MeasureRequest) -> list[Measurement]:
+        probe = question.probe
+        request = Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px)
+        return pipeline.measure_at((request,), question.stamp_ns)
+
+    return Run(
+        station=station.pipeline.station,
+        probes=station.pipeline.probes,
+        is_live=inbox is not None,
+        measure=measure,
+        put_observation=inbox.put_observation if inbox is not None and station.observations.topic else None,
+        in_utc=pipeline.in_utc,
+    )
 
 
 def build_recorder(

@@ -12,13 +12,12 @@ from typing import Annotated
 
 import typer
 
-from aerodft.adapters.bus import BusSettings, ZenohBus
 from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile, load_station
 from aerodft.adapters.images import LiveRate, StreamReader
+from aerodft.adapters.outputs import Output, open_outputs
 from aerodft.adapters.recording.write import McapRecorder
 from aerodft.adapters.telemetry import signing_sentences
 from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
-from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.app.assembly import (
     RunStatistics,
@@ -27,6 +26,7 @@ from aerodft.app.assembly import (
     build_recorder,
     check_size,
     opened_signing,
+    outputs_run,
     run,
 )
 from aerodft.cli.flight import DEFAULT_RATE_HZ
@@ -36,9 +36,8 @@ from aerodft.cli.recordings.recover import recovering_beside
 from aerodft.cli.rehearsal import rehearse
 from aerodft.cli.summary import report
 from aerodft.conventions import SECOND_NS
-from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
-from aerodft.model import Image, Measurement, VideoPacket
+from aerodft.model import Image, VideoPacket
 from aerodft.service import Inbox, LiveFeed, LiveObservers, Pipeline
 from aerodft.service.clocks import WallClock
 
@@ -71,9 +70,7 @@ def serve(
     with ExitStack() as stack:
         started_ns = clock.now_ns()
         stack.enter_context(recovering_beside(station.record.folder))  # what a kill or a power cut left unfinished
-        bus = _open_bus(station, pipeline, inbox)
-        if bus is not None:
-            stack.callback(bus.close)
+        outputs = stack.enter_context(open_outputs(station.outputs, outputs_run(station, pipeline, inbox)))
         look = stack.enter_context(LiveObservers(eyes.schedules, inbox.put_observations))
         images = _ImageGate(station, inbox, feed, look, where=config)
         packets = _PacketGate()
@@ -84,12 +81,12 @@ def serve(
         stack.enter_context(_stop_on_signal(feed, seconds))
         gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s
         say(f"recording to {folder}; stop with Ctrl-C")
-        receivers = (recorder,) if bus is None else (bus, recorder)
+        receivers: tuple[McapRecorder | Output, ...] = (*outputs, recorder)
         status = _status_every_second(station, pipeline, inbox, look, statistics, receivers, recorder, link)
         run(feed, pipeline, (*receivers, statistics), status)
     images.raise_refusal()
-    if bus is not None and bus.malformed:
-        say(f"{bus.malformed} observations on the bus were none; the first was said when it came")
+    for sentence in (each for output in outputs for each in output.warnings()):
+        say(sentence)
     seen = eyes.report(look.counts)
     warnings = tuple(signing_sentences(link.signing)) if link is not None and link.signing is not None else ()
     report(recorder.totals, statistics, pipeline.counts, as_json=json, warnings=warnings, live=True, seen=seen)
@@ -97,24 +94,6 @@ def serve(
 
 def _folder_name(station: str, now_ns: int) -> str:
     return f"{station}-{datetime.fromtimestamp(now_ns // SECOND_NS, UTC):%Y%m%d-%H%M%S}"
-
-
-def _open_bus(station: StationConfig, pipeline: Pipeline, inbox: Inbox) -> ZenohBus | None:
-    if not station.zenoh.enabled:
-        return None
-
-    def answer(question: MeasureRequest) -> list[Measurement]:
-        probe = question.probe
-        request = Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px)
-        return pipeline.measure_at((request,), question.stamp_ns)
-
-    return ZenohBus(
-        BusSettings(station=station.pipeline.station, listen=station.zenoh.listen, connect=station.zenoh.connect),
-        probes=station.pipeline.probes,
-        on_measure=answer,
-        on_observation=inbox.put_observation if station.observations.topic else None,
-        in_utc=pipeline.in_utc,
-    )
 
 
 def _open_inputs(
@@ -195,7 +174,7 @@ def _status_every_second(
     inbox: Inbox,
     look: LiveObservers,
     statistics: RunStatistics,
-    receivers: Sequence[McapRecorder | ZenohBus],
+    receivers: Sequence[McapRecorder | Output],
     recorder: McapRecorder,
     link: MavlinkLink | None,
 ) -> Callable[[int], None]:

@@ -49,7 +49,7 @@ def test_the_river_flight_example_says_what_its_comments_say() -> None:
 def test_the_examples_defaults_are_the_defaults() -> None:
     stated, bare = load_station(CONFIGS / "services" / "river-flight.toml"), parsed(FLIGHT)
     assert stated.pipeline.telemetry == bare.pipeline.telemetry
-    assert (stated.zenoh, stated.record) == (bare.zenoh, bare.record)
+    assert (stated.outputs, stated.record) == (bare.outputs, bare.record)
     assert bare.pipeline.telemetry is not None
     assert bare.pipeline.telemetry.height == HeightSettings()
     assert bare.pipeline.telemetry.attitude.order == TelemetrySettings().attitude.order

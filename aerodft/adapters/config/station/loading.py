@@ -61,7 +61,7 @@ from aerodft.adapters.config.station.observer_tables import (
     watch_document,
     watch_from,
 )
-from aerodft.adapters.config.station.station import MarkerSettings, RecordSettings, StationConfig, ZenohSettings
+from aerodft.adapters.config.station.station import MarkerSettings, RecordSettings, StationConfig
 from aerodft.adapters.config.station.tables import (
     ConfigTable,
     ImagesTable,
@@ -70,7 +70,6 @@ from aerodft.adapters.config.station.tables import (
     OriginTable,
     ProbeTable,
     RecordTable,
-    ZenohTable,
     images_from,
     probes_from,
     topics_from,
@@ -78,6 +77,7 @@ from aerodft.adapters.config.station.tables import (
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import Table, Text, keys_of, value_of
 from aerodft.adapters.config.units import to_ns, to_s
+from aerodft.adapters.outputs import outputs_document, outputs_from
 from aerodft.errors import ConfigError
 from aerodft.model import Calibration, Camera, GeoOrigin, Probe, ProjectionModel
 from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
@@ -112,7 +112,9 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
     Raises:
         ConfigError: As :func:`load_station`.
     """
-    table = validated(ConfigTable, parse_toml(data, where), where)
+    document = parse_toml(data, where)
+    outputs = outputs_from(document, where)
+    table = validated(ConfigTable, document, where)
     telemetry = table.telemetry
     ground = ground_from(table.ground, where, folder)
     pipeline = _pipeline(table, where, folder)
@@ -124,7 +126,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             link=_link(telemetry, folder),
             images=images_from(table.images, folder),
             observations=value_of(table.observations, ObservationSettings, folder),
-            zenoh=value_of(table.zenoh, ZenohSettings),
+            outputs=outputs,
             record=value_of(table.record, RecordSettings),
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
             ground=ground,
@@ -294,7 +296,7 @@ def config_id(station: StationConfig) -> str:
     hash of its bytes.
     """
     document = station_document(station)
-    for key in ("zenoh", "record", "topics", "river"):
+    for key in (*station.outputs, "record", "topics", "river"):
         document.pop(key, None)
     document["station"].pop("name")
     timing = ("time_offset_s", "time_drift", "time_reference", "time_std_s")
@@ -352,7 +354,7 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
     tolerance = {"match_tolerance_s": to_s(pipeline.match_tolerance_ns)}
     document["observations"] = keys_of(ObservationsTable, station.observations) | tolerance
     document["limits"] = keys_of(LimitsTable, pipeline)
-    document["zenoh"] = keys_of(ZenohTable, station.zenoh)
+    document |= outputs_document(station.outputs)
     document["record"] = keys_of(RecordTable, station.record)
     if topics := _topics(station.topics):
         document["topics"] = topics

@@ -1,24 +1,18 @@
 """A station as it is configured: the pipeline's settings, and where its input and output are."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from aerodft.adapters.config.camera import FixedPose
 from aerodft.adapters.config.station.ground import GroundShape
 from aerodft.adapters.config.station.inputs import ImageSettings, Link, ObservationSettings, Topics
+from aerodft.adapters.config.tables import Table
+from aerodft.adapters.outputs import default_outputs
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Calibration, MarkerSurvey
 from aerodft.service import CameraMotionSettings, LiveCalibration, ObjectSettings, PipelineSettings, RiverLook
 from aerodft.service.clocks import ImageClock
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ZenohSettings:
-    """The bus: loopback only and no multicast, unless somebody writes otherwise."""
-
-    enabled: bool = True
-    listen: str = "tcp/127.0.0.1:7447"
-    connect: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +76,7 @@ class StationConfig:
         link: None where the file names no connection.
         images: Image input.
         observations: Observation input.
-        zenoh: The bus.
+        outputs: The settings of outputs beside the recording, by their tables.
         record: The recorder.
         fixed_pose: What ``pipeline.fixed_pose`` was made of; None where telemetry gives the pose.
         ground: What ``pipeline.ground`` was made of; None for level ground.
@@ -100,7 +94,7 @@ class StationConfig:
     link: Link | None = None
     images: ImageSettings = field(default_factory=ImageSettings)
     observations: ObservationSettings = field(default_factory=ObservationSettings)
-    zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    outputs: Mapping[str, Table] = field(default_factory=default_outputs)
     record: RecordSettings = field(default_factory=RecordSettings)
     fixed_pose: FixedPose | None = None
     ground: GroundShape | None = None

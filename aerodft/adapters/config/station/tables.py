@@ -145,17 +145,6 @@ class LimitsTable(Table):
     max_range_m: Positive | None = None
 
 
-Endpoint = Annotated[str, matching(r"(tcp|udp|tls|quic|ws)/\S+:\d+", 'like "tcp/127.0.0.1:7447"')]
-
-
-class ZenohTable(Table):
-    """The bus."""
-
-    enabled: bool = True
-    listen: Endpoint = "tcp/127.0.0.1:7447"
-    connect: Many[Endpoint] = ()
-
-
 class RecordTable(Table):
     """The recorder."""
 
@@ -227,7 +216,6 @@ class ConfigTable(Table):
     observations: ObservationsTable = ObservationsTable()
     limits: LimitsTable = LimitsTable()
     ground: GroundTable | None = None
-    zenoh: ZenohTable = ZenohTable()
     record: RecordTable = RecordTable()
     probe: Many[ProbeTable] = ()
     landmark: Many[LandmarkTable] = ()

@@ -1,4 +1,4 @@
-"""A worker thread behind a bounded queue: the caller never waits, unless it asked for a lossless lane."""
+"""A worker thread behind a bounded queue: the caller never waits, unless the queue is lossless."""
 
 import logging
 import threading
@@ -16,8 +16,8 @@ class WorkerQueue(Generic[T]):
 
     Args:
         name: Of the thread.
-        work: Does one item, in the lane's thread.
-        tend: Called in the lane's thread at least every ``period_s``.
+        work: Does one item, in the worker's thread.
+        tend: Called in the worker's thread at least every ``period_s``.
         capacity: Sum of the sizes of waiting items; one item is always taken.
         lossless: Wait for room instead of refusing; an item takes room until it is done, then.
         period_s: Seconds between two calls of ``tend`` when nothing comes.
@@ -38,23 +38,23 @@ class WorkerQueue(Generic[T]):
         self._capacity = capacity
         self._lossless = lossless
         self._period_s = period_s
-        self._in_work = 0
+        self._size_at_work = 0
         self._items: deque[tuple[T, int]] = deque()
         self._size = 0
         self._closing = False
-        self._held_up = 0  # callers that wait for room
+        self._waiting_callers = 0
         self._error: Exception | None = None
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def put(self, item: T, size: int = 1) -> bool:
-        """Hand over an item; False where there was no room (or the lane's thread has died)."""
+        """Hand over an item; False where there was no room (or the worker's thread has died)."""
         with self._changed:
             while self._lossless and self._is_full(size) and self._error is None:
-                self._held_up += 1
+                self._waiting_callers += 1
                 self._changed.wait()
-                self._held_up -= 1
+                self._waiting_callers -= 1
             if self._is_full(size) or self._error is not None:
                 return False
             self._items.append((item, size))
@@ -76,7 +76,7 @@ class WorkerQueue(Generic[T]):
             raise self._error
 
     def _is_full(self, size: int) -> bool:
-        taken = self._size + self._in_work
+        taken = self._size + self._size_at_work
         return taken > 0 and taken + size > self._capacity
 
     def _run(self) -> None:
@@ -84,7 +84,7 @@ class WorkerQueue(Generic[T]):
             while self._wait():
                 if self._items:
                     self._work(self._next())
-                    self._has_worked()
+                    self._free_room()
                 self._tend()
         except Exception as error:  # noqa: BLE001 - close raises it, in the thread that can report it
             _log.error("%s ended early: %r", self._thread.name, error)
@@ -104,11 +104,11 @@ class WorkerQueue(Generic[T]):
         with self._changed:
             item, size = self._items.popleft()
             self._size -= size
-            self._in_work = size if self._lossless else 0
+            self._size_at_work = size if self._lossless else 0
             self._changed.notify_all()
             return item
 
-    def _has_worked(self) -> None:
+    def _free_room(self) -> None:
         with self._changed:
-            self._in_work = 0
+            self._size_at_work = 0
             self._changed.notify_all()

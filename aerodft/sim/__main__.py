@@ -20,8 +20,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, UsageError
 from aerodft.model import PoseStd
 from aerodft.service.clocks import WallClock
-from aerodft.sim.live import Outlets, encoded, observation_publisher, perform, signed, udp_sender
-from aerodft.sim.scenario import Progress, Scenario, default_camera, generated, recorded, write_files
+from aerodft.sim.live import Outlets, encode_packets, observation_publisher, perform, signing_sender, udp_sender
+from aerodft.sim.scenario import Progress, Scenario, default_camera, scenario_from_log, survey_scenario, write_files
 from aerodft.sim.telemetry import Biases, Radio, drawn_biases
 
 _MOST = 1e5  # metres, degrees, seconds, pixels: what fits into MAVLink's integers
@@ -44,31 +44,31 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def parse_stds(option: str, text: str) -> PoseStd:
     """Height and position in m, tilt, pan, roll, heading in degrees, none below 0."""
-    given = _pairs(option, text, ("height", "position", *_ANGLES), lowest=0.0)
-    return PoseStd(height_agl_m=given["height"], horizontal_m=given["position"], **_angles_rad(given))
+    values = _pairs(option, text, ("height", "position", *_ANGLES), lowest=0.0)
+    return PoseStd(height_agl_m=values["height"], horizontal_m=values["position"], **_angles_rad(values))
 
 
 def parse_biases(option: str, text: str) -> Biases:
     """Height in m, tilt, pan, roll, heading in degrees."""
-    given = _pairs(option, text, ("height", *_ANGLES), lowest=-_MOST)
-    return Biases(height_m=given["height"], **_angles_rad(given))
+    values = _pairs(option, text, ("height", *_ANGLES), lowest=-_MOST)
+    return Biases(height_m=values["height"], **_angles_rad(values))
 
 
-def _angles_rad(given: Mapping[str, float]) -> dict[str, float]:
-    return {f"{name}_rad": math.radians(given[name]) for name in _ANGLES}
+def _angles_rad(values: Mapping[str, float]) -> dict[str, float]:
+    return {f"{name}_rad": math.radians(values[name]) for name in _ANGLES}
 
 
 def parse_radio(option: str, text: str, *, seed: int) -> Radio:
     """Latency and jitter in seconds; drop, duplicate, reorder as shares; one outage from ``mute`` to ``unmute`` (s)."""
     names = ("latency", "jitter", "drop", "duplicate", "reorder", "mute", "unmute")
-    given = _pairs(option, text, names, lowest=0.0, most=dict.fromkeys(_SHARES, 1.0))
-    outage = (round(given["mute"] * SECOND_NS), round(given["unmute"] * SECOND_NS))
+    values = _pairs(option, text, names, lowest=0.0, most=dict.fromkeys(_SHARES, 1.0))
+    outage = (round(values["mute"] * SECOND_NS), round(values["unmute"] * SECOND_NS))
     return Radio(
-        latency_ns=round(given["latency"] * SECOND_NS),
-        jitter_ns=round(given["jitter"] * SECOND_NS),
-        drop=given["drop"],
-        duplicate=given["duplicate"],
-        reorder=given["reorder"],
+        latency_ns=round(values["latency"] * SECOND_NS),
+        jitter_ns=round(values["jitter"] * SECOND_NS),
+        drop=values["drop"],
+        duplicate=values["duplicate"],
+        reorder=values["reorder"],
         outages_ns=(outage,) if outage[1] > outage[0] else (),
         seed=seed,
     )
@@ -76,17 +76,17 @@ def parse_radio(option: str, text: str, *, seed: int) -> Radio:
 
 def parse_numbers(option: str, text: str, **defaults: float) -> dict[str, float]:
     """Numbers of at least 0 by name."""
-    given = _pairs(option, text, tuple(defaults), lowest=0.0)
+    values = _pairs(option, text, tuple(defaults), lowest=0.0)
     named = {part.partition("=")[0].strip() for part in text.split(",")}
-    return {name: given[name] if name in named else value for name, value in defaults.items()}
+    return {name: values[name] if name in named else value for name, value in defaults.items()}
 
 
 def parse_autopilot(option: str, text: str) -> tuple[int, int]:
     """Lag of the camera behind the gimbal's reports, and the autopilot's UTC minus the host's: s in, ns out."""
-    given = _pairs(option, text, ("lag", "clock"), lowest=-_MOST, most={"clock": _MOST_CLOCK_S})
-    if given["lag"] < 0:
-        raise UsageError(f"{option} lag", got=given["lag"], expected="a number of at least 0")
-    return round(given["lag"] * SECOND_NS), round(given["clock"] * SECOND_NS)
+    values = _pairs(option, text, ("lag", "clock"), lowest=-_MOST, most={"clock": _MOST_CLOCK_S})
+    if values["lag"] < 0:
+        raise UsageError(f"{option} lag", got=values["lag"], expected="a number of at least 0")
+    return round(values["lag"] * SECOND_NS), round(values["clock"] * SECOND_NS)
 
 
 def _pairs(
@@ -171,17 +171,17 @@ def simulate(
     key = None if signing_key is None else load_key(signing_key)
     lens = default_camera(*parse_size(size)) if camera is None else load_camera(camera)
     if log is None:
-        scenario = generated(lens, duration_s=duration or 20.0, fps=fps or 10.0, height_m=height, seed=seed)
+        scenario = survey_scenario(lens, duration_s=duration or 20.0, fps=fps or 10.0, height_m=height, seed=seed)
     else:
-        scenario = recorded(lens, log, interval_s=(start, duration), fps=fps, seed=seed, thin=thin)
+        scenario = scenario_from_log(lens, log, interval_s=(start, duration), fps=fps, seed=seed, thin=thin)
     lag_ns, clock_ns = parse_autopilot("--autopilot", autopilot)
     biases = _sum(drawn_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias))
-    told = replace(scenario.autopilot, biases=biases, noise=parse_stds("--noise", noise))
+    reporting = replace(scenario.autopilot, biases=biases, noise=parse_stds("--noise", noise))
     observing = parse_numbers("--observe", observe, std=0.5, delay=0.05)
     imaging = parse_numbers("--image", image, noise=2.0, exposure=0.0)
     scenario = replace(
         scenario,
-        autopilot=replace(told, gimbal_lag_ns=lag_ns, clock_offset_ns=clock_ns),
+        autopilot=replace(reporting, gimbal_lag_ns=lag_ns, clock_offset_ns=clock_ns),
         radio=parse_radio("--radio", radio, seed=seed),
         imaging=replace(scenario.imaging, noise_std=imaging["noise"]),
         observing=replace(scenario.observing, std_px=observing["std"]),
@@ -193,7 +193,7 @@ def simulate(
     else:
         with _progress() as progress:
             write_files(scenario, out, video=not no_video, progress=progress)
-        _tell(scenario)
+        _print_summary(scenario)
 
 
 def _fly(
@@ -211,7 +211,7 @@ def _fly(
     with ExitStack() as stack:
         telemetry = stack.enter_context(udp_sender(mavlink)) if mavlink else None
         outlets = Outlets(
-            telemetry=telemetry if telemetry is None or key is None else signed(telemetry, key, clock),
+            telemetry=telemetry if telemetry is None or key is None else signing_sender(telemetry, key, clock),
             video=stack.enter_context(udp_sender(video)) if video else None,
             observe=stack.enter_context(observation_publisher(zenoh, station)) if zenoh else None,
             observe_delay_ns=observe_delay_ns,
@@ -219,16 +219,16 @@ def _fly(
         packets: list[list[bytes]] = []
         if video:
             with _progress() as progress:
-                packets = encoded(scenario, progress)
+                packets = encode_packets(scenario, progress)
         # Whole microseconds: the logs and the video know nothing finer.
         start_ns = (clock.now_ns() + _LEAD_NS) // 1000 * 1000
         scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
         write_files(scenario, out, video=False)
-        _tell(scenario)
+        _print_summary(scenario)
         perform(scenario, packets, outlets, clock)
 
 
-def _tell(scenario: Scenario) -> None:
+def _print_summary(scenario: Scenario) -> None:
     """One line of JSON on stdout: when the flight is, and which errors it was given."""
     biases = scenario.autopilot.biases
     document = {

@@ -15,8 +15,8 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import LinkError, UsageError
 from aerodft.service import Clock
 from aerodft.sim.observations import Sighting, sightings
-from aerodft.sim.scenario import Progress, Scenario, watched
-from aerodft.sim.telemetry import datagrams, received
+from aerodft.sim.scenario import Progress, Scenario, images_with_progress
+from aerodft.sim.telemetry import datagrams, through_radio
 from aerodft.sim.video import TransportStream
 
 Send = Callable[[bytes], None]
@@ -42,11 +42,11 @@ class Outlets:
     observe_delay_ns: int = SECOND_NS // 20
 
 
-def encoded(scenario: Scenario, progress: Progress | None = None) -> list[list[bytes]]:
+def encode_packets(scenario: Scenario, progress: Progress | None = None) -> list[list[bytes]]:
     """Every image's datagrams: the slow part, to be done before the clock starts."""
     with TransportStream(scenario.fps) as stream:
         start_ns = int(scenario.image_stamps_ns[0])
-        return [stream.encode(image, stamp - start_ns) for stamp, image in watched(scenario, progress)]
+        return [stream.encode(image, stamp - start_ns) for stamp, image in images_with_progress(scenario, progress)]
 
 
 def perform(scenario: Scenario, video: list[list[bytes]], outlets: Outlets, clock: Clock) -> None:
@@ -54,7 +54,7 @@ def perform(scenario: Scenario, video: list[list[bytes]], outlets: Outlets, cloc
 
     Args:
         scenario: The flight, shifted to when it shall take place.
-        video: :func:`encoded` images, one list of datagrams each.
+        video: :func:`encode_packets` images, one list of datagrams each.
         outlets: Where to.
         clock: Paces the flight; its time is the scenario's host UTC.
     """
@@ -66,7 +66,7 @@ def perform(scenario: Scenario, video: list[list[bytes]], outlets: Outlets, cloc
 def _acts(scenario: Scenario, video: list[list[bytes]], outlets: Outlets) -> Iterator[tuple[int, Callable[[], None]]]:
     stamps: list[int] = scenario.image_stamps_ns.tolist()
     if outlets.telemetry is not None:
-        for each in received(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio):
+        for each in through_radio(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio):
             yield each.due_ns, partial(outlets.telemetry, each.data)
     if outlets.video is not None:
         for stamp, packets in zip(stamps, video, strict=True):
@@ -98,7 +98,7 @@ def parse_udp(text: str) -> tuple[str, int]:
     return host, port
 
 
-def signed(send: Send, key: bytes, clock: Clock) -> Send:
+def signing_sender(send: Send, key: bytes, clock: Clock) -> Send:
     """A sender that signs each MAVLink 2 frame first."""
     check = SignatureCheck(key, SigningState(), clock.now_ns)
     return lambda frame: send(check.sign(frame))

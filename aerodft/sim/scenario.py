@@ -36,10 +36,10 @@ from aerodft.model import (
 )
 from aerodft.sim.observations import Observing, Sighting, busiest_stations, pose_document, sightings, write_lines
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.telemetry import Autopilot, Radio, datagrams, received, write_tlog
+from aerodft.sim.telemetry import Autopilot, Radio, datagrams, through_radio, write_tlog
 from aerodft.sim.trajectory import Trajectory, heading_wxyz, survey
 from aerodft.sim.video import write_video
-from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished_world
 
 TrackT = TypeVar("TrackT", bound=Track)
 
@@ -47,7 +47,7 @@ MAX_GAP_NS = SECOND_NS
 _HEADER = {0xFD: 10, 0xFE: 6}
 
 
-def from_log(path: Path) -> Trajectory:
+def trajectory_from_log(path: Path) -> Trajectory:
     """The flight in a telemetry log, one sample for every attitude of the gimbal that has a neighbour in each stream.
 
     Stamps are UTC: time since boot plus the median of SYSTEM_TIME. Heights are home-relative, so that the plane goes
@@ -57,11 +57,11 @@ def from_log(path: Path) -> Trajectory:
         InputError: The file is missing, or not a telemetry log.
         NoAnswerError: The log lacks positions, vehicle attitudes, gimbal attitudes with their own time, or UTC.
     """
-    tracks = _decoded(path)
-    clock = _joined(path, tracks, ClockTrack, "SYSTEM_TIME with UTC")
-    position = _joined(path, tracks, PositionTrack, "GLOBAL_POSITION_INT")
-    vehicle = _joined(path, tracks, VehicleTrack, "ATTITUDE")
-    gimbal = _joined(path, tracks, GimbalTrack, "gimbal attitude")
+    tracks = _tracks_by_kind(path)
+    clock = _whole_track(path, tracks, ClockTrack, "SYSTEM_TIME with UTC")
+    position = _whole_track(path, tracks, PositionTrack, "GLOBAL_POSITION_INT")
+    vehicle = _whole_track(path, tracks, VehicleTrack, "ATTITUDE")
+    gimbal = _whole_track(path, tracks, GimbalTrack, "gimbal attitude")
     if NO_BOOT_TIME in gimbal.boot_ns:
         expected = "GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION"
         raise NoAnswerError(
@@ -71,11 +71,11 @@ def from_log(path: Path) -> Trajectory:
     stamps, rows = _common_stamps(gimbal.boot_ns, position.boot_ns, vehicle.boot_ns)
     if len(stamps) < 2:  # noqa: PLR2004 (a motion has two ends)
         raise NoAnswerError("position, vehicle and gimbal attitude never come together", where=path)
-    home, place = _placed(position)
-    body = slerp(*_ends(vehicle.boot_ns, vehicle.wxyz, stamps))
+    home, place = _home_and_positions(position)
+    body = slerp(*_bracket(vehicle.boot_ns, vehicle.wxyz, stamps))
     heading, reported, in_earth = heading_wxyz(body), gimbal.wxyz[rows], gimbal.yaw_in_earth[rows]
     ned_wxyz_gimbal = np.where(in_earth[:, None], reported, multiply(heading, reported))
-    low, high, weight = _ends(position.boot_ns, place, stamps)
+    low, high, weight = _bracket(position.boot_ns, place, stamps)
     return Trajectory(
         origin=home,
         stamp_ns=stamps + utc_minus_boot,
@@ -86,7 +86,7 @@ def from_log(path: Path) -> Trajectory:
     )
 
 
-def _decoded(path: Path) -> dict[type, list[Track]]:
+def _tracks_by_kind(path: Path) -> dict[type, list[Track]]:
     """The log's tracks by kind."""
     tracks: defaultdict[type, list[Track]] = defaultdict(list)
     decoder = MavlinkDecoder()
@@ -119,7 +119,7 @@ def thin_log(source: Path, target: Path, *, keep_every: int) -> None:
                     file.write((int(arrival) // 1000).to_bytes(8, "big") + frame)
 
 
-def _joined(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT], what: str) -> TrackT:
+def _whole_track(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT], what: str) -> TrackT:
     """All rows of one kind (of its first source, where there are several), ascending in time since boot, each once."""
     parts = [track for track in tracks[kind] if isinstance(track, kind)]
     sources = [track.source for track in parts if isinstance(track, GimbalTrack)]
@@ -145,14 +145,14 @@ def _common_stamps(gimbal_ns: IntArray, *others_ns: IntArray) -> tuple[IntArray,
     return gimbal_ns[rows], rows
 
 
-def _ends(stamps_ns: IntArray, values: FloatArray, at_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _bracket(stamps_ns: IntArray, values: FloatArray, at_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The samples ``(n, k)`` before and after ``at_ns (n,)``, and the weight of the later ones."""
     after = np.clip(np.searchsorted(stamps_ns, at_ns), 1, len(stamps_ns) - 1)
     weight = (at_ns - stamps_ns[after - 1]) / (stamps_ns[after] - stamps_ns[after - 1])
     return values[after - 1], values[after], weight
 
 
-def _placed(position: PositionTrack) -> tuple[GeoOrigin, FloatArray]:
+def _home_and_positions(position: PositionTrack) -> tuple[GeoOrigin, FloatArray]:
     """Home (the first fix, on the home-relative height's datum) and the positions in its ENU, ``(n, 3)``."""
     home = GeoOrigin(
         lat_rad=float(position.lat_rad[0]),
@@ -245,7 +245,7 @@ def default_camera(width_px: int, height_px: int) -> Camera:
     )
 
 
-def generated(
+def survey_scenario(
     camera: Camera, *, duration_s: float = 20.0, fps: float = 10.0, height_m: float = 40.0, seed: int = 1
 ) -> Scenario:
     """A survey of the default river from a home on its left bank."""
@@ -253,10 +253,10 @@ def generated(
     trajectory = survey(river, origin=DEFAULT_ORIGIN, duration_s=duration_s, height_m=height_m, start_ns=EPOCH_NS)
     step_ns = round(SECOND_NS / fps)
     stamps = np.arange(trajectory.start_ns, trajectory.end_ns, step_ns, dtype=np.int64)
-    return _observed(
+    return _with_busiest_stations(
         Scenario(
             camera=camera,
-            world=furnished(river, seed=seed),
+            world=furnished_world(river, seed=seed),
             trajectory=trajectory,
             image_stamps_ns=stamps,
             fps=fps,
@@ -268,7 +268,7 @@ def generated(
     )
 
 
-def recorded(
+def scenario_from_log(
     camera: Camera,
     log: Path,
     *,
@@ -293,13 +293,13 @@ def recorded(
         InputError: The log cannot be read.
         NoAnswerError: The log tells no flight, or none in this interval.
     """
-    whole = from_log(log)
+    whole = trajectory_from_log(log)
     trajectory = _part(whole, interval_s, log)
     rate_hz = SECOND_NS / float(np.median(np.diff(trajectory.stamp_ns)))
     step = 1 if fps is None else max(round(rate_hz / fps), 1)
     scenario = Scenario(
         camera=camera,
-        world=furnished(river or _along_track(whole), origin=whole.origin, seed=seed),
+        world=furnished_world(river or _along_track(whole), origin=whole.origin, seed=seed),
         trajectory=trajectory,
         image_stamps_ns=trajectory.stamp_ns[::step],
         fps=rate_hz / step,
@@ -308,7 +308,7 @@ def recorded(
         log=log,
         thin=thin,
     )
-    return _observed(scenario)
+    return _with_busiest_stations(scenario)
 
 
 def _part(whole: Trajectory, interval_s: tuple[float, float | None], log: Path) -> Trajectory:
@@ -324,7 +324,7 @@ def _part(whole: Trajectory, interval_s: tuple[float, float | None], log: Path) 
     return trajectory
 
 
-def _observed(scenario: Scenario) -> Scenario:
+def _with_busiest_stations(scenario: Scenario) -> Scenario:
     sample = scenario.image_stamps_ns[:: max(len(scenario.image_stamps_ns) // 200, 1)]
     stations = busiest_stations(scenario.world, scenario.camera, scenario.trajectory, sample, STATIONS)
     return replace(scenario, observing=replace(scenario.observing, stations_m=stations))
@@ -356,7 +356,7 @@ def write_files(scenario: Scenario, folder: Path, *, video: bool = True, progres
         folder.mkdir(parents=True, exist_ok=True)
         _write(scenario, folder)
         if video:
-            write_video(folder / "video.mp4", watched(scenario, progress), fps=scenario.fps)
+            write_video(folder / "video.mp4", images_with_progress(scenario, progress), fps=scenario.fps)
     except OSError as error:
         raise InputError("cannot be written", where=folder, got=error.strerror, hint="choose another folder") from None
 
@@ -384,7 +384,7 @@ def _sightings(scenario: Scenario) -> Iterator[Sighting]:
 
 def _write_telemetry(scenario: Scenario, path: Path) -> None:
     if scenario.log is None:
-        write_tlog(path, received(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio))
+        write_tlog(path, through_radio(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio))
     else:
         thin_log(scenario.log, path, keep_every=scenario.thin)
 
@@ -394,7 +394,7 @@ def _pose_lines(scenario: Scenario) -> Iterator[bytes]:
         yield orjson.dumps({"stamp_ns": str(stamp), "pose": pose_document(scenario.trajectory.pose(stamp))})
 
 
-def watched(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:
+def images_with_progress(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:
     """The images of ``scenario``, with ``progress`` told about each."""
     total = len(scenario.image_stamps_ns)
     for done, image in enumerate(scenario.images()):

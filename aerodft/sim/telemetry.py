@@ -222,7 +222,7 @@ def _states(trajectory: Trajectory, autopilot: Autopilot, stamps_ns: np.ndarray)
     ]
 
 
-def received(sent: list[Datagram], radio: Radio) -> list[Datagram]:
+def through_radio(sent: list[Datagram], radio: Radio) -> list[Datagram]:
     """What comes out of the radio, in order of arrival; outages count from the first datagram."""
     if not sent:
         return []

@@ -160,9 +160,9 @@ def fly(waypoints: tuple[Waypoint, ...], *, origin: GeoOrigin, start_ns: int = 0
         knots,
         [(w.height_m, w.heading_rad, w.gimbal_pitch_rad, w.gimbal_yaw_rad, w.gimbal_roll_rad) for w in waypoints],
     )(times)
-    horizontal = _rounded(spline(np.maximum(times, knots[wait])))
-    height, heading, pitch, yaw, roll = _rounded(rest).T
-    body = _leaning(np.gradient(np.gradient(horizontal, SAMPLE_S, axis=0), SAMPLE_S, axis=0), heading)
+    horizontal = _smooth(spline(np.maximum(times, knots[wait])))
+    height, heading, pitch, yaw, roll = _smooth(rest).T
+    body = _attitude_of(np.gradient(np.gradient(horizontal, SAMPLE_S, axis=0), SAMPLE_S, axis=0), heading)
     gimbal = from_yaw_pitch_roll(yaw, pitch, roll)
     return Trajectory(
         origin=origin,
@@ -174,12 +174,12 @@ def fly(waypoints: tuple[Waypoint, ...], *, origin: GeoOrigin, start_ns: int = 0
     )
 
 
-def _rounded(values: FloatArray) -> FloatArray:
+def _smooth(values: FloatArray) -> FloatArray:
     """``values (n, k)`` smoothed along time."""
     return np.asarray(gaussian_filter1d(values, ROUNDING_S / SAMPLE_S, axis=0, mode="nearest"))
 
 
-def _leaning(acceleration_en_mps2: FloatArray, heading_rad: FloatArray) -> FloatArray:
+def _attitude_of(acceleration_en_mps2: FloatArray, heading_rad: FloatArray) -> FloatArray:
     """``ned_SO3_body`` of a multicopter with this horizontal acceleration ``(n, 2)`` and heading ``(n,)``."""
     east, north = acceleration_en_mps2.T
     forward = north * np.cos(heading_rad) + east * np.sin(heading_rad)

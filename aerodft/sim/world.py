@@ -251,7 +251,9 @@ DEFAULT_ORIGIN = GeoOrigin(lat_rad=math.radians(-35.363262), lon_rad=math.radian
 """Where generated flights start."""
 
 
-def furnished(river: River, *, origin: GeoOrigin = DEFAULT_ORIGIN, seed: int = 1, look: Look | None = None) -> World:
+def furnished_world(
+    river: River, *, origin: GeoOrigin = DEFAULT_ORIGIN, seed: int = 1, look: Look | None = None
+) -> World:
     """A world with markers and posts along both banks of ``river``, and somebody walking beside it.
 
     They stand 3 to 6 m from the water, between stations -60 m and 100 m.

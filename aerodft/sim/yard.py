@@ -22,7 +22,7 @@ from aerodft.errors import AerodftError
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, ImageArray
 from aerodft.service.clocks import WallClock
-from aerodft.sim.live import Outlets, encoded, perform, udp_sender
+from aerodft.sim.live import Outlets, encode_packets, perform, udp_sender
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.scenario import EPOCH_NS, Scenario, default_camera, write_files
 from aerodft.sim.trajectory import Trajectory, Waypoint, fly
@@ -179,7 +179,7 @@ def _perform_flight(folder: Path, scenario: Scenario, video: str, mavlink: str) 
     """Fly it now, in real time, once all images are rendered; and when that was. Writes the files, without a video."""
     clock = WallClock()
     with udp_sender(video) as images, udp_sender(mavlink) as telemetry:
-        packets = encoded(scenario)
+        packets = encode_packets(scenario)
         start_ns = (clock.now_ns() + SECOND_NS) // 1000 * 1000
         scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
         write_files(scenario, folder, video=False)

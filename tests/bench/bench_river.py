@@ -17,7 +17,7 @@ from aerodft.geometry import camera_pose
 from aerodft.model import PoseStd
 from aerodft.sim import default_camera
 from aerodft.sim.world import River as SimulatedRiver
-from aerodft.sim.world import furnished
+from aerodft.sim.world import furnished_world
 from aerodft.vision.river import River, RiverQuestion, find_river
 from tests.waterside import Waterside, WatersideRenderer
 
@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     camera = default_camera(args.width, args.width * 9 // 16)
-    world = furnished(SimulatedRiver(azimuth_rad=0.0))
+    world = furnished_world(SimulatedRiver(azimuth_rad=0.0))
     std = PoseStd(height_agl_m=0.4, tilt_rad=5e-3, pan_rad=5e-3, roll_rad=5e-3)
     pose = camera_pose(height_agl_m=40.0, tilt_rad=math.radians(45.0), north_m=-30.0, std=std)
     look = Waterside(waves=0.15, mirror=0.05, foam=0.03, shade_m=2.0, growth=1.6)

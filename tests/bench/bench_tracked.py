@@ -20,7 +20,7 @@ from aerodft.service import ObjectSettings
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.trajectory import survey
-from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished_world
 from aerodft.sim.yard import YARD, yard_flight
 from aerodft.vision import plane_lock
 from aerodft.vision.common import tracking
@@ -53,7 +53,7 @@ def report(what: str, images: int, total_s: float) -> None:
 def bench_tracked(count: int) -> None:
     river = River(origin_en_m=(0.0, -25.0))
     flight = survey(river, origin=DEFAULT_ORIGIN, duration_s=60.0)
-    renderer = Renderer(CAMERA, furnished(river), Imaging())
+    renderer = Renderer(CAMERA, furnished_world(river), Imaging())
     stamps = [flight.start_ns + 21 * SECOND_NS + k * SECOND_NS // 30 for k in range(count + 1)]
     poses = [flight.pose(stamp) for stamp in stamps]
     frames = [renderer.render(pose, 21 + k / 30) for k, pose in enumerate(poses)]

@@ -11,10 +11,10 @@ from aerodft.model import PoseStd
 from aerodft.sim import Autopilot, Waypoint, datagrams, default_camera, fly
 from aerodft.sim.render import Imaging
 from aerodft.sim.scenario import EPOCH_NS, Scenario
-from aerodft.sim.telemetry import Radio, drawn_biases, received, write_tlog
+from aerodft.sim.telemetry import Radio, drawn_biases, through_radio, write_tlog
 from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.video import write_video
-from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished_world
 
 MARGIN_S = 20.0
 RIVER = River(origin_en_m=(0.0, -26.0))
@@ -105,7 +105,7 @@ def scenario(
     )
     return Scenario(
         camera=default_camera(*size),
-        world=furnished(RIVER, seed=seed),
+        world=furnished_world(RIVER, seed=seed),
         trajectory=trajectory,
         image_stamps_ns=stamps,
         fps=fps,
@@ -118,7 +118,7 @@ def scenario(
 
 
 def write_log(told: Scenario, path: Path) -> None:
-    write_tlog(path, received(datagrams(told.trajectory, told.autopilot), told.radio))
+    write_tlog(path, through_radio(datagrams(told.trajectory, told.autopilot), told.radio))
 
 
 def write_clip(filmed: Scenario, clocks: Clocks, path: Path) -> int:

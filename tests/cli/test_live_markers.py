@@ -16,7 +16,7 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
 from aerodft.model import StampClock
 from aerodft.sim import default_camera
-from aerodft.sim.scenario import generated, write_files
+from aerodft.sim.scenario import survey_scenario, write_files
 from aerodft.sim.telemetry import Biases
 from replay.compare import ComparisonRun, Tolerance
 from replay.recordings import Recording
@@ -35,7 +35,7 @@ ESTIMATE = "aerodft.calibration_estimate/1"
 
 @pytest.fixture(scope="module")
 def scenario():
-    flight = generated(
+    flight = survey_scenario(
         default_camera(960, 540), duration_s=5.0, fps=5.0
     )  # whole microseconds apart, as a video has them
     biases = Biases(height_m=HEIGHT_BIAS_M, tilt_rad=math.radians(TILT_BIAS_DEG))

@@ -17,7 +17,7 @@ from aerodft.cli.river_document import scatter_remarks
 from aerodft.cli.river_files import COLUMNS
 from aerodft.geometry import east_north
 from aerodft.sim import default_camera
-from aerodft.sim.scenario import generated, write_files
+from aerodft.sim.scenario import survey_scenario, write_files
 from aerodft.sim.telemetry import Biases
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
@@ -39,7 +39,7 @@ STATION = {
 def flight(tmp_path_factory, aerodft):
     """A flight along a river whose telemetry is off, and its recording with images."""
     folder = tmp_path_factory.mktemp("reach")
-    scenario = generated(default_camera(640, 360), duration_s=14.0, fps=3.0)
+    scenario = survey_scenario(default_camera(640, 360), duration_s=14.0, fps=3.0)
     biases = Biases(height_m=HEIGHT_BIAS_M, tilt_rad=math.radians(TILT_BIAS_DEG))
     scenario = replace(scenario, autopilot=replace(scenario.autopilot, biases=biases))
     write_files(scenario, folder)

@@ -15,8 +15,8 @@ import zenoh
 from aerodft.errors import LinkError, UsageError
 from aerodft.service.clocks import WallClock
 from aerodft.sim import datagrams, default_camera
-from aerodft.sim.live import Outlets, encoded, observation_publisher, parse_udp, perform, udp_sender
-from aerodft.sim.scenario import Scenario, generated
+from aerodft.sim.live import Outlets, encode_packets, observation_publisher, parse_udp, perform, udp_sender
+from aerodft.sim.scenario import Scenario, survey_scenario
 from tests.clock import VirtualClock
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return generated(default_camera(320, 240), duration_s=4.0, fps=5.0)
+    return survey_scenario(default_camera(320, 240), duration_s=4.0, fps=5.0)
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_everything_is_sent_once_and_when_it_is_due(scenario: Scenario) -> None:
         observe=lambda each: seen.append((clock.now_ns(), each)),
         observe_delay_ns=30_000_000,
     )
-    video = encoded(scenario)
+    video = encode_packets(scenario)
     perform(scenario, video, outlets, clock)
     expected = datagrams(scenario.trajectory, scenario.autopilot)
     assert [(at, data) for at, kind, data in sent if kind == "mavlink"] == [(d.due_ns, d.data) for d in expected]

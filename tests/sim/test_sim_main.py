@@ -12,7 +12,7 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.images import VideoFileSource
 from aerodft.errors import UsageError
 from aerodft.sim.__main__ import main, parse_biases, parse_numbers, parse_radio, parse_size, parse_stds
-from aerodft.sim.scenario import EPOCH_NS, from_log
+from aerodft.sim.scenario import EPOCH_NS, trajectory_from_log
 
 FILES = ("flight.tlog", "observations.jsonl", "truth.jsonl", "poses.jsonl", "camera.toml", "world.geojson")
 
@@ -37,7 +37,7 @@ def test_a_flight_as_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capf
     stamps = [image.stamp_ns for image in VideoFileSource(tmp_path / "video.mp4").events()]
     poses = [json.loads(line) for line in (tmp_path / "poses.jsonl").read_text().splitlines()]
     assert stamps == [int(pose["stamp_ns"]) for pose in poses]
-    flight = from_log(tmp_path / "flight.tlog")
+    flight = trajectory_from_log(tmp_path / "flight.tlog")
     assert flight.start_ns - EPOCH_NS < 1e9
     seen = [json.loads(line) for line in (tmp_path / "observations.jsonl").read_text().splitlines()]
     truth = [json.loads(line) for line in (tmp_path / "truth.jsonl").read_text().splitlines()]

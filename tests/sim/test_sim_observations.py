@@ -10,12 +10,12 @@ from aerodft.geometry import inverse, matrix
 from aerodft.model import ProbeKind
 from aerodft.sim import default_camera
 from aerodft.sim.observations import MARGIN_PX, Observing, Sighting, sightings, write_lines
-from aerodft.sim.scenario import Scenario, generated
+from aerodft.sim.scenario import Scenario, survey_scenario
 
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return generated(default_camera(1280, 720), duration_s=10.0, fps=5.0)
+    return survey_scenario(default_camera(1280, 720), duration_s=10.0, fps=5.0)
 
 
 @pytest.fixture(scope="module")

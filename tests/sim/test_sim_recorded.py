@@ -7,7 +7,7 @@ from pymavlink import mavutil
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry import camera_angles
 from aerodft.sim import Autopilot, datagrams, default_camera
-from aerodft.sim.scenario import EPOCH_NS, from_log, recorded, thin_log
+from aerodft.sim.scenario import EPOCH_NS, scenario_from_log, thin_log, trajectory_from_log
 from aerodft.sim.telemetry import write_tlog
 from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.world import DEFAULT_ORIGIN, River
@@ -43,7 +43,7 @@ def counts(path: Path) -> dict[str, int]:
 
 
 def test_a_flight_comes_back_from_its_own_log(tmp_path: Path, flight: Trajectory) -> None:
-    again = from_log(log_of(flight, tmp_path / "flight.tlog"))
+    again = trajectory_from_log(log_of(flight, tmp_path / "flight.tlog"))
     truth = flight.sampled(again.stamp_ns)
     assert len(again.stamp_ns) == pytest.approx(100, abs=3)
     np.testing.assert_allclose(again.position_enu_m, truth.position_enu_m, atol=0.02)
@@ -55,18 +55,18 @@ def test_a_flight_comes_back_from_its_own_log(tmp_path: Path, flight: Trajectory
 def test_a_log_that_lacks_something_says_what(tmp_path: Path, flight: Trajectory, silent: str) -> None:
     path = log_of(flight, tmp_path / "flight.tlog", **{silent: 0.0})
     with pytest.raises(NoAnswerError, match=r"flight\.tlog.*expected"):
-        from_log(path)
+        trajectory_from_log(path)
 
 
 def test_a_gimbal_without_a_clock_is_no_truth(tmp_path: Path, flight: Trajectory) -> None:
     path = log_of(flight, tmp_path / "flight.tlog", GIMBAL_DEVICE_ATTITUDE_STATUS=0.0, MOUNT_STATUS=10.0)
     with pytest.raises(NoAnswerError, match="no time of their own"):
-        from_log(path)
+        trajectory_from_log(path)
 
 
 def test_a_missing_log_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        from_log(tmp_path / "none.tlog")
+        trajectory_from_log(tmp_path / "none.tlog")
 
 
 def test_thinning_keeps_every_second_sample(tmp_path: Path, flight: Trajectory) -> None:
@@ -76,19 +76,19 @@ def test_thinning_keeps_every_second_sample(tmp_path: Path, flight: Trajectory) 
     assert thin["SYSTEM_TIME"] == whole["SYSTEM_TIME"]
     assert thin["HEARTBEAT"] == whole["HEARTBEAT"]
     assert thin["ATTITUDE"] == (whole["ATTITUDE"] + 1) // 2
-    stamps = from_log(path).stamp_ns
-    assert set(from_log(tmp_path / "thin.tlog").stamp_ns) <= set(stamps)
+    stamps = trajectory_from_log(path).stamp_ns
+    assert set(trajectory_from_log(tmp_path / "thin.tlog").stamp_ns) <= set(stamps)
 
 
 def test_an_interval_outside_the_log_says_how_long_it_is(tmp_path: Path, flight: Trajectory) -> None:
     path = log_of(flight, tmp_path / "flight.tlog")
     with pytest.raises(NoAnswerError, match="expected 0 to"):
-        recorded(default_camera(640, 480), path, interval_s=(500.0, 5.0))
+        scenario_from_log(default_camera(640, 480), path, interval_s=(500.0, 5.0))
 
 
 @pytest.mark.skipif(not SITL.is_dir(), reason="the recorded flights (../shared/data/sitl) are not here")
 def test_a_real_autopilots_flight() -> None:
-    scenario = recorded(default_camera(1920, 1080), SITL / "brushless_consumer.tlog", fps=1.0)
+    scenario = scenario_from_log(default_camera(1920, 1080), SITL / "brushless_consumer.tlog", fps=1.0)
     flight = scenario.trajectory
     tilt = np.degrees(camera_angles(flight.enu_wxyz_cam)[0])
     airborne = flight.position_enu_m[:, 2] > 45

@@ -12,7 +12,7 @@ from aerodft.geometry import camera_angles, camera_from_gimbal, east_north, mult
 from aerodft.model import PoseStd
 from aerodft.sim import Autopilot, datagrams
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import Biases, Datagram, Radio, drawn_biases, received, write_tlog
+from aerodft.sim.telemetry import Biases, Datagram, Radio, drawn_biases, through_radio, write_tlog
 from aerodft.sim.trajectory import Trajectory, camera_of, heading_wxyz, survey
 from aerodft.sim.world import DEFAULT_ORIGIN, River
 
@@ -166,14 +166,14 @@ def test_noise_has_its_std_and_the_gimbal_runs_ahead_of_the_camera() -> None:
 
 
 def test_a_perfect_radio_changes_nothing(sent: list[Datagram]) -> None:
-    assert received(sent, Radio()) == sent
-    assert received([], Radio()) == []
+    assert through_radio(sent, Radio()) == sent
+    assert through_radio([], Radio()) == []
 
 
 def test_the_radio_delays_drops_doubles_and_reorders(sent: list[Datagram]) -> None:
     ideal = datagrams(FLIGHT, Autopilot(rates_hz={"ATTITUDE": 200.0}))
     radio = Radio(latency_ns=20_000_000, jitter_ns=3_000_000, drop=0.1, duplicate=0.2, reorder=0.05)
-    got = received(ideal, radio)
+    got = through_radio(ideal, radio)
     unique = {datagram.data for datagram in got}
     assert len(unique) / len(ideal) == pytest.approx(0.9, abs=0.03)
     assert len(got) / len(unique) == pytest.approx(1.2, abs=0.05)
@@ -182,11 +182,11 @@ def test_the_radio_delays_drops_doubles_and_reorders(sent: list[Datagram]) -> No
     assert min(delays) >= 20_000_000
     assert [d.due_ns for d in got] == sorted(d.due_ns for d in got)
     assert [due[d.data] for d in got] != sorted(due[d.data] for d in got)
-    assert received(sent, radio) == received(sent, radio)
+    assert through_radio(sent, radio) == through_radio(sent, radio)
 
 
 def test_nothing_comes_through_an_outage(sent: list[Datagram]) -> None:
-    got = received(sent, Radio(outages_ns=((3_000_000_000, 5_000_000_000),)))
+    got = through_radio(sent, Radio(outages_ns=((3_000_000_000, 5_000_000_000),)))
     elapsed = np.array([datagram.due_ns - EPOCH_NS for datagram in got]) / 1e9
     assert not np.any((elapsed >= 3) & (elapsed < 5))
     assert np.any(elapsed < 3)

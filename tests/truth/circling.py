@@ -12,14 +12,14 @@ from aerodft.model import Camera, FloatArray, ImageArray, Pose, PoseSample, Stat
 from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.trajectory import Trajectory, survey
-from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished_world
 
 SECONDS = 60.0
 FPS = 5.0
 CAMERA = default_camera(640, 360)
 _CENTRE_EN_M = (0.0, -15.0)
 _RADIUS_M = 30.0
-_WORLD = furnished(River(origin_en_m=(0.0, -25.0)))
+_WORLD = furnished_world(River(origin_en_m=(0.0, -25.0)))
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def back_over_the_river(between_s: tuple[float, float], *, width_m: float = 22.0
     """The simulator's survey, which at 40 to 54 s turns and comes back looking straight down at the water."""
     river = River(origin_en_m=(0.0, -26.0), width_m=width_m)
     trajectory = survey(river, origin=DEFAULT_ORIGIN, duration_s=SECONDS)
-    yield from _seen(CAMERA, furnished(river), trajectory, between_s)
+    yield from _seen(CAMERA, furnished_world(river), trajectory, between_s)
 
 
 def over_nothing_but_water(seconds: float) -> Iterator[Seen]:

@@ -17,7 +17,7 @@ from aerodft.cli.recorded_pose import Overrides, recorded_setup
 from aerodft.conventions import SECOND_NS
 from aerodft.model import ProbeKind, Status
 from aerodft.sim import Autopilot, default_camera
-from aerodft.sim.scenario import generated, write_files
+from aerodft.sim.scenario import survey_scenario, write_files
 from aerodft.sim.telemetry import Biases
 from replay.recordings import Recording
 from tests.payloads import decode_estimate, decode_pose, encode_pose
@@ -129,7 +129,7 @@ std_m = 0.02
 def surveyed(tmp_path_factory):
     """A flight's files, with a station file that knows markers and posts and one that does not."""
     folder = tmp_path_factory.mktemp("surveyed")
-    scenario = generated(default_camera(1280, 720), duration_s=16.0, fps=5.0, height_m=50.0)
+    scenario = survey_scenario(default_camera(1280, 720), duration_s=16.0, fps=5.0, height_m=50.0)
     scenario = replace(scenario, autopilot=replace(Autopilot(), biases=BIASES))
     write_files(scenario, folder, video=False)
     origin = scenario.trajectory.origin

@@ -19,7 +19,7 @@ from aerodft.dft import Request, Setup
 from aerodft.geometry import camera_angles, inverse, matrix, multiply, to_rotation_vector, yaw_pitch_roll
 from aerodft.model import Camera, Image, PixelSource, Pose, PoseSample, Probe, ProbeKind, Status
 from aerodft.sim import default_camera
-from aerodft.sim.scenario import Scenario, recorded, write_files
+from aerodft.sim.scenario import Scenario, scenario_from_log, write_files
 from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import River
 from replay.recordings import Recording, RecordingSource
@@ -178,7 +178,7 @@ def _print_table(rows: dict[str, list[Width]]) -> None:
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory) -> tuple[Scenario, Path]:
     folder = tmp_path_factory.mktemp("flight")
-    scenario = recorded(default_camera(1920, 1080), LOG, thin=2)
+    scenario = scenario_from_log(default_camera(1920, 1080), LOG, thin=2)
     write_files(scenario, folder, video=False)
     return scenario, folder
 
@@ -238,12 +238,12 @@ def test_the_legs_show_as_tilt_and_nothing_before_take_off_has_a_number(flight, 
 
 def _over_its_own_river() -> Scenario:
     """Two and a half seconds in which the vehicle turns and its gimbal pans back, over a river laid where it looks."""
-    look = recorded(default_camera(1920, 1080), LOG, interval_s=(PAN_START_S, PAN_S)).trajectory
+    look = scenario_from_log(default_camera(1920, 1080), LOG, interval_s=(PAN_START_S, PAN_S)).trajectory
     tilt, _, heading = camera_angles(look.enu_wxyz_cam[0])
     reach_m = look.position_enu_m[0, 2] * np.tan(tilt)
     at = look.position_enu_m[0, :2] + reach_m * np.array([np.sin(heading), np.cos(heading)])
     river = River(origin_en_m=(float(at[0]), float(at[1])), azimuth_rad=float(heading) + np.pi / 2)
-    return recorded(default_camera(1920, 1080), LOG, interval_s=(PAN_START_S, PAN_S), thin=2, river=river)
+    return scenario_from_log(default_camera(1920, 1080), LOG, interval_s=(PAN_START_S, PAN_S), thin=2, river=river)
 
 
 def test_a_rendered_and_encoded_video_gives_its_stamps_and_widths(tmp_path):

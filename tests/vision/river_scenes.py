@@ -9,7 +9,7 @@ from aerodft.geometry import camera_pose
 from aerodft.model import Pose
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import Island, Look, River, World, furnished
+from aerodft.sim.world import Island, Look, River, World, furnished_world
 
 SHAPES = {
     "straight": {"meander_m": 0.0, "width_swing_m": 0.0},
@@ -40,7 +40,7 @@ def river_scene(shape, tilt_deg, seed, *, height_m=40.0, look=None):
     """A camera about 40 m above the river, that looks along it within 20 degrees and at its middle."""
     random = np.random.default_rng([seed, tilt_deg])
     river = River(azimuth_rad=random.uniform(0, 2 * math.pi), **SHAPES[shape])
-    world = furnished(river, seed=seed, look=look or Look())
+    world = furnished_world(river, seed=seed, look=look or Look())
     height = height_m * random.uniform(0.8, 1.2)
     tilt, roll = tilt_deg + random.uniform(-1, 1) * min(1.0, tilt_deg), random.uniform(-3, 3)
     aside = math.radians(random.uniform(-20, 20))

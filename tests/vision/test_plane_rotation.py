@@ -8,7 +8,7 @@ import pytest
 from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, to_rotation_vector
 from aerodft.sim import Waypoint, default_camera, fly
 from aerodft.sim.render import Renderer
-from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished
+from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished_world
 from aerodft.vision.camera_motion import (
     ImagePair,
     PlaneMotion,
@@ -105,7 +105,7 @@ def test_land_and_flowing_water_are_told_apart():
 
 def test_rendered_images_tell_how_the_camera_turned():
     camera, trajectory = default_camera(960, 540), turning()
-    renderer = Renderer(camera, furnished(River(origin_en_m=(0.0, -60.0)), seed=2))
+    renderer = Renderer(camera, furnished_world(River(origin_en_m=(0.0, -60.0)), seed=2))
     tracker = PlaneTracker(camera)
     for stamp_ns in range(trajectory.start_ns, trajectory.end_ns, 200_000_000):
         pixels = renderer.render(trajectory.pose(stamp_ns), (stamp_ns - trajectory.start_ns) / 1e9)

@@ -8,7 +8,7 @@ from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import Island, furnished
+from aerodft.sim.world import Island, furnished_world
 from aerodft.sim.world import River as SimulatedRiver
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, WaterMask, WaterPlane, find_river
 from aerodft.vision.river.centreline import Centreline
@@ -61,7 +61,7 @@ def test_an_arm_behind_a_long_island_is_said():
     )
     camera = default_camera(960, 540)
     pose = camera_pose(height_agl_m=100.0, tilt_rad=0.0)
-    image = Renderer(camera, furnished(river), Imaging()).render(pose, 1.0)
+    image = Renderer(camera, furnished_world(river), Imaging()).render(pose, 1.0)
     found = find_river(image, Setup(camera=camera), pose, RiverQuestion(seed_px=(480.0, 375.0)))
     assert isinstance(found, River)
     assert found.water.apart > 0.5

@@ -119,8 +119,8 @@ class ZenohBus:
         self._malformed = self._shed_images = self._shed_outputs = 0
         self._session = open_session(settings.listen, settings.connect)
         self._publishers = _Publishers(self._session)
-        self._lane: WorkerQueue[_Work] = WorkerQueue("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
-        self._image_lane: WorkerQueue[Image] = WorkerQueue("publish-images", self._publish_image, _nothing, capacity=2)
+        self._queue: WorkerQueue[_Work] = WorkerQueue("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
+        self._image_queue: WorkerQueue[Image] = WorkerQueue("publish-images", self._publish_image, _nothing, capacity=2)
         self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
             self._session.liveliness().declare_token(self._keys.alive),
             *self._answers(tuple(probes), on_measure),
@@ -143,14 +143,14 @@ class ZenohBus:
         for image in batches.images:
             if image.pixels is not None and self._is_due(image):
                 self._last_image_ns = image.arrival_ns
-                self._shed_images += not self._image_lane.put(self._in_utc(image))
+                self._shed_images += not self._image_queue.put(self._in_utc(image))
         is_all_observed = all(isinstance(each.content, Observation) for each in outputs.singles)
         if outputs.images or outputs.observations or not is_all_observed:
-            self._shed_outputs += not self._lane.put(outputs)
+            self._shed_outputs += not self._queue.put(outputs)
 
     def status(self, value: StationStatus) -> None:
         """Publish the station's state."""
-        self._lane.put(value)
+        self._queue.put(value)
 
     def close(self) -> None:
         """Publish what is left, withdraw, and close the session."""
@@ -159,8 +159,8 @@ class ZenohBus:
             stack.callback(self._publishers.close)
             for declared in self._declared:
                 stack.callback(declared.undeclare)
-            stack.callback(self._lane.close)
-            stack.callback(self._image_lane.close)
+            stack.callback(self._queue.close)
+            stack.callback(self._image_queue.close)
 
     def _publish(self, work: _Work) -> None:
         if isinstance(work, StationStatus):

@@ -144,7 +144,7 @@ def test_another_process_receives_everything_valid(endpoint: str) -> None:
             time.sleep(0.002)  # far faster than any camera; all at once a listener that gets no processor loses some
         take(bus, TICK, CalibrationEstimate(stamp_ns=9, calibration="live:x:1"))
         take(bus, TICK)
-        bus._image_lane.close()  # noqa: SLF001 - the image is on its way before the last message
+        bus._image_queue.close()  # noqa: SLF001 - the image is on its way before the last message
         bus.status(StationStatus(station="s", stamp_ns=1, state="running"))
         assert process.stdout is not None
         got = [json.loads(line) for line in process.stdout]
@@ -185,7 +185,7 @@ def test_questions_are_answered(endpoint: str) -> None:
         (probe,) = ask(client, "aerodft/s/probes")
         assert (probe["name"], probe["kind"], probe["pixels"]) == ("w", "distance", [[1, 2], [3, 4]])
         take(bus, TICK, *(a_measurement(index, name) for index, name in enumerate("abab")))
-        bus._lane.close()  # noqa: SLF001 - history is written by the lane
+        bus._queue.close()  # noqa: SLF001 - history is written by its thread
         assert [item["name"] for item in ask(client, "aerodft/s/history")] == ["b", "a", "b"]
         assert [item["stamp_ns"] for item in ask(client, "aerodft/s/history", {"last": 1, "name": "b"})] == ["3"]
         assert ask(client, "aerodft/s/history", {"last": 0}) == []

@@ -4,7 +4,7 @@ A plan is waypoints to a smooth motion, of which the vehicle's attitude is the c
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -63,12 +63,7 @@ class Trajectory:
         """The samples in ``[start_ns, end_ns)``."""
         keep = (self.stamp_ns >= start_ns) & (self.stamp_ns < end_ns)
         return replace(
-            self,
-            stamp_ns=self.stamp_ns[keep],
-            position_enu_m=self.position_enu_m[keep],
-            ned_wxyz_body=self.ned_wxyz_body[keep],
-            level_wxyz_gimbal=self.level_wxyz_gimbal[keep],
-            enu_wxyz_cam=self.enu_wxyz_cam[keep],
+            self, **{each.name: getattr(self, each.name)[keep] for each in fields(self) if each.name != "origin"}
         )
 
     def sampled(self, stamps_ns: npt.ArrayLike) -> "Trajectory":

@@ -5,9 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-import orjson
-
-from aerodft.adapters.wire.payload import LATEST_NS, load_bounded_json
+from aerodft.adapters.wire.payload import load_object, stamp_from
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model import Box, Observation, StampClock
@@ -60,7 +58,8 @@ def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = No
         with path.open("rb") as lines:
             for number, line in enumerate(iter(lambda: lines.readline(_MAX_LINE_BYTES), b""), start=1):
                 if line.strip():
-                    observations.append(_observation(line, f"{path}:{number}", path.name, image_stamps_ns or {}))
+                    where = f"{path}:{number}"
+                    observations.append(_observation(_object(line, where), where, path.name, image_stamps_ns or {}))
     except OSError as error:
         raise InputError("the observation file cannot be read", where=path, got=error.strerror) from error
     return ObservationList(observations)
@@ -81,27 +80,17 @@ def parse_observation(data: bytes, *, name: str, arrival_ns: int, source: str) -
     payload = _object(data, source)
     if payload.setdefault("name", name) != name:
         raise InputError("the observation is of another probe", where=source, got=payload["name"], expected=name)
-    seen = _checked(payload, source, source, {})
-    return replace(seen, arrival_ns=arrival_ns)
-
-
-def _observation(line: bytes, where: str, source: str, image_stamps_ns: Mapping[int, int]) -> Observation:
-    return _checked(_object(line, where), where, source, image_stamps_ns)
+    return replace(_observation(payload, source, source, {}), arrival_ns=arrival_ns)
 
 
 def _object(data: bytes, where: str) -> dict[str, Any]:
-    try:
-        payload = load_bounded_json(data)
-    except orjson.JSONDecodeError as error:
-        raise InputError("the observation is not JSON", where=where, got=error, expected=_EXAMPLE) from error
-    if not isinstance(payload, dict):
-        raise InputError("the observation is no JSON object", where=where, got=repr(payload)[:60], expected=_EXAMPLE)
+    payload = load_object(data, "the observation", where, _EXAMPLE)
     if unknown := sorted(payload.keys() - _KEYS):
         raise InputError("the observation has an unknown key", where=where, got=unknown[0], expected=_EXAMPLE)
     return payload
 
 
-def _checked(payload: dict[str, Any], where: str, source: str, image_stamps_ns: Mapping[int, int]) -> Observation:
+def _observation(payload: dict[str, Any], where: str, source: str, image_stamps_ns: Mapping[int, int]) -> Observation:
     name, image, clock = payload.get("name"), payload.get("image"), payload.get("clock", StampClock.UTC)
     if not isinstance(name, str) or not name:
         raise InputError("name is not the name of a probe", where=where, got=repr(name), expected=_EXAMPLE)
@@ -135,13 +124,7 @@ def _stamp_ns(stamp: object, image: int | None, where: str, image_stamps_ns: Map
             got = f"image {image} of {len(image_stamps_ns)} known"
             raise InputError("no stamp is known for the image", where=where, got=got, expected="stamp_ns")
         return image_stamps_ns[image]
-    if isinstance(stamp, str) and stamp.isascii() and stamp.isdigit():
-        stamp = int(stamp[:20])
-    if type(stamp) is not int or not 0 <= stamp <= LATEST_NS:
-        raise InputError(
-            "stamp_ns is no stamp", where=where, got=repr(stamp), expected="nanoseconds UTC as a decimal string"
-        )
-    return stamp
+    return stamp_from(stamp, where, "nanoseconds UTC as a decimal string")
 
 
 def _pixels(value: object, where: str) -> tuple[tuple[float, float], ...]:

@@ -53,6 +53,39 @@ def dump_payload(payload: Json) -> bytes:
     return orjson.dumps(payload, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
+def load_object(data: bytes, what: str, where: str, example: str) -> Json:
+    """What somebody else wrote as a JSON object.
+
+    Args:
+        data: The text.
+        what: What it is, in the sentence that refuses it: ``the question``.
+        where: Where it is from.
+        example: How one looks.
+
+    Raises:
+        InputError: It is no JSON, or no object.
+    """
+    try:
+        payload = load_bounded_json(data)
+    except orjson.JSONDecodeError as error:
+        raise InputError(f"{what} is not JSON", where=where, got=error, expected=example) from error
+    if not isinstance(payload, dict):
+        raise InputError(f"{what} is no JSON object", where=where, got=repr(payload)[:60], expected=example)
+    return payload
+
+
+def stamp_from(value: object, where: str, expected: str) -> int:
+    """A stamp (ns, UTC) as somebody else wrote it: a decimal string, or an integer.
+
+    Raises:
+        InputError: It is neither, or takes more than 64 bits.
+    """
+    stamp_ns = int(value[:20]) if isinstance(value, str) and value.isascii() and value.isdigit() else value
+    if type(stamp_ns) is not int or not 0 <= stamp_ns <= LATEST_NS:
+        raise InputError("stamp_ns is no stamp", where=where, got=repr(stamp_ns), expected=expected)
+    return stamp_ns
+
+
 def load_payload(data: bytes, schema: str, build: Callable[[Json], T]) -> T:
     """Bytes to a value.
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import orjson
 
-from aerodft.adapters.wire.payload import LATEST_NS, dump_payload, load_bounded_json, pixel_pairs
+from aerodft.adapters.wire.payload import dump_payload, load_object, pixel_pairs, stamp_from
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.model import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
@@ -36,7 +36,7 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     Raises:
         InputError: It is no such question.
     """
-    payload = _object(data, _WHERE)
+    payload = load_object(data, "the question", _WHERE, _EXAMPLE)
     if unknown := sorted(payload.keys() - _KEYS):
         raise InputError("unknown key", where=_WHERE, got=unknown[0], expected=", ".join(sorted(_KEYS)))
     kind = payload.get("kind")
@@ -46,10 +46,8 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     if not isinstance(name, str) or not name:
         raise InputError("name is no name", where=_WHERE, got=repr(name), expected="text")
     stamp_ns = payload.get("stamp_ns")
-    if isinstance(stamp_ns, str) and stamp_ns.isascii() and stamp_ns.isdigit():
-        stamp_ns = int(stamp_ns[:20])
-    if stamp_ns is not None and not (type(stamp_ns) is int and 0 <= stamp_ns <= LATEST_NS):
-        raise InputError("stamp_ns is no stamp", where=_WHERE, got=repr(stamp_ns), expected="a decimal string")
+    if stamp_ns is not None:
+        stamp_ns = stamp_from(stamp_ns, _WHERE, "a decimal string")
     std_px = _real(payload, "std_px", 1.0)
     if std_px <= 0:
         raise InputError("std_px is no standard deviation", where=_WHERE, got=std_px, expected="pixels above 0")
@@ -71,7 +69,7 @@ def parse_history_request(data: bytes) -> tuple[int, str | None]:
     """
     if not data.strip():
         return _MAX_HISTORY, None
-    payload = _object(data, "history")
+    payload = load_object(data, "the question", "history", _EXAMPLE)
     last, name = payload.get("last", _MAX_HISTORY), payload.get("name")
     if type(last) is not int or last < 0:
         raise InputError("last is no count", where="history", got=repr(last), expected="an integer from 0")
@@ -102,16 +100,6 @@ def encode_probes(probes: Iterable[Probe]) -> bytes:
 def encode_error(sentence: str) -> bytes:
     """The answer to a question that has none."""
     return dump_payload({"error": sentence})
-
-
-def _object(data: bytes, where: str) -> dict[str, Any]:
-    try:
-        payload = load_bounded_json(data)
-    except orjson.JSONDecodeError as error:
-        raise InputError("the question is not JSON", where=where, got=error, expected=_EXAMPLE) from error
-    if not isinstance(payload, dict):
-        raise InputError("the question is no JSON object", where=where, got=repr(payload)[:60], expected=_EXAMPLE)
-    return payload
 
 
 def _pixels(value: object, kind: ProbeKind) -> tuple[tuple[float, float], ...]:

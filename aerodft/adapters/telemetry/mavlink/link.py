@@ -4,9 +4,8 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Sequence
 from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Final, Self
 
 from pymavlink.dialects.v20 import ardupilotmega
 
@@ -15,6 +14,7 @@ from aerodft.adapters.telemetry.mavlink.framing import FrameCounts, StreamFramer
 from aerodft.adapters.telemetry.mavlink.transport import Reads, TcpListener, Transport, UdpTransport, open_transport
 from aerodft.adapters.telemetry.signing import SignatureCheck, SigningCounts
 from aerodft.model import WireProtocol
+from aerodft.service import Inbox
 
 _LOG: Final = logging.getLogger(__name__)
 _MAX_SENDERS: Final = 64
@@ -79,14 +79,6 @@ class Senders:
         self._gone += self._framers.pop(sender).counts
 
 
-class FrameInbox(Protocol):
-    """Where a link leaves its frames (``service.feed.Inbox``)."""
-
-    def put_frames(self, protocol: str, sender: str, frames: Sequence[bytes]) -> None:
-        """Take whole frames of one sender, in the order in which they were received; must not block."""
-        ...
-
-
 class MavlinkLink:
     """One live link, open from construction to ``close``; usable with ``with``.
 
@@ -103,7 +95,7 @@ class MavlinkLink:
         LinkError: The string makes no sense, the port is busy, the host unknown, the device missing.
     """
 
-    def __init__(self, address: str | LinkAddress, inbox: FrameInbox, *, signing: SignatureCheck | None = None) -> None:
+    def __init__(self, address: str | LinkAddress, inbox: Inbox, *, signing: SignatureCheck | None = None) -> None:
         self.address = parse_address(address) if isinstance(address, str) else address
         self._inbox = inbox
         self._signing = signing

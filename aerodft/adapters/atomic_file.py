@@ -43,7 +43,7 @@ def replaced(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
     Args:
         path: The file.
-        keep: Whether one that was made meanwhile stays.
+        keep: Whether a file that appeared meanwhile stays.
 
     Yields:
         Where to write.

@@ -94,7 +94,7 @@ class RasterLayout:
     def nodes_m(self, window: Window, radius_m: float, cell_m: float) -> tuple[FloatArray, FloatArray]:
         """East and north of the nodes that lie in the square and among the window's pixel centres, each ascending.
 
-        They are multiples of ``cell_m``; there may be none.
+        Nodes are multiples of ``cell_m``; there may be none.
         """
         first, last = np.array([window.left, window.top]), np.array([window.right - 1, window.bottom - 1])
         outline = self.enu_m(_outline(first, last))
@@ -144,7 +144,7 @@ class RasterPart:
 
 
 RADIUS_M: Final = 2000.0
-"""How far around the station the ground is read, unless told otherwise."""
+"""How far around the station the ground is read, by default."""
 
 MAX_NODES: Final = 20_000_000
 """A grid of more nodes is refused: 160 MB of heights, and some seconds to lay them out."""

@@ -76,8 +76,8 @@ class WorkerQueue(Generic[T]):
             raise self._error
 
     def _is_full(self, size: int) -> bool:
-        taken = self._size + self._size_at_work
-        return taken > 0 and taken + size > self._capacity
+        occupied = self._size + self._size_at_work
+        return occupied > 0 and occupied + size > self._capacity
 
     def _run(self) -> None:
         try:

@@ -1,4 +1,4 @@
-"""A whole simulated flight: what is flown, over what, seen and told by whom; and its files.
+"""A whole simulated flight: trajectory, world, camera, telemetry and observers; and its files.
 
 It is generated, or the motion that a recorded autopilot log tells of, taken as the truth.
 """
@@ -210,7 +210,7 @@ class Scenario:
     thin: int = 1
 
     def shifted(self, by_ns: int) -> "Scenario":
-        """The same flight at another time."""
+        """The flight, later by so much."""
         return replace(self, trajectory=self.trajectory.shifted(by_ns), image_stamps_ns=self.image_stamps_ns + by_ns)
 
     def images(self) -> Iterator[tuple[int, ImageArray]]:
@@ -395,7 +395,7 @@ def _pose_lines(scenario: Scenario) -> Iterator[bytes]:
 
 
 def images_with_progress(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:
-    """The images of ``scenario``, with ``progress`` told about each."""
+    """The images of ``scenario``, with ``progress`` called after each."""
     total = len(scenario.image_stamps_ns)
     for done, image in enumerate(scenario.images()):
         yield image

@@ -56,7 +56,7 @@ class Trajectory:
         return int(self.stamp_ns[-1])
 
     def shifted(self, by_ns: int) -> "Trajectory":
-        """The same flight at another time."""
+        """The flight, later by so much."""
         return replace(self, stamp_ns=self.stamp_ns + by_ns)
 
     def cut(self, start_ns: int, end_ns: int) -> "Trajectory":

@@ -256,7 +256,7 @@ def furnished_world(
 ) -> World:
     """A world with markers and posts along both banks of ``river``, and somebody walking beside it.
 
-    They stand 3 to 6 m from the water, between stations -60 m and 100 m.
+    Markers and posts stand 3 to 6 m from the water, between stations -60 m and 100 m.
     """
     markers, posts = [], []
     for index, station in enumerate(np.arange(-60.0, 101.0, 20.0)):

@@ -91,7 +91,7 @@ def write_flown_yard(
         seconds: How long it hovers.
         width_px: Of its images, a multiple of 32.
         live: ``udp://HOST:PORT``: fly now and in real time, send the images there, and write no video.
-        mavlink: ``udpout:HOST:PORT``: likewise for the telemetry.
+        mavlink: ``udpout:HOST:PORT``: with ``live``, where the telemetry is sent.
 
     Raises:
         UsageError: No such address.

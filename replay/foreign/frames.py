@@ -11,7 +11,16 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega
 
 from aerodft.adapters.recording import Channel
-from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V1, V2, Cut, FrameCounts, StreamFramer
+from aerodft.adapters.telemetry.mavlink import (
+    MESSAGES,
+    SIGNATURE,
+    SIGNED,
+    V1,
+    V2,
+    FrameCounts,
+    FrameSpans,
+    StreamFramer,
+)
 from aerodft.adapters.wire.payload import load_bounded_json
 from aerodft.model import IntArray
 from replay.foreign.kinds import JSON, ROS1, type_of
@@ -127,7 +136,7 @@ class FrameReader:
         unwrapped = self.unwrapped(data)
         return self._framer.push(unwrapped) if unwrapped else []
 
-    def cuts(self, messages: Sequence[bytes]) -> Iterator[tuple[Cut, IntArray]]:
+    def cuts(self, messages: Sequence[bytes]) -> Iterator[tuple[FrameSpans, IntArray]]:
         """The frames that are complete with these messages; and of each the message with which it is, ``(n,)``.
 
         In pieces: for each byte that could begin a frame a place is held.
@@ -136,7 +145,7 @@ class FrameReader:
         ends = np.cumsum(np.fromiter(map(len, unwrapped), dtype=np.int64, count=len(unwrapped)))
         joined = b"".join(unwrapped)
         for first in range(0, len(joined), _PIECE_BYTES):
-            cut = self._framer.cut(joined[first : first + _PIECE_BYTES])
+            cut = self._framer.spans(joined[first : first + _PIECE_BYTES])
             yield cut, np.searchsorted(ends, first + cut.offset + cut.length - cut.known)
 
     def unwrapped(self, data: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""zenoh sessions that open what they were told to open, and nothing else."""
+"""zenoh sessions that open the endpoints of the configuration, and nothing else."""
 
 import json
 import logging

@@ -229,7 +229,7 @@ def _gps(rows: Rows, rejected: Counter[str]) -> Track:
         "GMS is no time of a week": rows.payload["GMS"] >= _WEEK_MS,
         "impossible year": rows.payload["GWk"] >= _MAX_WEEK,
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     return ClockTrack(unix_ns=gps_to_unix_ns(good.payload["GWk"], good.payload["GMS"]), **good.stamps())
 
 
@@ -239,13 +239,13 @@ def _wxyz(rows: Rows, yaw: str) -> FloatArray:
 
 
 def _att(rows: Rows, rejected: Counter[str]) -> Track:
-    good = rows.kept(rejected, no_angle(rows, "Roll", "Pitch", "Yaw", unit_rad=_DEG))
+    good = rows.accepted(rejected, no_angle(rows, "Roll", "Pitch", "Yaw", unit_rad=_DEG))
     return VehicleTrack(wxyz=_wxyz(good, "Yaw"), **good.stamps())
 
 
 def _mnt(rows: Rows, rejected: Counter[str]) -> Track:
     faults = {**_another_instance(rows), **no_angle(rows, "Roll", "Pitch", "YawB", unit_rad=_DEG)}
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     return vehicle_yaw_track(GimbalSource.DATAFLASH_MNT, good, _wxyz(good, "YawB"))
 
 
@@ -257,7 +257,7 @@ def _pos(rows: Rows, rejected: Counter[str]) -> Track:
         "Lng is no longitude": beyond(rows.column("Lng"), _MAX_LON_DEG),
         **no_height(rows, "Alt", "RelHomeAlt"),
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     return PositionTrack(
         lat_rad=np.radians(good.column("Lat")),
         lon_rad=np.radians(good.column("Lng")),
@@ -281,7 +281,7 @@ def _rfnd(sensors: Rangefinders, rows: Rows, rejected: Counter[str]) -> Track:
         "below the sensor's minimum": distance_m < least_m,
         "at the sensor's maximum or above": (most_m > 0) & (distance_m >= most_m),
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     return height_track(HeightSource.RANGEFINDER, good, good.column("Dist"), slant=True)
 
 
@@ -298,7 +298,7 @@ def _terr(rows: Rows, rejected: Counter[str]) -> Track:
         "status is not good": rows.payload["Status"] != _TERRAIN_OK,
         **no_height(rows, "CHeight"),
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     return height_track(HeightSource.TERRAIN, good, good.column("CHeight"), slant=False)
 
 
@@ -366,7 +366,7 @@ class DataflashDecoder:
         late = payload["TimeUS"] >= MAX_STAMP_US
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
         rows = Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale)
-        rows = rows.kept(self.rejected, {"impossible time": late})
+        rows = rows.accepted(self.rejected, {"impossible time": late})
         columns, make = self._makers[layout.name]
         if not len(rows.payload) or not _has(rows, *columns):
             return None

@@ -48,7 +48,7 @@ def new_decoder(followed: Followed) -> MavlinkDecoder:
 
 
 class TlogSource(LogFile):
-    """A .tlog as blocks of frames; their arrival is the host stamp, made not decreasing.
+    """A .tlog as blocks of frames; they arrive at their host stamps, which never decrease.
 
     Args:
         path: The file.

@@ -68,7 +68,7 @@ _FULL_LEVEL: Final = 100.0
 _SATELLITES_UNKNOWN: Final = 255
 _MAX_FIX: Final = 8
 _MOST_MM: Final = 10**8  # what says that it is off by 100 km says nothing
-_HAS_ATTITUDE: Final = 1  # of EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS alike
+_HAS_ATTITUDE: Final = 1  # of EKF_STATUS_FLAGS and of ESTIMATOR_STATUS_FLAGS
 _UNINITIALIZED: Final = 1024
 _MOST_RATIO: Final = 1e6
 
@@ -93,7 +93,7 @@ class Rows:
         scale = self.scale.get(field, 1.0)
         return raw if scale == 1 else raw * scale
 
-    def kept(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows":
+    def accepted(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows":
         """The rows without a fault; a faulty row counts once, under its first fault."""
         bad = np.zeros(len(self.payload), dtype=np.bool_)
         for fault, where in faults.items():
@@ -130,22 +130,22 @@ def clock_track(rows: Rows, rejected: Counter[str]) -> Track:
     """SYSTEM_TIME; without a fix the time is zero, with a broken clock it is in another century."""
     unix_us = rows.payload["time_unix_usec"]
     early = unix_us < MIN_UNIX_NS // 1000
-    good = rows.kept(rejected, {"no UTC yet": early, "impossible year": unix_us >= MAX_UNIX_NS // 1000})
+    good = rows.accepted(rejected, {"no UTC yet": early, "impossible year": unix_us >= MAX_UNIX_NS // 1000})
     return ClockTrack(unix_ns=good.payload["time_unix_usec"].astype(np.int64) * 1000, **good.stamps())
 
 
 def sync_track(rows: Rows, rejected: Counter[str]) -> Track:
     """TIMESYNC: its sender's own time, in a request (tc1 is 0) as in an answer; the rest is somebody else's."""
-    asked, answered = rows.payload["ts1"], rows.payload["tc1"]
-    own_ns = np.where(answered == 0, asked, answered)
+    request, answer = rows.payload["ts1"], rows.payload["tc1"]
+    own_ns = np.where(answer == 0, request, answer)
     impossible = (own_ns < 0) | (own_ns >= _MAX_BOOT_US * 1000)
-    good = replace(rows, boot_ns=own_ns.astype(np.int64)).kept(rejected, {"no time since boot": impossible})
+    good = replace(rows, boot_ns=own_ns.astype(np.int64)).accepted(rejected, {"no time since boot": impossible})
     return SyncTrack(**good.stamps())
 
 
 def vehicle_track(rows: Rows, rejected: Counter[str]) -> Track:
     """ATTITUDE, radians."""
-    good = rows.kept(rejected, no_angle(rows, "roll", "pitch", "yaw"))
+    good = rows.accepted(rejected, no_angle(rows, "roll", "pitch", "yaw"))
     wxyz = from_yaw_pitch_roll(good.column("yaw"), good.column("pitch"), good.column("roll"))
     return VehicleTrack(wxyz=wxyz, **good.stamps())
 
@@ -160,7 +160,7 @@ def position_track(rows: Rows, rejected: Counter[str]) -> Track:
         "lon is no longitude": beyond(rows.column("lon"), _MAX_LON_DEGE7),
         **no_height(rows, "alt", "relative_alt", unit_m=0.001),
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     return PositionTrack(
         lat_rad=good.column("lat") * unit_rad,
         lon_rad=good.column("lon") * unit_rad,
@@ -180,7 +180,7 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
         "gimbal is retracted": (flags & _RETRACTED) != 0,
         "q is no rotation": ~(np.abs(norm - 1) <= _QUATERNION_NORM_SLACK),
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     q = good.column("q")
     flags = good.payload["flags"]
     framed = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
@@ -195,7 +195,7 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
 
 def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track:
     """MOUNT_ORIENTATION, degrees; yaw against the vehicle."""
-    good = rows.kept(rejected, no_angle(rows, "roll", "pitch", "yaw", unit_rad=math.radians(1)))
+    good = rows.accepted(rejected, no_angle(rows, "roll", "pitch", "yaw", unit_rad=math.radians(1)))
     angles_rad = (np.radians(good.column(field)) for field in ("yaw", "pitch", "roll"))
     return vehicle_yaw_track(GimbalSource.MOUNT_ORIENTATION, good, from_yaw_pitch_roll(*angles_rad))
 
@@ -205,7 +205,7 @@ def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track:
     fields = ("pointing_c", "pointing_a", "pointing_b")
     zero = np.logical_and.reduce([rows.payload[field] == 0 for field in fields])
     faults = {"all angles zero": zero, **no_angle(rows, *fields, unit_rad=math.radians(0.01))}
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     angles_rad = (np.radians(good.column(field) / 100) for field in fields)
     return vehicle_yaw_track(GimbalSource.MOUNT_STATUS, good, from_yaw_pitch_roll(*angles_rad))
 
@@ -225,7 +225,7 @@ def distance_sensor_track(rows: Rows, rejected: Counter[str]) -> Track:
         "below the sensor's minimum": distance < rows.payload["min_distance"],
         "at the sensor's maximum or above": (limit > 0) & (distance >= limit),
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     variance_cm2 = good.column("covariance")
     # Autopilots that know no variance send 0, as often as the agreed 255.
     unknown = (variance_cm2 == _COVARIANCE_UNKNOWN) | (variance_cm2 == 0)
@@ -242,7 +242,7 @@ def rangefinder_track(rows: Rows, rejected: Counter[str]) -> Track:
     """RANGEFINDER, metres along the body's down axis; zero before its first reading."""
     distance_m = rows.column("distance")
     faults = {**no_height(rows, "distance"), "distance is zero": distance_m == 0, "distance < 0": distance_m < 0}
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     return height_track(HeightSource.RANGEFINDER, good, good.column("distance"), slant=True)
 
 
@@ -254,7 +254,7 @@ def terrain_track(rows: Rows, rejected: Counter[str]) -> Track:
         **no_height(rows, "current_height"),
         "far below the ground": rows.payload["current_height"] < _UNDERGROUND_M,
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     lat_lon_rad = np.radians(1e-7 * np.stack([good.column("lat"), good.column("lon")], axis=-1))
     track = height_track(HeightSource.TERRAIN, good, good.column("current_height"), slant=False)
     return replace(track, lat_lon_rad=lat_lon_rad)
@@ -275,7 +275,7 @@ def altitude_track(rows: Rows, rejected: Counter[str]) -> Track:
         "no height above terrain": ~(has_clearance | has_terrain),
         "altitude_terrain is far below the ground": ~has_clearance & (terrain_m < _UNDERGROUND_M),
     }
-    good = rows.kept(rejected, faults)
+    good = rows.accepted(rejected, faults)
     clearance_m, terrain_m = good.column("bottom_clearance"), good.column("altitude_terrain")
     use_clearance = np.isfinite(clearance_m) & (clearance_m >= 0)
     value_m = np.where(use_clearance, clearance_m, terrain_m)
@@ -329,7 +329,7 @@ def _fov_track(
     hfov_deg = rows.column("hfov")
     known = np.logical_or.reduce([rows.payload[field] > 0 for field in size]) if size else False
     impossible = ~((hfov_deg == 0) | ((hfov_deg >= _MIN_FOV_DEG) & (hfov_deg < _MAX_FOV_DEG)))
-    good = rows.kept(
+    good = rows.accepted(
         rejected, {"impossible hfov": impossible, "hfov is not known": (hfov_deg == 0) & ~np.asarray(known)}
     )
     hfov_deg = good.column("hfov")
@@ -349,7 +349,7 @@ def settings_track(rows: Rows, rejected: Counter[str]) -> Track:
     """CAMERA_SETTINGS: the zoom in percent of its range, NaN of a camera that cannot zoom."""
     percent = rows.column("zoomLevel")
     outside = ~((percent >= 0) & (percent <= _FULL_LEVEL))
-    good = rows.kept(rejected, {"zoomLevel is not known": np.isnan(percent), "impossible zoomLevel": outside})
+    good = rows.accepted(rejected, {"zoomLevel is not known": np.isnan(percent), "impossible zoomLevel": outside})
     count = len(good.arrival_ns)
     return CameraTrack(
         source=ZoomSource.CAMERA_SETTINGS,
@@ -373,7 +373,7 @@ def heartbeat_track(rows: Rows, _rejected: Counter[str]) -> Track:
 
 def gps_track(rows: Rows, rejected: Counter[str]) -> Track:
     """GPS_RAW_INT: the kind of fix, and the accuracy where the receiver states one (0: not stated)."""
-    good = rows.kept(rejected, {"impossible fix type": rows.payload["fix_type"] > _MAX_FIX})
+    good = rows.accepted(rejected, {"impossible fix type": rows.payload["fix_type"] > _MAX_FIX})
     satellites = good.payload["satellites_visible"].astype(np.int64)
     sent = {**good.stamps(), "boot_ns": np.full(len(satellites), NO_BOOT_TIME, dtype=np.int64)}  # it has the fix's time
     return GpsTrack(
@@ -406,7 +406,7 @@ def _estimator_track(
 ) -> Track:
     values = {field: rows.column(field) for field in fields}
     impossible = {f"{field} is no ratio": beyond(each, _MOST_RATIO) | (each < 0) for field, each in values.items()}
-    good = rows.kept(rejected, {**faults, **impossible})
+    good = rows.accepted(rejected, {**faults, **impossible})
     flags = good.payload["flags"].astype(np.int64)
     return EstimatorTrack(
         ratios=np.stack([good.column(field) for field in fields], axis=-1),

@@ -60,7 +60,11 @@ def decode_image(data: bytes) -> Image:
 
 
 def decode_images(data: Sequence[bytes]) -> Sequence[Image]:
-    """The same of many: ``ImageRows`` where they can be."""
+    """Payloads of ``aerodft.image/1`` to images without pixels: ``ImageRows`` where they can be.
+
+    Raises:
+        InputError: A payload is not of that schema.
+    """
     return load_payloads(data, IMAGE_SCHEMA, _image, _image_rows)
 
 
@@ -77,7 +81,7 @@ def _image(payload: Json) -> Image:
 
 
 def _image_rows(payloads: Sequence[Json]) -> ImageRows | None:
-    """The same of many; None where they differ in more than whole numbers, or do not come in order of arrival."""
+    """Images as rows; None where they differ in more than whole numbers, or do not come in order of arrival."""
     common = {(each["clock"], each["width_px"], each["height_px"]) for each in payloads}
     kinds = {(type(each["width_px"]), type(each["height_px"])) for each in payloads}  # 1 and 1.0 are equal
     if len(common) != 1 or len(kinds) != 1:
@@ -113,7 +117,11 @@ def encode_observation(observation: Observation) -> bytes:
 
 
 def decode_observations(data: Sequence[bytes]) -> Sequence[Observation]:
-    """The same of many."""
+    """Payloads of ``aerodft.observation/1`` to observations.
+
+    Raises:
+        InputError: A payload is not of that schema.
+    """
     return load_payloads(data, OBSERVATION_SCHEMA, _observation)
 
 

@@ -39,7 +39,7 @@ class Keys:
         return f"{self.root}/observation/{key_part(probe)}"
 
     def observed_probe(self, key: str) -> str:
-        """The probe's name in an observation's key, as ``observation`` made it."""
+        """The probe's name in an observation's key, as ``observation`` writes it."""
         part = key.rsplit("/", 1)[-1]
         for char in _FORBIDDEN - {"%"}:
             part = part.replace(f"%{ord(char):02X}", char)

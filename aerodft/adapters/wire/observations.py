@@ -99,17 +99,17 @@ def _observation(payload: dict[str, Any], where: str, source: str, image_stamps_
     if clock not in list(StampClock):
         raise InputError("clock is unknown", where=where, got=repr(clock), expected=" or ".join(StampClock))
     stamp_ns = _stamp_ns(payload.get("stamp_ns"), image, where, image_stamps_ns)
-    given = [key for key in ("pixels", "box", "contour") if payload.get(key) not in (None, [])] or ["pixels"]
-    is_nothing = given == ["pixels"] and payload.get("pixels") == []
-    if len(given) > 1:
-        raise InputError(f"{given[0]} beside {given[1]}", where=where, expected="one of pixels, box and contour")
+    stated = [key for key in ("pixels", "box", "contour") if payload.get(key) not in (None, [])] or ["pixels"]
+    is_nothing = stated == ["pixels"] and payload.get("pixels") == []
+    if len(stated) > 1:
+        raise InputError(f"{stated[0]} beside {stated[1]}", where=where, expected="one of pixels, box and contour")
     return Observation(
         name=name,
         stamp_ns=stamp_ns,
         arrival_ns=stamp_ns,
-        pixels=() if given != ["pixels"] or is_nothing else _pixels(payload.get("pixels"), where),
-        box=_box(payload["box"], where) if given == ["box"] else None,
-        contour=_contour(payload["contour"], where) if given == ["contour"] else (),
+        pixels=() if stated != ["pixels"] or is_nothing else _pixels(payload.get("pixels"), where),
+        box=_box(payload["box"], where) if stated == ["box"] else None,
+        contour=_contour(payload["contour"], where) if stated == ["contour"] else (),
         unseen=_unseen(payload.get("unseen"), where, is_nothing=is_nothing),
         std_px=_std_px(payload.get("std_px"), where),
         clock=StampClock(clock),

@@ -45,7 +45,7 @@ class PackedBytes:
         return PackedBytes(b"".join(texts), np.concatenate([[0], stop[:-1]])[: len(stop)], stop)
 
     @staticmethod
-    def joined(parts: "Sequence[PackedBytes]", order: IntArray) -> "PackedBytes":
+    def concatenated(parts: "Sequence[PackedBytes]", order: IntArray) -> "PackedBytes":
         """The texts of all parts, put into an order: ``(n,)`` numbers, counted part after part."""
         ahead = np.cumsum([0, *(len(part.data) for part in parts)])
         start = np.concatenate([part.start + by for part, by in zip(parts, ahead[:-1], strict=True)])
@@ -97,12 +97,12 @@ def encode_payloads(
         known = numbers[rows][:, ~unknown[rows[0]]]
         if np.array_equal(template.numbers, known[0]):
             own_whole = np.stack([whole[name][rows] for name in template.whole], axis=-1)
-            parts.append(template.filled(own_whole, known, b"\n".join([said[row] for row in rows])))
+            parts.append(template.fill(own_whole, known, b"\n".join([said[row] for row in rows])))
         else:  # a number of the first payload is a whole one, which JSON tells from others
             parts.append(PackedBytes.of([dump_payload(payload(row)) for row in rows]))
     if len(parts) == 1:
         return parts[0]
-    return PackedBytes.joined(
+    return PackedBytes.concatenated(
         [PackedBytes.of([]), *parts], np.argsort([row for rows in rows_of.values() for row in rows])
     )
 
@@ -136,7 +136,7 @@ class JsonTemplate:
         self._pieces, self._ends = np.frombuffer(between.data, dtype=np.uint8), between.stop
         self._sources = np.array([int(each) for each in pieces[1::2]], dtype=np.int64)
 
-    def filled(self, whole: IntArray, numbers: FloatArray, texts: bytes) -> PackedBytes:
+    def fill(self, whole: IntArray, numbers: FloatArray, texts: bytes) -> PackedBytes:
         """``n`` payloads of their whole numbers ``(n, k)``, other numbers ``(n, m)``, and texts, line by line."""
         first, then = (orjson.dumps(each.ravel(), option=orjson.OPT_SERIALIZE_NUMPY) for each in (whole, numbers))
         sources = tuple(np.frombuffer(each, dtype=np.uint8) for each in (first[1:-1], then[1:-1], texts))

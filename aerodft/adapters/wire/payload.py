@@ -112,12 +112,12 @@ def load_payloads(
     build: Callable[[Json], T],
     build_all: Callable[[Sequence[Json]], Sequence[T] | None] = lambda _: None,
 ) -> Sequence[T]:
-    """The values of many bytes, each as ``load`` tells it.
+    """The values of many bytes, each as ``load_payload`` builds it.
 
     Args:
         data: The payloads.
-        schema: As in ``load``.
-        build: Likewise.
+        schema: What their ``schema`` keys must say.
+        build: Makes a value from a parsed object.
         build_all: Makes all values at once; gives None, or fails, where that cannot be done.
     """
     try:

@@ -35,8 +35,8 @@ STAMP: Final[Schema] = {
 STAMP_OR_NULL: Final[Schema] = {**STAMP, "type": ["string", "null"]}
 
 
-def said(schema: Schema, description: str) -> Schema:
-    """The same with a description."""
+def doc(schema: Schema, description: str) -> Schema:
+    """A schema with a description."""
     return {**schema, "description": description}
 
 
@@ -46,7 +46,7 @@ def one_of(values: type[StrEnum]) -> Schema:
 
 
 def or_null(schema: Schema) -> Schema:
-    """The same, or null."""
+    """A schema that takes null too."""
     if "enum" in schema:
         return {**schema, "enum": [*schema["enum"], None]}
     return {**schema, "type": [schema["type"], "null"]}
@@ -78,29 +78,29 @@ def document(name: str, title: str, properties: Schema) -> Schema:
     }
 
 
-_PIXELS = said(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
+_PIXELS = doc(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) is the centre of the top-left pixel")
 _POINTS = or_null(list_of(list_of(NUMBER, length=3)))
 _GEO = {"lat_deg": NUMBER, "lon_deg": NUMBER, "alt_msl_m": NUMBER}
 _SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), NUMBER)
 _SUMMARY = {
-    "height_agl_m": said(
+    "height_agl_m": doc(
         NUMBER, "Above what height_datum says: the measured plane, or the ground right below the camera"
     ),
     "height_source": or_null(one_of(HeightSource)),
     "height_datum": TEXT_OR_NULL,
-    "height_age_s": said(NUMBER, "From the stamp to the nearest sample of that source"),
-    "tilt_deg": said(NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
-    "roll_deg": said(NUMBER, "About the optical axis; above 0 with the camera's right side down"),
-    "heading_deg": said(NUMBER, "Clockwise from true north"),
+    "height_age_s": doc(NUMBER, "From the stamp to the nearest sample of that source"),
+    "tilt_deg": doc(NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
+    "roll_deg": doc(NUMBER, "About the optical axis; above 0 with the camera's right side down"),
+    "heading_deg": doc(NUMBER, "Clockwise from true north"),
     "lat_deg": NUMBER,
     "lon_deg": NUMBER,
     "telemetry_age_s": NUMBER,
 }
 
 _OWN: Final[dict[str, Schema]] = {
-    "name": said(TEXT, "The probe"),
+    "name": doc(TEXT, "The probe"),
     "kind": one_of(ProbeKind),
-    "value": said(NUMBER, "Null unless the status is ok"),
+    "value": doc(NUMBER, "Null unless the status is ok"),
     "unit": TEXT,
     "std": NUMBER,
     "ci95": or_null(list_of(NUMBER, length=2)),
@@ -109,9 +109,9 @@ _OWN: Final[dict[str, Schema]] = {
     "reasons": list_of(TEXT),
     "pixels": _PIXELS,
     "std_px": NUMBER,
-    "ground_m": said(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
-    "enu_m": said(_POINTS, "East, north, up of the station's origin"),
-    "cov_enu_m2": said(or_null(list_of(list_of(NUMBER, length=3), length=3)), "Of the first point"),
+    "ground_m": doc(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
+    "enu_m": doc(_POINTS, "East, north, up of the station's origin"),
+    "cov_enu_m2": doc(or_null(list_of(list_of(NUMBER, length=3), length=3)), "Of the first point"),
     "geo": or_null(list_of(object_of(_GEO))),
     "range_m": or_null(list_of(NUMBER)),
 }
@@ -145,13 +145,13 @@ POSE: Final = document(
         "alt_msl_m": NUMBER,
         "attitude_source": or_null(one_of(GimbalSource)),
         "calibration": TEXT_OR_NULL,
-        "zoom": said(
+        "zoom": doc(
             or_null(object_of({"magnification": NUMBER, "std": NUMBER, "source": one_of(ZoomSource)})),
             "Focal length over that of the camera file, where the vehicle's reports are followed",
         ),
         "position_enu_m": or_null(list_of(NUMBER, length=3)),
-        "wxyz": said(or_null(list_of(NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
-        "cov": said(
+        "wxyz": doc(or_null(list_of(NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
+        "cov": doc(
             or_null(list_of(list_of(NUMBER, length=6), length=6)),
             "Position (ENU, m^2), then a small rotation in camera axes (rad^2)",
         ),
@@ -169,7 +169,7 @@ IMAGE: Final = document(
         "index": {"type": "integer"},
         "stamp_ns": STAMP,
         "arrival_ns": STAMP,
-        "clock": said(one_of(StampClock), "Whose clock the stamp is from"),
+        "clock": doc(one_of(StampClock), "Whose clock the stamp is from"),
         "width_px": INTEGER,
         "height_px": INTEGER,
     },
@@ -179,14 +179,14 @@ OBSERVATION: Final = document(
     OBSERVATION_SCHEMA,
     "One probe's pixels, or the outline of what it measures, at one stamp",
     {
-        "name": said(TEXT, "The probe"),
+        "name": doc(TEXT, "The probe"),
         "stamp_ns": STAMP,
         "arrival_ns": STAMP,
         "clock": one_of(StampClock),
         "pixels": _PIXELS,
-        "box": said(or_null(list_of(NUMBER, length=4)), "Left, top, right, bottom limit of an object, in pixels"),
-        "contour": said(or_null(list_of(list_of(NUMBER, length=2))), "Corners of an object's outline, in pixels"),
-        "unseen": said(or_null(TEXT), "Why there are no pixels: it was looked for, and not seen"),
+        "box": doc(or_null(list_of(NUMBER, length=4)), "Left, top, right, bottom limit of an object, in pixels"),
+        "contour": doc(or_null(list_of(list_of(NUMBER, length=2))), "Corners of an object's outline, in pixels"),
+        "unseen": doc(or_null(TEXT), "Why there are no pixels: it was looked for, and not seen"),
         "std_px": NUMBER,
         "image": INTEGER,
         "source": TEXT,
@@ -200,36 +200,36 @@ CALIBRATION_ESTIMATE: Final = document(
     CALIBRATION_SCHEMA,
     "What is to be added to the telemetry, after the landmarks of one image",
     {
-        "stamp_ns": said(STAMP, "Of the image that they were seen in"),
-        "calibration": said(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+        "stamp_ns": doc(STAMP, "Of the image that they were seen in"),
+        "calibration": doc(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
         "height_source": or_null(one_of(HeightSource)),
         "bias": object_of(
             {
-                "height_m": said(_BIAS, "Of the height source in use"),
+                "height_m": doc(_BIAS, "Of the height source in use"),
                 "east_m": _BIAS,
                 "north_m": _BIAS,
-                "tilt_deg": said(_BIAS, "About the camera's x axis; raises the tilt"),
-                "pan_deg": said(_BIAS, "About its y axis"),
-                "roll_deg": said(_BIAS, "About its z axis"),
-                "heading_deg": said(_BIAS, "About the vertical, clockwise"),
-                "time_s": said(_BIAS, "Of the images' stamps"),
+                "tilt_deg": doc(_BIAS, "About the camera's x axis; raises the tilt"),
+                "pan_deg": doc(_BIAS, "About its y axis"),
+                "roll_deg": doc(_BIAS, "About its z axis"),
+                "heading_deg": doc(_BIAS, "About the vertical, clockwise"),
+                "time_s": doc(_BIAS, "Of the images' stamps"),
             }
         ),
         "innovations": list_of(
             object_of(
                 {
-                    "name": said(TEXT, "The landmark"),
-                    "px": said(_PAIR, "Observed minus expected pixel"),
-                    "sigma_px": said(_PAIR, "Standard deviations of the two"),
-                    "chi2": said(NUMBER, "Squared distance in standard deviations, of two degrees of freedom"),
+                    "name": doc(TEXT, "The landmark"),
+                    "px": doc(_PAIR, "Observed minus expected pixel"),
+                    "sigma_px": doc(_PAIR, "Standard deviations of the two"),
+                    "chi2": doc(NUMBER, "Squared distance in standard deviations, of two degrees of freedom"),
                     "accepted": {"type": "boolean"},
-                    "reason": said(TEXT_OR_NULL, "Why it was refused"),
+                    "reason": doc(TEXT_OR_NULL, "Why it was refused"),
                 }
             )
         ),
-        "updates": said({"type": "integer"}, "Landmarks used since the start"),
-        "refused": said({"type": "integer"}, "Landmarks refused since the start"),
-        "restarts": said({"type": "integer"}, "How often nearly all were refused, and the estimate began anew"),
+        "updates": doc({"type": "integer"}, "Landmarks used since the start"),
+        "refused": doc({"type": "integer"}, "Landmarks refused since the start"),
+        "restarts": doc({"type": "integer"}, "How often nearly all were refused, and the estimate began anew"),
     },
 )
 
@@ -243,17 +243,17 @@ CAMERA_MOTION: Final = document(
     CAMERA_MOTION_SCHEMA,
     "Whether a fixed camera still looks where it looked, after one look at its steady points",
     {
-        "stamp_ns": said(STAMP, "Of the image that was looked at"),
+        "stamp_ns": doc(STAMP, "Of the image that was looked at"),
         "state": one_of(Steadiness),
-        "since_ns": said(STAMP, "The first look in this state"),
-        "moved_ns": said(STAMP_OR_NULL, "The first look that saw the camera where it rests by now, beyond the limit"),
-        "angle_deg": said(NUMBER, "By how much it has turned, about whichever axis"),
-        "turn": object_of({name: said(_BIAS, what) for name, what in _TURN.items()}),
-        "look": said(or_null(object_of(dict.fromkeys(_TURN, NUMBER))), "This look alone; null where it did not tell"),
-        "points": said({"type": "integer"}, "Found again"),
-        "agreeing": said({"type": "integer"}, "Those that the turn explains"),
-        "std_px": said(NUMBER, "Of one coordinate of these"),
-        "calibration": said(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
+        "since_ns": doc(STAMP, "The first look in this state"),
+        "moved_ns": doc(STAMP_OR_NULL, "The first look that saw the camera where it rests by now, beyond the limit"),
+        "angle_deg": doc(NUMBER, "By how much it has turned, about whichever axis"),
+        "turn": object_of({name: doc(_BIAS, what) for name, what in _TURN.items()}),
+        "look": doc(or_null(object_of(dict.fromkeys(_TURN, NUMBER))), "This look alone; null where it did not tell"),
+        "points": doc({"type": "integer"}, "Found again"),
+        "agreeing": doc({"type": "integer"}, "Those that the turn explains"),
+        "std_px": doc(NUMBER, "Of one coordinate of these"),
+        "calibration": doc(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
     },
 )
 
@@ -263,7 +263,7 @@ _HEALTH = object_of(
         "heartbeat_age_s": NUMBER,
         "gps": object_of(
             {
-                "fix": said(INTEGER, "GPS_FIX_TYPE: 3 and more are three-dimensional"),
+                "fix": doc(INTEGER, "GPS_FIX_TYPE: 3 and more are three-dimensional"),
                 "age_s": NUMBER,
                 "satellites": INTEGER,
                 "horizontal_std_m": NUMBER,
@@ -273,14 +273,14 @@ _HEALTH = object_of(
         "estimator": object_of(
             {
                 "has_attitude": {"type": ["boolean", "null"]},
-                "test_ratios": said(_NUMBERS, "Innovations over their gates: from 1 on the estimator refuses them"),
+                "test_ratios": doc(_NUMBERS, "Innovations over their gates: from 1 on the estimator refuses them"),
             }
         ),
-        "link": said(
+        "link": doc(
             object_of({"received": {"type": "integer"}, "lost": {"type": "integer"}}),
             "The autopilot's frames over the last 10 s",
         ),
-        "ages_s": said(_NUMBERS, "Since the newest telemetry of each kind"),
+        "ages_s": doc(_NUMBERS, "Since the newest telemetry of each kind"),
     }
 )
 
@@ -288,14 +288,14 @@ HEIGHT_SWITCH: Final = document(
     HEIGHT_SWITCH_SCHEMA,
     "From this stamp on heights are of another source",
     {
-        "stamp_ns": said(STAMP, "Of the first pose with the new source"),
+        "stamp_ns": doc(STAMP, "Of the first pose with the new source"),
         "before": one_of(HeightSource),
         "after": one_of(HeightSource),
-        "step_m": said(NUMBER, "The new source minus the old one; null where they never spoke at one time"),
-        "std_m": said(NUMBER, "Of the step, by what is stated of the two"),
-        "before_m": said(NUMBER, "What the old source said then"),
-        "after_m": said(NUMBER, "What the new source said then"),
-        "compared_ns": said(STAMP_OR_NULL, "When the two were compared: the last time that the old one spoke"),
+        "step_m": doc(NUMBER, "The new source minus the old one; null where they never spoke at one time"),
+        "std_m": doc(NUMBER, "Of the step, by what is stated of the two"),
+        "before_m": doc(NUMBER, "What the old source said then"),
+        "after_m": doc(NUMBER, "What the new source said then"),
+        "compared_ns": doc(STAMP_OR_NULL, "When the two were compared: the last time that the old one spoke"),
     },
 )
 
@@ -308,8 +308,8 @@ STATUS: Final = document(
         "state": {"enum": list(STATES)},
         "text": TEXT,
         "counts": {"type": "object", "additionalProperties": {"type": "integer"}},
-        "health": said(or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
-        "rejected": said(
+        "health": doc(or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
+        "rejected": doc(
             {"type": "object", "additionalProperties": {"type": "integer"}},
             "Telemetry that held no value since the start (NaN, impossible, of somebody else), by MESSAGE: reason",
         ),

@@ -266,7 +266,9 @@ class _TickRows:
         heads = np.concatenate(self._heads, axis=1)
         rows = np.lexsort((heads[2], heads[1], heads[0]))
         _, log_ns, _, channel, sequence = heads[:, rows]
-        return MessageRows(tuple(self._channels), channel, log_ns, sequence, PackedBytes.joined(self._texts, rows))
+        return MessageRows(
+            tuple(self._channels), channel, log_ns, sequence, PackedBytes.concatenated(self._texts, rows)
+        )
 
     def _add(
         self, channel: Channel, texts: PackedBytes, keys: tuple[IntArray, IntArray, IntArray], sequence: IntArray | int

@@ -26,7 +26,14 @@ from aerodft.adapters.telemetry.mavlink.decoding import (
     is_peripheral,
 )
 from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES, frame_table, message_name, payload_dtype
-from aerodft.adapters.telemetry.mavlink.framing import Cut, FrameCounts, StreamFramer, counts_of, headers, payload_rows
+from aerodft.adapters.telemetry.mavlink.framing import (
+    FrameCounts,
+    FrameSpans,
+    StreamFramer,
+    counts_of,
+    headers,
+    payload_rows,
+)
 from aerodft.adapters.telemetry.mavlink.kernels import (
     AT_QUIET,
     AT_SYNC,

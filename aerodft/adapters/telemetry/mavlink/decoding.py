@@ -67,7 +67,7 @@ OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATU
 WANTED: Final = (HEARTBEAT, *OF_POSES, *_OF_HEALTH, *OF_CAMERAS, TIMESYNC)
 # The selection's state: what was decided so far, then each wanted message's component.
 SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, OTHER_GIMBALS = 0, 1, 2, 3, 4
-ASKED_COMPONENT, ASKED_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 5, 6, 7, 8, 9
+CHOSEN_COMPONENT, CHOSEN_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 5, 6, 7, 8, 9
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
@@ -142,9 +142,9 @@ class Followed:
 def fresh_state(followed: Followed) -> IntArray:
     """The state before the first frame."""
     state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
-    state[SENSOR_SEEN:ASKED_COMPONENT] = state[OTHER_SENSORS:LOCKS] = 0
-    asked = ((SYSTEM, followed.system), (ASKED_COMPONENT, followed.component), (ASKED_GIMBAL, followed.gimbal))
-    for place, value in asked:
+    state[SENSOR_SEEN:CHOSEN_COMPONENT] = state[OTHER_SENSORS:LOCKS] = 0
+    chosen = ((SYSTEM, followed.system), (CHOSEN_COMPONENT, followed.component), (CHOSEN_GIMBAL, followed.gimbal))
+    for place, value in chosen:
         state[place] = _UNDECIDED if value is None else value
     return state
 
@@ -160,7 +160,7 @@ def is_peripheral(component: int) -> bool:
 def device_of(state: IntArray, slot: int) -> int:
     """The gimbal's or sensor's number at that component; 0 where the component is the gimbal."""
     if state[LOCKS + slot] == _UNDECIDED:
-        return max(int(state[ASKED_GIMBAL]), 0)
+        return max(int(state[CHOSEN_GIMBAL]), 0)
     return int(state[LOCKS + slot]) >> _DEVICE_BITS
 
 
@@ -180,14 +180,14 @@ def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, l
 
 
 @njit
-def _asked_for(state: IntArray, message_id: int, component: int, device: int) -> bool:
-    """Whether a message comes from the gimbal that is asked for, or from no gimbal at all."""
-    asked = state[ASKED_GIMBAL]
-    if asked == _UNDECIDED or message_id not in (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS):
+def _is_of_chosen_gimbal(state: IntArray, message_id: int, component: int, device: int) -> bool:
+    """Whether a message comes from the chosen gimbal, or from no gimbal at all."""
+    chosen = state[CHOSEN_GIMBAL]
+    if chosen == _UNDECIDED or message_id not in (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS):
         return True
-    if asked >= _FIRST_GIMBAL_COMPONENT:
-        return bool(component == asked)
-    if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS and device != asked:
+    if chosen >= _FIRST_GIMBAL_COMPONENT:
+        return bool(component == chosen)
+    if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS and device != chosen:
         state[OTHER_GIMBALS] += 1
         return False
     return True
@@ -205,7 +205,7 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
         return bool(component == state[COMPONENT])
     if message_id in OF_CAMERAS:
         return True
-    if not _asked_for(state, message_id, component, device):
+    if not _is_of_chosen_gimbal(state, message_id, component, device):
         return False
     sender = component | device << _DEVICE_BITS
     if state[LOCKS + slot] == _UNDECIDED:
@@ -262,7 +262,7 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
         if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, payload_at, length):
             if state[SYSTEM] == _UNDECIDED:
                 state[SYSTEM] = system
-            if state[SYSTEM] == system and state[ASKED_COMPONENT] in (_UNDECIDED, component):
+            if state[SYSTEM] == system and state[CHOSEN_COMPONENT] in (_UNDECIDED, component):
                 state[COMPONENT] = component
         if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM]:
             continue
@@ -275,7 +275,7 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
             rows[k] = slot
 
 
-class OneAddress:
+class SharedAddress:
     """Leaves out what a second address says in the name of the autopilot, while the first goes on.
 
     Addresses that follow each other are one sender: a bridge that reconnects, or that opens a port for every datagram
@@ -287,7 +287,7 @@ class OneAddress:
         self._last_ns = 0
         self._spoke_again = False
 
-    def kept(
+    def own_frames(
         self, block: RawBlock, heads: IntArray, state: IntArray, rejected: Counter[str]
     ) -> tuple[RawBlock, IntArray]:
         """A block and its headers ``(5, n)``, without what is of somebody else.
@@ -328,7 +328,7 @@ def _table() -> BoolArray:
 _TELLS: Final = _table()
 
 
-class Rivals:
+class OtherSenders:
     """Names whoever else could have been followed: other vehicles, autopilots and gimbals.
 
     Args:
@@ -472,9 +472,9 @@ class MavlinkDecoder:
     def __init__(self, followed: Followed | None = None) -> None:
         followed = followed or Followed()
         self._state = fresh_state(followed)
-        self._rivals = Rivals(followed)
+        self._others = OtherSenders(followed)
         self.rejected: Counter[str] = Counter()
-        self._address = OneAddress()
+        self._address = SharedAddress()
         self._sequence = SequenceWatch()
 
     @property
@@ -500,7 +500,7 @@ class MavlinkDecoder:
         if block.protocol != WireProtocol.MAVLINK:
             raise ValueError(f"got a block of {block.protocol}, must be {WireProtocol.MAVLINK}")
         data = np.frombuffer(block.data, dtype=np.uint8)
-        block, heads = self._address.kept(block, headers(block), self._state, self.rejected)
+        block, heads = self._address.own_frames(block, headers(block), self._state, self.rejected)
         slots = np.empty(heads.shape[1], dtype=np.int64)
         before = self._state.copy()
         select(data, heads, SLOTS, self._state, slots)
@@ -515,7 +515,7 @@ class MavlinkDecoder:
             if len(track.arrival_ns)
         )
         link = self._sequence.track(block, data, heads, self._state)
-        rivals = self._rivals.tracks(block, heads, slots, self._state)
+        rivals = self._others.tracks(block, heads, slots, self._state)
         return (*tracks, *rivals) if link is None else (*tracks, link, *rivals)
 
     def _note_others(self, before: IntArray) -> None:

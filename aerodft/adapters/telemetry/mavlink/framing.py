@@ -1,4 +1,4 @@
-"""A strict MAVLink 1 and 2 framer, and its frames taken apart.
+"""A strict MAVLink 1 and 2 framer, and what their headers say.
 
 A frame counts only with a known id, a possible length and the right checksum. After damage the framer resynchronises
 byte by byte and never skips a claimed length, so an intact frame is never lost to a broken neighbour. Files and live
@@ -56,7 +56,7 @@ def counts_of(state: IntArray) -> FrameCounts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cut:
+class FrameSpans:
     """The frames that are in some bytes.
 
     Attributes:
@@ -94,10 +94,10 @@ class StreamFramer:
 
     def push(self, data: bytes) -> list[bytes]:
         """Whole frames that are complete with these bytes."""
-        return self.cut(data).each()
+        return self.spans(data).each()
 
-    def cut(self, data: bytes) -> "Cut":
-        """The same, as places in the bytes."""
+    def spans(self, data: bytes) -> "FrameSpans":
+        """Where the frames are that are complete with these bytes."""
         return self._scan(self._rest + data, known=len(self._rest))
 
     def flush(self) -> list[bytes]:
@@ -116,7 +116,7 @@ class StreamFramer:
         self._seen_before = len(self._rest)
         return frames
 
-    def _scan(self, data: bytes, *, known: int, given_up: int = 0) -> "Cut":
+    def _scan(self, data: bytes, *, known: int, given_up: int = 0) -> "FrameSpans":
         capacity = len(data) // MIN_FRAME + 1
         if capacity > len(self._offsets):
             self._offsets = np.empty(capacity, dtype=np.int64)
@@ -132,7 +132,7 @@ class StreamFramer:
         self._rest = data[done:]
         self._seen_before = max(self._seen_before - done, 0)
         self._state[AT_SYNC:] -= done
-        return Cut(data, self._offsets[:found].copy(), self._lengths[:found].copy(), known)
+        return FrameSpans(data, self._offsets[:found].copy(), self._lengths[:found].copy(), known)
 
 
 def headers(block: RawBlock) -> IntArray:

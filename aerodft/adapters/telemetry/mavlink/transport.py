@@ -75,7 +75,7 @@ def sender_name(place: tuple[object, ...]) -> str:
 
 
 def read_each(sock: socket.socket) -> Reads:
-    """The same one by one, for systems that cannot do better."""
+    """Datagrams one by one, for systems without ``recvmmsg``."""
     reads: Reads = []
     # A refused datagram (nobody listens there yet) is reported on the next read: no fault of this link.
     with contextlib.suppress(BlockingIOError, ConnectionRefusedError):

@@ -175,7 +175,8 @@ def simulate(
     else:
         scenario = scenario_from_log(lens, log, interval_s=(start, duration), fps=fps, seed=seed, thin=thin)
     lag_ns, clock_ns = parse_autopilot("--autopilot", autopilot)
-    biases = _sum(drawn_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias))
+    drawn, stated = drawn_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias)
+    biases = Biases(**{each.name: getattr(drawn, each.name) + getattr(stated, each.name) for each in fields(Biases)})
     reporting = replace(scenario.autopilot, biases=biases, noise=parse_stds("--noise", noise))
     observing = parse_numbers("--observe", observe, std=0.5, delay=0.05)
     imaging = parse_numbers("--image", image, noise=2.0, exposure=0.0)
@@ -255,10 +256,6 @@ def _progress() -> Iterator[Progress]:
     with Bar(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("rendering")
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _sum(a: Biases, b: Biases) -> Biases:
-    return Biases(**{each.name: getattr(a, each.name) + getattr(b, each.name) for each in fields(Biases)})
 
 
 def main() -> None:

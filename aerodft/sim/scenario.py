@@ -34,7 +34,7 @@ from aerodft.model import (
     Track,
     VehicleTrack,
 )
-from aerodft.sim.observations import Observing, Sighting, busiest_stations, pose_document, sightings, write_lines
+from aerodft.sim.observations import Observing, busiest_stations, pose_document, sightings, write_lines
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.telemetry import Autopilot, Radio, datagrams, through_radio, write_tlog
 from aerodft.sim.trajectory import Trajectory, heading_wxyz, survey
@@ -362,36 +362,20 @@ def write_files(scenario: Scenario, folder: Path, *, video: bool = True, progres
 
 
 def _write(scenario: Scenario, folder: Path) -> None:
-    """Everything but the video."""
-    _write_telemetry(scenario, folder / "flight.tlog")
-    seen = list(_sightings(scenario))
+    """Write everything but the video."""
+    world, trajectory, stamps_ns = scenario.world, scenario.trajectory, scenario.image_stamps_ns.tolist()
+    if scenario.log is None:
+        arrived = through_radio(datagrams(trajectory, scenario.autopilot), scenario.radio)
+        write_tlog(folder / "flight.tlog", arrived)
+    else:
+        thin_log(scenario.log, folder / "flight.tlog", keep_every=scenario.thin)
+    seen = list(sightings(world, scenario.camera, trajectory, stamps_ns, scenario.observing))
     write_lines(folder / "observations.jsonl", (each.observation_line() for each in seen))
     write_lines(folder / _TRUTH, (each.truth_line() for each in seen))
-    write_lines(folder / "poses.jsonl", _pose_lines(scenario))
+    poses = ({"stamp_ns": str(stamp), "pose": pose_document(trajectory.pose(stamp))} for stamp in stamps_ns)
+    write_lines(folder / "poses.jsonl", map(orjson.dumps, poses))
     (folder / _CAMERA).write_text(tomli_w.dumps(camera_document(scenario.camera)))
-    (folder / "world.geojson").write_bytes(orjson.dumps(_world_document(scenario.world), option=orjson.OPT_INDENT_2))
-
-
-def _sightings(scenario: Scenario) -> Iterator[Sighting]:
-    return sightings(
-        scenario.world,
-        scenario.camera,
-        scenario.trajectory,
-        scenario.image_stamps_ns.tolist(),
-        scenario.observing,
-    )
-
-
-def _write_telemetry(scenario: Scenario, path: Path) -> None:
-    if scenario.log is None:
-        write_tlog(path, through_radio(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio))
-    else:
-        thin_log(scenario.log, path, keep_every=scenario.thin)
-
-
-def _pose_lines(scenario: Scenario) -> Iterator[bytes]:
-    for stamp in scenario.image_stamps_ns.tolist():
-        yield orjson.dumps({"stamp_ns": str(stamp), "pose": pose_document(scenario.trajectory.pose(stamp))})
+    (folder / "world.geojson").write_bytes(orjson.dumps(_world_document(world), option=orjson.OPT_INDENT_2))
 
 
 def images_with_progress(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:

@@ -12,9 +12,9 @@ import numpy as np
 
 from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
 from aerodft.adapters.wire.payload import Json, dump_payload, load_payload
-from aerodft.adapters.wire.pose import summary_numbers, summary_payload
+from aerodft.adapters.wire.pose import geo_payload, summary_numbers, summary_payload
 from aerodft.dft import NO_IMAGE, MeasurementBatch, MeasurementColumn
-from aerodft.model import Ellipse95, FloatArray, GeoPoint, Measurement, PoseSample, ProjectionModel
+from aerodft.model import Ellipse95, FloatArray, Measurement, PoseSample, ProjectionModel
 from aerodft.version import SOFTWARE
 
 MEASUREMENT_SCHEMA = "aerodft.measurement/1"
@@ -147,7 +147,7 @@ def _own_payload(measurement: Measurement) -> Json:
         "ground_m": measurement.ground_m,
         "enu_m": measurement.enu_m,
         "cov_enu_m2": measurement.cov_enu_m2,
-        "geo": None if geo is None else list(map(_geo_payload, geo)),
+        "geo": None if geo is None else list(map(geo_payload, geo)),
         "range_m": measurement.range_m,
     }
 
@@ -173,12 +173,4 @@ def _ellipse_payload(ellipse: Ellipse95) -> Json:
         "semi_major_m": ellipse.semi_major_m,
         "semi_minor_m": ellipse.semi_minor_m,
         "azimuth_deg": math.degrees(ellipse.azimuth_rad),
-    }
-
-
-def _geo_payload(point: GeoPoint) -> Json:
-    return {
-        "lat_deg": math.degrees(point.lat_rad),
-        "lon_deg": math.degrees(point.lon_rad),
-        "alt_msl_m": point.alt_msl_m,
     }

@@ -8,7 +8,7 @@ import numpy as np
 from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
 from aerodft.adapters.wire.payload import Json, degrees_or_none, dump_payload
 from aerodft.conventions import NADIR_TILT_RAD
-from aerodft.model import HORIZONTAL, TIME, FloatArray, GeoOrigin, HeightSwitch, PoseBatch, PoseSample, Zoom
+from aerodft.model import HORIZONTAL, TIME, FloatArray, GeoOrigin, GeoPoint, HeightSwitch, PoseBatch, PoseSample
 from aerodft.version import SOFTWARE
 
 POSE_SCHEMA = "aerodft.pose/1"
@@ -34,7 +34,7 @@ def encode_poses(poses: PoseBatch) -> PackedBytes:
 
 
 def _payload(sample: PoseSample) -> Json:
-    pose, origin, summary = sample.pose, sample.origin, summary_payload(sample)
+    pose, origin, zoom, summary = sample.pose, sample.origin, sample.zoom, summary_payload(sample)
     return {
         "schema": POSE_SCHEMA,
         "stamp_ns": str(sample.stamp_ns),
@@ -45,9 +45,9 @@ def _payload(sample: PoseSample) -> Json:
         "alt_msl_m": sample.alt_msl_m,
         "attitude_source": sample.attitude_source,
         "calibration": sample.calibration,
-        "zoom": None if sample.zoom is None else _zoom_payload(sample.zoom),
+        "zoom": zoom and {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source},
         **{name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s")},
-        "origin": None if origin is None else _origin_payload(origin),
+        "origin": None if origin is None else geo_payload(origin),
         "software": SOFTWARE,
     }
 
@@ -113,15 +113,12 @@ def camera_angles_deg(w: float, x: float, y: float, z: float) -> tuple[float, fl
     return math.degrees(tilt_rad), math.degrees(math.atan2(along_down, along_right)), math.degrees(heading_rad)
 
 
-def _zoom_payload(zoom: Zoom) -> Json:
-    return {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source}
-
-
-def _origin_payload(origin: GeoOrigin) -> Json:
+def geo_payload(place: GeoOrigin | GeoPoint) -> Json:
+    """A place on the map."""
     return {
-        "lat_deg": math.degrees(origin.lat_rad),
-        "lon_deg": math.degrees(origin.lon_rad),
-        "alt_msl_m": origin.alt_msl_m,
+        "lat_deg": math.degrees(place.lat_rad),
+        "lon_deg": math.degrees(place.lon_rad),
+        "alt_msl_m": place.alt_msl_m,
     }
 
 

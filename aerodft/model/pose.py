@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from typing import Final, TypeVar, overload
+from typing import ClassVar, Final, TypeVar, overload
 
 import numpy as np
 
@@ -69,14 +69,25 @@ class Pose:
         return Pose(**together)
 
 
-class HeightSource(StrEnum):
-    """Where a height above the measured plane came from."""
+class HeightSource(str):
+    """Name of where a height above the measured plane came from.
 
-    RANGEFINDER = "rangefinder"
-    TERRAIN = "terrain"
-    HOME = "home"
-    MANUAL = "manual"
-    CALIBRATION = "calibration"
+    No enumeration: who adds a source to ``service.HEIGHT_SOURCES`` gives it a name there.
+    """
+
+    __slots__ = ()
+    RANGEFINDER: ClassVar["HeightSource"]
+    TERRAIN: ClassVar["HeightSource"]
+    HOME: ClassVar["HeightSource"]
+    MANUAL: ClassVar["HeightSource"]
+    CALIBRATION: ClassVar["HeightSource"]
+
+
+HeightSource.RANGEFINDER = HeightSource("rangefinder")
+HeightSource.TERRAIN = HeightSource("terrain")
+HeightSource.HOME = HeightSource("home")
+HeightSource.MANUAL = HeightSource("manual")
+HeightSource.CALIBRATION = HeightSource("calibration")
 
 
 class GimbalSource(StrEnum):
@@ -415,8 +426,8 @@ class HeightDifference:
         """Whether steps ``(n,)`` are more than what is stated of the two, standard deviations ``(n,)``, explains."""
         return np.asarray(np.abs(step_m) > _BEYOND_STDS * std_m)
 
-    def turned(self) -> "HeightDifference":
-        """The same from the other side."""
+    def reversed(self) -> "HeightDifference":
+        """The difference with its two sources exchanged."""
         return HeightDifference(
             stamp_ns=self.stamp_ns,
             source=self.other,

@@ -3,6 +3,7 @@
 from aerodft.service.arrivals import ArrivalLimiter, first_arrival_ns
 from aerodft.service.batches import Batches
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
+from aerodft.service.height_sources import HEIGHT_SOURCES, HeightReader
 from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCounts, ObserverSchedule
 from aerodft.service.outline_requests import standing_of
 from aerodft.service.outputs import ImageOutputs, Sink, StepOutputs

@@ -20,6 +20,7 @@ from aerodft.model import (
     SurveyedLandmark,
     ZoomSource,
 )
+from aerodft.service.height_sources import HEIGHT_SOURCES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +114,7 @@ class HealthSettings:
         max_ratio: Largest test ratio of the estimator: innovations over their gates, of which it refuses those above 1.
         gps_ns: Longest silence of the receiver.
         horizontal_std_m: Largest standard deviation of the receiver's position.
-        vertical_std_m: Likewise.
+        vertical_std_m: Largest standard deviation of the receiver's altitude.
         loss_share: Largest share of the autopilot's frames that may be lost.
         window_ns: Over which the share is counted.
     """
@@ -138,20 +139,15 @@ class HeightSettings:
         manual_m: The height, where ``manual`` is in the order.
         min_m: Below it the status is ``BELOW_MIN_HEIGHT``.
         max_gap_ns: Longest gap between two samples that is interpolated over, of positions and home-relative heights.
-        rangefinder_gap_ns: The same of a rangefinder.
-        terrain_gap_ns: The same of a terrain database.
+        rangefinder_gap_ns: Longest gap of a rangefinder.
+        terrain_gap_ns: Longest gap of a terrain database.
         terrain_max_distance_m: From the vehicle to what a terrain report is about, at most.
         lean_std_rad: Standard deviation of the vehicle's roll and pitch, and of the rangefinder on it.
     """
 
-    order: tuple[HeightSource, ...] = (HeightSource.RANGEFINDER, HeightSource.TERRAIN, HeightSource.HOME)
+    order: tuple[HeightSource, ...] = tuple(name for name, reader in HEIGHT_SOURCES.items() if reader.is_live)
     std_m: dict[HeightSource, float] = field(
-        default_factory=lambda: {
-            HeightSource.RANGEFINDER: 0.2,
-            HeightSource.TERRAIN: 3.0,
-            HeightSource.HOME: 1.0,
-            HeightSource.MANUAL: 0.5,
-        }
+        default_factory=lambda: {name: reader.std_m for name, reader in HEIGHT_SOURCES.items()}
     )
     home_above_plane_m: float = 0.0
     manual_m: float | None = None
@@ -164,8 +160,7 @@ class HeightSettings:
 
     def gap_ns(self, source: HeightSource) -> int:
         """The longest gap between two samples of a source that is interpolated over."""
-        gaps_ns = {HeightSource.RANGEFINDER: self.rangefinder_gap_ns, HeightSource.TERRAIN: self.terrain_gap_ns}
-        return gaps_ns.get(source, self.max_gap_ns)
+        return HEIGHT_SOURCES[source].gap_ns(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

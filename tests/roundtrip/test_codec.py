@@ -51,6 +51,7 @@ from aerodft.model import (
     StampClock,
     Status,
 )
+from aerodft.service import HEIGHT_SOURCES
 from tests.batches import measurement_batch
 from tests.payloads import decode_measurement, decode_observation, decode_pose, decode_status, encode_pose
 
@@ -105,7 +106,7 @@ samples = st.builds(
     lat_rad=st.none() | angle,
     lon_rad=st.none() | angle,
     alt_msl_m=st.none() | real,
-    height_source=st.none() | st.sampled_from(HeightSource),
+    height_source=st.none() | st.sampled_from([*HEIGHT_SOURCES, HeightSource.CALIBRATION]),
     height_datum=st.none() | text,
     attitude_source=st.none() | st.sampled_from(GimbalSource),
     telemetry_age_s=st.none() | real,

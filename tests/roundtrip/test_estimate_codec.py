@@ -13,6 +13,7 @@ from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, encode_estimate
 from aerodft.adapters.wire.payload import DEGREES_RTOL
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.model import BiasValues, CalibrationEstimate, HeightSource, Innovation
+from aerodft.service import HEIGHT_SOURCES
 from tests.payloads import decode_estimate
 
 real = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)
@@ -41,7 +42,7 @@ estimates = st.builds(
     CalibrationEstimate,
     stamp_ns=st.integers(0, 2**63 - 1),
     calibration=st.none() | st.text(max_size=8),
-    height_source=st.none() | st.sampled_from(HeightSource),
+    height_source=st.none() | st.sampled_from([*HEIGHT_SOURCES, HeightSource.CALIBRATION]),
     bias=values,
     std=values,
     innovations=st.lists(innovations, max_size=3).map(tuple),

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodft.service import LAST, HeightSettings
-from aerodft.service.pose.height_sources import DATUM, SOURCES, HeightSources
+from aerodft.service.height_sources import HEIGHT_SOURCES
+from aerodft.service.pose.heights import HeightSources
 from aerodft.service.streams import Missing
 
 
@@ -45,10 +46,11 @@ class Heights:
         if batch.missing[0] != Missing.NO:
             assert (batch.source.tolist(), batch.reasons) == ([-1], {})
             return Missing(batch.missing[0])
-        source = SOURCES[batch.source[0]]
+        source = batch.order[batch.source[0]]
+        datum = HEIGHT_SOURCES[source].datum
         numbers = float(batch.height_agl_m[0]), float(batch.std_m[0])
         foot_m = tuple(batch.foot_m[0].tolist())
-        return Height(*numbers, source, DATUM[source], float(batch.age_s[0]), foot_m, batch.reasons.get(0, ()))
+        return Height(*numbers, source, datum, float(batch.age_s[0]), foot_m, batch.reasons.get(0, ()))
 
     def switch(self, before, after, stamp_ns, vehicle):
         """That one source follows another."""

@@ -69,7 +69,7 @@ def position(east_m, north_m):
 
 def measured(value_m, source=HeightSource.RANGEFINDER):
     full = np.ones(len(times()["boot_ns"]))
-    slant = source is HeightSource.RANGEFINDER
+    slant = source == HeightSource.RANGEFINDER
     return HeightTrack(**times(), source=source, value_m=value_m * full, slant=slant, std_m=np.nan * full)
 
 

@@ -24,7 +24,7 @@ def stamps(*ms):
 
 
 def measured(source, ms, values_m, *, std_m=NAN, slant=None):
-    slant = source is HeightSource.RANGEFINDER if slant is None else slant
+    slant = source == HeightSource.RANGEFINDER if slant is None else slant
     values = np.array(values_m, dtype=np.float64)
     return HeightTrack(**stamps(*ms), source=source, value_m=values, slant=slant, std_m=np.full_like(values, std_m))
 
@@ -109,7 +109,7 @@ def test_by_hand_without_a_height_is_no_source():
 def test_a_slant_range_without_the_vehicles_attitude_has_no_height():
     assert Heights(RANGEFINDER).at(50 * MS, 100 * MS, Missing.PENDING) is Missing.PENDING
     fallen = Heights(RANGEFINDER, HOME).at(50 * MS, 200 * MS, Missing.STALE)
-    assert fallen.source is HeightSource.HOME
+    assert fallen.source == HeightSource.HOME
 
 
 @pytest.mark.parametrize(("reported_m", "expected_m"), [(NAN, 0.2), (0.05, 0.05), (0.7, 0.7)])

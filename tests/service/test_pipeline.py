@@ -141,7 +141,7 @@ def test_the_numbers_are_those_of_the_flight(bench):
     (sample,) = bench.poses(outputs)
     ends_m = [(50.0 + 0.01 * end) * math.cos(0.02) * math.cos(-0.1 + 0.01 * math.sin(end)) for end in (10, 11)]
     height_m = sum(ends_m) / 2
-    assert sample.height_source is HeightSource.RANGEFINDER
+    assert sample.height_source == HeightSource.RANGEFINDER
     assert sample.pose.position_enu_m[2] == pytest.approx(height_m, abs=1e-4)
     (centre,) = bench.measured(outputs, "centre")
     assert centre.value == pytest.approx(height_m / math.cos(math.radians(30.0)), abs=1e-4)
@@ -204,8 +204,8 @@ def test_a_switch_of_the_heights_source_is_an_event_with_its_step(bench):
     outputs = bench.run_events(*bench.blocks(frames), *images)
     (switch,) = [item for item in outputs if isinstance(item, HeightSwitch)]
     sources = [sample.height_source for sample in bench.poses(outputs) if sample.height_source]
-    assert sources == sorted(sources, key=lambda source: source is HeightSource.HOME)
-    first = next(sample for sample in bench.poses(outputs) if sample.height_source is HeightSource.HOME)
+    assert sources == sorted(sources, key=lambda source: source == HeightSource.HOME)
+    first = next(sample for sample in bench.poses(outputs) if sample.height_source == HeightSource.HOME)
     assert (switch.stamp_ns, switch.before, switch.after) == (
         first.stamp_ns,
         HeightSource.RANGEFINDER,

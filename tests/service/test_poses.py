@@ -221,7 +221,7 @@ def test_a_tilted_rangefinder_is_corrected_by_the_vehicles_attitude():
     tilted = vehicle(0, SECOND, pitch_rad=math.radians(-21.8))
     poses = source(slant, tilted, gimbal(0, SECOND), height=HeightSettings())
     sample = sample_at(poses, UTC0 + 50 * MS, final=False)
-    assert sample.height_source is HeightSource.RANGEFINDER
+    assert sample.height_source == HeightSource.RANGEFINDER
     assert sample.pose.position_enu_m[2] == pytest.approx(53.6 * math.cos(math.radians(21.8)))
 
 
@@ -232,9 +232,9 @@ def test_the_height_falls_through_to_the_next_source_when_one_dies():
     )
     flight = (position(0, 8 * SECOND), gimbal(0, 8 * SECOND), vehicle(0, 8 * SECOND))
     poses = source(rangefinder, *flight, height=HeightSettings())
-    assert sample_at(poses, UTC0 + 500 * MS, final=False).height_source is HeightSource.RANGEFINDER
+    assert sample_at(poses, UTC0 + 500 * MS, final=False).height_source == HeightSource.RANGEFINDER
     fallen = sample_at(poses, UTC0 + 2 * SECOND, final=False)
-    assert fallen.height_source is HeightSource.HOME
+    assert fallen.height_source == HeightSource.HOME
     assert fallen.pose.position_enu_m[2] == pytest.approx(24.0)
 
 

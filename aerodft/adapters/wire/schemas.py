@@ -1,6 +1,6 @@
 """The JSON Schemas (draft 2020-12) of all payloads; ``docs/schema`` holds them as files, MCAP channels carry them."""
 
-from enum import StrEnum
+from collections.abc import Iterable
 from typing import Any, Final
 
 import orjson
@@ -20,8 +20,11 @@ from aerodft.model import (
     Steadiness,
     ZoomSource,
 )
+from aerodft.service import HEIGHT_SOURCES
 
 Schema = dict[str, Any]
+
+_HEIGHTS: Final = (*HEIGHT_SOURCES, HeightSource.CALIBRATION)
 
 NUMBER: Final[Schema] = {"type": ["number", "null"]}
 INTEGER: Final[Schema] = {"type": ["integer", "null"]}
@@ -40,9 +43,9 @@ def doc(schema: Schema, description: str) -> Schema:
     return {**schema, "description": description}
 
 
-def one_of(values: type[StrEnum]) -> Schema:
-    """One of the values of an enumeration."""
-    return {"enum": [member.value for member in values]}
+def one_of(values: Iterable[str]) -> Schema:
+    """One of some names, or of the values of an enumeration."""
+    return {"enum": [str(value) for value in values]}
 
 
 def or_null(schema: Schema) -> Schema:
@@ -86,7 +89,7 @@ _SUMMARY = {
     "height_agl_m": doc(
         NUMBER, "Above what height_datum says: the measured plane, or the ground right below the camera"
     ),
-    "height_source": or_null(one_of(HeightSource)),
+    "height_source": or_null(one_of(_HEIGHTS)),
     "height_datum": TEXT_OR_NULL,
     "height_age_s": doc(NUMBER, "From the stamp to the nearest sample of that source"),
     "tilt_deg": doc(NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
@@ -202,7 +205,7 @@ CALIBRATION_ESTIMATE: Final = document(
     {
         "stamp_ns": doc(STAMP, "Of the image that they were seen in"),
         "calibration": doc(TEXT_OR_NULL, "What the next images' measurements name as their calibration"),
-        "height_source": or_null(one_of(HeightSource)),
+        "height_source": or_null(one_of(_HEIGHTS)),
         "bias": object_of(
             {
                 "height_m": doc(_BIAS, "Of the height source in use"),
@@ -289,8 +292,8 @@ HEIGHT_SWITCH: Final = document(
     "From this stamp on heights are of another source",
     {
         "stamp_ns": doc(STAMP, "Of the first pose with the new source"),
-        "before": one_of(HeightSource),
-        "after": one_of(HeightSource),
+        "before": one_of(_HEIGHTS),
+        "after": one_of(_HEIGHTS),
         "step_m": doc(NUMBER, "The new source minus the old one; null where they never spoke at one time"),
         "std_m": doc(NUMBER, "Of the step, by what is stated of the two"),
         "before_m": doc(NUMBER, "What the old source said then"),

@@ -3,11 +3,13 @@
 from dataclasses import dataclass, field
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import GimbalSource, GimbalTrack, HeightSource, HeightTrack, PositionTrack, Track, VehicleTrack
+from aerodft.model import GimbalSource, GimbalTrack, HeightSource, Track, VehicleTrack
 from aerodft.service.clocks.clock_map import ClockMap
 from aerodft.service.clocks.ticks import Ticks
 from aerodft.service.feed import MergedFeed
+from aerodft.service.height_sources import HEIGHT_SOURCES
 from aerodft.service.ports import Source, TelemetryDecoder
+from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import LAST
 
 PAUSE_NS = 600 * SECOND_NS
@@ -111,14 +113,9 @@ def _extend(span: LogSpan, low_ns: int, high_ns: int) -> None:
 
 
 def _note_source(span: LogSpan, track: Track) -> None:
-    match track:
-        case PositionTrack():
-            span.heights.add(HeightSource.HOME)
-        case HeightTrack():
-            span.heights.add(track.source)
-        case GimbalTrack():
-            span.attitudes.add(track.source)
-        case VehicleTrack():
-            span.attitudes.add(GimbalSource.FIXED_MOUNT)
-        case _:
-            pass
+    settings = HeightSettings()
+    span.heights.update(name for name, reader in HEIGHT_SOURCES.items() if reader.samples(track, settings) is not None)
+    if isinstance(track, GimbalTrack):
+        span.attitudes.add(track.source)
+    elif isinstance(track, VehicleTrack):
+        span.attitudes.add(GimbalSource.FIXED_MOUNT)

@@ -15,7 +15,6 @@ from aerodft.model import (
     BoolArray,
     FloatArray,
     GeoOrigin,
-    HeightSource,
     IntArray,
     Pose,
     PoseBatch,
@@ -24,8 +23,9 @@ from aerodft.model import (
 )
 from aerodft.service.attitude import AttitudeBatch
 from aerodft.service.clocks import HOST_STD_S, ClockMap
+from aerodft.service.height_sources import HEIGHT_SOURCES
 from aerodft.service.pose.ground_below import footing, raised
-from aerodft.service.pose.height_sources import DATUM, SOURCES, HeightBatch
+from aerodft.service.pose.heights import HeightBatch
 from aerodft.service.pose.vehicle_position import PositionBatch
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
 from aerodft.service.streams import Missing
@@ -55,9 +55,12 @@ def no_height(missing: Missing, settings: HeightSettings) -> str:
     """Why there is no height."""
     if missing is Missing.NEVER:
         return sentence("height", missing, settings.order, settings.max_gap_ns)
-    near = {HeightSource.TERRAIN: f" and {settings.terrain_max_distance_m:g} m"}
-    within = (f"{settings.gap_ns(each) / SECOND_NS:g} s{near.get(each, '')} from {each}" for each in settings.order)
-    return f"no height on both sides of the stamp within {', '.join(within)}"
+    limits = []
+    for source in settings.order:
+        distance_m = HEIGHT_SOURCES[source].max_distance_m(settings)
+        within = f"{settings.gap_ns(source) / SECOND_NS:g} s" + (f" and {distance_m:g} m" if distance_m else "")
+        limits.append(f"{within} from {source}")
+    return f"no height on both sides of the stamp within {', '.join(limits)}"
 
 
 def sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:
@@ -66,9 +69,6 @@ def sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: in
     if missing is Missing.NEVER:
         return f"no {what} received yet from {sources}"
     return f"no {what} on both sides of the stamp within {max_gap_ns / SECOND_NS:g} s from {sources}"
-
-
-_HOME = SOURCES.index(HeightSource.HOME)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +147,7 @@ class PoseMaker:
         numbers = {key: number for number, key in enumerate(dict.fromkeys(alike))}
         variants = []
         for note_number, source_number, is_placed, reasons in numbers:
-            note, source = attitudes.notes[note_number], SOURCES[source_number]
+            note, source = attitudes.notes[note_number], heights.order[source_number]
             variants.append(
                 PoseSample(
                     stamp_ns=0,
@@ -155,7 +155,7 @@ class PoseMaker:
                     reasons=(*note.reasons, *reasons),
                     origin=origin if is_placed else None,
                     height_source=source,
-                    height_datum=DATUM[source],
+                    height_datum=HEIGHT_SOURCES[source].datum,
                     attitude_source=note.source,
                 )
             )
@@ -186,7 +186,7 @@ class PoseMaker:
 
     def _with_clock(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:
         """Poses with what is to be said of the clock behind their stamps, and of a place that is not known."""
-        is_home = (inputs.heights.source == _HOME) & clock.has_restarted
+        is_home = inputs.heights.is_above_home & clock.has_restarted
         is_stale = inputs.places.missing == Missing.STALE
         no_utc = not clock.is_utc_known
         columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc
@@ -212,7 +212,7 @@ class PoseMaker:
 
     def _over_ground(self, poses: PoseBatch, inputs: PoseInputs, ground: Ground) -> PoseBatch:
         """Poses in ENU whose height may be counted from the surface below; or why they have no place there."""
-        from_zero, missing = inputs.heights.source == _HOME, inputs.places.missing
+        from_zero, missing = inputs.heights.is_above_home, inputs.places.missing
         # A slope is alike everywhere.
         is_unplaced = (missing != Missing.NO) & (from_zero | (not isinstance(ground, Plane)))
         refused: list[PoseSample | None] = [None] * len(poses)
@@ -242,7 +242,7 @@ class PoseMaker:
             return poses
         keys: list[str | None] = [None] * len(poses)
         for row in np.flatnonzero(is_low).tolist():
-            source, height_m = SOURCES[heights.source[row]], heights.height_agl_m[row]
+            source, height_m = heights.order[heights.source[row]], heights.height_agl_m[row]
             keys[row] = f"{source} says {height_m:.2f} m, the minimum is {minimum_m:g} m"
 
         def with_reason(sample: PoseSample, reason: Hashable) -> PoseSample:

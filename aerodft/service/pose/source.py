@@ -26,7 +26,7 @@ from aerodft.service.attitude import AttitudeSources, FrameEvidence
 from aerodft.service.clocks import ClockMap, Ticks, of_a_kind
 from aerodft.service.health import HealthSources
 from aerodft.service.pose.composition import PoseInputs, PoseMaker, missed
-from aerodft.service.pose.height_sources import HeightSources
+from aerodft.service.pose.heights import HeightSources
 from aerodft.service.pose.vehicle_position import VehiclePositions
 from aerodft.service.pose.zoom import ZoomSources
 from aerodft.service.settings import TelemetrySettings

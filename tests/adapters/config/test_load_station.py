@@ -79,7 +79,7 @@ def test_the_fixed_camera_example_has_a_pose_and_no_telemetry() -> None:
     np.testing.assert_allclose(sample.pose.position_enu_m, [0, 0, 7.85])
     assert math.degrees(sample.origin.lat_rad) == pytest.approx(47.0667)
     assert sample.origin.alt_msl_m == pytest.approx(352.4 - 7.85)
-    assert sample.height_source is HeightSource.MANUAL
+    assert sample.height_source == HeightSource.MANUAL
 
 
 def test_a_fixed_camera_takes_its_pose_from_a_calibration() -> None:
@@ -91,7 +91,7 @@ def test_a_fixed_camera_takes_its_pose_from_a_calibration() -> None:
     assert sample.pose.position_enu_m[2] == 7.91
     assert sample.std.height_agl_m == 0.012
     assert sample.calibration == load_calibration(path).biases.id
-    assert sample.height_source is HeightSource.CALIBRATION
+    assert sample.height_source == HeightSource.CALIBRATION
     text = STATION + f'[pose]\ncalibration = "{path}"\n'
     other = parsed(text).pipeline.fixed_pose
     assert other is not None

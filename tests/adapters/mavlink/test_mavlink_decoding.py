@@ -219,7 +219,7 @@ def test_distance_sensor_rows(decode: Decode) -> None:
         *bad, _sensor(700, orientation=0), _sensor(500, covariance=4), _sensor(5999, covariance=0), decoder=decoder
     )
     assert isinstance(track, HeightTrack)
-    assert track.source is HeightSource.RANGEFINDER
+    assert track.source == HeightSource.RANGEFINDER
     assert track.slant
     np.testing.assert_array_equal(track.value_m, [5.0, 59.99])
     np.testing.assert_array_equal(track.std_m, [0.02, NAN])

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from aerodft.adapters.config.camera import BiasTable
 from aerodft.adapters.config.tables import (
@@ -29,11 +29,10 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.adapters.config.units import to_percent, to_s
 from aerodft.model import HeightSource, ReportFrame
-from aerodft.service import RADIO_STATUS, HeightSettings, TelemetrySettings
+from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, HeightSettings, TelemetrySettings
 
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
-HeightName = Literal["rangefinder", "terrain", "home", "manual"]
 AttitudeName = Literal["GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "fixed"]
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
@@ -41,13 +40,17 @@ Percent = Annotated[float, Field(ge=0, le=100)]
 ZoomPoint = Annotated[tuple[Percent, Positive], Field(strict=False)]
 
 
-class HeightStdTable(Table):
-    """Standard deviation of each height source, metres."""
-
-    rangefinder: NonNegative = 0.2
-    terrain: NonNegative = 3.0
-    home: NonNegative = 1.0
-    manual: NonNegative = 0.5
+if TYPE_CHECKING:  # what the table of sources makes of these is known when it runs
+    HeightName = str
+    HeightStdTable = Table
+else:
+    HeightName = Literal[tuple(map(str, HEIGHT_SOURCES))]
+    HeightStdTable = create_model(
+        "HeightStdTable",
+        __base__=Table,
+        __doc__="Standard deviation of each height source, metres.",
+        **{name: (NonNegative, reader.std_m) for name, reader in HEIGHT_SOURCES.items()},
+    )
 
 
 class HeightTable(Table):

@@ -18,11 +18,10 @@ from aerodft.model import (
     HeightDifference,
     HeightSource,
     HeightSwitch,
-    HeightTrack,
     IntArray,
-    PositionTrack,
     Track,
 )
+from aerodft.service.height_sources import HEIGHT_SOURCES
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, LAST, Missing, Stream
 
@@ -66,16 +65,6 @@ class VerticalAccuracy:
 VehicleAt: TypeAlias = Callable[[IntArray, IntArray, IntArray], tuple[FloatArray, IntArray]]
 """``ned_SO3_body (n, 4)`` at stamps as of ticks, by watermarks ``(n,)`` each; and why there is none, as ``Missing``."""
 
-SOURCES: Final = tuple(HeightSource)
-"""Arrays hold a source as its index here."""
-
-DATUM: Final = {
-    HeightSource.RANGEFINDER: "surface",
-    HeightSource.TERRAIN: "terrain",
-    HeightSource.HOME: "home",
-    HeightSource.MANUAL: "manual",
-}
-
 _EARTH_M: Final = 6_371_008.8
 _CLIMB_MPS: Final = 10.0  # faster is no flight of a vehicle that measures
 
@@ -90,9 +79,10 @@ class HeightBatch:
         age_s: ``(n,)`` distance in time to the nearest sample.
         foot_m: ``(n, 2)`` east and north, from the vehicle, of the surface that was measured to: a rangefinder that is
             bolted to a vehicle which leans does not look straight down.
-        source: ``(n,)`` indices into ``SOURCES``.
+        source: ``(n,)`` indices into ``order``; -1 where there is none.
         missing: ``(n,)`` why there is none, as ``Missing``.
         reasons: By row, which other sources it disagrees with and which were passed over, in sentences.
+        order: The sources.
     """
 
     height_agl_m: FloatArray
@@ -102,17 +92,24 @@ class HeightBatch:
     source: IntArray
     missing: IntArray
     reasons: dict[int, tuple[str, ...]]
+    order: tuple[HeightSource, ...]
+
+    @property
+    def is_above_home(self) -> BoolArray:
+        """``(n,)`` whether each counts from home, not from the surface below."""
+        is_above_home = [HEIGHT_SOURCES[source].is_above_home for source in self.order]
+        return np.array([*is_above_home, False])[self.source]
 
     def rows(self, rows: IntArray) -> "HeightBatch":
         """Heights by their indices ``(m,)``."""
         numbers = self.height_agl_m[rows], self.std_m[rows], self.age_s[rows], self.foot_m[rows], self.source[rows]
         reasons = {new: self.reasons[old] for new, old in enumerate(rows.tolist()) if old in self.reasons}
-        return HeightBatch(*numbers, self.missing[rows], reasons)
+        return HeightBatch(*numbers, self.missing[rows], reasons, self.order)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Values:
-    """What one source says at ``n`` stamps; see ``HeightBatch``."""
+    """What one source says at ``n`` stamps, as in ``HeightBatch``; and whether its reports are of a place too far."""
 
     height_m: FloatArray
     std_m: FloatArray
@@ -123,14 +120,14 @@ class _Values:
 
 
 class HeightSources:
-    """All height streams; home-relative heights come with the position."""
+    """The samples of all sources of a station's order, and the height that the first of them has at a stamp."""
 
     def __init__(self, settings: HeightSettings) -> None:
         self._settings = settings
         self._streams: dict[HeightSource, Stream] = {
-            source: Stream(settings.gap_ns(source)) for source in settings.order if source is not HeightSource.MANUAL
+            source: Stream(settings.gap_ns(source)) for source in settings.order if HEIGHT_SOURCES[source].is_live
         }
-        self._receiver = VerticalAccuracy()
+        self._gps_accuracy = VerticalAccuracy()
 
     def streams(self) -> tuple[Stream, ...]:
         """The streams of the sources, for the watermark."""
@@ -138,37 +135,30 @@ class HeightSources:
 
     def remarks(self) -> tuple[Stream, ...]:
         """Streams that nothing waits for."""
-        return (self._receiver.stream,)
+        return (self._gps_accuracy.stream,)
 
     def may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once."""
-        return not isinstance(track, GpsTrack) or self._receiver.may_append_ticks(track)
+        return not isinstance(track, GpsTrack) or self._gps_accuracy.may_append_ticks(track)
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Take a track of a step in, if it carries a height, or how good one is; as ``Stream.append``."""
         if isinstance(track, GpsTrack):
-            self._receiver.append(track, stamps_ns, row_end_by_tick)
-        elif isinstance(track, PositionTrack) and HeightSource.HOME in self._streams:
-            height_m = track.height_home_m + self._settings.home_above_plane_m
-            self._append(HeightSource.HOME, stamps_ns, row_end_by_tick, height_m, np.full_like(height_m, np.nan))
-        elif isinstance(track, HeightTrack) and track.source in self._streams:
-            places, slant = track.lat_lon_rad, track.slant
-            self._append(track.source, stamps_ns, row_end_by_tick, track.value_m, track.std_m, places, is_slant=slant)
-
-    def _append(
-        self,
-        source: HeightSource,
-        stamps_ns: IntArray,
-        row_end_by_tick: IntArray | None,
-        value_m: FloatArray,
-        std_m: FloatArray,
-        lat_lon_rad: FloatArray | None = None,
-        *,
-        is_slant: bool = False,
-    ) -> None:
-        places = np.full((len(value_m), 2), np.nan) if lat_lon_rad is None else lat_lon_rad
-        columns = {"value_m": value_m, "std_m": std_m, "slant": np.full_like(value_m, float(is_slant))}
-        self._streams[source].append(stamps_ns, row_end_by_tick, **columns, lat_lon_rad=places)
+            self._gps_accuracy.append(track, stamps_ns, row_end_by_tick)
+            return
+        for source, stream in self._streams.items():
+            samples = HEIGHT_SOURCES[source].samples(track, self._settings)
+            if samples is None:
+                continue
+            places = samples.lat_lon_rad
+            stream.append(
+                stamps_ns,
+                row_end_by_tick,
+                value_m=samples.value_m,
+                std_m=samples.std_m,
+                slant=np.full_like(samples.value_m, float(samples.is_slant)),
+                lat_lon_rad=np.full((len(samples.value_m), 2), np.nan) if places is None else places,
+            )
 
     def at(
         self,
@@ -188,16 +178,17 @@ class HeightSources:
             lat_lon_rad: ``(n, 2)`` where the vehicle is, for the distance to what a terrain report is about; NaN where
                 that is unknown.
         """
-        found = _nothing(len(stamps_ns))
+        found = self._nothing(len(stamps_ns))
         left = np.arange(len(stamps_ns))
         far: dict[int, list[str]] = {}
         for source in self._settings.order:
             if not len(left):
                 break
-            asked = stamps_ns[left], ticks[left], watermark_ns[left]
-            values = self._values(source, *asked, vehicle_at, lat_lon_rad[left])
+            at = stamps_ns[left], ticks[left], watermark_ns[left]
+            values = self._values(source, *at, vehicle_at, lat_lon_rad[left])
             for row in left[values.is_far].tolist():
-                far.setdefault(row, []).append(self._far_sentence(source))
+                limit_m = HEIGHT_SOURCES[source].max_distance_m(self._settings)
+                far.setdefault(row, []).append(f"{source} is of a place more than {limit_m:g} m away, and is not taken")
             _take_values(found, left, values, source)
             left = left[np.isin(values.missing, (Missing.STALE, Missing.NEVER))]
         known = np.flatnonzero(found.missing == Missing.NO)
@@ -223,8 +214,14 @@ class HeightSources:
         step = self._one_difference(before, after, stamp_ns, tick, vehicle_at, max_age_ns=END_OF_TIME)
         if step is None and before in self._streams:
             reverse = self._one_difference(after, before, stamp_ns, tick, vehicle_at, max_age_ns=END_OF_TIME)
-            step = None if reverse is None else reverse.turned()
+            step = None if reverse is None else reverse.reversed()
         return HeightSwitch(stamp_ns=stamp_ns, before=before, after=after, step=step)
+
+    def _nothing(self, count: int) -> HeightBatch:
+        height_m, std_m, age_s = np.full((3, count), np.nan)
+        source, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
+        foot_m, order = np.zeros((count, 2)), self._settings.order
+        return HeightBatch(height_m, std_m, age_s, foot_m, source, missing, {}, order)
 
     def _values(
         self,
@@ -239,28 +236,33 @@ class HeightSources:
         count = len(stamps_ns)
         height_m, std_m, age_s = np.full((3, count), np.nan)
         foot_m, is_far = np.zeros((count, 2)), np.full(count, fill_value=False)
-        if source is HeightSource.MANUAL:
-            if self._settings.manual_m is not None:
-                height_m[:], std_m[:], age_s[:] = self._settings.manual_m, self._settings.std_m[source], 0.0
+        if source not in self._streams:
+            constant_m = HEIGHT_SOURCES[source].constant_m(self._settings)
+            if constant_m is not None:
+                height_m[:], std_m[:], age_s[:] = constant_m, self._stated_std_m(source), 0.0
             missing = np.where(np.isnan(height_m), Missing.NEVER, Missing.NO)
             return _Values(height_m, std_m, age_s, foot_m, missing, is_far)
         stream = self._streams[source]
         found, missing = stream.find(stamps_ns, ticks, watermark_ns)
         rows = np.flatnonzero(missing == Missing.NO)
         if len(rows):
-            is_far[rows] = self._is_far(stream, found.rows(rows), lat_lon_rad[rows])
+            is_far[rows] = self._is_far(source, found.rows(rows), lat_lon_rad[rows])
             missing[is_far] = Missing.STALE
             rows = rows[~is_far[rows]]
             own = stamps_ns[rows], ticks[rows]
             vertical = self._vertical(source, found.rows(rows), *own, watermark_ns[rows], vehicle_at)
             height_m[rows], std_m[rows], foot_m[rows], missing[rows] = vertical
             age_s[rows] = stream.ages_s(stamps_ns[rows], found.rows(rows))
-            std_m[rows] = np.maximum(std_m[rows], self._receiver_std_m(source, *own))
+            std_m[rows] = np.maximum(std_m[rows], self._gps_std_m(source, *own))
         return _Values(height_m, std_m, age_s, foot_m, missing, is_far)
 
-    def _receiver_std_m(self, source: HeightSource, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
-        """The receiver's own opinion, where a height comes with the position; else 0."""
-        return self._receiver.std_m(stamps_ns, ticks) if source is HeightSource.HOME else np.zeros(len(stamps_ns))
+    def _stated_std_m(self, source: HeightSource) -> float:
+        return self._settings.std_m.get(source, HEIGHT_SOURCES[source].std_m)
+
+    def _gps_std_m(self, source: HeightSource, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
+        """Vertical accuracy ``(n,)`` by the GPS receiver, where a height comes with the position; else 0."""
+        is_above_home = HEIGHT_SOURCES[source].is_above_home
+        return self._gps_accuracy.std_m(stamps_ns, ticks) if is_above_home else np.zeros(len(stamps_ns))
 
     def _vertical(
         self,
@@ -281,12 +283,12 @@ class HeightSources:
         missing, foot_m = np.full(count, int(Missing.NO)), np.zeros((count, 2))
         if not np.any(stream.column("slant")[found.before]):
             return found.linear(values_m), std_m, foot_m, missing
-        now, missing = vehicle_at(stamps_ns, ticks, watermark_ns)
+        at_stamp, missing = vehicle_at(stamps_ns, ticks, watermark_ns)
         beams = []
         for ends in (found.before, found.after):
-            then, gone = vehicle_at(stream.stamps_ns[ends], ticks, watermark_ns)
-            missing = np.where((missing == Missing.NO) & (gone == Missing.PENDING), gone, missing)
-            attitude = np.where((gone == Missing.NO)[:, None], then, now)
+            at_sample, lost = vehicle_at(stream.stamps_ns[ends], ticks, watermark_ns)
+            missing = np.where((missing == Missing.NO) & (lost == Missing.PENDING), lost, missing)
+            attitude = np.where((lost == Missing.NO)[:, None], at_sample, at_stamp)
             beams.append(values_m[ends, None] * matrix(attitude)[:, :, 2])
         north, east, down = (beams[0] + found.weight[:, None] * (beams[1] - beams[0])).T
         missing = np.where((missing == Missing.NO) & ~(down > 0), Missing.STALE, missing)  # it looks up
@@ -305,22 +307,23 @@ class HeightSources:
         """
         stream = self._streams[source]
         reported_m, (before_m, after_m) = found.linear(stream.column("std_m")), found.ends(stream.column("value_m"))
-        known_m = np.where(np.isfinite(reported_m), reported_m, self._settings.std_m[source])
+        known_m = np.where(np.isfinite(reported_m), reported_m, self._stated_std_m(source))
         step_m = np.maximum(0.0, np.abs(after_m - before_m) - _CLIMB_MPS * found.gap_ns / SECOND_NS)
         return np.asarray(np.hypot(known_m, step_m * np.sqrt(found.weight * (1 - found.weight))))
 
-    def _is_far(self, stream: Stream, found: Brackets, lat_lon_rad: FloatArray) -> BoolArray:
+    def _is_far(self, source: HeightSource, found: Brackets, lat_lon_rad: FloatArray) -> BoolArray:
         """Whether one of two samples is of another place than the vehicle's; unknown places are not far."""
-        is_far = np.full(len(lat_lon_rad), fill_value=False)
-        for ends in found.ends(stream.column("lat_lon_rad")):
+        is_far, limit_m = (
+            np.full(len(lat_lon_rad), fill_value=False),
+            HEIGHT_SOURCES[source].max_distance_m(self._settings),
+        )
+        if limit_m is None:
+            return is_far
+        for ends in found.ends(self._streams[source].column("lat_lon_rad")):
             apart = np.remainder(ends - lat_lon_rad + math.pi, 2 * math.pi) - math.pi  # over 180 degrees of longitude
             apart[:, 1] *= np.cos(lat_lon_rad[:, 0])
-            is_far |= _EARTH_M * np.hypot(*apart.T) > self._settings.terrain_max_distance_m
+            is_far |= _EARTH_M * np.hypot(*apart.T) > limit_m
         return is_far
-
-    def _far_sentence(self, source: HeightSource) -> str:
-        limit_m = self._settings.terrain_max_distance_m
-        return f"{source} is of a place more than {limit_m:g} m away, and is not taken"
 
     def _disagreements(
         self, stamps_ns: IntArray, ticks: IntArray, heights: HeightBatch, known: IntArray, vehicle_at: VehicleAt
@@ -328,12 +331,12 @@ class HeightSources:
         """By row, which sources the heights at some rows ``known`` disagree with, in sentences."""
         beyond: dict[int, list[HeightDifference]] = {}
         for source in self._settings.order:
-            rows = known[heights.source[known] == SOURCES.index(source)]
+            rows = known[heights.source[known] == self._settings.order.index(source)]
             for other, stream in self._streams.items():
-                if other is source or stream.is_empty or not len(rows):
+                if other == source or stream.is_empty or not len(rows):
                     continue
-                asked = stamps_ns[rows], ticks[rows]
-                for row, found in self._differences(source, other, *asked, vehicle_at, only_beyond=True):
+                at = stamps_ns[rows], ticks[rows]
+                for row, found in self._differences(source, other, *at, vehicle_at, only_beyond=True):
                     beyond.setdefault(int(rows[row]), []).append(found)
         return {row: _remarks(differences) for row, differences in beyond.items()}
 
@@ -347,8 +350,7 @@ class HeightSources:
         max_age_ns: int | None = None,
     ) -> HeightDifference | None:
         """The difference at one stamp, as of a tick ``(1,)``."""
-        asked = np.array([stamp_ns]), tick
-        found = self._differences(source, other, *asked, vehicle_at, max_age_ns=max_age_ns)
+        found = self._differences(source, other, np.array([stamp_ns]), tick, vehicle_at, max_age_ns=max_age_ns)
         return found[0][1] if found else None
 
     def _differences(
@@ -366,7 +368,7 @@ class HeightSources:
 
         Left out is what was said too long ago, or while the source was silent.
         """
-        if source is other or other is HeightSource.MANUAL or self._streams[other].is_empty:
+        if source == other or other not in self._streams or self._streams[other].is_empty:
             return []
         stream = self._streams[other]
         last, limit_ns = stream.last_before(stamps_ns, ticks), stream.max_gap_ns if max_age_ns is None else max_age_ns
@@ -374,14 +376,14 @@ class HeightSources:
         last, ticks = last[rows], ticks[rows]
         when_ns, end = stream.stamps_ns[last], np.full(len(rows), END_OF_TIME)
         exact = Brackets(last, last, np.zeros(len(rows)), np.zeros_like(last), np.full(len(rows), fill_value=True))
-        other_m, other_std_m, _, gone = self._vertical(other, exact, when_ns, ticks, end, vehicle_at)
-        other_std_m = np.maximum(other_std_m, self._receiver_std_m(other, when_ns, ticks))
+        other_m, other_std_m, _, lost = self._vertical(other, exact, when_ns, ticks, end, vehicle_at)
+        other_std_m = np.maximum(other_std_m, self._gps_std_m(other, when_ns, ticks))
         nowhere = np.full((len(rows), 2), np.nan)
         own = self._values(source, when_ns, ticks, end, vehicle_at, nowhere)
         std_m = np.hypot(own.std_m, other_std_m)
-        is_told = (gone == Missing.NO) & (own.missing == Missing.NO)
+        is_known = (lost == Missing.NO) & (own.missing == Missing.NO)
         if only_beyond:
-            is_told &= HeightDifference.is_step_beyond(other_m - own.height_m, std_m)
+            is_known &= HeightDifference.is_step_beyond(other_m - own.height_m, std_m)
         return [
             (
                 int(rows[k]),
@@ -394,26 +396,17 @@ class HeightSources:
                     std_m=float(std_m[k]),
                 ),
             )
-            for k in np.flatnonzero(is_told).tolist()
+            for k in np.flatnonzero(is_known).tolist()
         ]
-
-
-def _nothing(count: int) -> HeightBatch:
-    height_m, std_m, age_s = np.full((3, count), np.nan)
-    source, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
-    return HeightBatch(height_m, std_m, age_s, np.zeros((count, 2)), source, missing, {})
 
 
 def _take_values(found: HeightBatch, rows: IntArray, values: _Values, source: HeightSource) -> None:
     """Write what a source says at some rows into heights; of what is missing, stale outlasts never."""
-    own = values.missing == Missing.NO
-    at = rows[own]
-    found.height_agl_m[at], found.std_m[at], found.age_s[at] = (
-        values.height_m[own],
-        values.std_m[own],
-        values.age_s[own],
-    )
-    found.foot_m[at], found.source[at] = values.foot_m[own], SOURCES.index(source)
+    is_known = values.missing == Missing.NO
+    at = rows[is_known]
+    found.height_agl_m[at], found.std_m[at] = values.height_m[is_known], values.std_m[is_known]
+    found.age_s[at], found.foot_m[at] = values.age_s[is_known], values.foot_m[is_known]
+    found.source[at] = found.order.index(source)
     keeps = (values.missing == Missing.NEVER) & (found.missing[rows] == Missing.STALE)
     found.missing[rows] = np.where(keeps, found.missing[rows], values.missing)
 

@@ -4,9 +4,9 @@ import math
 
 from aerodft.cli.pose_options import Stds
 from aerodft.conventions import LARGEST
-from aerodft.dft import Request, linked
+from aerodft.dft import PROBE_KINDS, Request, linked
 from aerodft.errors import UsageError
-from aerodft.model import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model import Probe, ProbeKind
 
 _OPTIONS = ("elevation", "name")
 
@@ -37,21 +37,21 @@ def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> tuple[Requ
 
 def _probe(text: str, index: int, stds: Stds, elevation_m: float) -> Probe:
     kind_text, *words = text.split() or [""]
-    try:
-        kind = ASKED_KINDS[ASKED_KINDS.index(ProbeKind(kind_text))]
-    except ValueError:
-        kinds = ", ".join(ASKED_KINDS)
-        raise UsageError(f'--probe "{text}"', got=f"kind {kind_text!r}", expected=f"one of {kinds}") from None
+    kind = PROBE_KINDS.get(ProbeKind(kind_text))
+    if kind is None:
+        kinds = ", ".join(PROBE_KINDS)
+        raise UsageError(f'--probe "{text}"', got=f"kind {kind_text!r}", expected=f"one of {kinds}")
     options = _options(words, text)
     pixels = tuple(_pixel(word, text) for word in words if "=" not in word)
-    if not takes_pixels(kind, len(pixels)):
-        raise UsageError(f'--probe "{text}"', got=f"{len(pixels)} pixels", expected=f"{pixels_wanted(kind)} for {kind}")
+    if not kind.takes_pixels(len(pixels)):
+        expected = f"{kind.pixels_wanted} for {kind.name}"
+        raise UsageError(f'--probe "{text}"', got=f"{len(pixels)} pixels", expected=expected)
     elevation = options.get("elevation", "")
     named = elevation != "" and not _is_number(elevation)
     number_m = _finite(elevation, text) if elevation and not named else elevation_m
     return Probe(
-        name=options.get("name", f"{kind}-{index + 1}"),
-        kind=kind,
+        name=options.get("name", f"{kind.name}-{index + 1}"),
+        kind=kind.name,
         pixels=pixels,
         std_px=stds.px,
         elevation_m=0.0 if named else number_m,

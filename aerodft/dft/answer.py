@@ -20,11 +20,11 @@ from aerodft.dft.covariance import (
     dependence,
     ellipses95,
     point_covariances,
-    scalars,
     shared_covariance,
     standard_deviations,
 )
 from aerodft.dft.monte_carlo import Drawn, Interval, Uncertain, draw, draw_ranges
+from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars
 from aerodft.dft.projection import (
     ELEVATION,
     POSITION,
@@ -36,13 +36,7 @@ from aerodft.dft.projection import (
     pixel_rays,
     project,
 )
-from aerodft.dft.quantities import (
-    KINDS,
-    Sight,
-    beside,
-    crosses_itself,
-    foot_distance,
-)
+from aerodft.dft.quantities import Gradient, Sight
 from aerodft.dft.request import Setup
 from aerodft.model import (
     CODE_OF,
@@ -59,18 +53,6 @@ from aerodft.model import (
 
 FIRST_ORDER_LIMIT: Final = 0.05
 """Relative standard deviation of a slant range above which errors are drawn."""
-
-MAX_RELATIVE_RANGE_STD: Final = 0.3
-"""A point whose slant range is less certain than this is ``ILL_CONDITIONED``."""
-
-MAX_BEARING_STD_RAD: Final = 0.3
-"""A direction that is less certain than this is ``ILL_CONDITIONED``; over a third of it, errors are drawn."""
-
-NEAR_FOOT: Final = 0.1
-"""An object's height is drawn where its distance from the camera's foot is less certain than this share of it."""
-
-LEANING_STDS: Final = 6.0
-"""What leans by more than 45 degrees, and by more than so many standard deviations, is no upright object."""
 
 _NO_RAY: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS_MODEL])
 """A pixel without a ray has no answer of any kind."""
@@ -162,7 +144,7 @@ class Judgement:
 
     def __init__(self, view: View, kind: ProbeKind, columns: IntArray) -> None:
         self.kind = kind
-        self._traits = KINDS[kind]
+        self._kind = PROBE_KINDS[kind]
         self._view, self._columns = view, columns
         first = columns[:, 0]
         self._elevation_std_m, self.std_px = view.elevation_std_m[first], view.std_px[first]
@@ -170,8 +152,8 @@ class Judgement:
         self._ground = view.ground.of_images(columns)
         self._camera_m = view.poses.pose.position_enu_m[:, None]
         count = columns.shape[1]
-        self._is_pinhole = view.setup.model is ProjectionModel.PINHOLE
-        self._on_ground = self._traits.on_ground(count) if self._is_pinhole else count
+        self.is_pinhole = view.setup.model is ProjectionModel.PINHOLE
+        self._on_ground = self._kind.on_ground(count) if self.is_pinhole else count
         self.code = np.full(self._ground.status.shape[:2], _OK, dtype=np.int64)
         self.reasons: list[dict[int, tuple[str, ...]]] = [{} for _ in columns]
         self._find_ranges()
@@ -179,32 +161,33 @@ class Judgement:
         self.is_blocked = self.code != _OK
         self._measure()
         self._draw()
-        if kind is ProbeKind.HEIGHT:
-            self._refuse_heights()
-        elif kind is ProbeKind.BEARING:
-            self._refuse(~(self.std <= MAX_BEARING_STD_RAD), Status.ILL_CONDITIONED, self._say_bearing)
+        for refusal in self._kind.refusals(self):
+            self._refuse(refusal.where, refusal.status, _saying(refusal.sentence, refusal.number))
 
     @property
     def is_open(self) -> BoolArray:
         """``(n, g)`` where nothing was refused so far."""
         return np.asarray(self.code == _OK)
 
+    @property
+    def highest(self) -> FloatArray:
+        """``(n, g)`` upper ends of the 95 % intervals of the values."""
+        return self._ends.high
+
+    def std_of(self, by: Gradient) -> FloatArray:
+        """Standard deviations ``(n, g)`` of scalars with these derivatives."""
+        return self._std(*dependence(by, self._ground, self._rays))
+
     def shown_m(self) -> FloatArray:
         """``(n, g, q, 3)`` the points in ENU that come with the values; none of a ray's bearing."""
-        enu_m = self._ground.points_enu_m
-        if self.kind is ProbeKind.BEARING and enu_m.shape[2] == 1:
-            return enu_m[:, :, :0]  # a ray has a bearing whether it meets the ground or not
-        if self.kind is ProbeKind.HEIGHT:
-            enu_m = np.stack([enu_m[..., 0, :]] * 2, axis=-2)  # the top above the base
-            enu_m[..., 1, 2] += self.value
-        return enu_m
+        return self._kind.shown(self._ground.points_enu_m, self.value)
 
     def numbers(self, places: dict[str, FloatArray]) -> dict[str, FloatArray]:
         """The numbers of a ``MeasurementColumn``, ``(n, g, ...)``, with those of the places of ``shown_m``."""
         numbers: dict[str, FloatArray] = {}
-        if self._traits.scalar is not None:
+        if self._kind.scalar is not None:
             ends = np.stack([self._ends.low, self._ends.high], axis=-1)
-            scale = self._traits.scale
+            scale = self._kind.scale
             numbers |= {"value": scale * self.value, "std": scale * self.std, "ci95": scale * ends}
         else:
             numbers["ellipse95"] = ellipses95(self._cov)
@@ -253,33 +236,34 @@ class Judgement:
         limit = self._view.setup.max_range_m
         if limit is not None:
             self._refuse(np.any(self._range_m > limit, axis=-1), Status.BEYOND_RANGE, self._say_beyond)
-        if self.kind is ProbeKind.AREA:
-            crossed, is_open = np.zeros(self.code.shape, dtype=np.bool_), self.is_open
-            crossed[is_open] = crosses_itself(self._ground.points_enu_m[is_open])
-            sentence = "the polygon crosses or touches itself; name its corners in order, each once"
-            self._refuse(crossed, Status.SELF_CROSSING, _always(sentence))
+        is_open = self.is_open
+        blocked = self._kind.blocked(self._ground.points_enu_m[is_open])
+        if blocked is not None:
+            is_blocked = np.zeros(self.code.shape, dtype=np.bool_)
+            is_blocked[is_open], status_of_blocked, sentence = blocked
+            self._refuse(is_blocked, status_of_blocked, _saying(sentence))
 
     def _measure(self) -> None:
         """Values, standard deviations and 95 % by first order."""
         shape = self.code.shape
         self._rays: Directions | None = None
-        self._sight = Sight(self._camera_m, _NO_DIRECTIONS, self._ground.points_enu_m)
+        self.sight = Sight(self._camera_m, _NO_DIRECTIONS, self._ground.points_enu_m)
         first = (slice(None), slice(None), 0)
         jac = self._ground.jac_shared[first], self._ground.jac_px[first]
         self._cov = point_covariances(*jac, self._view.shared_cov, *self._vars)
-        if self._traits.scalar is None:
+        if self._kind.scalar is None:
             self.value = self.std = np.full(shape, np.nan)
             self._ends = Interval(self.value, self.value)
             return
-        if self._traits.sees_rays and self._is_pinhole:
+        if self._kind.sees_rays and self.is_pinhole:
             self._rays = _directions(self._view.rays, self._columns, self._view.poses)
-            self._sight = Sight(self._camera_m, self._rays.directions_enu, self._ground.points_enu_m)
+            self.sight = Sight(self._camera_m, self._rays.directions_enu, self._ground.points_enu_m)
         elevation = self._view.elevation_m[:, self._columns[:, 0]]
-        self.value, by = scalars(self.kind, self._view.setup.model, self._sight, self._view.poses.pose, elevation)
+        self.value, by = scalars(self._kind, self._view.setup.model, self.sight, self._view.poses.pose, elevation)
         self.by_shared, self.by_px = dependence(by, self._ground, self._rays)
         self.std = self._std(self.by_shared, self.by_px)
         low = self.value - Z95 * self.std
-        self._ends = Interval(low if self._traits.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
+        self._ends = Interval(low if self._kind.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
 
     def _std(self, by_shared: FloatArray, by_px: FloatArray) -> FloatArray:
         own = by_px.reshape(*by_px.shape[:2], -1)
@@ -288,20 +272,14 @@ class Judgement:
     def _draw(self) -> None:
         """Draw what first order is not enough for; refuse what is not known well enough for an answer."""
         worst = np.max(self._range_std_m / self._range_m, axis=-1, initial=0.0)
-        if not self._is_pinhole:
+        if not self.is_pinhole:
             half = Z95 * self._range_std_m
             self._refuse(worst > MAX_RELATIVE_RANGE_STD, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
             return
-        needed = worst > FIRST_ORDER_LIMIT
-        if self.kind is ProbeKind.HEIGHT:
-            # From nearly above, the base may be on either side of the camera's foot.
-            away, by = foot_distance(self._sight)
-            needed |= self._std(*dependence(by, self._ground, self._rays)) > NEAR_FOOT * away
+        needed = (worst > FIRST_ORDER_LIMIT) | self._kind.needs_draws(self)
         surface = self._view.setup.ground
         if surface is not None and surface.has_edges and self._on_ground:
             needed |= self._has_edge(self.is_open & ~needed)
-        if self.kind is ProbeKind.BEARING:
-            needed |= ~(self.std <= MAX_BEARING_STD_RAD / 3)
         needed &= self.is_open
         if needed.any():
             self._redo(*np.nonzero(needed))
@@ -315,12 +293,11 @@ class Judgement:
         half[rows, members] = found.ranges.half
         refused = np.zeros(self.code.shape, dtype=np.bool_)
         refused[rows, members] = ~found.is_known
-        if self._on_ground and self.kind is not ProbeKind.HEIGHT and self._traits.scalar is not None:
-            # A height may be infinite where its base is known: from above.
+        if self._on_ground and not self._kind.may_be_unbounded and self._kind.scalar is not None:
             refused[rows, members] |= ~np.isfinite(found.scalar.high)
         self._refuse(refused, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
         self._cov[rows, members] = found.cov_enu_m2
-        if self._traits.scalar is not None:
+        if self._kind.scalar is not None:
             self._ends.low[rows, members], self._ends.high[rows, members] = found.scalar.low, found.scalar.high
             self.std[rows, members] = (found.scalar.high - found.scalar.low) / (2 * Z95)
 
@@ -347,18 +324,6 @@ class Judgement:
             elevation_std_m=self._elevation_std_m[members],
             std_px=self.std_px[members],
         )
-
-    def _refuse_heights(self) -> None:
-        """Refuse what is not base and top of an upright object whose height can be told."""
-        value, size = np.abs(self.value), self._camera_m[..., 2] - self._ground.points_enu_m[..., 0, 2]
-        uncertain = ~(self.std <= MAX_RELATIVE_RANGE_STD * np.fmax(size, value)) | ~np.isfinite(self.value)
-        sentence = "the object is seen from above: its height may be anything"
-        self._refuse(uncertain, Status.ILL_CONDITIONED, _always(sentence))
-        self._refuse(~(self._ends.high >= 0), Status.NOT_UPRIGHT, self._say_below)
-        if self._is_pinhole:  # Eq. 8 does not look at columns
-            aside, by = beside(self._sight)
-            most = np.maximum(value, LEANING_STDS * self._std(*dependence(by, self._ground, self._rays)))
-            self._refuse(np.abs(aside) > most, Status.NOT_UPRIGHT, lambda *at: _say_beside(np.abs(aside[at]).tolist()))
 
     def _refuse(self, where: BoolArray, code: Status | Codes, say: Say) -> None:
         """There is no answer ``where`` it was not refused before."""
@@ -426,15 +391,6 @@ class Judgement:
             cause = _cause(budget[0], sample, stds) if budget else "its error is not known"
             yield (f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}", *sample.reasons)
 
-    def _say_below(self, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
-        for value in self.value[rows, members].tolist():
-            yield (f"the top is seen {-value:.2f} m below the base; the base comes first, then the top",)
-
-    def _say_bearing(self, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
-        for std in self.std[rows, members].tolist():
-            half = min(math.degrees(Z95 * std), 180.0) if math.isfinite(std) else 180.0
-            yield (f"the direction is known to +- {half:.0f} deg (95 %)",)
-
     def _cov_of(self, rows: IntArray, members: IntArray) -> FloatArray:
         """``(r, s, s)`` of the errors that all points of a request share."""
         cov = self._view.shared_cov[rows]
@@ -442,13 +398,11 @@ class Judgement:
         return cov
 
 
-def _say_beside(asides_m: Sequence[float]) -> Iterable[tuple[str, ...]]:
-    for off in asides_m:
-        yield (f"the top is seen {off:.2f} m beside the vertical through the base: base and top of one object?",)
-
-
-def _always(sentence: str) -> Say:
-    return lambda rows, _: [(sentence,)] * len(rows)
+def _saying(sentence: str, number: FloatArray | None = None) -> Say:
+    """One sentence, with a number ``(n, g)`` of each request where there is one."""
+    if number is None:
+        return lambda rows, _: [(sentence,)] * len(rows)
+    return lambda rows, members: [(sentence.format(each),) for each in number[rows, members].tolist()]
 
 
 def _cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:

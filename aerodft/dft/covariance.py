@@ -6,9 +6,9 @@
 import numpy as np
 
 from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, Directions, GroundPoints, shared_count
-from aerodft.dft.quantities import KINDS, Gradient, Sight, paper_bearing, paper_height
-from aerodft.geometry import camera_angles, intrinsics_covariance
-from aerodft.model import Camera, FloatArray, FloatLike, Pose, ProbeKind, ProjectionModel
+from aerodft.dft.quantities import Gradient
+from aerodft.geometry import intrinsics_covariance
+from aerodft.model import Camera, FloatArray, FloatLike, Pose
 
 Z95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
@@ -64,29 +64,6 @@ def _zoomed(camera: Camera, zoom: FloatArray, intrinsics_cov: FloatArray) -> tup
     focal_px *= np.hypot(magnification * camera.std.focal_px, moved[:, 0])[:, None]
     cov[:, :2, :2] = focal_px[:, :, None] * focal_px[:, None]
     return scales, cov
-
-
-def scalars(
-    kind: ProbeKind, model: ProjectionModel, sight: Sight, pose: Pose, elevation_m: FloatArray
-) -> tuple[FloatArray, Gradient]:
-    """Values ``(...)`` of probes of a kind that has a scalar, in SI units and without errors, and their derivatives.
-
-    Args:
-        kind: What is measured.
-        model: The paper's has equations of its own for what looks at rays.
-        sight: What is seen of each; directions only for kinds that see rays under the pinhole model.
-        pose: One pose, or ``(n,)`` of sights ``(n, g)``.
-        elevation_m: ``(...)`` of the measured surfaces.
-    """
-    traits = KINDS[kind]
-    if model is ProjectionModel.DFT and kind is ProbeKind.HEIGHT:
-        _, _, heading = camera_angles(pose.wxyz)
-        return paper_height(sight, heading[:, None] if heading.ndim else heading, elevation_m)
-    if model is ProjectionModel.DFT and kind is ProbeKind.BEARING:
-        return paper_bearing(sight)
-    assert traits.scalar is not None  # noqa: S101 - the callers' own condition, for the type checker
-    assert traits.gradient is not None  # noqa: S101
-    return traits.scalar(sight), traits.gradient(sight)
 
 
 def dependence(by: Gradient, ground: GroundPoints, rays: Directions | None) -> tuple[FloatArray, FloatArray]:

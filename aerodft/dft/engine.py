@@ -8,8 +8,8 @@ import numpy as np
 from aerodft.dft.answer import Judgement, View
 from aerodft.dft.budget import Share, variance_budgets
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
+from aerodft.dft.probe_kinds import PROBE_KINDS
 from aerodft.dft.projection import ELEVATION, places
-from aerodft.dft.quantities import KINDS
 from aerodft.dft.request import Request, Setup
 from aerodft.model import FloatArray, IntArray, PoseBatch, PoseSample, ProbeKind
 
@@ -35,6 +35,11 @@ def measure(
     Returns:
         A column for each request; without a number, but with a status and its reasons, where there is none.
     """
+    for request in requests:
+        kind = PROBE_KINDS[request.probe.kind]
+        if not kind.takes_pixels(request.count):
+            wanted = f"{kind.name} needs {kind.pixels_wanted}"
+            raise ValueError(f"probe {request.probe.name}: {request.count} pixels, {wanted}")
     rows = np.flatnonzero(poses.is_ok)
     parts: list[list[_Part]] = [[] for _ in requests]
     for first in range(0, len(rows), _AT_ONCE):
@@ -46,7 +51,7 @@ def measure(
         poses=poses,
         images=np.full(len(poses), NO_IMAGE) if images is None else images,
         columns=tuple(
-            _joined(MeasurementColumn(KINDS[request.probe.kind].unit, poses.status, {}, {}), found)
+            _joined(MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, poses.status, {}, {}), found)
             for request, found in zip(requests, parts, strict=True)
         ),
         model=setup.model,
@@ -57,7 +62,7 @@ def measure(
 
 def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, ...]:
     """Where one request's uncertainty comes from, the largest part first; empty where it has no scalar or no ground."""
-    kind = KINDS[request.probe.kind]
+    kind = PROBE_KINDS[request.probe.kind]
     if sample.pose is None or kind.scalar is None:
         return ()
     poses, top = PoseBatch.of([sample]), None
@@ -158,7 +163,7 @@ def _measured_on_top(setup: Setup, poses: PoseBatch, requests: Sequence[Request]
     for member, request in enumerate(requests):
         prefix = f"it lies on top of {request.probe.on_top_of}: "
         reasons = {row: tuple(prefix + reason for reason in why) for row, why in below.reasons[0].items()}
-        missed = MeasurementColumn(KINDS[request.probe.kind].unit, below.code[:, 0], reasons, {})
+        missed = MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, below.code[:, 0], reasons, {})
         columns.append(_joined(missed, [(rows, found[member])] if found else []))
     return columns
 
@@ -184,7 +189,8 @@ def _columns(view: View, requests: Sequence[Request]) -> list[MeasurementColumn]
         ordered = {name: numbers[name] for name in NUMBERS if name in numbers}
         for at, member in enumerate(members):
             of_request = {name: values[:, at] for name, values in ordered.items()}
-            columns[member] = MeasurementColumn(KINDS[each.kind].unit, each.code[:, at], each.reasons[at], of_request)
+            unit = PROBE_KINDS[each.kind].unit
+            columns[member] = MeasurementColumn(unit, each.code[:, at], each.reasons[at], of_request)
     return [columns[member] for member in range(len(requests))]
 
 

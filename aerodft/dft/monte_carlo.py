@@ -14,8 +14,9 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from aerodft.dft.covariance import CHI2_2D_95
+from aerodft.dft.probe_kinds import PROBE_KINDS
 from aerodft.dft.projection import ELEVATION, INTRINSICS, PixelRays
-from aerodft.dft.quantities import KINDS, Sight
+from aerodft.dft.quantities import Sight
 from aerodft.geometry import Ground
 from aerodft.jit import njit, njit_fused
 from aerodft.model import BoolArray, FloatArray, IntArray, Pose, ProbeKind
@@ -118,7 +119,7 @@ def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_e
     count, on_ground = most_half_m.shape
     scalars, ranges = np.full((2, count), np.nan), np.empty((2, count, on_ground))
     cov, is_known = np.full((count, 3, 3), np.nan), np.empty(count, dtype=np.bool_)
-    scalar = KINDS[probes.kind].scalar
+    kind = PROBE_KINDS[probes.kind]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for own, every in _draws(probes, 1):
             ranges[:, own] = _central(_ranges(every, on_ground))
@@ -127,9 +128,9 @@ def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_e
             if not len(known):
                 continue
             rows, seen = own.start + known, every if is_known[own].all() else tuple(part[known] for part in every)
-            if scalar is not None:
-                values = scalar(Sight(*(np.moveaxis(part, -1, 1) for part in seen)))
-                if probes.kind is ProbeKind.BEARING:  # on the same turn as without errors
+            if kind.scalar is not None:
+                values = kind.scalar(Sight(*(np.moveaxis(part, -1, 1) for part in seen)))
+                if kind.is_angle:  # on the same turn as without errors
                     middle = centre[rows, None]
                     values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
                 scalars[:, rows] = _central(values)

@@ -3,15 +3,13 @@
 A sight is a camera position, and for each pixel a ray direction and the point where it meets the measured plane.
 """
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from aerodft.dft.equations import object_height
-from aerodft.model import ASKED_KINDS, BoolArray, FloatArray, ProbeKind, read_only
+from aerodft.model import BoolArray, FloatArray, read_only
 
 _ROUNDING: Final = 1e-10
 """Of the square of a polygon's size: a corner that is nearer to a side than this share of the size lies on it."""
@@ -201,62 +199,6 @@ def bearing_gradient(sight: Sight) -> Gradient:
     else:
         by_points[..., 0, :], by_points[..., 1, :] = -turn, turn
     return Gradient(np.zeros_like(away), by_directions, by_points)
-
-
-def _all(count: int) -> int:
-    return count
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
-    """How probes of one kind are measured.
-
-    Attributes:
-        scalar: The number ``(...)`` that is asked for, in SI units; None for a position, which is no one number.
-        gradient: Its derivatives.
-        on_ground: How many of so many points, from the first, have to lie on the ground.
-        unit: Of the number as it is said.
-        scale: What an SI value is multiplied with for that.
-        is_signed: Whether values may be negative; no other interval reaches below 0.
-        sees_rays: Whether the number depends on directions of rays, not on points alone.
-    """
-
-    scalar: Callable[[Sight], FloatArray] | None
-    gradient: Callable[[Sight], Gradient] | None
-    on_ground: Callable[[int], int] = _all
-    unit: str = "m"
-    scale: float = 1.0
-    is_signed: bool = False
-    sees_rays: bool = False
-
-
-KINDS: Final = {
-    ProbeKind.POSITION: Kind(scalar=None, gradient=None),
-    ProbeKind.RANGE: Kind(scalar=slant_range, gradient=range_gradient),
-    ProbeKind.DISTANCE: Kind(scalar=ground_distance, gradient=length_gradient),
-    ProbeKind.WIDTH: Kind(scalar=ground_distance, gradient=length_gradient),
-    ProbeKind.LENGTH: Kind(scalar=polyline_length, gradient=length_gradient),
-    ProbeKind.AREA: Kind(scalar=polygon_area, gradient=area_gradient, unit="m2"),
-    ProbeKind.RIVER: Kind(scalar=median_width, gradient=median_gradient),
-    # An object's top is measured against the vertical through its base, and one pixel's bearing by its ray: they may
-    # be seen above the horizon.
-    ProbeKind.HEIGHT: Kind(
-        scalar=upright_height, gradient=height_gradient, on_ground=lambda _: 1, is_signed=True, sees_rays=True
-    ),
-    ProbeKind.BEARING: Kind(
-        scalar=bearing,
-        gradient=bearing_gradient,
-        on_ground=lambda count: 0 if count == 1 else count,
-        unit="deg",
-        scale=math.degrees(1.0),
-        is_signed=True,
-        sees_rays=True,
-    ),
-}
-"""Every kind that can be asked for."""
-
-if set(KINDS) != set(ASKED_KINDS) or any((kind.scalar is None) != (kind.gradient is None) for kind in KINDS.values()):
-    raise TypeError(f"got {', '.join(KINDS)}, expected a scalar with its gradient for each of {', '.join(ASKED_KINDS)}")
 
 
 def paper_height(sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray) -> tuple[FloatArray, Gradient]:

@@ -105,7 +105,7 @@ def linked(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tupl
     standing = {
         request.probe.name: request
         for request in (*heights, *requests)
-        if request.probe.kind is ProbeKind.HEIGHT and request.probe.on_top_of is None
+        if request.probe.kind == ProbeKind.HEIGHT and request.probe.on_top_of is None
     }
     return tuple(_linked(request, standing) for request in requests)
 

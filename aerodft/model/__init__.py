@@ -58,7 +58,7 @@ from aerodft.model.pose import (
     PoseSample,
     PoseStd,
 )
-from aerodft.model.probe import ASKED_KINDS, PixelSource, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import CODE_OF, CODES, Status
 from aerodft.model.telemetry import (
     NO_BOOT_TIME,

@@ -2,21 +2,38 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import ClassVar
 
 
-class ProbeKind(StrEnum):
-    """What a probe measures."""
+class ProbeKind(str):
+    """Name of what a probe measures.
 
-    POSITION = "position"
-    RANGE = "range"
-    DISTANCE = "distance"
-    WIDTH = "width"
-    LENGTH = "length"
-    AREA = "area"
-    HEIGHT = "height"
-    BEARING = "bearing"
-    RIVER = "river"  # the median of its widths: pairs of bank pixels, left then right
-    TRACK = "track"  # of what moves: its speed, and where it is; nobody asks for it with pixels
+    No enumeration: who adds a kind to ``dft.PROBE_KINDS`` gives it a name there.
+    """
+
+    __slots__ = ()
+    POSITION: ClassVar["ProbeKind"]
+    RANGE: ClassVar["ProbeKind"]
+    DISTANCE: ClassVar["ProbeKind"]
+    WIDTH: ClassVar["ProbeKind"]
+    LENGTH: ClassVar["ProbeKind"]
+    AREA: ClassVar["ProbeKind"]
+    HEIGHT: ClassVar["ProbeKind"]
+    BEARING: ClassVar["ProbeKind"]
+    RIVER: ClassVar["ProbeKind"]
+    TRACK: ClassVar["ProbeKind"]
+
+
+ProbeKind.POSITION = ProbeKind("position")
+ProbeKind.RANGE = ProbeKind("range")
+ProbeKind.DISTANCE = ProbeKind("distance")
+ProbeKind.WIDTH = ProbeKind("width")
+ProbeKind.LENGTH = ProbeKind("length")
+ProbeKind.AREA = ProbeKind("area")
+ProbeKind.HEIGHT = ProbeKind("height")  # base, then top
+ProbeKind.BEARING = ProbeKind("bearing")  # of a ray, or from the first point to the second
+ProbeKind.RIVER = ProbeKind("river")  # the median of its widths: pairs of bank pixels, left then right
+ProbeKind.TRACK = ProbeKind("track")  # of what moves: its speed, and where it is; nobody asks for it with pixels
 
 
 class PixelSource(StrEnum):
@@ -25,38 +42,6 @@ class PixelSource(StrEnum):
     FIXED = "fixed"
     OBSERVED = "observed"
     TRACKED = "tracked"  # those of one image, found again in the others
-
-
-_MOST = 64
-_PIXELS = {
-    ProbeKind.POSITION: (1, 1),
-    ProbeKind.RANGE: (1, 1),
-    ProbeKind.DISTANCE: (2, 2),
-    ProbeKind.WIDTH: (2, 2),
-    ProbeKind.HEIGHT: (2, 2),  # base, then top
-    ProbeKind.BEARING: (1, 2),  # of a ray, or from the first point to the second
-    ProbeKind.LENGTH: (2, _MOST),
-    ProbeKind.AREA: (3, _MOST),
-    ProbeKind.RIVER: (2, _MOST),
-}
-
-
-ASKED_KINDS = tuple(kind for kind in ProbeKind if kind in _PIXELS)
-"""What a probe can be of."""
-
-
-def takes_pixels(kind: ProbeKind, count: int) -> bool:
-    """Whether a probe of this kind can have so many pixels."""
-    least, most = _PIXELS[kind]
-    return least <= count <= most and (kind is not ProbeKind.RIVER or count % 2 == 0)
-
-
-def pixels_wanted(kind: ProbeKind) -> str:
-    """How many pixels a probe of this kind has, for people."""
-    least, most = _PIXELS[kind]
-    if kind is ProbeKind.RIVER:
-        return f"{least} to {most}, an even number"
-    return str(least) if least == most else f"{least} to {most}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,8 +70,3 @@ class Probe:
     elevation_std_m: float = 0.0
     on_top_of: str | None = None
     at_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.source is not PixelSource.OBSERVED and not takes_pixels(self.kind, len(self.pixels)):
-            wanted = pixels_wanted(self.kind)
-            raise ValueError(f"probe {self.name}: {len(self.pixels)} pixels for {self.kind}, needs {wanted}")

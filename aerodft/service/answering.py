@@ -7,10 +7,9 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from aerodft.dft import NO_IMAGE, MeasurementBatch, Request, Setup, linked, measure
+from aerodft.dft import NO_IMAGE, PROBE_KINDS, MeasurementBatch, Request, Setup, linked, measure
 from aerodft.geometry import camera_pose
 from aerodft.model import (
-    ASKED_KINDS,
     Camera,
     HeightSource,
     HeightSwitch,
@@ -22,7 +21,6 @@ from aerodft.model import (
     PoseStd,
     Probe,
     Status,
-    takes_pixels,
 )
 from aerodft.service.outline_requests import can_answer, request_of, unseen
 from aerodft.service.outputs import Estimate, ImageOutputs, ObservationOutputs, SingleOutput, StepOutputs
@@ -312,8 +310,8 @@ def _one_of_each_kind(camera: Camera) -> tuple[Request, ...]:
     """A request of every kind, around the image's middle."""
     across, down = camera.width_px / 4, camera.height_px / 4
     corners = ((across, down), (3 * across, down), (3 * across, 3 * down), (across, 3 * down))
-    pixels = {kind: next(n for n in range(1, 5) if takes_pixels(kind, n)) for kind in ASKED_KINDS}
+    pixels = {name: next(n for n in range(1, 5) if kind.takes_pixels(n)) for name, kind in PROBE_KINDS.items()}
     return tuple(
-        Request(probe=Probe(name=kind, kind=kind, source=PixelSource.OBSERVED), pixels=corners[:count], std_px=1.0)
-        for kind, count in pixels.items()
+        Request(probe=Probe(name=name, kind=name, source=PixelSource.OBSERVED), pixels=corners[:count], std_px=1.0)
+        for name, count in pixels.items()
     )

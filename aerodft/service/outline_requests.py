@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.dft import (
     EDGE_STD_PX,
-    KINDS,
+    PROBE_KINDS,
     MeasurementBatch,
     MeasurementColumn,
     Request,
@@ -32,7 +32,6 @@ from aerodft.model import (
     Probe,
     ProbeKind,
     Status,
-    takes_pixels,
 )
 
 _OF_STANDING: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
@@ -51,8 +50,8 @@ def can_answer(probe: Probe, observation: Observation) -> bool:
     if observation.is_empty:
         return True
     if not observation.has_outline:
-        return takes_pixels(kind, len(observation.pixels))
-    return kind in _OF_STANDING or (kind is ProbeKind.AREA and bool(observation.contour))
+        return PROBE_KINDS[kind].takes_pixels(len(observation.pixels))
+    return kind in _OF_STANDING or (kind == ProbeKind.AREA and bool(observation.contour))
 
 
 def unseen(
@@ -63,7 +62,7 @@ def unseen(
     why = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
     for row in np.flatnonzero(status == CODE_OF[Status.OK]).tolist():
         status[row], reasons[row] = CODE_OF[why], (observations[row].unseen or _UNSEEN[why], *said[row].reasons)
-    column = MeasurementColumn(KINDS[probe.kind].unit, status, reasons, {})
+    column = MeasurementColumn(PROBE_KINDS[probe.kind].unit, status, reasons, {})
     return MeasurementBatch(
         requests=(Request(probe=probe, pixels=(), std_px=probe.std_px),),
         poses=poses,
@@ -89,7 +88,7 @@ def request_of(probe: Probe, observations: Sequence[Observation], setup: Setup, 
         pixels = np.array([each.pixels for each in observations], dtype=np.float64)
         return Request(probe=probe, pixels=pixels, std_px=seen.std_px or probe.std_px)
     std_px = seen.std_px or probe.std_px or EDGE_STD_PX
-    if probe.kind is ProbeKind.AREA:
+    if probe.kind == ProbeKind.AREA:
         corners = corners_of(np.array(seen.contour))
         return Request(probe=probe, pixels=_pairs(corners), std_px=std_px)
     zoomed_setup, sample = zoomed(setup, poses[0])

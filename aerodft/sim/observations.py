@@ -67,7 +67,7 @@ class Sighting:
     @property
     def value_m(self) -> float | None:
         """The distance between two points; None for a single one."""
-        if self.kind is not ProbeKind.DISTANCE:
+        if self.kind != ProbeKind.DISTANCE:
             return None
         return float(np.linalg.norm(self.points_enu_m[1] - self.points_enu_m[0]))
 

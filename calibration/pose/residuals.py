@@ -20,6 +20,7 @@ from aerodft.dft import (
     INTRINSICS,
     POSITION,
     PRINCIPAL_POINT,
+    PROBE_KINDS,
     ROTATION,
     GroundPoints,
     Sight,
@@ -162,7 +163,7 @@ def _height(evidence: KnownHeight, state: State) -> Found:
         rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)
         sight = Sight(state.position_m, rays.directions_enu, ground.points_enu_m)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value, by = scalars(ProbeKind.HEIGHT, state.model, sight, pose, np.array(state.elevation_m))
+        value, by = scalars(PROBE_KINDS[ProbeKind.HEIGHT], state.model, sight, pose, np.array(state.elevation_m))
         shared, own = dependence(by, ground, rays)
     variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
     residual_m = float(value) - evidence.height_m

@@ -15,7 +15,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
-from aerodft.dft import KINDS
+from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, located
 from aerodft.model import CODE_OF, FloatArray, IntArray, ProbeKind, Status
 from replay.export import LARGEST_NUMBER, Item, check_on_earth, parquet_rows, parsed, row_of
@@ -153,7 +153,7 @@ def _key(row: Item) -> ProbeKey:
 def _unit(row: Item) -> str:
     """The unit of a measurement; where early recordings have metres for want of a number, that of its kind."""
     unit: str = row["unit"]
-    return KINDS[row["kind"]].unit if row["kind"] in KINDS and row["value"] in {None, ""} else unit
+    return PROBE_KINDS[row["kind"]].unit if row["kind"] in PROBE_KINDS and row["value"] in {None, ""} else unit
 
 
 def _place(row: Item) -> tuple[float, ...]:

@@ -105,7 +105,7 @@ def test_a_stamp_that_is_off_moves_the_value_as_the_camera_moves(kind, pixels):
     )
     setup, request = Setup(camera=replace(CAMERA, std=CameraStd())), request_of(kind, pixels, 0.0)
     now, later = (measure(setup, sample_of(pose), (request,))[0] for pose in (moving, moved))
-    if kind is ProbeKind.POSITION:
+    if kind == ProbeKind.POSITION:
         step = (np.array(later.enu_m[0]) - now.enu_m[0]) / later_s * std_s
         assert_allclose(now.cov_enu_m2, np.outer(step, step), rtol=1e-3, atol=1e-9)
     else:

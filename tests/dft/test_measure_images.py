@@ -118,7 +118,7 @@ def test_images_may_have_pixels_of_their_own(setup, kind):
     own = [Request(probe=probe, pixels=tuple(map(tuple, px)), std_px=0.7) for px in moved.tolist()]
     assert plain(together) == plain(measure(setup, poses[k : k + 1], (own[k],))[0] for k in range(len(poses)))
     values = {measurement.value for image in together for measurement in image if measurement.value is not None}
-    assert kind is ProbeKind.POSITION or len(values) > len(poses) // 4
+    assert kind == ProbeKind.POSITION or len(values) > len(poses) // 4
 
 
 def plain(images):

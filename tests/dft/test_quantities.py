@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft import KINDS, Request, Setup, Sight
+from aerodft.dft import PROBE_KINDS, Request, Setup, Sight
 from aerodft.dft.quantities import beside, crosses_itself
 from aerodft.geometry import camera_pose, matrix, pixels_from_rays
 from aerodft.model import Camera, PoseSample, PoseStd, Probe, ProbeKind, Status
@@ -39,14 +39,14 @@ def answer_of(kind, pixels, pose, *, std_px=1.0, setup=None, **probe):
 
 def test_closed_forms():
     square = sight_of(UNIT_SQUARE)
-    assert KINDS[ProbeKind.AREA].scalar(square) == 1.0
-    assert KINDS[ProbeKind.AREA].scalar(sight_of(UNIT_SQUARE[::-1])) == 1.0
-    assert KINDS[ProbeKind.LENGTH].scalar(square) == 3.0
-    assert KINDS[ProbeKind.DISTANCE].scalar(square) == 1.0
-    assert_allclose(KINDS[ProbeKind.RANGE].scalar(square), math.sqrt(125))
+    assert PROBE_KINDS[ProbeKind.AREA].scalar(square) == 1.0
+    assert PROBE_KINDS[ProbeKind.AREA].scalar(sight_of(UNIT_SQUARE[::-1])) == 1.0
+    assert PROBE_KINDS[ProbeKind.LENGTH].scalar(square) == 3.0
+    assert PROBE_KINDS[ProbeKind.DISTANCE].scalar(square) == 1.0
+    assert_allclose(PROBE_KINDS[ProbeKind.RANGE].scalar(square), math.sqrt(125))
 
 
-@pytest.mark.parametrize("kind", [kind for kind, traits in KINDS.items() if traits.scalar])
+@pytest.mark.parametrize("kind", [kind for kind, traits in PROBE_KINDS.items() if traits.scalar])
 @given(data=st.data())
 @settings(max_examples=40, deadline=None)
 def test_gradients_are_finite_differences(kind, data):
@@ -56,10 +56,10 @@ def test_gradients_are_finite_differences(kind, data):
     points = (np.array(numbers[2:14]).reshape(4, 3) * [1, 1, 0] + UNIT_SQUARE * 9)[:count]
     directions = (points - camera) * 0.1 + [0.0, 0.0, 0.4]
     sight = Sight(camera, directions, points)
-    found = KINDS[kind].gradient(sight)
-    value = KINDS[kind].scalar
+    found = PROBE_KINDS[kind].gradient(sight)
+    value = PROBE_KINDS[kind].scalar
     assume(np.linalg.norm(np.diff(points, axis=0), axis=1).min(initial=1.0) > 1e-2)
-    assume(kind is not ProbeKind.AREA or value(sight) > 1e-2)
+    assume(kind != ProbeKind.AREA or value(sight) > 1e-2)
     assert_is_derivative(found, value, sight)
 
 

@@ -32,6 +32,7 @@ from aerodft.adapters.wire.payload import DEGREES_RTOL
 from aerodft.adapters.wire.pose import POSE_SCHEMA, camera_angles_deg
 from aerodft.adapters.wire.schemas import SCHEMAS, schema_text
 from aerodft.adapters.wire.status import STATES, STATUS_SCHEMA, StationStatus, encode_status
+from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError
 from aerodft.geometry import camera_angles, camera_attitude
 from aerodft.model import (
@@ -115,7 +116,7 @@ samples = st.builds(
 measurements = st.builds(
     Measurement,
     name=text,
-    kind=st.sampled_from(ProbeKind),
+    kind=st.sampled_from([*PROBE_KINDS, ProbeKind.TRACK]),
     status=st.sampled_from(Status),
     reasons=st.lists(text, max_size=2).map(tuple),
     stamp_ns=stamp,

@@ -8,11 +8,10 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
-from aerodft.dft import Request
+from aerodft.dft import PROBE_KINDS, Request
 from aerodft.dft.monte_carlo import standard_draws
 from aerodft.geometry import camera_pose
 from aerodft.model import (
-    ASKED_KINDS,
     BiasValues,
     Calibration,
     HeightSource,
@@ -22,7 +21,6 @@ from aerodft.model import (
     ProbeKind,
     StampClock,
     Status,
-    takes_pixels,
 )
 from aerodft.service import Batches, Pipeline
 from aerodft.service.feed import tick_after
@@ -37,7 +35,7 @@ CENTRE = Probe(name="centre", kind=ProbeKind.RANGE, pixels=((959.5, 539.5),))
 def test_what_draws_errors_is_loaded_before_a_flight(bench):
     standard_draws.cache_clear()
     bench.pipeline().warm_up()
-    pixels = {takes for kind in ASKED_KINDS for takes in range(1, 4) if takes_pixels(kind, takes)}
+    pixels = {takes for kind in PROBE_KINDS.values() for takes in range(1, 4) if kind.takes_pixels(takes)}
     assert standard_draws.cache_info().currsize == len(pixels)
 
 

@@ -64,7 +64,7 @@ def test_widths_are_the_rivers(scenario: Scenario, seen: list[Sighting]) -> None
         found = [each.value_m for each in seen if each.name == f"width-{'abc'[index]}"]
         assert found
         assert found == pytest.approx([width] * len(found))
-    assert all(each.value_m is None for each in seen if each.kind is ProbeKind.POSITION)
+    assert all(each.value_m is None for each in seen if each.kind == ProbeKind.POSITION)
 
 
 def test_landmarks_are_where_the_world_has_them(scenario: Scenario, seen: list[Sighting]) -> None:

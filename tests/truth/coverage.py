@@ -44,13 +44,13 @@ class Outcome:
 
 
 def holds(answer, truth):
-    if answer.kind is ProbeKind.POSITION:
+    if answer.kind == ProbeKind.POSITION:
         ellipse = answer.ellipse95
         sin, cos = math.sin(ellipse.azimuth_rad), math.cos(ellipse.azimuth_rad)
         along, across = np.array([[sin, cos], [cos, -sin]]) @ (truth - answer.enu_m[0][:2])
         return (along / ellipse.semi_major_m) ** 2 + (across / ellipse.semi_minor_m) ** 2 <= 1
     low, high = answer.ci95
-    if answer.kind is ProbeKind.BEARING:
+    if answer.kind == ProbeKind.BEARING:
         return (truth - low) % 360 <= high - low
     return low <= truth <= high
 

@@ -250,7 +250,7 @@ def _observations(draw, truth, seen, stamps, places, points, *, every_width):
         if every_width or stamp == stamps[-1]:
             pixels = pixels_of(CAMERA, pose, points) + draw.normal(0, seen.std_px, (2, 2))
             for probe in PROBES:
-                count = 2 if probe.kind is ProbeKind.DISTANCE else 1
+                count = 2 if probe.kind == ProbeKind.DISTANCE else 1
                 observations.append(observation(probe.name, stamp, pixels[:count], seen.std_px))
     return observations
 

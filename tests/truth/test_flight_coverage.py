@@ -156,7 +156,7 @@ def _flight(
             name=probe.name,
             stamp_ns=STAMP_NS + late_ns,
             arrival_ns=truth.end_ns,
-            pixels=tuple(map(tuple, pixels[: 2 if probe.kind is ProbeKind.DISTANCE else 1].tolist())),
+            pixels=tuple(map(tuple, pixels[: 2 if probe.kind == ProbeKind.DISTANCE else 1].tolist())),
             std_px=STD_PX,
         )
         for probe in PROBES
@@ -167,9 +167,9 @@ def _flight(
 
 
 def _is_inside(measured: Measurement, pose: Pose, points: np.ndarray) -> bool:
-    if measured.kind is ProbeKind.POSITION:
+    if measured.kind == ProbeKind.POSITION:
         return _in_ellipse(measured.ellipse95, points[0, :2] - measured.enu_m[0][:2])
-    ends = (points[0], points[1] if measured.kind is ProbeKind.DISTANCE else pose.position_enu_m)
+    ends = (points[0], points[1] if measured.kind == ProbeKind.DISTANCE else pose.position_enu_m)
     low, high = measured.ci95
     return bool(low <= np.linalg.norm(ends[1] - ends[0]) <= high)
 

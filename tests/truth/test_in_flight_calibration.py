@@ -43,11 +43,11 @@ def in_ellipse(ellipse, off_en_m):
 def is_inside(measured, flight):
     """Whether the last image's interval or ellipse holds the truth."""
     points = flight.points
-    if measured.kind is ProbeKind.POSITION:
+    if measured.kind == ProbeKind.POSITION:
         return in_ellipse(measured.ellipse95, points[0, :2] - measured.enu_m[0][:2])
     camera = flight.truth.pose(max(flight.measured)).position_enu_m
     low, high = measured.ci95
-    return low <= np.linalg.norm(points[0] - (points[1] if measured.kind is ProbeKind.DISTANCE else camera)) <= high
+    return low <= np.linalg.norm(points[0] - (points[1] if measured.kind == ProbeKind.DISTANCE else camera)) <= high
 
 
 @pytest.mark.parametrize("tilt_deg", TILTS_DEG)

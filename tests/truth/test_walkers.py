@@ -86,7 +86,7 @@ def test_walkers_keep_their_identity_behind_a_wall(followed) -> None:
     for time_s, measurements in followed:
         truth = np.array([walker.foot_enu_m(time_s)[:2] for walker in yard.BEHIND])
         for each in measurements:
-            if each.kind is ProbeKind.TRACK:
+            if each.kind == ProbeKind.TRACK:
                 off = np.linalg.norm(truth - np.array(each.enu_m[0][:2]), axis=-1)
                 nearest[each.name].add(int(np.argmin(off)))
                 statuses[each.name].add(each.status)
@@ -102,7 +102,7 @@ def test_the_ellipse_covers_where_they_are_also_while_they_are_hidden(followed) 
     for time_s, measurements in followed:
         truth = np.array([walker.foot_enu_m(time_s)[:2] for walker in yard.BEHIND])
         for each in measurements:
-            if each.kind is not ProbeKind.TRACK:
+            if each.kind != ProbeKind.TRACK:
                 continue
             off = np.array(each.enu_m[0][:2]) - truth
             off = off[np.argmin(np.linalg.norm(off, axis=-1))]
@@ -124,13 +124,13 @@ def test_speeds_and_distances_are_true_within_their_intervals(followed) -> None:
         owner = {
             each.name: int(np.argmin(np.linalg.norm(truth - np.array(each.enu_m[0][:2]), axis=-1)))
             for each in measurements
-            if each.kind is ProbeKind.TRACK
+            if each.kind == ProbeKind.TRACK
         }
         for each in measurements:
             if each.status is not Status.OK:
                 continue
             low, high = each.ci95
-            if each.kind is ProbeKind.TRACK:
+            if each.kind == ProbeKind.TRACK:
                 assert each.unit == "m/s"
                 speeds.append(low <= yard.BEHIND[owner[each.name]].speed_mps <= high)
             else:

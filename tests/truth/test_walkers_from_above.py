@@ -77,7 +77,7 @@ def followed(images: Iterator[flown.Seen]) -> Followed:
         feet = np.array([walker.foot_enu_m(seen.time_s)[:2] for walker in flown.WALKERS])
         for answers in tracks.follow(setup, seen.said, observations, index) or ():
             for each in answers:
-                if each.kind is ProbeKind.TRACK and each.enu_m is not None:
+                if each.kind == ProbeKind.TRACK and each.enu_m is not None:
                     found.take(each, feet)
     return found
 

@@ -8,8 +8,9 @@ import orjson
 
 from aerodft.adapters.wire.payload import dump_payload, load_object, pixel_pairs, stamp_from
 from aerodft.conventions import LARGEST
+from aerodft.dft import PROBE_KINDS, Kind
 from aerodft.errors import InputError
-from aerodft.model import ASKED_KINDS, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model import Probe, ProbeKind
 
 _WHERE = "measure"
 _KEYS = frozenset({"name", "kind", "pixels", "stamp_ns", "std_px", "elevation_m"})
@@ -39,9 +40,10 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     payload = load_object(data, "the question", _WHERE, _EXAMPLE)
     if unknown := sorted(payload.keys() - _KEYS):
         raise InputError("unknown key", where=_WHERE, got=unknown[0], expected=", ".join(sorted(_KEYS)))
-    kind = payload.get("kind")
-    if kind not in ASKED_KINDS:
-        raise InputError("kind is unknown", where=_WHERE, got=repr(kind), expected=", ".join(ASKED_KINDS))
+    asked = payload.get("kind")
+    kind = PROBE_KINDS.get(ProbeKind(asked)) if isinstance(asked, str) else None
+    if kind is None:
+        raise InputError("kind is unknown", where=_WHERE, got=repr(asked), expected=", ".join(PROBE_KINDS))
     name = payload.get("name", _WHERE)
     if not isinstance(name, str) or not name:
         raise InputError("name is no name", where=_WHERE, got=repr(name), expected="text")
@@ -53,8 +55,8 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
         raise InputError("std_px is no standard deviation", where=_WHERE, got=std_px, expected="pixels above 0")
     probe = Probe(
         name=name,
-        kind=ProbeKind(kind),
-        pixels=_pixels(payload.get("pixels"), ProbeKind(kind)),
+        kind=kind.name,
+        pixels=_pixels(payload.get("pixels"), kind),
         std_px=std_px,
         elevation_m=_real(payload, "elevation_m", 0.0),
     )
@@ -102,14 +104,14 @@ def encode_error(sentence: str) -> bytes:
     return dump_payload({"error": sentence})
 
 
-def _pixels(value: object, kind: ProbeKind) -> tuple[tuple[float, float], ...]:
+def _pixels(value: object, kind: Kind) -> tuple[tuple[float, float], ...]:
     try:
         pixels = pixel_pairs(value)  # type: ignore[arg-type]  # what JSON has is checked by taking it apart
     except (TypeError, ValueError):
         pixels = ()
-    if not takes_pixels(kind, len(pixels)) or not all(abs(u) <= LARGEST and abs(v) <= LARGEST for u, v in pixels):
+    if not kind.takes_pixels(len(pixels)) or not all(abs(u) <= LARGEST and abs(v) <= LARGEST for u, v in pixels):
         raise InputError(
-            "wrong pixels", where=_WHERE, got=repr(value)[:60], expected=f"{pixels_wanted(kind)} x [u, v], finite"
+            "wrong pixels", where=_WHERE, got=repr(value)[:60], expected=f"{kind.pixels_wanted} x [u, v], finite"
         )
     return pixels
 

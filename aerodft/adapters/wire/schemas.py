@@ -10,6 +10,7 @@ from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
 from aerodft.adapters.wire.status import STATES, STATUS_SCHEMA
+from aerodft.dft import PROBE_KINDS
 from aerodft.model import (
     GimbalSource,
     HeightSource,
@@ -24,6 +25,7 @@ from aerodft.service import HEIGHT_SOURCES
 
 Schema = dict[str, Any]
 
+_KINDS: Final = (*PROBE_KINDS, ProbeKind.TRACK)
 _HEIGHTS: Final = (*HEIGHT_SOURCES, HeightSource.CALIBRATION)
 
 NUMBER: Final[Schema] = {"type": ["number", "null"]}
@@ -102,7 +104,7 @@ _SUMMARY = {
 
 _OWN: Final[dict[str, Schema]] = {
     "name": doc(TEXT, "The probe"),
-    "kind": one_of(ProbeKind),
+    "kind": one_of(_KINDS),
     "value": doc(NUMBER, "Null unless the status is ok"),
     "unit": TEXT,
     "std": NUMBER,

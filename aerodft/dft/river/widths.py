@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.dft.answer import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.covariance import Z95, shared_covariance
+from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.projection import GroundPoints, project
 from aerodft.dft.request import Setup
 from aerodft.model import BoolArray, FloatArray, Pose

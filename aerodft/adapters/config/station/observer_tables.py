@@ -123,7 +123,7 @@ def river_from(
 
 def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
     """The probes whose banks may be looked for."""
-    return tuple(each for each in probes if each.kind is ProbeKind.RIVER and each.source is PixelSource.OBSERVED)
+    return tuple(each for each in probes if each.kind == ProbeKind.RIVER and each.source is PixelSource.OBSERVED)
 
 
 def refuse_beside_paper(

@@ -40,8 +40,9 @@ from aerodft.adapters.config.tables import (
     value_of,
 )
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
+from aerodft.dft import PROBE_KINDS
 from aerodft.errors import ConfigError
-from aerodft.model import ASKED_KINDS, Camera, PixelSource, Probe, ProbeKind, pixels_wanted, takes_pixels
+from aerodft.model import Camera, PixelSource, Probe, ProbeKind
 
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
 _ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
@@ -164,10 +165,11 @@ class TopicsTable(Table):
     camera: Text | None = None
 
 
-def _asked(kind: ProbeKind) -> ProbeKind:
-    if kind not in ASKED_KINDS:
-        hint = "what moves is followed with [objects]"
-        raise impossible("", got=f'"{kind}"', expected=", ".join(ASKED_KINDS), hint=hint)
+def _kind(name: str) -> ProbeKind:
+    kind = ProbeKind(name)
+    if kind not in PROBE_KINDS:
+        hint = "what moves is followed with [objects]" if kind == ProbeKind.TRACK else ""
+        raise impossible("", got=f'"{kind}"', expected=f"one of {', '.join(PROBE_KINDS)}", hint=hint)
     return kind
 
 
@@ -175,7 +177,7 @@ class ProbeTable(Table):
     """One thing to measure."""
 
     name: Slug
-    kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
+    kind: Annotated[str, AfterValidator(_kind)]
     pixels: Annotated[Many[Pixel] | None, Means(out=lambda pixels: [list(pixel) for pixel in pixels] or None)] = None
     observed: Annotated[bool, Means("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
     tracked: Annotated[bool, Means("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
@@ -195,10 +197,10 @@ class ProbeTable(Table):
             raise impossible("at", got="it without tracked = true", expected="the time of the image of tracked pixels")
         if not self.observed and self.pixels is None:
             raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
-        if self.pixels is not None and not takes_pixels(self.kind, len(self.pixels)):
-            raise impossible(
-                "pixels", got=f"{len(self.pixels)} of them", expected=f"{pixels_wanted(self.kind)} for {self.kind}"
-            )
+        kind = PROBE_KINDS[ProbeKind(self.kind)]
+        if self.pixels is not None and not kind.takes_pixels(len(self.pixels)):
+            expected = f"{kind.pixels_wanted} for {self.kind}"
+            raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
         elevation = sorted(self.model_fields_set & {"elevation_m", "elevation_std_m"})
         if self.on_top_of is not None and elevation:
             raise impossible(elevation[0], got="it beside on_top_of", expected="one of the two")
@@ -281,7 +283,7 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
     found = next((table for table in tables if table.name == name), None)
     if found is None:
         got = f'"{name}", which is not there'
-    elif found.kind is not ProbeKind.HEIGHT:
+    elif found.kind != ProbeKind.HEIGHT:
         got = f'"{name}", which measures a {found.kind}'
     elif found.observed or found.tracked:
         got = f'"{name}", of which the pixels are {_source(found)}'

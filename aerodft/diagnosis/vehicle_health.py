@@ -24,7 +24,7 @@ from aerodft.model import (
     ZoomSource,
 )
 from aerodft.service import HealthSettings, TelemetrySettings, ZoomSettings
-from aerodft.service.pose import LEVEL_SLACK, apart_std_rad
+from aerodft.service.pose import LEVEL_SLACK, hfov_difference_std_rad
 
 _SAME_DEG: Final = 0.1
 _NOTABLE_LOSS: Final = 0.01
@@ -186,7 +186,7 @@ def _of_view(reporter: _Reporter, view: _View, camera: Camera | None, zoom: Zoom
 def _against(reporter: _Reporter, view: _View, camera: Camera, zoom: ZoomSettings) -> Iterator[str]:
     low, high = view.hfov_deg
     own_deg = math.degrees(camera.hfov_rad if zoom.reported_hfov_rad is None else zoom.reported_hfov_rad)
-    std_deg = math.degrees(apart_std_rad(zoom, reporter.source, camera))
+    std_deg = math.degrees(hfov_difference_std_rad(zoom, reporter.source, camera))
     if high - low > _SAME_DEG:
         yield f"{reporter}: the field of view moves between {low:.1f} and {high:.1f} deg, which is followed"
     elif math.isfinite(low) and abs(low - own_deg) > std_deg:

@@ -258,7 +258,7 @@ class Answering:
         for row in np.flatnonzero(work.task == Task.IMAGE).tolist():
             before, after = self._height_source, sources[int(poses.variant_index[row])]
             self._height_source = after or before
-            if before is not None and after is not None and before is not after:
+            if before is not None and after is not None and before != after:
                 found[row] = describe_switch(before, after, int(work.stamp_ns[row]), int(rows[row]))
         return found
 

@@ -93,7 +93,7 @@ _COLUMNS: Final = ("task", "stamp_ns", "by_utc", "deadline_ns", "tick", "image")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Occasions:
+class AnswerTimes:
     """When something may be answered, ``n`` times: on every tick, and on deadlines between ticks that nothing came on.
 
     Attributes:
@@ -107,17 +107,17 @@ class Occasions:
     is_tick: BoolArray
 
     @staticmethod
-    def of(now_ns: IntArray, deadlines_ns: IntArray) -> "Occasions":
+    def of(now_ns: IntArray, deadlines_ns: IntArray) -> "AnswerTimes":
         """The ticks ``now_ns (ticks,)``, and those of the deadlines up to the last of them that are none."""
         time_ns = np.unique(np.concatenate([now_ns, deadlines_ns[deadlines_ns < now_ns[-1]]]))
         ticks = np.searchsorted(now_ns, time_ns, side="right")
-        return Occasions(time_ns, ticks, now_ns[np.maximum(ticks - 1, 0)] == time_ns)
+        return AnswerTimes(time_ns, ticks, now_ns[np.maximum(ticks - 1, 0)] == time_ns)
 
 
 @njit
 def answer_in_order(
     work: tuple[IntArray, IntArray, IntArray, IntArray, IntArray],
-    occasions: tuple[IntArray, IntArray],
+    answer_times: tuple[IntArray, IntArray],
     last_image_ns: IntArray,
 ) -> IntArray:
     """Occasions ``(n,)`` on which work is answered; -1 where it goes on waiting.
@@ -128,25 +128,25 @@ def answer_in_order(
     Args:
         work: ``(n,)`` each, in the order in which it came: stamps, after how many ticks it is there, after how many its
             telemetry is complete, deadlines, and the least stamp of the last image before which it is not looked at.
-        occasions: Times ``(k,)``, and after how many ticks ``(k,)``.
+        answer_times: Times ``(k,)``, and after how many ticks ``(k,)``.
         last_image_ns: ``(k,)`` stamps of the last images on these occasions.
     """
     stamp_ns, came, ready, deadline_ns, near_ns = work
-    time_ns, ticks = occasions
+    time_ns, ticks = answer_times
     answer = np.full(len(stamp_ns), -1)
     first = 0
-    for occasion in range(len(time_ns)):
+    for answer_time in range(len(time_ns)):
         while first < len(answer) and answer[first] >= 0:
             first += 1
         blocked_ns, is_blocked = 0, False
         for k in range(first, len(answer)):
-            if came[k] > ticks[occasion]:
+            if came[k] > ticks[answer_time]:
                 break
-            is_final = deadline_ns[k] <= time_ns[occasion]
-            if answer[k] >= 0 or (not is_final and last_image_ns[occasion] < near_ns[k]):
+            is_final = deadline_ns[k] <= time_ns[answer_time]
+            if answer[k] >= 0 or (not is_final and last_image_ns[answer_time] < near_ns[k]):
                 continue
-            if is_final or (ready[k] <= ticks[occasion] and not (is_blocked and stamp_ns[k] >= blocked_ns)):
-                answer[k] = occasion
+            if is_final or (ready[k] <= ticks[answer_time] and not (is_blocked and stamp_ns[k] >= blocked_ns)):
+                answer[k] = answer_time
             else:
                 blocked_ns = min(blocked_ns, stamp_ns[k]) if is_blocked else stamp_ns[k]
                 is_blocked = True

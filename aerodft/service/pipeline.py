@@ -32,7 +32,7 @@ from aerodft.service.answering import Answering, Helpers, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of
 from aerodft.service.clocks import Ticks
 from aerodft.service.outputs import StepOutputs
-from aerodft.service.pending import Occasions, RecentImages, Task, WorkList, answer_in_order
+from aerodft.service.pending import AnswerTimes, RecentImages, Task, WorkList, answer_in_order
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, TelemetryDecoder
 from aerodft.service.pose import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
@@ -243,14 +243,14 @@ class Pipeline:
         due_ns = np.unique(work.deadline_ns if now_ns is None else work.deadline_ns[work.deadline_ns < now_ns])
         if not len(due_ns):
             return
-        occasions = Occasions(due_ns, np.zeros_like(due_ns), np.full(len(due_ns), fill_value=False))
+        answer_times = AnswerTimes(due_ns, np.zeros_like(due_ns), np.full(len(due_ns), fill_value=False))
         last_image_ns = np.full(len(due_ns), self._images.last_ns()[-1])
-        made = np.array([sample is not None for sample in work.samples], dtype=np.bool_)
-        answer = self._in_order(work, np.where(made, 0, 1), occasions, last_image_ns)
-        parts = self._made(work)
-        final = np.flatnonzero((answer >= 0) & ~made)
+        is_ready = np.array([sample is not None for sample in work.samples], dtype=np.bool_)
+        answer = self._in_order(work, np.where(is_ready, 0, 1), answer_times, last_image_ns)
+        parts = self._ready_poses(work)
+        final = np.flatnonzero((answer >= 0) & ~is_ready)
         parts += self._final(work, final, np.full(len(final), -1))
-        self._take_answers(work, parts, answer, occasions, tick)
+        self._apply_answers(work, parts, answer, answer_times, tick)
 
     def _answer(self, now_ns: IntArray, first: int) -> None:
         """Answer what is ready in the ticks ``now_ns (n,)`` of the newest step, numbered from ``first``."""
@@ -264,22 +264,22 @@ class Pipeline:
         is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
         # What came after its deadline, in one long tick, is answered on that tick.
         parts += self._final(work, final, np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final]))
-        occasions = Occasions.of(now_ns, work.deadline_ns)
-        last_image_ns = self._images.last_ns()[occasions.ticks - 1]
-        answer = self._in_order(work, ready_tick + 1, occasions, last_image_ns)
-        self._take_answers(work, parts, answer, occasions, first)
+        answer_times = AnswerTimes.of(now_ns, work.deadline_ns)
+        last_image_ns = self._images.last_ns()[answer_times.ticks - 1]
+        answer = self._in_order(work, ready_tick + 1, answer_times, last_image_ns)
+        self._apply_answers(work, parts, answer, answer_times, first)
 
-    def _in_order(self, work: WorkList, ready: IntArray, occasions: Occasions, last_image_ns: IntArray) -> IntArray:
+    def _in_order(self, work: WorkList, ready: IntArray, times: AnswerTimes, last_image_ns: IntArray) -> IntArray:
         """As ``answer_in_order``, of work that is ready after some ticks ``(n,)``."""
         columns = work.stamp_ns, work.tick + 1, ready, work.deadline_ns, self._near_ns(work)
-        return answer_in_order(columns, (occasions.time_ns, occasions.ticks), last_image_ns)
+        return answer_in_order(columns, (times.time_ns, times.ticks), last_image_ns)
 
-    def _take_answers(
+    def _apply_answers(
         self,
         work: WorkList,
         parts: list[tuple[IntArray, PoseBatch]],
         answer: IntArray,
-        occasions: Occasions,
+        answer_times: AnswerTimes,
         first: int,
     ) -> None:
         """Have work answered on occasions ``(n,)``, of ticks that are numbered from ``first``; the rest waits on.
@@ -298,9 +298,9 @@ class Pipeline:
             return
         rows = rows[np.argsort(answer[rows], kind="stable")]
         on = answer[rows]
-        as_of = occasions.ticks[on] - 1
+        as_of = answer_times.ticks[on] - 1
         # What is due between two ticks comes out on the second of them, before what is answered there.
-        tick = first + as_of + ~occasions.is_tick[on]
+        tick = first + as_of + ~answer_times.is_tick[on]
         self._add(ReadyWork(work.rows(rows), poses.rows(place[rows]), tick, on), as_of)
 
     def _near_ns(self, work: WorkList) -> IntArray:
@@ -316,7 +316,7 @@ class Pipeline:
         return [(rows, self._poses_at(work.stamp_ns[rows], as_of, final=known, by_utc=work.by_utc[rows])[0])]
 
     @staticmethod
-    def _made(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
+    def _ready_poses(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
         """The poses that are there already, with their rows."""
         rows = [row for row, sample in enumerate(work.samples) if sample is not None]
         samples = [sample for sample in work.samples if sample is not None]
@@ -333,7 +333,7 @@ class Pipeline:
         if self._settings.fixed_pose is None:
             passed = np.searchsorted(np.maximum.accumulate(self._poses.watermark_ns(count)), work.stamp_ns)
             tick = np.maximum(tick, passed)
-        ready_tick, parts = np.full(len(work), count), self._made(work)
+        ready_tick, parts = np.full(len(work), count), self._ready_poses(work)
         for rows, _ in parts:
             ready_tick[rows] = -1
         rows = np.flatnonzero((tick < until_tick) & (ready_tick >= 0))

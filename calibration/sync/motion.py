@@ -23,7 +23,7 @@ from aerodft.geometry import (
 )
 from aerodft.model import BoolArray, FloatArray, GimbalSource, ReportFrame
 from aerodft.service import AttitudeSettings, FixedMount
-from aerodft.service.attitude import AttitudeHistory, AttitudeSeries, reference_of
+from aerodft.service.attitude import AttitudeHistory, AttitudeSeries, reference_wxyz
 from aerodft.vision.camera_motion import ImagePair, PlaneMotion, Turns
 
 _FEWEST = 20  # samples of a curve
@@ -100,7 +100,7 @@ class CameraMotion:
         mount = settings.camera_on_gimbal if self.has_lag else settings.fixed_mount
         self._mount = _mounted(mount)
         vehicle = _usable(history.vehicle)
-        self._carrier: _Curve | None = None
+        self._reference: _Curve | None = None
         bolted = None if self.has_lag else vehicle
         gimbal = bolted or _of_one_kind(history.gimbals[self.source])
         self.report_s, self.report_wxyz = (gimbal.stamp_ns - zero_ns) / SECOND_NS, gimbal.wxyz
@@ -111,7 +111,7 @@ class CameraMotion:
         if frame is ReportFrame.BODY or not in_earth:
             if vehicle is None:
                 raise LookupError(self.source)
-            self._carrier = self._curve(vehicle, reference_of(vehicle.wxyz, frame, yaw_in_earth=in_earth))
+            self._reference = self._curve(vehicle, reference_wxyz(vehicle.wxyz, frame, yaw_in_earth=in_earth))
 
     def _curve(self, series: AttitudeSeries, wxyz: FloatArray) -> _Curve:
         return _Curve((series.stamp_ns - self._zero_ns) / SECOND_NS, _steady(wxyz), self._max_gap_s)
@@ -119,21 +119,21 @@ class CameraMotion:
     def enu_wxyz_cam(self, times_s: FloatArray, lag_s: float = 0.0) -> FloatArray:
         """``(..., 4)``: what the gimbal reported ``lag_s`` before, on what the vehicle then was."""
         attitude = multiply(self._report.at(times_s - lag_s), self._mount)
-        if self._carrier is not None:
-            attitude = multiply(self._carrier.at(times_s), attitude)
+        if self._reference is not None:
+            attitude = multiply(self._reference.at(times_s), attitude)
         return camera_from_gimbal(attitude / np.linalg.norm(attitude, axis=-1, keepdims=True))
 
     def report_of(self, times_s: FloatArray, enu_wxyz_cam: FloatArray) -> FloatArray:
         """``(n, 4)``: what a gimbal without lag would report of a camera that is there then."""
         gimbal = multiply(gimbal_from_camera(enu_wxyz_cam), inverse(self._mount))
-        if self._carrier is None:
+        if self._reference is None:
             return gimbal
-        carrier = self._carrier.at(times_s)
+        carrier = self._reference.at(times_s)
         return multiply(inverse(carrier / np.linalg.norm(carrier, axis=-1, keepdims=True)), gimbal)
 
     def carries(self, times_s: FloatArray) -> BoolArray:
         """Where it is known what the report counts from."""
-        return np.ones(times_s.shape, dtype=np.bool_) if self._carrier is None else self._carrier.knows(times_s)
+        return np.ones(times_s.shape, dtype=np.bool_) if self._reference is None else self._carrier.knows(times_s)
 
     def knows(self, times_s: FloatArray, lag_s: float = 0.0) -> BoolArray:
         """Where ``enu_wxyz_cam`` lies between samples."""

@@ -26,7 +26,7 @@ from aerodft.model import (
 )
 from aerodft.service import AttitudeSettings, HeightSettings, TelemetrySettings
 from aerodft.service.clocks import Ticks
-from aerodft.service.pose import PoseSource, footing, raised
+from aerodft.service.pose import PoseSource, ground_below, raised_by_ground
 from tests.one_image import sample_at
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -195,11 +195,11 @@ def test_a_slope_is_alike_everywhere_so_that_widths_need_no_position():
 @given(east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4), slope=st.floats(0, 1.2), uphill=st.floats(0, 6.28))
 def test_the_footing_is_the_planes_own(east, north, slope, uphill):
     plane = Plane.sloping([100.0, -20.0, 7.0], slope, uphill)
-    below = footing(plane, np.array([[east, north]]))
+    below = ground_below(plane, np.array([[east, north]]))
     gradient = math.tan(slope) * np.array([math.sin(uphill), math.cos(uphill)])
     assert below.status.tolist() == [CODE_OF[Status.OK]]
     assert_allclose(below.slope, [gradient], atol=1e-9)
     assert_allclose(below.height_m, [7.0 + gradient @ [east - 100.0, north + 20.0]], atol=1e-6)
     pose = camera_pose(height_agl_m=4.0, tilt_rad=0.3, east_m=east, north_m=north)
-    carried = raised(Pose.joined([pose]), below.height_m, below.slope)
+    carried = raised_by_ground(Pose.joined([pose]), below.height_m, below.slope)
     assert_allclose(carried.position_enu_m, [[east, north, below.height_m[0] + 4.0]])

@@ -10,7 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry import from_yaw_pitch_roll
 from aerodft.model import ReportFrame
-from aerodft.service.attitude.gimbal_frame import LAGS_NS, PRIOR_BODY, FrameDetector, Moment, Moments, moments
+from aerodft.service.attitude.gimbal_frame import (
+    LAGS_NS,
+    PRIOR_BODY,
+    FrameDetector,
+    GravitySample,
+    GravitySamples,
+    gravity_samples,
+)
 from aerodft.service.streams import Stream
 
 STEP_NS = 100_000_000
@@ -35,7 +42,7 @@ class Flight:
             sway = sway_rad * math.sin(self.now_ns / 1e9 * 2)
             report = math.radians(pitch_deg) - undone * sway
             if_body = np.tile(down(report + sway), (len(LAGS_NS), 1))
-            self.detector.weigh(Moment(self.now_ns, report, down(sway), down(report), if_body))
+            self.detector.weigh(GravitySample(self.now_ns, report, down(sway), down(report), if_body))
             self.now_ns += STEP_NS
         return self.detector.evidence
 
@@ -76,7 +83,7 @@ def test_what_a_limit_explains_is_not_forgotten_for_chances():
         if_body = np.tile(down(report + sway), (len(LAGS_NS), 1))
         if k // 60 % 2:
             if_body[2] = down(math.radians(-45))
-        detector.weigh(Moment(k * STEP_NS, report, down(sway), down(report), if_body))
+        detector.weigh(GravitySample(k * STEP_NS, report, down(sway), down(report), if_body))
     assert detector.evidence.motions > 500
     assert detector.evidence.frame is not ReportFrame.BODY
     assert detector.evidence.body_probability < PRIOR_BODY
@@ -92,7 +99,7 @@ def test_what_a_slow_noisy_attitude_does_is_no_motion():
     reports = np.tile(from_yaw_pitch_roll(0.0, math.radians(-45), 0.0), (1000, 1))
     gimbal.append(10**9 + np.arange(1000) * STEP_NS, wxyz=reports, yaw_in_earth=np.zeros(1000))
     detector = FrameDetector()
-    found = moments(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9)
+    found = gravity_samples(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9)
     assert len(found) > 900
     assert list(detector.weigh_all(found)) == []
     assert detector.evidence.motions == 0
@@ -107,7 +114,7 @@ def flown(rng, count):
     if_body = np.array([[down(report + sway)] * len(LAGS_NS) for report, sway in zip(reports, sways, strict=True)])
     own, seen = (np.array([down(each) for each in angles]) for angles in (sways, reports))
     stamps_ns, bends = 1_795_000_000 * 10**9 + elapsed_ns, 1e-4 * rng.random(count)
-    return Moments(rng.random(count) > 0.01, stamps_ns, reports, own, seen, if_body, bends)
+    return GravitySamples(rng.random(count) > 0.01, stamps_ns, reports, own, seen, if_body, bends)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -145,7 +152,7 @@ def test_the_parts_of_one_motion_are_no_verdict():
     for lean in np.radians(np.linspace(0, 20, 11)):
         report = math.radians(-40) - lean
         if_body = np.tile(down(report + lean), (len(LAGS_NS), 1))
-        flight.detector.weigh(Moment(flight.now_ns, report, down(lean), down(report), if_body))
+        flight.detector.weigh(GravitySample(flight.now_ns, report, down(lean), down(report), if_body))
         flight.now_ns += STEP_NS
     evidence = flight.detector.evidence
     assert evidence.frame is None

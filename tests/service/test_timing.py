@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from aerodft.model import NO_BOOT_TIME, ClockTrack, Track
 from aerodft.service import LAST
 from aerodft.service.clocks import JUMP_NS, ClockMap, Ticks
-from aerodft.service.clocks.line import Line, StatedLine
-from aerodft.service.clocks.ticks import LineTable
+from aerodft.service.clocks.line import ClockOffset, StatedOffset
+from aerodft.service.clocks.ticks import OffsetsByTick
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND  # UTC at power-on
@@ -233,7 +233,7 @@ def test_stamps_do_not_depend_on_delays_once_utc_is_known(delays_ns, learnt_at):
 
 
 def test_what_a_jump_ahead_never_said_is_known():
-    ahead, back = StatedLine(), StatedLine()
+    ahead, back = StatedOffset(), StatedOffset()
     for second in range(40):
         for line, jump_s in ((ahead, 5), (back, -5)):
             line.learn(second * SECOND, (jump_s if second >= 30 else 0) * SECOND)
@@ -247,8 +247,8 @@ def test_what_a_jump_ahead_never_said_is_known():
 
 def test_lines_of_many_ticks_are_each_as_it_is_alone():
     rng = np.random.default_rng(6)
-    lines = [Line(UTC0 + k * SECOND, HOST0 - UTC0 + k * MS, 1e-5 * k) for k in range(4)]
-    table = LineTable.of(lines, [3, 3, 8], 12)
+    lines = [ClockOffset(UTC0 + k * SECOND, HOST0 - UTC0 + k * MS, 1e-5 * k) for k in range(4)]
+    table = OffsetsByTick.of(lines, [3, 3, 8], 12)
     own_ns, ticks = UTC0 + rng.integers(0, 100 * SECOND, 60), rng.integers(0, 12, 60)
     wanted = [lines[0 if tick < 3 else 2 if tick < 8 else 3] for tick in ticks.tolist()]
     offsets = [line.offset_at(each) for line, each in zip(wanted, own_ns.tolist(), strict=True)]

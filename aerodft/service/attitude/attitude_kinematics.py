@@ -31,7 +31,7 @@ class RotatingFrame:
     wxyz: FloatArray
     rate_radps: FloatArray
 
-    def carrying(self, other: "RotatingFrame") -> "RotatingFrame":
+    def compose(self, other: "RotatingFrame") -> "RotatingFrame":
         """``other``, which is against this one's moving axes, against this one's reference."""
         rate = other.rate_radps + rotate(matrix(inverse(other.wxyz)), self.rate_radps)
         return RotatingFrame(multiply(self.wxyz, other.wxyz), rate)
@@ -63,7 +63,7 @@ class AttitudeBrackets:
         return RotatingFrame(slerp(self.before, self.after, self.weight), _rate(self.before, self.after, self.gap_ns))
 
 
-def carrier(vehicle: AttitudeBrackets, frame: ReportFrame, *, yaw_in_earth: bool) -> RotatingFrame:
+def reference_attitude(vehicle: AttitudeBrackets, frame: ReportFrame, *, yaw_in_earth: bool) -> RotatingFrame:
     """What gimbals' reports are against, in NED.
 
     Args:
@@ -74,14 +74,14 @@ def carrier(vehicle: AttitudeBrackets, frame: ReportFrame, *, yaw_in_earth: bool
     Returns:
         The vehicle's heading, its attitude, or its attitude without the heading; with a rate from the two samples.
     """
-    now = slerp(vehicle.before, vehicle.after, vehicle.weight)
-    ends = np.stack([vehicle.before, now, vehicle.after])
-    before, at, after = reference_of(ends, frame, yaw_in_earth=yaw_in_earth)
+    at_stamp = slerp(vehicle.before, vehicle.after, vehicle.weight)
+    ends = np.stack([vehicle.before, at_stamp, vehicle.after])
+    before, at, after = reference_wxyz(ends, frame, yaw_in_earth=yaw_in_earth)
     return RotatingFrame(at, _rate(before, after, vehicle.gap_ns))
 
 
-def reference_of(ned_wxyz_body: FloatArray, frame: ReportFrame, *, yaw_in_earth: bool) -> FloatArray:
-    """What a report is against ``(..., 4)`` as in ``carrier``, of attitudes ``(..., 4)``."""
+def reference_wxyz(ned_wxyz_body: FloatArray, frame: ReportFrame, *, yaw_in_earth: bool) -> FloatArray:
+    """What a report is against ``(..., 4)`` as in ``reference_attitude``, of attitudes ``(..., 4)``."""
     heading = heading_of(ned_wxyz_body)
     if frame is ReportFrame.EARTH:
         return multiply(heading, inverse(heading)) if yaw_in_earth else heading

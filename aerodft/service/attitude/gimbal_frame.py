@@ -30,7 +30,7 @@ _STEP_NS = 100_000_000  # reports closer than this tell nothing new
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class GravitySample:
     """Unit vectors of gravity at one report.
 
     Attributes:
@@ -52,12 +52,12 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moments:
+class GravitySamples:
     """Those of ``n`` reports, in order, as columns.
 
     Attributes:
         is_known: ``(n,)`` whether the vehicle's attitude is known on both sides, and for the longest lag before.
-        stamp_ns: ``(n,)``, see ``Moment`` for this and all others.
+        stamp_ns: ``(n,)``, see ``GravitySample`` for this and all others.
         reported_pitch_rad: ``(n,)``.
         down_body: ``(n, 3)``.
         down_if_earth: ``(n, 3)``.
@@ -76,13 +76,13 @@ class Moments:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
-    def rows(self, rows: slice) -> "Moments":
+    def rows(self, rows: slice) -> "GravitySamples":
         """Some of them."""
-        return Moments(*(getattr(self, each.name)[rows] for each in fields(self)))
+        return GravitySamples(*(getattr(self, each.name)[rows] for each in fields(self)))
 
-    def row(self, row: int) -> Moment:
+    def row(self, row: int) -> GravitySample:
         """One of them."""
-        return Moment(
+        return GravitySample(
             int(self.stamp_ns[row]),
             float(self.reported_pitch_rad[row]),
             self.down_body[row].tolist(),
@@ -92,7 +92,7 @@ class Moments:
         )
 
 
-def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> Moments | None:
+def gravity_samples(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) -> GravitySamples | None:
     """The reports after a stamp and up to another, at most one in each tenth of a second; None where there are none."""
     rows = _rows(gimbal.stamps_ns, after_ns, until_ns)
     if not len(rows) or vehicle.last_ns is None:
@@ -109,7 +109,7 @@ def moments(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns: int) ->
     yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(attitudes[latest])[0], 0.0)
     against_body = matrix(from_yaw_pitch_roll(-yaws, 0.0, 0.0)) @ reported
     pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1]
-    return Moments(known, stamps, pitches, downs[:, 0], reported[:, 2], downs @ against_body, bends)
+    return GravitySamples(known, stamps, pitches, downs[:, 0], reported[:, 2], downs @ against_body, bends)
 
 
 def _bends(downs: FloatArray) -> FloatArray:
@@ -191,12 +191,12 @@ class FrameDetector:
     """
 
     def __init__(self) -> None:
-        self._recent: deque[Moment] = deque()
+        self._recent: deque[GravitySample] = deque()
         self._bends_rad: deque[float] = deque(maxlen=_NOISE_WINDOW)
         self._range_rad = (math.inf, -math.inf)  # pitches reported so far
         self._log_ratios = np.zeros(len(LAGS_NS))  # body against earth, were reports this late
         self._at_limit = np.zeros(len(LAGS_NS))  # the part of it that a servo at its limit could explain
-        self._lately: deque[tuple[int, FloatArray]] = deque()  # ends of motions, and what each of them told
+        self._recent_steps: deque[tuple[int, FloatArray]] = deque()  # ends of motions, and what each of them told
         self._undone = np.zeros(len(LAGS_NS), dtype=np.int64)
         self._motions = self._motion_ns = self._changes = 0
         self._frame: ReportFrame | None = None
@@ -206,49 +206,49 @@ class FrameDetector:
         """No motion is followed over a gap, or from one clock to another; what was learned stays."""
         self._recent.clear()
 
-    def weigh(self, moment: Moment) -> None:
+    def weigh(self, sample: GravitySample) -> None:
         """Take in the next report; where it ends a motion of the vehicle, learn from it."""
         low, high = self._range_rad
-        self._range_rad = min(low, moment.reported_pitch_rad), max(high, moment.reported_pitch_rad)
-        while self._recent and moment.stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
+        self._range_rad = min(low, sample.reported_pitch_rad), max(high, sample.reported_pitch_rad)
+        while self._recent and sample.stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
             self._recent.popleft()
         if len(self._recent) > 1:
             first, second = self._recent[-2], self._recent[-1]
-            downs = zip(moment.down_body, second.down_body, first.down_body, strict=True)
-            bend_rad = math.hypot(*(now - 2 * before + earlier for now, before, earlier in downs))
-            self._bends_rad.append(max(bend_rad, moment.bend_rad))
+            downs = zip(sample.down_body, second.down_body, first.down_body, strict=True)
+            bend_rad = math.hypot(*(last - 2 * before + earlier for last, before, earlier in downs))
+            self._bends_rad.append(max(bend_rad, sample.bend_rad))
         if self._recent and len(self._bends_rad) > _ENOUGH_NOISE:
-            turns = list(map(math.dist, repeat(moment.down_body), [before.down_body for before in self._recent]))
+            turns = list(map(math.dist, repeat(sample.down_body), [before.down_body for before in self._recent]))
             farthest = turns.index(max(turns))
             if turns[farthest] >= _LEAST_MOTION_RAD and turns[farthest] >= _LEAST_MOTION_STDS * self._noise_rad():
-                self._learn(self._recent[farthest], moment, turns[farthest])
+                self._learn(self._recent[farthest], sample, turns[farthest])
                 self._recent.clear()
-        self._recent.append(moment)
+        self._recent.append(sample)
 
-    def weigh_all(self, moments: Moments) -> Iterator[tuple[int, FrameEvidence]]:
+    def weigh_all(self, gravity_samples: GravitySamples) -> Iterator[tuple[int, FrameEvidence]]:
         """Take in reports as ``weigh`` does one after the other, most of which end no motion; gaps break off.
 
         Returns:
             Stamps of those that something was learned from, and what is known then.
         """
-        is_calm = moments.is_known & ~self._may_turn(moments)
-        ends = [0, *(np.flatnonzero(np.diff(is_calm)) + 1).tolist(), len(moments)]
+        is_calm = gravity_samples.is_known & ~self._may_end_motion(gravity_samples)
+        ends = [0, *(np.flatnonzero(np.diff(is_calm)) + 1).tolist(), len(gravity_samples)]
         for first, stop in pairwise(ends):
             if is_calm[first]:
-                self._pass_by(moments.rows(slice(first, stop)))
+                self._skip(gravity_samples.rows(slice(first, stop)))
                 continue
             for row in range(first, stop):
                 before = self.evidence
-                if moments.is_known[row]:
-                    self.weigh(moments.row(row))
+                if gravity_samples.is_known[row]:
+                    self.weigh(gravity_samples.row(row))
                 else:
                     self.break_off()
                 if self.evidence is not before:
-                    yield int(moments.stamp_ns[row]), self.evidence
+                    yield int(gravity_samples.stamp_ns[row]), self.evidence
 
-    def _may_turn(self, moments: Moments) -> BoolArray:
+    def _may_end_motion(self, gravity_samples: GravitySamples) -> BoolArray:
         """Which of the reports ``(n,)`` may end a motion: the vehicle is far from what it was within its time."""
-        stamps, downs = _behind(self._recent, moments)
+        stamps, downs = _behind(self._recent, gravity_samples)
         squared = np.zeros(len(stamps))
         for ago in range(1, len(stamps)):
             is_near = stamps[ago:] - stamps[:-ago] <= _WINDOW_NS
@@ -258,19 +258,19 @@ class FrameDetector:
             squared[ago:] = np.maximum(squared[ago:], np.where(is_near, (away * away).sum(axis=1), 0.0))
         return np.asarray(squared[len(self._recent) :] >= (_LEAST_MOTION_RAD - _ROUNDING_RAD) ** 2)
 
-    def _pass_by(self, moments: Moments) -> None:
+    def _skip(self, gravity_samples: GravitySamples) -> None:
         """Take in reports that end no motion."""
         low, high = self._range_rad
-        pitches = moments.reported_pitch_rad
+        pitches = gravity_samples.reported_pitch_rad
         self._range_rad = min(low, float(pitches.min())), max(high, float(pitches.max()))
-        stamps, downs = _behind(list(self._recent)[-2:], moments)
+        stamps, downs = _behind(list(self._recent)[-2:], gravity_samples)
         bends = downs[2:] - 2 * downs[1:-1] + downs[:-2]
         is_near = stamps[2:] - stamps[:-2] <= _WINDOW_NS
-        own = moments.bend_rad[len(moments) - len(bends) :]
+        own = gravity_samples.bend_rad[len(gravity_samples) - len(bends) :]
         lengths = map(math.hypot, *bends[is_near].T.tolist())
         self._bends_rad.extend(map(max, lengths, own[is_near].tolist()))
-        first = int(np.searchsorted(moments.stamp_ns, moments.stamp_ns[-1] - _WINDOW_NS))
-        self._recent.extend(moments.row(row) for row in range(first, len(moments)))
+        first = int(np.searchsorted(gravity_samples.stamp_ns, gravity_samples.stamp_ns[-1] - _WINDOW_NS))
+        self._recent.extend(gravity_samples.row(row) for row in range(first, len(gravity_samples)))
         while self._recent[-1].stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
             self._recent.popleft()
 
@@ -279,12 +279,12 @@ class FrameDetector:
         ordered = sorted(self._bends_rad)
         return (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2 * _NOISE_OF_BEND
 
-    def _learn(self, start: Moment, end: Moment, turn_rad: float) -> None:
+    def _learn(self, start: GravitySample, end: GravitySample, turn_rad: float) -> None:
         reported = np.linalg.norm(end.down_if_earth - start.down_if_earth)
         left = np.linalg.norm(end.down_if_body - start.down_if_body, axis=-1)
         scale = math.hypot(_NOISE_RAD, _LEFT_OVER * turn_rad)
         ratio = _log_density(left / scale) - _log_density(np.asarray(reported / scale))
-        step = self._not_told_yet(end.stamp_ns, ratio)
+        step = self._unexplained(end.stamp_ns, ratio)
         if self._may_be_at_limit(start) and self._may_be_at_limit(end):
             before, self._at_limit = self._at_limit, np.maximum(self._at_limit + step, -_MOST_AT_LIMIT)
             step = self._at_limit - before
@@ -295,19 +295,20 @@ class FrameDetector:
         self._decide()
         self.evidence = self._evidence()
 
-    def _not_told_yet(self, stamp_ns: int, ratio: FloatArray) -> FloatArray:
+    def _unexplained(self, stamp_ns: int, ratio: FloatArray) -> FloatArray:
         """What a motion adds to what those shortly before it told: they may be parts of one."""
-        while self._lately and stamp_ns - self._lately[0][0] > _WINDOW_NS:
-            self._lately.popleft()
-        told = np.sum([step for _, step in self._lately], axis=0) if self._lately else np.zeros_like(ratio)
+        while self._recent_steps and stamp_ns - self._recent_steps[0][0] > _WINDOW_NS:
+            self._recent_steps.popleft()
+        steps = [step for _, step in self._recent_steps]
+        recent = np.sum(steps, axis=0) if steps else np.zeros_like(ratio)
         own = np.clip(ratio, -_MOST_A_MOTION, _MOST_A_MOTION)
-        step = np.clip(told + own, -_MOST_AT_ONCE, _MOST_AT_ONCE) - told
-        self._lately.append((stamp_ns, step))
+        step = np.clip(recent + own, -_MOST_AT_ONCE, _MOST_AT_ONCE) - recent
+        self._recent_steps.append((stamp_ns, step))
         return np.asarray(step)
 
-    def _may_be_at_limit(self, moment: Moment) -> bool:
+    def _may_be_at_limit(self, sample: GravitySample) -> bool:
         low, high = self._range_rad
-        return min(moment.reported_pitch_rad - low, high - moment.reported_pitch_rad) < _AT_LIMIT_RAD
+        return min(sample.reported_pitch_rad - low, high - sample.reported_pitch_rad) < _AT_LIMIT_RAD
 
     def _decide(self) -> None:
         """A verdict needs certainty, and goes only with the same certainty of the opposite."""
@@ -335,11 +336,11 @@ class FrameDetector:
         return most + math.log(float(np.mean(np.exp(self._log_ratios - most))))
 
 
-def _behind(recent: Sequence[Moment], moments: Moments) -> tuple[IntArray, FloatArray]:
+def _behind(recent: Sequence[GravitySample], gravity_samples: GravitySamples) -> tuple[IntArray, FloatArray]:
     """Stamps ``(n,)``, and where down is for the vehicle ``(n, 3)``, of some reports and others behind them."""
     stamps = np.array([each.stamp_ns for each in recent], dtype=np.int64)
     downs = np.array([each.down_body for each in recent]).reshape(-1, 3)
-    return np.concatenate([stamps, moments.stamp_ns]), np.concatenate([downs, moments.down_body])
+    return np.concatenate([stamps, gravity_samples.stamp_ns]), np.concatenate([downs, gravity_samples.down_body])
 
 
 def _log_density(turns: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import BoolArray, FloatArray, GimbalTrack, IntArray, ReportFrame
-from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, moments
+from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples
 from aerodft.service.attitude.slew import Demands, demands_before
 from aerodft.service.feed import tick_after
 from aerodft.service.settings import AttitudeSettings
@@ -84,8 +84,8 @@ class Gimbal:
 
     def evidence(self, vehicle: Stream) -> FrameEvidence:
         """What is known of the reports' frame as of the last tick."""
-        known, which = self.evidence_at(vehicle, LAST)
-        return known[int(which[0])]
+        known, evidence_index = self.evidence_at(vehicle, LAST)
+        return known[int(evidence_index[0])]
 
     def evidence_at(self, vehicle: Stream, ticks: IntArray) -> tuple[list[FrameEvidence], IntArray]:
         """What was known as of ticks ``(n,)``: all that was, and which of it each time."""
@@ -141,7 +141,7 @@ class Gimbal:
         last_ns = self._passed_ns(vehicle)
         if self._weighed_ns is not None and last_ns <= self._weighed_ns:
             return
-        found = moments(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last_ns)
+        found = gravity_samples(self.stream, vehicle, after_ns=self._weighed_ns or 0, until_ns=last_ns)
         if found is not None:
             for stamp_ns, evidence in self._detector.weigh_all(found):
                 self._verdicts.append((tick_after(stamp_ns, SECOND_NS), evidence))

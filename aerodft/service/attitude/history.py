@@ -77,18 +77,18 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
     vehicle, gimbals = _Rows(), dict[GimbalSource, _Rows]()
     for batch in MergedFeed([log], SECOND_NS, idle_ticks_ns=0, longest_ns=0).batches():
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
-        heard = clock.update(Ticks.one(tracks))
-        if heard is None:
+        update = clock.update(Ticks.one(tracks))
+        if update is None:
             continue
-        if heard.restarted:
+        if update.restarted:
             vehicle, gimbals = _Rows(), {}
             sources.clear()
-        elif heard.shift_ns:
+        elif update.shift_ns:
             for rows in (vehicle, *gimbals.values()):
-                rows.shift(heard.shift_ns)
-            sources.shift(heard.shift_ns)
+                rows.shift(update.shift_ns)
+            sources.shift(update.shift_ns)
         sources.commit()
-        for track in heard.ticks.tracks:
+        for track in update.ticks.tracks:
             stamps_ns = clock.to_utc(track, LAST)
             sources.append(track, stamps_ns)
             _take(track, stamps_ns, vehicle, gimbals)

@@ -19,8 +19,8 @@ from aerodft.geometry import (
     to_rotation_vector,
 )
 from aerodft.model import FloatArray, GimbalSource, IntArray, ReportFrame
-from aerodft.service.attitude.attitude_kinematics import AttitudeBrackets, RotatingFrame, carrier, heading_of
-from aerodft.service.attitude.slew import Demands, jump_std, lag_std
+from aerodft.service.attitude.attitude_kinematics import AttitudeBrackets, RotatingFrame, heading_of, reference_attitude
+from aerodft.service.attitude.slew import Demands, lag_std, step_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
 from aerodft.service.streams import Missing
 
@@ -137,42 +137,42 @@ class Resolver:
         self._settings = settings
         self._camera = _mounted(settings.camera_on_gimbal)
 
-    def resolved(self, readings: Readings) -> AttitudeBatch:
+    def attitudes(self, readings: Readings) -> AttitudeBatch:
         """The attitudes that readings come to."""
         if readings.report is None:
-            return self._carried(readings)
-        return self._stabilised(readings, readings.report)
+            return self._on_fixed_mount(readings)
+        return self._on_gimbal(readings, readings.report)
 
-    def _carried(self, readings: Readings) -> AttitudeBatch:
+    def _on_fixed_mount(self, readings: Readings) -> AttitudeBatch:
         """Cameras that are bolted to the vehicle."""
         assert readings.vehicle is not None  # noqa: S101 - the callers' own condition, for the type checker
-        bolted = readings.vehicle.between().carrying(_mounted(self._settings.fixed_mount))
+        bolted = readings.vehicle.between().compose(_mounted(self._settings.fixed_mount))
         wxyz, rate = _camera_axes(bolted)
-        which = np.zeros(len(wxyz), dtype=np.int64)
+        note = np.zeros(len(wxyz), dtype=np.int64)
         notes = (AttitudeNote(readings.source, is_demand=False, reasons=()),)
-        return AttitudeBatch.known(wxyz, rate, readings.age_s, np.zeros((len(wxyz), 3)), which, notes)
+        return AttitudeBatch.known(wxyz, rate, readings.age_s, np.zeros((len(wxyz), 3)), note, notes)
 
-    def _stabilised(self, readings: Readings, report: AttitudeBrackets) -> AttitudeBatch:
+    def _on_gimbal(self, readings: Readings, report: AttitudeBrackets) -> AttitudeBatch:
         """Cameras on gimbals."""
         looking, vehicle = report.between(), readings.vehicle
         if vehicle is not None and not (readings.yaw_in_earth and readings.frame is ReportFrame.EARTH):
-            looking = carrier(vehicle, readings.frame, yaw_in_earth=readings.yaw_in_earth).carrying(looking)
+            looking = reference_attitude(vehicle, readings.frame, yaw_in_earth=readings.yaw_in_earth).compose(looking)
         doubt = self._doubt_std(readings, vehicle, looking)
         slew = self._report_std(readings, report)
         std = np.hypot(slew, doubt)
         cam_from_gimbal = _CAM_FROM_STRAIGHT @ matrix(inverse(self._camera.wxyz[0]))
         stds = np.sqrt(rotate(cam_from_gimbal**2, std**2))
-        wxyz, rate = _camera_axes(looking.carrying(self._camera))
+        wxyz, rate = _camera_axes(looking.compose(self._camera))
         return AttitudeBatch.known(wxyz, rate, readings.age_s, stds, *self._notes(readings, doubt, slew))
 
     def _report_std(self, readings: Readings, report: AttitudeBrackets) -> FloatArray:
         """How far cameras may be from their reports ``(n, 3)``, in gimbal axes, because these jump or lead."""
         assert readings.previous is not None  # noqa: S101 - goes with the report
-        jump = jump_std(readings.previous, report.before, report.after, report.weight)
+        step = step_std(readings.previous, report.before, report.after, report.weight)
         if readings.demands is None:
-            return np.abs(jump)
-        now = slerp(report.before, report.after, report.weight)
-        return np.hypot(jump, lag_std(*readings.demands, now, self._settings.slew_radps))
+            return np.abs(step)
+        at_stamp = slerp(report.before, report.after, report.weight)
+        return np.hypot(step, lag_std(*readings.demands, at_stamp, self._settings.slew_radps))
 
     def _doubt_std(self, readings: Readings, vehicle: AttitudeBrackets | None, looking: RotatingFrame) -> FloatArray:
         """Standard deviations ``(n, 3)`` in gimbal axes of the standard's reading, wrong or not by the vehicle's tilt.

@@ -14,7 +14,7 @@ from aerodft.model import FloatArray, IntArray
 _ROUNDING_RAD: Final = 1e-6  # far more than the angle between two quaternions is off by
 
 
-def jump_std(
+def step_std(
     previous_wxyz: FloatArray, before_wxyz: FloatArray, after_wxyz: FloatArray, weight: FloatArray
 ) -> FloatArray:
     """Standard deviations ``(n, 3)`` of interpolating between two samples when the report jumps, in gimbal axes.

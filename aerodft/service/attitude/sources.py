@@ -17,7 +17,7 @@ from aerodft.service.streams import LAST, Missing, Stream
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class GimbalQuery:
     """What is asked of a gimbal.
 
     Attributes:
@@ -32,12 +32,12 @@ class Asked:
     found: Brackets
     vehicle: Brackets
 
-    def rows(self, rows: IntArray) -> "Asked":
+    def rows(self, rows: IntArray) -> "GimbalQuery":
         """Some of it."""
-        return Asked(self.stamps_ns[rows], self.ticks[rows], self.found.rows(rows), self.vehicle.rows(rows))
+        return GimbalQuery(self.stamps_ns[rows], self.ticks[rows], self.found.rows(rows), self.vehicle.rows(rows))
 
 
-class _Way(NamedTuple):
+class _ReadingMode(NamedTuple):
     """What reports have in common that are read in one way."""
 
     frame: ReportFrame
@@ -64,7 +64,7 @@ def refusal(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame |
 
 
 def readings_of(
-    source: GimbalSource, gimbal: Gimbal, vehicle: Stream, stated: ReportFrame | None, asked: Asked
+    source: GimbalSource, gimbal: Gimbal, vehicle: Stream, stated: ReportFrame | None, query: GimbalQuery
 ) -> Iterator[tuple[IntArray, Readings]]:
     """Readings of reports, with the rows of what was asked that they answer.
 
@@ -73,29 +73,30 @@ def readings_of(
         gimbal: Its reports.
         vehicle: The vehicle's attitude.
         stated: What roll and pitch are against, where that is not to be found.
-        asked: What is asked; its reports can be read.
+        query: What is asked; its reports can be read.
     """
-    in_earth, _ = asked.found.ends(gimbal.stream.column("yaw_in_earth"))
-    known, which = gimbal.evidence_at(vehicle, asked.ticks)
-    probability = np.zeros(len(which))
-    rows_of: dict[_Way, list[IntArray]] = {}
-    for number in np.unique(which).tolist():
+    in_earth, _ = query.found.ends(gimbal.stream.column("yaw_in_earth"))
+    known, evidence_index = gimbal.evidence_at(vehicle, query.ticks)
+    probability = np.zeros(len(evidence_index))
+    rows_by_mode: dict[_ReadingMode, list[IntArray]] = {}
+    for number in np.unique(evidence_index).tolist():
         evidence = known[number]
-        rows = np.flatnonzero(which == number)
+        rows = np.flatnonzero(evidence_index == number)
         if stated is None and evidence.frame is None:
             probability[rows] = evidence.body_probability
         is_body_found = stated is None and evidence.frame is ReportFrame.BODY
-        is_demand = gimbal.is_demand(evidence.frame, asked.ticks[rows])
-        bits = is_demand, in_earth[rows] > 0, asked.vehicle.is_known[rows]
-        ways = [_Way(stated or evidence.frame or ReportFrame.EARTH, is_body_found, *each) for each in _combined(*bits)]
-        for way in ways:
-            alike = np.all([bit == wanted for bit, wanted in zip(bits, way[2:], strict=True)], axis=0)
-            rows_of.setdefault(way, []).append(rows[alike])
-    for way, parts in rows_of.items():
+        is_demand = gimbal.is_demand(evidence.frame, query.ticks[rows])
+        bits = is_demand, in_earth[rows] > 0, query.vehicle.is_known[rows]
+        frame = stated or evidence.frame or ReportFrame.EARTH
+        for combination in _combined(*bits):
+            mode = _ReadingMode(frame, is_body_found, *combination)
+            is_same = np.all([bit == wanted for bit, wanted in zip(bits, mode[2:], strict=True)], axis=0)
+            rows_by_mode.setdefault(mode, []).append(rows[is_same])
+    for mode, parts in rows_by_mode.items():
         rows = np.concatenate(parts)
-        own = asked.rows(rows)
-        ends = AttitudeBrackets.of(vehicle.column("wxyz"), own.vehicle) if way.has_vehicle else None
-        yield rows, _read(source, gimbal, way, own, ends, probability[rows])
+        own = query.rows(rows)
+        ends = AttitudeBrackets.of(vehicle.column("wxyz"), own.vehicle) if mode.has_vehicle else None
+        yield rows, _read(source, gimbal, mode, own, ends, probability[rows])
 
 
 def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
@@ -106,24 +107,24 @@ def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
 def _read(
     source: GimbalSource,
     gimbal: Gimbal,
-    way: _Way,
-    asked: Asked,
+    mode: _ReadingMode,
+    query: GimbalQuery,
     vehicle: AttitudeBrackets | None,
     body_probability: FloatArray,
 ) -> Readings:
-    stream, reported, found = gimbal.stream, gimbal.stream.column("wxyz"), asked.found
-    has_previous = found.before > stream.rows_known_at(asked.ticks)[0]
-    demands = gimbal.demands(found.before, asked.stamps_ns, asked.ticks) if way.is_demand else None
+    stream, reported, found = gimbal.stream, gimbal.stream.column("wxyz"), query.found
+    has_previous = found.before > stream.rows_known_at(query.ticks)[0]
+    demands = gimbal.demands(found.before, query.stamps_ns, query.ticks) if mode.is_demand else None
     return Readings(
         source=source,
-        age_s=stream.ages_s(asked.stamps_ns, found),
+        age_s=stream.ages_s(query.stamps_ns, found),
         report=AttitudeBrackets.of(reported, found),
         previous=np.where(has_previous[:, None], reported[found.before - 1], np.nan),
         vehicle=vehicle,
-        frame=way.frame,
-        yaw_in_earth=way.yaw_in_earth,
+        frame=mode.frame,
+        yaw_in_earth=mode.yaw_in_earth,
         demands=None if demands is None else (demands, reported),
-        is_body_found=way.is_body_found,
+        is_body_found=mode.is_body_found,
         body_probability=body_probability,
     )
 
@@ -170,8 +171,8 @@ class AttitudeSources:
 
     def evidence(self) -> dict[GimbalSource, FrameEvidence]:
         """What the gimbals that reported are against, as far as it is known."""
-        heard = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.has_reported}
-        return {source: gimbal.evidence(self._vehicle) for source, gimbal in heard.items()}
+        reporting = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.has_reported}
+        return {source: gimbal.evidence(self._vehicle) for source, gimbal in reporting.items()}
 
     def demands(self) -> dict[GimbalSource, bool]:
         """Whether the gimbals that reported may say what they were told, not where they are."""
@@ -215,46 +216,46 @@ class AttitudeSources:
         watermark_ns: IntArray,
     ) -> tuple[IntArray, Iterator[tuple[IntArray, AttitudeBatch]]]:
         """Why a source tells no attitude at stamps ``(n,)``, as ``Missing``, and the attitudes that it tells."""
-        vehicle, carrier_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
+        vehicle, vehicle_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
         if source is GimbalSource.FIXED_MOUNT:
             if self._settings.fixed_mount is None:
-                carrier_missing = np.where(carrier_missing == Missing.NO, Missing.NEVER, carrier_missing)
-            rows = np.flatnonzero(carrier_missing == Missing.NO)
-            return carrier_missing, self._bolted(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
+                vehicle_missing = np.where(vehicle_missing == Missing.NO, Missing.NEVER, vehicle_missing)
+            rows = np.flatnonzero(vehicle_missing == Missing.NO)
+            return vehicle_missing, self._from_fixed_mount(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
         gimbal, stated = self._gimbals[source], self._settings.frame
         found, missing = gimbal.stream.find(stamps_ns, ticks, watermark_ns)
         rows = np.flatnonzero(missing == Missing.NO)
         if not len(rows):
             return missing, iter(())
-        carrier = carrier_missing[rows]
-        known, which = gimbal.evidence_at(self._vehicle, ticks[rows])
+        reference_attitude = vehicle_missing[rows]
+        known, evidence_index = gimbal.evidence_at(self._vehicle, ticks[rows])
         before, after = found.rows(rows).ends(gimbal.stream.column("yaw_in_earth"))
         frames = [stated or evidence.frame or ReportFrame.EARTH for evidence in known]
-        is_against_earth = np.array([frame is ReportFrame.EARTH for frame in frames])[which] & (before > 0)
+        is_against_earth = np.array([frame is ReportFrame.EARTH for frame in frames])[evidence_index] & (before > 0)
         refusals = [refusal(source, evidence, stated) for evidence in known]
-        is_refused = np.array([why is not None for why in refusals])[which]
-        own = np.where((carrier != Missing.NO) & ~is_against_earth, carrier, Missing.NO)
+        is_refused = np.array([why is not None for why in refusals])[evidence_index]
+        own = np.where((reference_attitude != Missing.NO) & ~is_against_earth, reference_attitude, Missing.NO)
         own = np.where(before != after, Missing.STALE, own)  # no rotation leads from one reference to the other
         own = np.where(is_refused, Missing.REFUSED, own)
-        missing[rows] = np.where(carrier == Missing.PENDING, carrier, own)
+        missing[rows] = np.where(reference_attitude == Missing.PENDING, reference_attitude, own)
         for row in np.flatnonzero(missing[rows] == Missing.REFUSED).tolist():
-            batch.refusals[int(left[rows[row]])] = refusals[which[row]] or ""
+            batch.refusals[int(left[rows[row]])] = refusals[evidence_index[row]] or ""
         rows = rows[missing[rows] == Missing.NO]
-        asked = Asked(stamps_ns[rows], ticks[rows], found.rows(rows), vehicle.rows(rows))
-        return missing, self._gimballed(source, rows, asked) if len(rows) else iter(())
+        query = GimbalQuery(stamps_ns[rows], ticks[rows], found.rows(rows), vehicle.rows(rows))
+        return missing, self._from_gimbal(source, rows, query) if len(rows) else iter(())
 
-    def _gimballed(
-        self, source: GimbalSource, rows: IntArray, asked: Asked
+    def _from_gimbal(
+        self, source: GimbalSource, rows: IntArray, query: GimbalQuery
     ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
         """Attitudes at some rows by a gimbal's reports."""
-        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings.frame, asked):
-            yield rows[own], self._resolver.resolved(readings)
+        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings.frame, query):
+            yield rows[own], self._resolver.attitudes(readings)
 
-    def _bolted(
+    def _from_fixed_mount(
         self, source: GimbalSource, rows: IntArray, stamps_ns: IntArray, vehicle: Brackets
     ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
         """Attitudes at some rows of a camera that is bolted to the vehicle."""
         known = vehicle.rows(rows)
         age_s = self._vehicle.ages_s(stamps_ns[rows], known)
         ends = AttitudeBrackets.of(self._vehicle.column("wxyz"), known)
-        yield rows, self._resolver.resolved(Readings(source=source, age_s=age_s, vehicle=ends))
+        yield rows, self._resolver.attitudes(Readings(source=source, age_s=age_s, vehicle=ends))

@@ -5,4 +5,4 @@ from aerodft.service.clocks.clock_map import HOST_STD_S, ClockHealth, ClockMap
 from aerodft.service.clocks.line import JUMP_NS
 from aerodft.service.clocks.log_span import PAUSE_NS, LogSpan, survey_span
 from aerodft.service.clocks.system_clock import WallClock
-from aerodft.service.clocks.ticks import Ticks, of_a_kind
+from aerodft.service.clocks.ticks import Ticks, grouped_by_stream

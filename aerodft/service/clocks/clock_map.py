@@ -15,7 +15,7 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, SyncTrack, Track
 from aerodft.service.clocks.line import JUMP_NS
-from aerodft.service.clocks.state import ClockState
+from aerodft.service.clocks.state import VehicleClock
 from aerodft.service.clocks.ticks import Ticks
 from aerodft.service.streams import LAST
 
@@ -24,7 +24,7 @@ HOST_STD_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
+class ClockUpdate:
     """A step's telemetry on the followed clock, and what became of stamps given before.
 
     Attributes:
@@ -65,7 +65,7 @@ class ClockMap:
     """Offsets of one vehicle's clock."""
 
     def __init__(self) -> None:
-        self._state = ClockState()
+        self._state = VehicleClock()
 
     @property
     def is_utc_known(self) -> bool:
@@ -107,7 +107,7 @@ class ClockMap:
         """The map as it is now; what is learned later is not in it."""
         return copy(self)
 
-    def update(self, ticks: Ticks) -> Heard | None:
+    def update(self, ticks: Ticks) -> ClockUpdate | None:
         """Learn from the tracks of a step.
 
         Returns:
@@ -117,7 +117,7 @@ class ClockMap:
         before = self._state
         if not ticks.tracks:
             before.keep(ticks.count)
-            return Heard(ticks=ticks)
+            return ClockUpdate(ticks=ticks)
         if ticks.count > 1 and not self.is_settled:
             return None
         state = before.copy()
@@ -137,10 +137,10 @@ class ClockMap:
         self._state = state
         least_ns = JUMP_NS if was_known or not state.is_utc_known else 0
         if ticks.count > 1:
-            return Heard(ticks=ticks)
+            return ClockUpdate(ticks=ticks)
         now_ns = _utc_minus_boot_ns(state), _host_to_utc(state, arrived_ns)
         shifts = [_change(then, now, least_ns) for then, now in zip(offsets_ns, now_ns, strict=True)]
-        return Heard(ticks=ticks, restarted=restarted, shift_ns=shifts[0], host_shift_ns=shifts[1])
+        return ClockUpdate(ticks=ticks, restarted=restarted, shift_ns=shifts[0], host_shift_ns=shifts[1])
 
     def host_to_utc(self, host_ns: IntArray, ticks: IntArray = LAST) -> IntArray:
         """UTC of stamps ``(n,)`` of this machine's clock, as it was known at ticks ``(n,)`` of the newest step.
@@ -229,7 +229,7 @@ class ClockMap:
         )
 
 
-def _utc_minus_boot_ns(state: ClockState) -> int | None:
+def _utc_minus_boot_ns(state: VehicleClock) -> int | None:
     """UTC, as far as it is known, minus time since boot at the newest message."""
     now_ns, stated, host = state.boot.last_boot_ns, state.stated.line, state.host_minus_boot.line
     if now_ns is None:
@@ -239,7 +239,7 @@ def _utc_minus_boot_ns(state: ClockState) -> int | None:
     return None if host is None else _host_to_utc(state, now_ns + host.offset_at(now_ns)) - now_ns
 
 
-def _host_to_utc(state: ClockState, host_ns: int) -> int:
+def _host_to_utc(state: VehicleClock, host_ns: int) -> int:
     line = state.host_minus_utc.line
     return host_ns if line is None else host_ns - line.offset_at(host_ns - line.offset_ns)
 

@@ -7,8 +7,8 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model import FloatArray, IntArray
-from aerodft.service.clocks.line import JUMP_NS, Line
-from aerodft.service.clocks.ticks import LineTable
+from aerodft.service.clocks.line import JUMP_NS, ClockOffset
+from aerodft.service.clocks.ticks import OffsetsByTick
 
 _WINDOW_S: Final = 120  # over which the fastest messages are looked for
 _MIN_DELAY_SPAN_S: Final = 30  # a radio's fastest messages in shorter times differ by more than clocks drift
@@ -21,7 +21,7 @@ _STEADY: Final = 5  # times the scatter of the fastest messages; a radio that is
 _HAS_LINE, _AT, _OFFSET, _START, _STOP, _IS_LATE, _LEAST, _MOST, _LATE_FROM, _LATE_TO = range(10)
 
 
-class DelayedLine:
+class ArrivalOffset:
     """This machine's clock minus the vehicle's (UTC, or time since boot), from arrivals: the fastest messages tell it.
 
     Attributes:
@@ -29,14 +29,14 @@ class DelayedLine:
     """
 
     def __init__(self) -> None:
-        self.line: Line | None = None
+        self.line: ClockOffset | None = None
         self._state = np.zeros(10, dtype=np.int64)
         self._drift = np.zeros(1)
         self._fastest = np.empty((3, 4 * _WINDOW_S), dtype=np.int64)  # of each second: it, the vehicle's time, delay
 
-    def copy(self) -> "DelayedLine":
+    def copy(self) -> "ArrivalOffset":
         """The same, to go on from."""
-        other = DelayedLine()
+        other = ArrivalOffset()
         other.line, other._fastest = self.line, self._fastest.copy()
         other._state, other._drift = self._state.copy(), self._drift.copy()
         return other
@@ -57,7 +57,7 @@ class DelayedLine:
         slower_ns = int(np.median(delays)) - int(delays[best])
         self.learn_fastest(own_ns[best : best + 1], arrival_ns[best : best + 1], np.array([slower_ns]))
 
-    def learn_fastest(self, own_ns: IntArray, arrival_ns: IntArray, slower_ns: IntArray) -> LineTable:
+    def learn_fastest(self, own_ns: IntArray, arrival_ns: IntArray, slower_ns: IntArray) -> OffsetsByTick:
         """Take in the fastest messages ``(n,)`` of some groups of them, one after the other, of each the first.
 
         Args:
@@ -69,13 +69,13 @@ class DelayedLine:
             The line after each of them.
         """
         at_ns, offset_ns, off_ns = np.empty((3, len(own_ns)), dtype=np.int64)
-        found = LineTable(at_ns, offset_ns, np.empty(len(own_ns)), off_ns)
+        found = OffsetsByTick(at_ns, offset_ns, np.empty(len(own_ns)), off_ns)
         known = self._fastest, self._state, self._drift
         _learn(known, (own_ns, arrival_ns, slower_ns), at_ns, offset_ns, found.drift, off_ns)
         self.line = self._line()
         return found
 
-    def rebased(self, by_ns: int) -> "DelayedLine":
+    def rebased(self, by_ns: int) -> "ArrivalOffset":
         """The same for a vehicle's clock that is ahead of this one's by so much."""
         other = self.copy()
         other.rebase(by_ns)
@@ -90,9 +90,9 @@ class DelayedLine:
             _fit(self._fastest, self._state, self._drift)
         self.line = self._line()
 
-    def _line(self) -> Line | None:
+    def _line(self) -> ClockOffset | None:
         state = self._state
-        return Line(int(state[_AT]), int(state[_OFFSET]), float(self._drift[0])) if state[_HAS_LINE] else None
+        return ClockOffset(int(state[_AT]), int(state[_OFFSET]), float(self._drift[0])) if state[_HAS_LINE] else None
 
 
 @njit
@@ -104,7 +104,7 @@ def _learn(
     drifts: FloatArray,
     off_ns: IntArray,
 ) -> None:
-    """``DelayedLine.learn_fastest``: change what is known, and write what a ``LineTable`` holds."""
+    """``ArrivalOffset.learn_fastest``: change what is known, and write what a ``OffsetsByTick`` holds."""
     table, state, drift = known
     own, arrival, slower = messages
     for k in range(len(own)):

@@ -21,7 +21,7 @@ _FAR: Final = 4.5  # times the median deviation: three standard deviations
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ClockOffset:
     """Another clock minus this one: ``offset_ns`` at ``at_ns`` of this one, and so much more per unit of time."""
 
     at_ns: int
@@ -38,7 +38,7 @@ class Line:
         return self.offset_ns + round(self.drift * (own_ns - self.at_ns))
 
 
-def robust_line(own_ns: IntArray, offset_ns: IntArray) -> Line:
+def robust_line(own_ns: IntArray, offset_ns: IntArray) -> ClockOffset:
     """The line through samples ``(n,)``, of which up to a quarter may be wrong.
 
     Medians (Theil 1950, Sen 1968) find those that agree, and least squares go through these: medians alone stick to the
@@ -46,13 +46,13 @@ def robust_line(own_ns: IntArray, offset_ns: IntArray) -> Line:
     """
     x, y = (own_ns - own_ns[-1]).astype(np.float64), (offset_ns - offset_ns[-1]).astype(np.float64)
     if x[-1] - x[0] < _MIN_DRIFT_SPAN_NS:
-        return Line(int(own_ns[-1]), int(offset_ns[-1]) + round(float(np.median(y))))
+        return ClockOffset(int(own_ns[-1]), int(offset_ns[-1]) + round(float(np.median(y))))
     before, after = _pairs(len(x))
     drift = _median((y[after] - y[before]) / (x[after] - x[before]))
     off = np.abs(y - drift * x - _median(y - drift * x))
     near = off <= max(_WHOLE_NS, _FAR * _median(off))
     offset, drift = _least_squares(x[near], y[near])
-    return Line(int(own_ns[-1]), int(offset_ns[-1]) + round(offset), drift)
+    return ClockOffset(int(own_ns[-1]), int(offset_ns[-1]) + round(offset), drift)
 
 
 def _median(values: FloatArray) -> float:
@@ -78,7 +78,7 @@ def _pairs(count: int) -> tuple[IntArray, IntArray]:
     return before, after
 
 
-class StatedLine:
+class StatedOffset:
     """UTC minus time since boot, from what the vehicle says of both at once.
 
     Attributes:
@@ -89,7 +89,7 @@ class StatedLine:
     """
 
     def __init__(self) -> None:
-        self.line: Line | None = None
+        self.line: ClockOffset | None = None
         self.jumps_ns: list[int] = []
         self.skipped_ns: list[tuple[int, int]] = []
         self.repeated_ns: list[tuple[int, int]] = []
@@ -104,9 +104,9 @@ class StatedLine:
         boot_ns, offset_ns = self._strangers[-1]
         return offset_ns - self.line.offset_at(boot_ns)
 
-    def copy(self) -> "StatedLine":
+    def copy(self) -> "StatedOffset":
         """The same, to go on from."""
-        other = StatedLine()
+        other = StatedOffset()
         other.line, other.jumps_ns = self.line, self.jumps_ns.copy()
         other.skipped_ns, other.repeated_ns = self.skipped_ns.copy(), self.repeated_ns.copy()
         other._samples.extend(self._samples)

@@ -72,15 +72,15 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
         for block in batch.raw:
             _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
-        was_known, heard = clock.is_utc_known, clock.update(Ticks.one(tracks))
-        if heard is None:
+        was_known, update = clock.is_utc_known, clock.update(Ticks.one(tracks))
+        if update is None:
             continue
-        if (heard.restarted or heard.shift_ns) and late:
+        if (update.restarted or update.shift_ns) and late:
             _close_stretch(span, late)
             late.clear()
             if not was_known:
                 span.stretches.clear()  # they were not in UTC
-        for track in heard.ticks.tracks:
+        for track in update.ticks.tracks:
             _note_source(span, track)
             stamps = clock.to_utc(track, LAST)
             if not late:

@@ -7,12 +7,12 @@ import numpy as np
 
 from aerodft.model import NO_BOOT_TIME, ClockTrack, IntArray, Track
 from aerodft.service.clocks.boot_clock import STEP_NS, BootClock
-from aerodft.service.clocks.delayed_line import DelayedLine
-from aerodft.service.clocks.line import JUMP_NS, Line, StatedLine
-from aerodft.service.clocks.ticks import KnownRows, LineTable, Ticks
+from aerodft.service.clocks.delayed_line import ArrivalOffset
+from aerodft.service.clocks.line import JUMP_NS, ClockOffset, StatedOffset
+from aerodft.service.clocks.ticks import OffsetsByTick, StampedRows, Ticks
 
 
-class ClockState:
+class VehicleClock:
     """The lines between three clocks: the vehicle's time since boot, its UTC, and this machine's.
 
     Attributes:
@@ -28,22 +28,22 @@ class ClockState:
 
     def __init__(self) -> None:
         self.boot = BootClock()
-        self.stated = StatedLine()
-        self.host_minus_boot = DelayedLine()
-        self.host_minus_utc = DelayedLine()
+        self.stated = StatedOffset()
+        self.host_minus_boot = ArrivalOffset()
+        self.host_minus_utc = ArrivalOffset()
         self.jumps_ns: tuple[int, ...] = ()
-        self.stated_by_tick: LineTable | None = None
-        self.arrival_by_tick: LineTable | None = None
-        self.host_by_tick: LineTable | None = None
+        self.stated_by_tick: OffsetsByTick | None = None
+        self.arrival_by_tick: OffsetsByTick | None = None
+        self.host_by_tick: OffsetsByTick | None = None
 
     @property
     def is_utc_known(self) -> bool:
         """Whether the vehicle has said what UTC is, in this boot or an earlier one."""
         return self.stated.line is not None or self.host_minus_utc.line is not None
 
-    def copy(self) -> "ClockState":
+    def copy(self) -> "VehicleClock":
         """A state to learn with, that leaves this one as it is."""
-        other = ClockState()
+        other = VehicleClock()
         other.boot, other.stated = self.boot.copy(), self.stated.copy()
         other.host_minus_boot, other.host_minus_utc = self.host_minus_boot.copy(), self.host_minus_utc.copy()
         other.jumps_ns = self.jumps_ns
@@ -55,7 +55,7 @@ class ClockState:
         followed, restarted = self.boot.follow(ticks.tracks, near_ns=STEP_NS if ticks.count == 1 else STEP_NS // 2)
         if restarted:
             self.jumps_ns += tuple(self.stated.jumps_ns)
-            self.stated, self.host_minus_boot = StatedLine(), DelayedLine()
+            self.stated, self.host_minus_boot = StatedOffset(), ArrivalOffset()
         return followed, restarted
 
     def keep(self, count: int) -> None:
@@ -76,12 +76,12 @@ class ClockState:
             at once. Of one tick always true.
         """
         self.keep(ticks.count)
-        known = KnownRows.of(ticks)
+        known = StampedRows.of(ticks)
         if not len(known.tick):
             return True
         return self._learn_stated(ticks, known, last_boot_ns) and self._learn_host(ticks, known)
 
-    def _learn_stated(self, ticks: Ticks, known: KnownRows, last_boot_ns: int) -> bool:
+    def _learn_stated(self, ticks: Ticks, known: StampedRows, last_boot_ns: int) -> bool:
         """Learn what the vehicle says of UTC."""
         lines, changes, is_one = [self.stated.line], list[int](), ticks.count == 1
         for tick, boot_ns, offset_ns in _stated_offsets(ticks):
@@ -98,7 +98,7 @@ class ClockState:
         before = lines[0]
         if before is None:
             return True
-        self.stated_by_tick = LineTable.of([line for line in lines if line is not None], changes, ticks.count)
+        self.stated_by_tick = OffsetsByTick.of([line for line in lines if line is not None], changes, ticks.count)
         newest_ns = np.full(ticks.count, last_boot_ns)
         np.maximum.at(newest_ns, known.tick, known.boot_ns)
         by_newest = self.stated_by_tick.offset(np.maximum.accumulate(newest_ns), np.arange(ticks.count))
@@ -114,7 +114,7 @@ class ClockState:
         if len(self.stated.jumps_ns) > jumps:
             self.host_minus_utc = self.host_minus_utc.rebased(self.stated.jumps_ns[-1])
 
-    def _learn_host(self, ticks: Ticks, known: KnownRows) -> bool:
+    def _learn_host(self, ticks: Ticks, known: StampedRows) -> bool:
         """Learn from when messages arrive."""
         self.arrival_by_tick, is_calm = _learned(self.host_minus_boot, known.boot_ns, known, ticks)
         if self.stated_by_tick is not None:
@@ -123,20 +123,22 @@ class ClockState:
         return is_calm or ticks.count == 1
 
 
-def _unchanged(clock: StatedLine | DelayedLine, count: int) -> LineTable | None:
-    return None if clock.line is None else LineTable.of([clock.line], [], count, clock.unsettled_ns or 0)
+def _unchanged(clock: StatedOffset | ArrivalOffset, count: int) -> OffsetsByTick | None:
+    return None if clock.line is None else OffsetsByTick.of([clock.line], [], count, clock.unsettled_ns or 0)
 
 
-def _learned(clock: DelayedLine, own_ns: IntArray, known: KnownRows, ticks: Ticks) -> tuple[LineTable, bool]:
+def _learned(clock: ArrivalOffset, own_ns: IntArray, known: StampedRows, ticks: Ticks) -> tuple[OffsetsByTick, bool]:
     """Learn from when rows came that were sent at ``own_ns (n,)``: a line at each tick, and whether it never jumps."""
-    before = _unchanged(clock, 1) or LineTable.of([Line(0, 0)], [], 1)  # of ticks before the first that rows came in
+    before = _unchanged(clock, 1) or OffsetsByTick.of(
+        [ClockOffset(0, 0)], [], 1
+    )  # of ticks before the first that rows came in
     fastest, slower_ns = known.fastest(own_ns)
     learned = clock.learn_fastest(own_ns[fastest], known.arrival_ns[fastest], slower_ns)
     arrived_ns, row = ticks.last_arrivals()[known.tick[fastest]], np.arange(len(fastest))
-    steps_ns = learned.own(arrived_ns, row) - before.then(learned, row).own(arrived_ns, row)
+    steps_ns = learned.own(arrived_ns, row) - before.followed_by(learned, row).own(arrived_ns, row)
     came = np.cumsum(np.bincount(known.tick[fastest], minlength=ticks.count))
     # A shift is what a tick alone makes of it, at a time that may be another: so there is less room.
-    return before.then(learned, came), bool(np.all(np.abs(steps_ns) <= JUMP_NS // 2))
+    return before.followed_by(learned, came), bool(np.all(np.abs(steps_ns) <= JUMP_NS // 2))
 
 
 def _stated_offsets(ticks: Ticks) -> Iterator[tuple[int, int, int]]:

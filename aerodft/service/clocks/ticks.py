@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.model import NO_BOOT_TIME, FloatArray, IntArray, Track, joined
-from aerodft.service.clocks.line import Line
+from aerodft.service.clocks.line import ClockOffset
 
 _NOTHING: Final = np.empty(0, dtype=np.int64)
 
@@ -75,7 +75,7 @@ class Ticks:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownRows:
+class StampedRows:
     """All rows with a time since boot, tick after tick; within a tick track after track."""
 
     boot_ns: IntArray
@@ -83,7 +83,7 @@ class KnownRows:
     tick: IntArray
 
     @classmethod
-    def of(cls, ticks: Ticks) -> "KnownRows":
+    def of(cls, ticks: Ticks) -> "StampedRows":
         """The known rows of tracks."""
         boots = np.concatenate([_NOTHING, *(track.boot_ns for track in ticks.tracks)])
         arrivals = np.concatenate([_NOTHING, *(track.arrival_ns for track in ticks.tracks)])
@@ -106,11 +106,11 @@ class KnownRows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineTable:
+class OffsetsByTick:
     """A clock's line at each of several ticks, as columns.
 
     Attributes:
-        at_ns: ``(ticks,)`` as in ``Line``.
+        at_ns: ``(ticks,)`` as in ``ClockOffset``.
         offset_ns: Likewise.
         drift: Likewise.
         off_ns: ``(ticks,)`` how far what is heard lies off the line, while it is not settled which is right; else 0.
@@ -122,24 +122,24 @@ class LineTable:
     off_ns: IntArray
 
     @classmethod
-    def of(cls, lines: Sequence[Line], from_tick: Sequence[int], count: int, off_ns: int = 0) -> "LineTable":
+    def of(cls, lines: Sequence[ClockOffset], from_tick: Sequence[int], count: int, off_ns: int = 0) -> "OffsetsByTick":
         """Of ``count`` ticks: the first of some lines, and each other one from its tick on."""
         which = np.searchsorted(from_tick, np.arange(count), side="right")
         at_ns, offset_ns = (np.array([getattr(each, name) for each in lines]) for name in ("at_ns", "offset_ns"))
         drift = np.array([each.drift for each in lines])
         return cls(at_ns[which], offset_ns[which], drift[which], np.full(count, off_ns))
 
-    def then(self, other: "LineTable", ticks: IntArray) -> "LineTable":
+    def followed_by(self, other: "OffsetsByTick", ticks: IntArray) -> "OffsetsByTick":
         """The lines at some ticks ``(n,)``, which are counted through this table and on through another."""
         pairs = ((getattr(each, name) for each in (self, other)) for name in self.__slots__)
-        return LineTable(*(np.concatenate(list(pair))[ticks] for pair in pairs))
+        return OffsetsByTick(*(np.concatenate(list(pair))[ticks] for pair in pairs))
 
-    def line(self, tick: int) -> Line:
+    def line(self, tick: int) -> ClockOffset:
         """That of one tick."""
-        return Line(int(self.at_ns[tick]), int(self.offset_ns[tick]), float(self.drift[tick]))
+        return ClockOffset(int(self.at_ns[tick]), int(self.offset_ns[tick]), float(self.drift[tick]))
 
     def offset(self, own_ns: IntArray, tick: IntArray) -> IntArray:
-        """As ``Line.offset`` at times ``(n,)``, each by the line of its tick ``(n,)``."""
+        """As ``ClockOffset.offset`` at times ``(n,)``, each by the line of its tick ``(n,)``."""
         gained: IntArray = np.rint(self.drift[tick] * (own_ns - self.at_ns[tick])).astype(np.int64)
         return self.offset_ns[tick] + gained
 
@@ -148,7 +148,7 @@ class LineTable:
         return other_ns - self.offset(other_ns - self.offset_ns[tick], tick)
 
 
-def of_a_kind(
+def grouped_by_stream(
     tracks: Sequence[Track], stamps: Sequence[IntArray], row_ends: Sequence[IntArray]
 ) -> Iterator[tuple[Track, IntArray, IntArray]]:
     """Tracks with stamps and rows by tick, those of one kind as one: tick after tick, within a tick track after track.

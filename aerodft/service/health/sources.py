@@ -55,7 +55,7 @@ class RecentWarnings:
             self._streams[what] = Stream(self._window_ns)
         self._streams[what].append(stamps_ns, row_end_by_tick)
 
-    def at_all(self, stamps_ns: IntArray, ticks: IntArray) -> list[tuple[str, ...]]:
+    def before_each(self, stamps_ns: IntArray, ticks: IntArray) -> list[tuple[str, ...]]:
         """What was heard in the time before each of the stamps ``(n,)``, as of ticks ``(n,)``."""
         found: list[tuple[str, ...]] = [()] * len(stamps_ns)
         for what, each in self._streams.items():
@@ -99,8 +99,8 @@ class HealthSources:
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Take a track of a step in, whatever it is of; as ``Stream.append``."""
         if isinstance(track, RivalTrack | GimbalFailureTrack):
-            lately = self._rivals if isinstance(track, RivalTrack) else self._failures
-            lately.append(track.what, stamps_ns, row_end_by_tick)
+            warnings = self._rivals if isinstance(track, RivalTrack) else self._failures
+            warnings.append(track.what, stamps_ns, row_end_by_tick)
             return
         if len(stamps_ns):
             self._note_silence(stamps_ns, row_end_by_tick)
@@ -197,15 +197,15 @@ class HealthSources:
         Facts change a few times a second at most: the rules are gone through once for each of them.
         """
         columns = (*self._rows_and_flags(stamps_ns, ticks), self._lost_shares(stamps_ns, ticks))
-        failures, rivals = self._failures.at_all(stamps_ns, ticks), self._rivals.at_all(stamps_ns, ticks)
+        failures, rivals = self._failures.before_each(stamps_ns, ticks), self._rivals.before_each(stamps_ns, ticks)
         is_other = np.ones(len(stamps_ns), dtype=np.bool_)  # than that of the stamp before
         if not any(failures) and not any(rivals):
             is_other[1:] = np.any([column[1:] != column[:-1] for column in columns], axis=0)
         rows = np.flatnonzero(is_other).tolist()
         facts = zip(*(column[rows].tolist() for column in columns), strict=True)
         keys = [(_Row(*values), failures[row], rivals[row]) for values, row in zip(facts, rows, strict=True)]
-        made = {key: verdict_on(self._facts(*key), self._settings) for key in keys}
-        return Verdicts(tuple(made[key] for key in keys), np.cumsum(is_other) - 1)
+        verdicts = {key: verdict_on(self._facts(*key), self._settings) for key in keys}
+        return Verdicts(tuple(verdicts[key] for key in keys), np.cumsum(is_other) - 1)
 
     def _rows_and_flags(self, stamps_ns: IntArray, ticks: IntArray) -> tuple[IntArray | BoolArray, ...]:
         """Whether the autopilot is silent; the newest rows of the estimator and of GPS, and whether these are late."""

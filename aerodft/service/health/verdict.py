@@ -107,26 +107,26 @@ class Verdicts:
 
     Attributes:
         each: All that there are.
-        which: ``(n,)`` which of these.
+        verdict_index: ``(n,)`` which of these.
     """
 
     each: tuple[Verdict, ...]
-    which: IntArray
+    verdict_index: IntArray
 
     def applied(self, poses: PoseBatch) -> PoseBatch:
         """Poses ``(n,)`` with their verdicts."""
         stays = (poses.status == CODE_OF[Status.OK]) & ~self._refuses(poses)
-        least_m = np.array([verdict.horizontal_std_m for verdict in self.each])[self.which]
-        has_place = np.array([verdict.has_place for verdict in self.each], dtype=np.bool_)[self.which]
+        least_m = np.array([verdict.horizontal_std_m for verdict in self.each])[self.verdict_index]
+        has_place = np.array([verdict.has_place for verdict in self.each], dtype=np.bool_)[self.verdict_index]
         widened = _with_horizontal_std(poses, stays & poses.has_pose & (least_m > poses.std[:, HORIZONTAL]), least_m)
         lat_lon_alt = np.where((stays & ~has_place)[:, None], np.nan, widened.lat_lon_alt)
         keys = [None if verdict.is_silent else verdict for verdict in self.each]
-        return replace(widened, lat_lon_alt=lat_lon_alt).varied([keys[k] for k in self.which.tolist()], _varied)
+        return replace(widened, lat_lon_alt=lat_lon_alt).varied([keys[k] for k in self.verdict_index.tolist()], _varied)
 
     def _refuses(self, poses: PoseBatch) -> BoolArray:
         """``(n,)`` as ``Verdict.refuses``."""
         table = [[verdict.refuses(variant) for verdict in self.each] for variant in poses.variants]
-        return np.array(table, dtype=np.bool_)[poses.variant_index, self.which]
+        return np.array(table, dtype=np.bool_)[poses.variant_index, self.verdict_index]
 
 
 def _varied(sample: PoseSample, verdict: Hashable) -> PoseSample:

@@ -24,7 +24,7 @@ from aerodft.model import (
 from aerodft.service.attitude import AttitudeBatch
 from aerodft.service.clocks import HOST_STD_S, ClockMap
 from aerodft.service.height_sources import HEIGHT_SOURCES
-from aerodft.service.pose.ground_below import footing, raised
+from aerodft.service.pose.ground_below import ground_below, raised_by_ground
 from aerodft.service.pose.heights import HeightBatch
 from aerodft.service.pose.vehicle_position import PositionBatch
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
@@ -38,23 +38,23 @@ BY_GUESS: Final = "the vehicle has not said what UTC is: the receiving machine's
 BY_HOST: Final = "the vehicle has not said what UTC is: the stamp is the receiving machine's clock"
 
 
-def unplaced(missing: Missing, settings: HeightSettings) -> PoseSample:
+def no_position_sample(missing: Missing, settings: HeightSettings) -> PoseSample:
     """Status and reason of a pose over ground of which nobody knows which part is below."""
     status, what = Status.NO_HEIGHT, "no position received yet"
     if missing is Missing.STALE:
-        status, what = Status.STALE_TELEMETRY, no_place(settings)
+        status, what = Status.STALE_TELEMETRY, no_position_reason(settings)
     return PoseSample(stamp_ns=0, status=status, reasons=(f"{what}, and the ground is uneven",))
 
 
-def no_place(settings: HeightSettings) -> str:
+def no_position_reason(settings: HeightSettings) -> str:
     """Why no place is stated, where positions come: none around the stamp, or two between which nothing flies."""
     return f"no believable position on both sides of the stamp within {settings.max_gap_ns / SECOND_NS:g} s"
 
 
-def no_height(missing: Missing, settings: HeightSettings) -> str:
+def no_height_reason(missing: Missing, settings: HeightSettings) -> str:
     """Why there is no height."""
     if missing is Missing.NEVER:
-        return sentence("height", missing, settings.order, settings.max_gap_ns)
+        return missing_reason("height", missing, settings.order, settings.max_gap_ns)
     limits = []
     for source in settings.order:
         distance_m = HEIGHT_SOURCES[source].max_distance_m(settings)
@@ -63,7 +63,7 @@ def no_height(missing: Missing, settings: HeightSettings) -> str:
     return f"no height on both sides of the stamp within {', '.join(limits)}"
 
 
-def sentence(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:
+def missing_reason(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:
     """Why there is none of something that comes from one of several sources."""
     sources = ", ".join(order)
     if missing is Missing.NEVER:
@@ -80,19 +80,19 @@ class PoseInputs:
         by_utc: ``(n,)`` whether each is UTC by another clock than this machine's.
         heights: Heights.
         attitudes: Attitudes.
-        places: Positions.
+        vehicle_position: Positions.
     """
 
     stamps_ns: IntArray
     by_utc: BoolArray
     heights: HeightBatch
     attitudes: AttitudeBatch
-    places: PositionBatch
+    vehicle_position: PositionBatch
 
     @property
     def is_pending(self) -> BoolArray:
         """``(n,)`` whether telemetry that matters may still come."""
-        parts = self.heights.missing, self.attitudes.missing, self.places.missing
+        parts = self.heights.missing, self.attitudes.missing, self.vehicle_position.missing
         return np.asarray(np.any([missing == Missing.PENDING for missing in parts], axis=0))
 
     @property
@@ -102,7 +102,7 @@ class PoseInputs:
 
     def rows(self, rows: IntArray) -> "PoseInputs":
         """The parts of some poses by their indices ``(m,)``."""
-        parts = self.heights.rows(rows), self.attitudes.rows(rows), self.places.rows(rows)
+        parts = self.heights.rows(rows), self.attitudes.rows(rows), self.vehicle_position.rows(rows)
         return PoseInputs(self.stamps_ns[rows], self.by_utc[rows], *parts)
 
 
@@ -130,21 +130,21 @@ class PoseMaker:
 
     def _in_telemetry(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
         """Poses as the telemetry has them."""
-        heights, attitudes, places = inputs.heights, inputs.attitudes, inputs.places
-        std, has_place = self._stds(heights.std_m, attitudes), places.missing == Missing.NO
-        east_north_m = np.where(has_place[:, None], places.east_north_m, 0.0)
+        heights, attitudes, vehicle_position = inputs.heights, inputs.attitudes, inputs.vehicle_position
+        std, has_place = self._stds(heights.std_m, attitudes), vehicle_position.missing == Missing.NO
+        east_north_m = np.where(has_place[:, None], vehicle_position.east_north_m, 0.0)
         pose = Pose(
             position_enu_m=np.column_stack([east_north_m, heights.height_agl_m]),
             wxyz=attitudes.wxyz,
             cov=pose_covariance(attitudes.wxyz, std),
-            velocity_enu_mps=places.velocity_enu_mps,
+            velocity_enu_mps=vehicle_position.velocity_enu_mps,
             rate_cam_radps=attitudes.rate_cam_radps,
             time_std_s=np.full(len(std), self._time_std_s),
         )
         keys = zip(attitudes.note.tolist(), heights.source.tolist(), has_place.tolist(), strict=True)
-        whys = (heights.reasons.get(row, ()) for row in range(len(std)))
-        alike = [(*key, why) for key, why in zip(keys, whys, strict=True)]
-        numbers = {key: number for number, key in enumerate(dict.fromkeys(alike))}
+        height_reasons = (heights.reasons.get(row, ()) for row in range(len(std)))
+        variant_keys = [(*key, why) for key, why in zip(keys, height_reasons, strict=True)]
+        numbers = {key: number for number, key in enumerate(dict.fromkeys(variant_keys))}
         variants = []
         for note_number, source_number, is_placed, reasons in numbers:
             note, source = attitudes.notes[note_number], heights.order[source_number]
@@ -163,12 +163,12 @@ class PoseMaker:
             stamp_ns=inputs.stamps_ns,
             pose=pose,
             std=std,
-            lat_lon_alt=places.lat_lon_alt,
+            lat_lon_alt=vehicle_position.lat_lon_alt,
             height_age_s=heights.age_s,
             telemetry_age_s=np.maximum(heights.age_s, attitudes.age_s),
             datum_enu_m=np.zeros(len(std)),
             zoom=np.full((len(std), 2), np.nan),
-            variant_index=np.array([numbers[key] for key in alike], dtype=np.int64),
+            variant_index=np.array([numbers[key] for key in variant_keys], dtype=np.int64),
             variants=tuple(variants),
         )
 
@@ -187,10 +187,10 @@ class PoseMaker:
     def _with_clock(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:
         """Poses with what is to be said of the clock behind their stamps, and of a place that is not known."""
         is_home = inputs.heights.is_above_home & clock.has_restarted
-        is_stale = inputs.places.missing == Missing.STALE
+        is_stale = inputs.vehicle_position.missing == Missing.STALE
         no_utc = not clock.is_utc_known
         columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc
-        nowhere = f"{no_place(self._settings.height)}: the place is not stated"
+        nowhere = f"{no_position_reason(self._settings.height)}: the place is not stated"
 
         def with_remarks(sample: PoseSample, key: Hashable) -> PoseSample:
             is_repeated, has_home, has_no_place, is_guess = cast("tuple[bool, ...]", key)
@@ -212,26 +212,26 @@ class PoseMaker:
 
     def _over_ground(self, poses: PoseBatch, inputs: PoseInputs, ground: Ground) -> PoseBatch:
         """Poses in ENU whose height may be counted from the surface below; or why they have no place there."""
-        from_zero, missing = inputs.heights.is_above_home, inputs.places.missing
+        from_zero, missing = inputs.heights.is_above_home, inputs.vehicle_position.missing
         # A slope is alike everywhere.
         is_unplaced = (missing != Missing.NO) & (from_zero | (not isinstance(ground, Plane)))
         refused: list[PoseSample | None] = [None] * len(poses)
         for row in np.flatnonzero(is_unplaced).tolist():
-            refused[row] = unplaced(Missing(missing[row]), self._settings.height)
+            refused[row] = no_position_sample(Missing(missing[row]), self._settings.height)
         rows = np.flatnonzero(~is_unplaced)
-        feet_m = poses.pose.position_enu_m[rows, :2] + inputs.heights.foot_m[rows]
-        below = footing(ground, feet_m)
+        surface_m = poses.pose.position_enu_m[rows, :2] + inputs.heights.foot_m[rows]
+        below = ground_below(ground, surface_m)
         is_known = below.status == CODE_OF[Status.OK]
         is_beyond = below.status == CODE_OF[Status.BEYOND_TERRAIN]
         for k in np.flatnonzero(is_beyond | ~(from_zero[rows] | is_known)).tolist():
-            east, north = feet_m[k].tolist()
+            east, north = surface_m[k].tolist()
             where = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin"
             reason = f"{where}, is {below.what(below.status[k])}"
             refused[rows[k]] = PoseSample(stamp_ns=0, status=CODES[below.status[k]], reasons=(reason,))
         height_m, slope = np.zeros(len(poses)), np.zeros((len(poses), 2))
         is_counted = ~from_zero[rows] & is_known
         height_m[rows[is_counted]], slope[rows[is_counted]] = below.height_m[is_counted], below.slope[is_counted]
-        over = replace(poses, pose=raised(poses.pose, height_m, slope), datum_enu_m=height_m)
+        over = replace(poses, pose=raised_by_ground(poses.pose, height_m, slope), datum_enu_m=height_m)
         return _refused(over, refused)
 
     def _high_enough(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
@@ -276,14 +276,16 @@ def _refused(poses: PoseBatch, refused: list[PoseSample | None]) -> PoseBatch:
     return replace(poses.varied(keys, with_refusal), pose=without)
 
 
-def missed(inputs: PoseInputs, settings: TelemetrySettings, clock: ClockMap, began: BoolArray) -> list[PoseSample]:
+def missing_poses(
+    inputs: PoseInputs, settings: TelemetrySettings, clock: ClockMap, has_begun: BoolArray
+) -> list[PoseSample]:
     """Why there are no poses at stamps ``(n,)``.
 
     Args:
         inputs: Of each the height or the attitude is missing.
         settings: Limits.
         clock: Of the vehicle.
-        began: ``(n,)`` whether there was any telemetry by then.
+        has_begun: ``(n,)`` whether there was any telemetry by then.
     """
     broken_off, limits = clock.broken_off(), settings.attitude
     samples = []
@@ -291,14 +293,14 @@ def missed(inputs: PoseInputs, settings: TelemetrySettings, clock: ClockMap, beg
         height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])
         reasons = []
         if height is not Missing.NO:
-            reasons.append(no_height(height, settings.height))
+            reasons.append(no_height_reason(height, settings.height))
         if attitude is Missing.REFUSED:
             reasons.append(inputs.attitudes.refusals[row])
         elif attitude is not Missing.NO:
-            reasons.append(sentence("camera attitude", attitude, limits.order, limits.max_gap_ns))
+            reasons.append(missing_reason("camera attitude", attitude, limits.order, limits.max_gap_ns))
         if broken_off is not None:
             status, reasons = Status.CLOCK_JUMPED, [broken_off, *reasons]
-        elif not began[row]:
+        elif not has_begun[row]:
             status = Status.NO_TELEMETRY
             reasons = [*([REBOOTED] if clock.has_restarted else []), *reasons]
         elif Missing.STALE in (height, attitude):

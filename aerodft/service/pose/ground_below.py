@@ -31,7 +31,7 @@ class GroundBelow:
         return "a hole in the elevation model" if CODES[code] is Status.NO_ELEVATION else "no more elevation model"
 
 
-def footing(ground: Ground, east_north_m: FloatArray) -> GroundBelow:
+def ground_below(ground: Ground, east_north_m: FloatArray) -> GroundBelow:
     """The ground at ``east_north_m (n, 2)``."""
     aloft = np.column_stack([east_north_m, np.full(len(east_north_m), _ALOFT_M)])
     below = ground.meet(aloft, np.broadcast_to(_DOWN, aloft.shape).copy(), np.zeros(len(aloft)))
@@ -39,7 +39,7 @@ def footing(ground: Ground, east_north_m: FloatArray) -> GroundBelow:
     return GroundBelow(below.status.astype(np.int64), below.points_enu_m[:, 2], slope)
 
 
-def raised(pose: Pose, height_m: FloatArray, slope: FloatArray) -> Pose:
+def raised_by_ground(pose: Pose, height_m: FloatArray, slope: FloatArray) -> Pose:
     """Poses ``(n,)`` in ENU of cameras whose height, and its variance, are counted from ground below them.
 
     Who is farther up the hill than he thinks, is higher too: errors in east and north become errors in height.

@@ -23,9 +23,9 @@ from aerodft.model import (
     Track,
 )
 from aerodft.service.attitude import AttitudeSources, FrameEvidence
-from aerodft.service.clocks import ClockMap, Ticks, of_a_kind
+from aerodft.service.clocks import ClockMap, Ticks, grouped_by_stream
 from aerodft.service.health import HealthSources
-from aerodft.service.pose.composition import PoseInputs, PoseMaker, missed
+from aerodft.service.pose.composition import PoseInputs, PoseMaker, missing_poses
 from aerodft.service.pose.heights import HeightSources
 from aerodft.service.pose.vehicle_position import VehiclePositions
 from aerodft.service.pose.zoom import ZoomSources
@@ -67,7 +67,7 @@ class PoseSource:
         self._maker = PoseMaker(settings, time_std_s, ground)
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
-        self._places = VehiclePositions(settings.height, origin)
+        self._vehicle_position = VehiclePositions(settings.height, origin)
         self._health = HealthSources(settings.health)
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 
@@ -86,21 +86,21 @@ class PoseSource:
         is_link = [isinstance(track, LinkTrack) for track in ticks.tracks]  # every frame: too many for the clock
         links, others = ticks.where(is_link), ticks.where([not link for link in is_link])
         before = self.clock.copy()
-        heard = self.clock.update(others)
-        if heard is None:
+        update = self.clock.update(others)
+        if update is None:
             return None
-        tracks, row_ends = (*heard.ticks.tracks, *links.tracks), (*heard.ticks.row_ends, *links.row_ends)
+        tracks, row_ends = (*update.ticks.tracks, *links.tracks), (*update.ticks.row_ends, *links.row_ends)
         stamps = [self.clock.to_utc(track, ticks.tick_of(own)) for track, own in zip(tracks, row_ends, strict=True)]
         if not is_one and tracks and not self._health.goes_on(stamps, row_ends):
             self.clock = before
             return None
-        if heard.restarted:
+        if update.restarted:
             self._clear()
-        elif heard.shift_ns:
-            self._shift(heard.shift_ns)
-        for each in of_a_kind(tracks, stamps, row_ends):
-            self._take(*each)
-        return heard.host_shift_ns
+        elif update.shift_ns:
+            self._shift(update.shift_ns)
+        for each in grouped_by_stream(tracks, stamps, row_ends):
+            self._append_track(*each)
+        return update.host_shift_ns
 
     def at(
         self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray
@@ -120,28 +120,28 @@ class PoseSource:
         jumped = (self.clock.off_ns(ticks, by_utc) != 0) | (self.clock.skips(stamps_ns) & by_utc)
         is_pending = ~final & (jumped | (by_utc & (not self.clock.is_utc_known)))
         refused = np.flatnonzero(jumped & final)
-        asked = np.flatnonzero(~jumped & ~is_pending)
-        if not len(asked) and not len(refused):
+        matched = np.flatnonzero(~jumped & ~is_pending)
+        if not len(matched) and not len(refused):
             return PoseBatch.repeated(_NOWHERE, stamps_ns), is_pending
         watermark_ns = np.where(final, END_OF_TIME, self._newest_ns(ticks))
-        inputs = self._inputs(stamps_ns[asked], ticks[asked], watermark_ns[asked], by_utc[asked])
-        is_pending[asked] = inputs.is_pending
+        inputs = self._inputs(stamps_ns[matched], ticks[matched], watermark_ns[matched], by_utc[matched])
+        is_pending[matched] = inputs.is_pending
         whole = np.flatnonzero(inputs.is_whole & ~inputs.is_pending)
         lost = np.flatnonzero(~inputs.is_whole & ~inputs.is_pending)
-        rows = np.concatenate([asked[whole], asked[lost], refused])
+        rows = np.concatenate([matched[whole], matched[lost], refused])
         if not len(rows):
             return PoseBatch.repeated(_NOWHERE, stamps_ns), is_pending
-        why = missed(inputs.rows(lost), self._settings, self.clock, self._began_by(stamps_ns[asked[lost]]))
+        why = missing_poses(inputs.rows(lost), self._settings, self.clock, self._has_begun_by(stamps_ns[matched[lost]]))
         why += map(self._refused, *(column[refused].tolist() for column in (stamps_ns, ticks, by_utc)))
-        made = [self._maker.poses(inputs.rows(whole), self._places.origin, self.clock)] if len(whole) else []
-        poses = PoseBatch.joined([*made, PoseBatch.of(why)] if why else made)
+        parts = [self._maker.poses(inputs.rows(whole), self._vehicle_position.origin, self.clock)] if len(whole) else []
+        poses = PoseBatch.joined([*parts, PoseBatch.of(why)] if why else parts)
         poses = self._health.judged(poses, ticks[rows])
         if self._zoom is not None:
             poses, awaits_zoom = self._zoom.applied(poses, ticks[rows], watermark_ns[rows])
             is_pending[rows[awaits_zoom]] = True
-        place = np.zeros(len(stamps_ns), dtype=np.int64)
-        place[rows] = np.arange(len(rows))
-        return poses.rows(place), is_pending
+        row_of = np.zeros(len(stamps_ns), dtype=np.int64)
+        row_of[rows] = np.arange(len(rows))
+        return poses.rows(row_of), is_pending
 
     def watermark_ns(self, count: int) -> IntArray:
         """``(count,)`` newest stamp of any telemetry at each tick of the newest step of so many ticks."""
@@ -169,53 +169,54 @@ class PoseSource:
 
     def _inputs(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray, by_utc: BoolArray) -> PoseInputs:
         """What poses at stamps ``(n,)`` are made of."""
-        asked = stamps_ns, ticks, watermark_ns
-        places, attitudes = self._places.at(*asked), self._attitude.at(*asked)
-        heights = self._height.at(*asked, self._attitude.vehicle_at, places.lat_lon_alt[:, :2])
-        return PoseInputs(stamps_ns, by_utc, heights, attitudes, places)
+        query = stamps_ns, ticks, watermark_ns
+        vehicle_position, attitudes = self._vehicle_position.at(*query), self._attitude.at(*query)
+        heights = self._height.at(*query, self._attitude.vehicle_at, vehicle_position.lat_lon_alt[:, :2])
+        return PoseInputs(stamps_ns, by_utc, heights, attitudes, vehicle_position)
 
     def _refused(self, stamp_ns: int, tick: int, by_utc: bool) -> PoseSample:  # noqa: FBT001 - a value of a column
         """Why there is no pose at a stamp as of a tick at which it cannot be matched."""
         reason = self.clock.unsettled(by_utc=by_utc, tick=tick) or _SKIPPED
         return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(reason,))
 
-    def _began_by(self, stamps_ns: IntArray) -> BoolArray:
+    def _has_begun_by(self, stamps_ns: IntArray) -> BoolArray:
         """Whether there was any telemetry by stamps ``(n,)``."""
         return np.asarray(np.any([stream.began_by(stamps_ns) for stream in self._streams()], axis=0))
 
     def _has_origin(self, ticks: Ticks) -> bool:
-        return self._places.origin is not None or not any(isinstance(track, PositionTrack) for track in ticks.tracks)
+        has_position = any(isinstance(track, PositionTrack) for track in ticks.tracks)
+        return self._vehicle_position.origin is not None or not has_position
 
     def _may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once."""
         parts = (self._health, self._height, *(() if self._zoom is None else (self._zoom,)))
         return all(part.may_append_ticks(track) for part in parts)
 
-    def _take(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray) -> None:
+    def _append_track(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray) -> None:
         self._attitude.append(track, stamps_ns, row_end_by_tick)
         self._height.append(track, stamps_ns, row_end_by_tick)
         self._health.append(track, stamps_ns, row_end_by_tick)
         if isinstance(track, PositionTrack) and len(stamps_ns):
-            self._places.append(track, stamps_ns, row_end_by_tick)
+            self._vehicle_position.append(track, stamps_ns, row_end_by_tick)
         if self._zoom is not None:
             self._zoom.append(track, stamps_ns, row_end_by_tick)
 
     def _commit(self) -> None:
         """The ticks so far are over."""
         self._attitude.commit()
-        for stream in (self._places.stream, *self._height.streams(), *self._remarks()):
+        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._remarks()):
             stream.commit()
 
     def _clear(self) -> None:
         """Forget all samples: their stamps are of another boot."""
         self._attitude.clear()
-        for stream in (self._places.stream, *self._height.streams(), *self._remarks()):
+        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._remarks()):
             stream.clear()
 
     def _shift(self, by_ns: int) -> None:
         """Move all samples: what time it was when they were taken is known better now."""
         self._attitude.shift(by_ns)
-        for stream in (self._places.stream, *self._height.streams(), *self._remarks()):
+        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._remarks()):
             stream.shift(by_ns)
 
     def _remarks(self) -> tuple[Stream, ...]:
@@ -223,7 +224,7 @@ class PoseSource:
         return (*self._height.remarks(), *self._health.streams(), *(() if self._zoom is None else self._zoom.streams()))
 
     def _streams(self) -> tuple[Stream, ...]:
-        return (self._places.stream, *self._attitude.streams(), *self._height.streams())
+        return (self._vehicle_position.stream, *self._attitude.streams(), *self._height.streams())
 
     def _newest_ns(self, ticks: IntArray) -> IntArray:
         """Newest stamp of any telemetry as of ticks ``(n,)``."""

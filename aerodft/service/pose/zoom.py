@@ -35,14 +35,14 @@ class ViewBatch:
 
     Attributes:
         value: ``(n,)`` the focal length, in the unit of the reports.
-        jump_std: ``(n,)`` standard deviation by not knowing when between two reports it changed.
+        step_std: ``(n,)`` standard deviation by not knowing when between two reports it changed.
         age_s: ``(n,)`` since the newest report that is not after the stamp.
         is_silent: ``(n,)`` whether reports that came regularly have stopped.
         missing: ``(n,)`` why there is none, as ``Missing``.
     """
 
     value: FloatArray
-    jump_std: FloatArray
+    step_std: FloatArray
     age_s: FloatArray
     is_silent: BoolArray
     missing: IntArray
@@ -118,8 +118,8 @@ class ViewReports:
         missing = np.where(end == first, Missing.NEVER, np.where(waits, Missing.PENDING, Missing.NO))
         missing = np.where((before < 0) & ~waits, Missing.NEVER, missing)
         is_silent = (period_ns > 0) & (age_s > np.maximum(self.stream.max_gap_ns, 3 * period_ns) / SECOND_NS)
-        jump_std = np.abs(change) * np.sqrt(weight * (1 - weight))
-        return ViewBatch(focal[before] + weight * change, jump_std, age_s, is_silent, missing)
+        step_std = np.abs(change) * np.sqrt(weight * (1 - weight))
+        return ViewBatch(focal[before] + weight * change, step_std, age_s, is_silent, missing)
 
     def _has_changed(self, focal: FloatArray) -> bool:
         return self._first is not None and bool(np.any(np.abs(focal - self._first) > _SAME * self._first))
@@ -238,8 +238,8 @@ class CameraReports:
             reported_std = _hfov_std_rad(settings, source) / np.sin(2 * np.arctan(1 / view.value))
         magnification = view.value / reference
         grown = settings.std_per_doubling * np.abs(np.log2(magnification))
-        relative = np.hypot(np.hypot(grown, reported_std), view.jump_std / view.value)
-        is_file = (np.abs(magnification - 1) <= _MAGNIFIED) & (view.jump_std == 0.0)
+        relative = np.hypot(np.hypot(grown, reported_std), view.step_std / view.value)
+        is_file = (np.abs(magnification - 1) <= _MAGNIFIED) & (view.step_std == 0.0)
         is_file &= source is ZoomSource.CAMERA_SETTINGS
         silent, sizes = (f"{source} is silent: the zoom is that of its last report",), self._size_contradictions()
         for k in np.flatnonzero(known).tolist():
@@ -268,7 +268,7 @@ class CameraReports:
                 continue
             view = reports.at(stamps_ns, ticks, end_ns)
             said_rad = 2 * np.arctan(1 / view.value)
-            std_rad = apart_std_rad(self._settings, source, self._camera)
+            std_rad = hfov_difference_std_rad(self._settings, source, self._camera)
             is_apart = (view.missing == Missing.NO) & (np.abs(said_rad - expected_rad) > std_rad)
             for k in np.flatnonzero(is_apart).tolist():
                 sentence = (
@@ -289,7 +289,7 @@ class CameraReports:
         )
 
 
-def apart_std_rad(settings: ZoomSettings, source: ZoomSource, camera: Camera) -> float:
+def hfov_difference_std_rad(settings: ZoomSettings, source: ZoomSource, camera: Camera) -> float:
     """Standard deviation of a reported horizontal field of view against the camera file's."""
     focal_px = math.sqrt(camera.covariance[0][0]) if camera.covariance else camera.std.focal_px
     return math.hypot(_hfov_std_rad(settings, source), math.sin(camera.hfov_rad) * focal_px / camera.fx_px)
@@ -362,8 +362,8 @@ class ZoomSources:
         is_ok = poses.status == CODE_OF[Status.OK]
         if not self._cameras or not np.any(is_ok):
             return poses, np.full(len(poses), fill_value=False)
-        asked = poses.stamp_ns, ticks, watermark_ns
-        found = {number: camera.at(*asked) for number, camera in sorted(self._cameras.items())}
+        query = poses.stamp_ns, ticks, watermark_ns
+        found = {number: camera.at(*query) for number, camera in sorted(self._cameras.items())}
         is_pending = np.logical_or.reduce([zoom.is_pending for zoom in found.values()]) & is_ok
         zoom = next(iter(found.values())) if len(found) == 1 else _of_several(found)
         keys = [

@@ -8,7 +8,7 @@ import numpy as np
 from aerodft.errors import ConfigError
 from aerodft.geometry import Ground, camera_pose, east_north
 from aerodft.model import CODE_OF, FloatArray, GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd, Status
-from aerodft.service.pose import footing, raised
+from aerodft.service.pose import ground_below, raised_by_ground
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,11 +114,11 @@ def pose_sample(
 
 
 def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
-    below = footing(ground, pose.position_enu_m[None, :2])
+    below = ground_below(ground, pose.position_enu_m[None, :2])
     if below.status[0] != CODE_OF[Status.OK]:
         hint = "check the position, or set fill_msl_m or radius_m in [ground]"
         raise ConfigError("below the pose", where=where, got=below.what(below.status[0]), expected="ground", hint=hint)
-    return raised(Pose.joined([pose]), below.height_m, below.slope).rows(0)
+    return raised_by_ground(Pose.joined([pose]), below.height_m, below.slope).rows(0)
 
 
 def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.model import NO_BOOT_TIME, SyncTrack, Track
-from aerodft.service.clocks.boot_clock import WRAP_NS, BootClock
+from aerodft.service.clocks.boot_time import WRAP_NS, BootClock
 
 MS, SECOND = 1_000_000, 1_000_000_000
 HOST0 = 1_795_221_168 * SECOND

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from aerodft.model import NO_BOOT_TIME, ClockTrack, Track
 from aerodft.service import LAST
 from aerodft.service.clocks import JUMP_NS, ClockMap, Ticks
-from aerodft.service.clocks.line import ClockOffset, StatedOffset
-from aerodft.service.clocks.ticks import OffsetsByTick
+from aerodft.service.clocks.stated_offset import ClockOffset, StatedOffset
+from aerodft.service.clocks.tracks_by_tick import OffsetsByTick
 
 MS, SECOND = 1_000_000, 1_000_000_000
 UTC0 = 1_795_221_168 * SECOND  # UTC at power-on

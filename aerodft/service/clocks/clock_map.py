@@ -14,9 +14,9 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, SyncTrack, Track
-from aerodft.service.clocks.line import JUMP_NS
-from aerodft.service.clocks.state import VehicleClock
-from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.clocks.stated_offset import JUMP_NS
+from aerodft.service.clocks.tracks_by_tick import Ticks
+from aerodft.service.clocks.vehicle_clock import VehicleClock
 from aerodft.service.streams import LAST
 
 HOST_STD_S: Final = 0.1

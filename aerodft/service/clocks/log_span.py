@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from aerodft.conventions import SECOND_NS
 from aerodft.model import GimbalSource, GimbalTrack, HeightSource, Track, VehicleTrack
 from aerodft.service.clocks.clock_map import ClockMap
-from aerodft.service.clocks.ticks import Ticks
+from aerodft.service.clocks.tracks_by_tick import Ticks
 from aerodft.service.feed import MergedFeed
 from aerodft.service.height_sources import HEIGHT_SOURCES
 from aerodft.service.ports import Source, TelemetryDecoder

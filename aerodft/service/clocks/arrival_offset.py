@@ -7,8 +7,8 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model import FloatArray, IntArray
-from aerodft.service.clocks.line import JUMP_NS, ClockOffset
-from aerodft.service.clocks.ticks import OffsetsByTick
+from aerodft.service.clocks.stated_offset import JUMP_NS, ClockOffset
+from aerodft.service.clocks.tracks_by_tick import OffsetsByTick
 
 _WINDOW_S: Final = 120  # over which the fastest messages are looked for
 _MIN_DELAY_SPAN_S: Final = 30  # a radio's fastest messages in shorter times differ by more than clocks drift

@@ -6,10 +6,10 @@ from operator import itemgetter
 import numpy as np
 
 from aerodft.model import NO_BOOT_TIME, ClockTrack, IntArray, Track
-from aerodft.service.clocks.boot_clock import STEP_NS, BootClock
-from aerodft.service.clocks.delayed_line import ArrivalOffset
-from aerodft.service.clocks.line import JUMP_NS, ClockOffset, StatedOffset
-from aerodft.service.clocks.ticks import OffsetsByTick, StampedRows, Ticks
+from aerodft.service.clocks.arrival_offset import ArrivalOffset
+from aerodft.service.clocks.boot_time import STEP_NS, BootClock
+from aerodft.service.clocks.stated_offset import JUMP_NS, ClockOffset, StatedOffset
+from aerodft.service.clocks.tracks_by_tick import OffsetsByTick, StampedRows, Ticks
 
 
 class VehicleClock:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.model import NO_BOOT_TIME, FloatArray, IntArray, Track, joined
-from aerodft.service.clocks.line import ClockOffset
+from aerodft.service.clocks.stated_offset import ClockOffset
 
 _NOTHING: Final = np.empty(0, dtype=np.int64)
 

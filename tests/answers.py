@@ -8,7 +8,7 @@ from operator import itemgetter
 from aerodft.dft import MeasurementBatch
 from aerodft.model import HeightSwitch, Measurement, Observation, PoseSample
 from aerodft.service import Batches, Pipeline, StepOutputs
-from aerodft.service.outputs import Estimate
+from aerodft.service.ports import Estimate
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from aerodft.model import (
     Probe,
 )
 from aerodft.service import Batches, ImageOutputs, Sink, StepOutputs
-from aerodft.service.outputs import SingleOutput
+from aerodft.service.ports import SingleOutput
 
 Content = PoseSample | Measurement | Observation | CalibrationEstimate | CameraMotionEstimate | HeightSwitch
 

@@ -1,14 +1,22 @@
 """The pipeline and what it needs, behind ports; it knows no wire, no file and no wall clock."""
 
-from aerodft.service.arrivals import ArrivalLimiter, first_arrival_ns
-from aerodft.service.batches import Batches
+from aerodft.service.batches import ArrivalLimiter, Batches, first_arrival_ns
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
 from aerodft.service.height_sources import HEIGHT_SOURCES, HeightReader
 from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCounts, ObserverSchedule
 from aerodft.service.outline_requests import standing_of
-from aerodft.service.outputs import ImageOutputs, Sink, StepOutputs
 from aerodft.service.pipeline import Counts, Pipeline
-from aerodft.service.ports import Clock, Feed, ImageObserver, ObjectTracker, Source, TelemetryDecoder
+from aerodft.service.ports import (
+    Clock,
+    Feed,
+    ImageObserver,
+    ImageOutputs,
+    ObjectTracker,
+    Sink,
+    Source,
+    StepOutputs,
+    TelemetryDecoder,
+)
 from aerodft.service.settings import (
     DEMAND_TILT_STD_RAD,
     DRIFT,

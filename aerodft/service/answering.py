@@ -23,9 +23,17 @@ from aerodft.model import (
     Status,
 )
 from aerodft.service.outline_requests import can_answer, request_of, unseen
-from aerodft.service.outputs import Estimate, ImageOutputs, ObservationOutputs, SingleOutput, StepOutputs
 from aerodft.service.pending import Task, WorkList
-from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker
+from aerodft.service.ports import (
+    Calibrator,
+    Estimate,
+    ImageOutputs,
+    LandmarkObserver,
+    ObjectTracker,
+    ObservationOutputs,
+    SingleOutput,
+    StepOutputs,
+)
 from aerodft.service.settings import OBJECTS, PipelineSettings
 
 _UNCERTAIN: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # enough to be drawn

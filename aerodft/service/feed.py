@@ -17,8 +17,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Arrival, Image, IntArray, Observation, RawBlock
-from aerodft.service.arrivals import arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
-from aerodft.service.batches import Batches
+from aerodft.service.batches import Batches, arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
 from aerodft.service.ports import Clock, GatheredSource, Source
 
 LONGEST_SPAN_NS: Final = 32 * SECOND_NS

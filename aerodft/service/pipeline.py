@@ -31,9 +31,8 @@ from aerodft.model import (
 from aerodft.service.answering import Answering, Helpers, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of
 from aerodft.service.clocks import Ticks
-from aerodft.service.outputs import StepOutputs
 from aerodft.service.pending import AnswerTimes, RecentImages, Task, WorkList, answer_in_order
-from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, TelemetryDecoder
+from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, StepOutputs, TelemetryDecoder
 from aerodft.service.pose import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.streams import LAST

@@ -128,12 +128,12 @@ class CameraMotion:
         gimbal = multiply(gimbal_from_camera(enu_wxyz_cam), inverse(self._mount))
         if self._reference is None:
             return gimbal
-        carrier = self._reference.at(times_s)
-        return multiply(inverse(carrier / np.linalg.norm(carrier, axis=-1, keepdims=True)), gimbal)
+        reference = self._reference.at(times_s)
+        return multiply(inverse(reference / np.linalg.norm(reference, axis=-1, keepdims=True)), gimbal)
 
     def carries(self, times_s: FloatArray) -> BoolArray:
         """Where it is known what the report counts from."""
-        return np.ones(times_s.shape, dtype=np.bool_) if self._reference is None else self._carrier.knows(times_s)
+        return np.ones(times_s.shape, dtype=np.bool_) if self._reference is None else self._reference.knows(times_s)
 
     def knows(self, times_s: FloatArray, lag_s: float = 0.0) -> BoolArray:
         """Where ``enu_wxyz_cam`` lies between samples."""

@@ -1,5 +1,6 @@
-"""A camera's clock against UTC: an offset that may grow, and images moved from the one to the other."""
+"""A camera's clock against UTC, images moved from the one to the other; and this machine's clock."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -51,3 +52,22 @@ class OnClock:
             else:
                 utc_ns = self._clock.utc_ns(event.stamp_ns)
                 yield replace(event, stamp_ns=utc_ns, arrival_ns=event.arrival_ns + utc_ns - event.stamp_ns)
+
+
+class WallClock:
+    """Host UTC that never steps: read once, then carried on by the monotonic clock.
+
+    A step of the system clock (first time synchronisation after boot) would otherwise stop the ticks, or skip some.
+    """
+
+    def __init__(self) -> None:
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """Host UTC, never decreasing."""
+        return self._epoch_ns + time.monotonic_ns()
+
+    def sleep_until(self, when_ns: int) -> None:
+        """Return at ``when_ns`` or later."""
+        while (rest_ns := when_ns - self.now_ns()) > 0:
+            time.sleep(rest_ns / 1e9)

@@ -1,5 +1,5 @@
 """Poses at image stamps, composed of attitude, height and position, or the reason why there is none."""
 
-from aerodft.service.pose.ground_below import ground_below, raised_by_ground
+from aerodft.service.pose.composition import ground_below, raised_by_ground
 from aerodft.service.pose.source import PoseSource
 from aerodft.service.pose.zoom import LEVEL_SLACK, hfov_difference_std_rad

@@ -2,10 +2,9 @@
 
 from aerodft.dft.budget import Share, advice
 from aerodft.dft.covariance import CHI2_2D_95, Z95, dependence, ellipses95, shared_covariance
-from aerodft.dft.engine import explain, measure
+from aerodft.dft.engine import ModelDifference, compare_models, explain, measure
 from aerodft.dft.equations import tilt_warning, vertical_angle
 from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, of_one_image
-from aerodft.dft.model_comparison import ModelDifference, compare_models
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, Kind, Refusal, scalars
 from aerodft.dft.projection import (
     ELEVATION,

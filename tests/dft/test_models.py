@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from aerodft.dft import Request, Setup, compare_models
-from aerodft.dft.model_comparison import right_by_geometry
+from aerodft.dft.engine import right_by_geometry
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
 

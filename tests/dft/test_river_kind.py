@@ -55,4 +55,4 @@ def test_of_an_even_number_its_std_is_that_of_drawn_poses_and_pixels():
 @pytest.mark.parametrize("count", [1, 3, 65])
 def test_banks_come_in_pairs(count):
     with pytest.raises(ValueError, match="an even number"):
-        Probe(name="p", kind=ProbeKind.RIVER, pixels=((1.0, 2.0),) * count)
+        measure(Setup(camera=CAMERA), sample(), [asked(ProbeKind.RIVER, ((1.0, 2.0),) * count)])

@@ -420,15 +420,15 @@ class CameraMotionCalibrator:
         state = self._state
         if (why := _NUMBERLESS.get(state.state)) is not None:
             reason = f"{why} (since {_utc(state.since_ns)})"
-            moved = poses.all_varied(lambda each: replace(each, status=Status.CAMERA_MOVED, reasons=(reason,)))
+            moved = poses.map_variants(lambda each: replace(each, status=Status.CAMERA_MOVED, reasons=(reason,)))
             return moved.without_poses()
         turn, calibration = self._turn(poses.stamp_ns), self._calibration
         said = self._said(poses.stamp_ns, turn)
-        told = poses.varied(said, lambda each, own: replace(each, reasons=(*each.reasons, *own)))
+        told = poses.with_variants(said, lambda each, own: replace(each, reasons=(*each.reasons, *own)))
         if turn is None:
             return told
         pose, std = turned_pose(poses.pose, turn), turned_std(poses.std, turn)
-        return replace(told.all_varied(lambda each: replace(each, calibration=calibration)), pose=pose, std=std)
+        return replace(told.map_variants(lambda each: replace(each, calibration=calibration)), pose=pose, std=std)
 
     def observes(self, name: str) -> bool:
         """Whether that is what observations of steady points are called."""

@@ -301,7 +301,7 @@ class LiveCalibrator:
         )
         std = np.hypot(stds_of(biased.of_heights(np.diagonal(cov, axis1=-2, axis2=-1))), noise)
         names = [known[k][-1] for k in which.tolist()]
-        named = poses.varied(names, lambda sample, name: replace(sample, calibration=name))
+        named = poses.with_variants(names, lambda sample, name: replace(sample, calibration=name))
         return relocated(replace(named, pose=refined, std=std))
 
     def observes(self, name: str) -> bool:

@@ -85,7 +85,7 @@ def footprint(
 
 
 def _plane_footprint(camera: Camera, pose: Pose, max_range_m: float, plane: Plane) -> FloatArray | None:
-    """As on level ground, in axes in which the plane is level: there the farthest ground is a circle."""
+    """The footprint on a plane, in axes in which it is level: there the farthest ground is a circle."""
     height = float(plane.normal_enu @ pose.position_enu_m) - plane.offset_m
     if not 0 < height < max_range_m:
         return None

@@ -62,12 +62,12 @@ class Plane:
         return False
 
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> "GroundHits":
-        """As ``Ground.meet``; the horizon is the plane's own."""
+        """Where rays meet the plane, raised by ``elevation_m``; the horizon is the plane's own."""
         raised = self.offset_m + np.asarray(elevation_m, dtype=np.float64) * self.normal_enu[2]
         return _meet(camera_enu_m, directions_enu, self.normal_enu, raised)
 
     def height_at(self, east_north_m: FloatArray) -> FloatArray:
-        """As ``Ground.height_at``; known everywhere."""
+        """Height of the plane ``(...)`` at ``(..., 2)``, ENU; known everywhere."""
         return np.asarray((self.offset_m - east_north_m @ self.normal_enu[:2]) / self.normal_enu[2])
 
 

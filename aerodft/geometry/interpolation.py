@@ -30,7 +30,7 @@ class Brackets:
     is_known: BoolArray
 
     def rows(self, rows: IntArray) -> "Brackets":
-        """Those of some of the stamps."""
+        """The brackets of some of the stamps."""
         return Brackets(self.before[rows], self.after[rows], self.weight[rows], self.gap_ns[rows], self.is_known[rows])
 
     def ends(self, values: npt.NDArray[_Number]) -> tuple[npt.NDArray[_Number], npt.NDArray[_Number]]:

@@ -43,7 +43,7 @@ def rays_from_pixels(camera: Camera, pixels_px: FloatArray) -> FloatArray:
 
 
 def rays_with_jacobian(camera: Camera, pixels_px: FloatArray) -> Rays:
-    """As ``rays_from_pixels``, with derivatives; not to be written to: the same few pixels are asked for again."""
+    """Rays of pixels with derivatives; read-only, because those of a few pixels are kept for the next call."""
     pixels = np.asarray(pixels_px, dtype=np.float64)
     return _remembered_rays(camera, pixels.shape, pixels.tobytes()) if pixels.size <= _FEW else _rays(camera, pixels)
 

@@ -150,7 +150,7 @@ def camera_angles(enu_wxyz_cam: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 
 
 def angles_of_matrix(enu_r_cam: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """As ``camera_angles``, of rotation matrices ``(..., 3, 3)``."""
+    """Tilt, roll and heading of rotation matrices ``(..., 3, 3)``, as ``camera_angles``."""
     m = enu_r_cam
     axis = m[..., :, 2]
     horizontal = np.hypot(axis[..., 0], axis[..., 1])

@@ -144,7 +144,7 @@ class Terrain:
         return _hits(rays, met, ends, elevation, grid.cell_m, curvature_per_m)
 
     def height_at(self, east_north_m: FloatArray) -> FloatArray:
-        """As ``elevation_at``."""
+        """Height of the ground ``(...)`` at ``(..., 2)``; NaN outside the grid and in its holes."""
         return elevation_at(self.grid, east_north_m)
 
 

@@ -43,7 +43,7 @@ from aerodft.model.health import (
     RivalTrack,
 )
 from aerodft.model.image import Image, ImageRows, StampClock, VideoPacket, image_indices, joined_images
-from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, ProjectionModel
+from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, PixelSource, Probe, ProbeKind, ProjectionModel
 from aerodft.model.observation import VISION, Arrival, Box, Event, Observation
 from aerodft.model.pose import (
     HORIZONTAL,
@@ -58,7 +58,6 @@ from aerodft.model.pose import (
     PoseSample,
     PoseStd,
 )
-from aerodft.model.probe import PixelSource, Probe, ProbeKind
 from aerodft.model.status import CODE_OF, CODES, Status
 from aerodft.model.telemetry import (
     NO_BOOT_TIME,

@@ -23,8 +23,8 @@ class BiasValues:
 
     Attributes:
         height_m: Of the height source in use.
-        east_m: Of the position.
-        north_m: Likewise.
+        east_m: Of the position, to the east.
+        north_m: Of the position, to the north.
         tilt_rad: About the camera's x axis; raises the tilt.
         pan_rad: About its y axis.
         roll_rad: About its z axis.

@@ -109,12 +109,12 @@ class Camera:
         )
 
     def with_covariance(self, covariance: FloatArray) -> "Camera":
-        """The same camera, known so well ``(n, n)``; exactly where that is 0 all over."""
+        """The camera with another covariance ``(n, n)`` of its intrinsics; known exactly where that is 0 all over."""
         rows = tuple(map(tuple, covariance.tolist())) if covariance.any() else ()
         return replace(self, std=CameraStd(), covariance=rows)
 
     def zoomed(self, magnification: float, std: float) -> "Camera":
-        """The same camera at another focal length: fx and fy times the magnification, the rest as it is.
+        """The camera at another focal length: fx and fy times the magnification, the rest as it is.
 
         Args:
             magnification: Focal length over this one's.

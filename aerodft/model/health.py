@@ -32,7 +32,7 @@ class GpsTrack(Track):
         fix: ``(n,)`` GPS_FIX_TYPE: ``FIX_3D`` and more are three-dimensional.
         satellites: ``(n,)``, -1 where not known.
         horizontal_std_m: ``(n,)``, NaN where not known.
-        vertical_std_m: Likewise.
+        vertical_std_m: ``(n,)``, NaN where not known.
     """
 
     fix: IntArray
@@ -97,7 +97,7 @@ class Health:
         gps_age_s: Since it was said.
         satellites: Number of satellites.
         horizontal_std_m: Of the receiver's position.
-        vertical_std_m: Likewise.
+        vertical_std_m: Of the receiver's altitude.
         ratios: The estimator's test ratios, by what they are of; empty where never said.
         has_attitude: Whether the estimator has an attitude.
         received: Frames of the autopilot over the last seconds.

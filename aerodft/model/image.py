@@ -50,8 +50,8 @@ class ImageRows(Sequence[Image]):
         stamp_ns: ``(n,)`` by ``clock``.
         arrival_ns: ``(n,)`` not decreasing.
         clock: Of all.
-        width_px: Likewise.
-        height_px: Likewise.
+        width_px: Of all.
+        height_px: Of all.
     """
 
     indices: IntArray

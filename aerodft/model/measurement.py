@@ -1,11 +1,79 @@
-"""One measured thing, complete with everything needed to compute it again."""
+"""What to measure in an image, where its pixels come from, and the answer with its uncertainty."""
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import ClassVar
 
 from aerodft.model.pose import PoseSample
-from aerodft.model.probe import ProbeKind
 from aerodft.model.status import Status
+
+
+class ProbeKind(str):
+    """Name of what a probe measures.
+
+    No enumeration: who adds a kind to ``dft.PROBE_KINDS`` gives it a name there.
+    """
+
+    __slots__ = ()
+    POSITION: ClassVar["ProbeKind"]
+    RANGE: ClassVar["ProbeKind"]
+    DISTANCE: ClassVar["ProbeKind"]
+    WIDTH: ClassVar["ProbeKind"]
+    LENGTH: ClassVar["ProbeKind"]
+    AREA: ClassVar["ProbeKind"]
+    HEIGHT: ClassVar["ProbeKind"]
+    BEARING: ClassVar["ProbeKind"]
+    RIVER: ClassVar["ProbeKind"]
+    TRACK: ClassVar["ProbeKind"]
+
+
+ProbeKind.POSITION = ProbeKind("position")
+ProbeKind.RANGE = ProbeKind("range")
+ProbeKind.DISTANCE = ProbeKind("distance")
+ProbeKind.WIDTH = ProbeKind("width")
+ProbeKind.LENGTH = ProbeKind("length")
+ProbeKind.AREA = ProbeKind("area")
+ProbeKind.HEIGHT = ProbeKind("height")  # base, then top
+ProbeKind.BEARING = ProbeKind("bearing")  # of a ray, or from the first point to the second
+ProbeKind.RIVER = ProbeKind("river")  # the median of its widths: pairs of bank pixels, left then right
+ProbeKind.TRACK = ProbeKind("track")  # of what moves: its speed, and where it is; nobody asks for it with pixels
+
+
+class PixelSource(StrEnum):
+    """Where a probe's pixels come from."""
+
+    FIXED = "fixed"
+    OBSERVED = "observed"
+    TRACKED = "tracked"  # those of one image, found again in the others
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probe:
+    """One thing to measure in every image.
+
+    Attributes:
+        name: Unique; the last part of its key expression.
+        kind: What is measured.
+        source: Fixed pixels, or pixels that somebody observes.
+        pixels: ``((u, v), ...)`` for a fixed probe, of one image for a tracked one, else empty.
+        std_px: Standard deviation of each pixel coordinate, unless the observation brings its own.
+        elevation_m: Height of the measured surface above the ground; level ground is the height's datum plane.
+        elevation_std_m: Its standard deviation, shared by all points of the probe.
+        on_top_of: Name of a ``height`` in the same image: the probe lies in the level plane through that object's top,
+            ``elevation_m`` is 0.
+        at_ns: UTC of the image that a tracked probe's pixels are of; None for the first.
+    """
+
+    name: str
+    kind: ProbeKind
+    source: PixelSource = PixelSource.FIXED
+    pixels: tuple[tuple[float, float], ...] = ()
+    std_px: float = 1.0
+    elevation_m: float = 0.0
+    elevation_std_m: float = 0.0
+    on_top_of: str | None = None
+    at_ns: int | None = None
+
 
 Vector = tuple[float, ...]
 

@@ -254,7 +254,7 @@ class PoseBatch(Sequence[PoseSample]):
     @property
     def status(self) -> IntArray:
         """``(n,)`` indices into ``CODES``."""
-        return self.told(lambda variant: CODE_OF[variant.status])
+        return self.by_variant(lambda variant: CODE_OF[variant.status])
 
     @property
     def kind_index(self) -> IntArray:
@@ -301,16 +301,16 @@ class PoseBatch(Sequence[PoseSample]):
         order[rows] = len(self) + np.arange(len(rows))
         return PoseBatch.joined([self, change(self.rows(rows), rows)]).rows(order)
 
-    def told(self, tell: Callable[[PoseSample], int]) -> IntArray:
-        """``(n,)`` of every sample what its variant tells; variants that no sample is like are not asked."""
+    def by_variant(self, value: Callable[[PoseSample], int]) -> IntArray:
+        """``(n,)`` a whole number of every sample's variant; variants that no sample is like are left out."""
         used, own = np.unique(self.variant_index, return_inverse=True)
-        return np.array([tell(self.variants[index]) for index in used.tolist()], dtype=np.int64)[own]
+        return np.array([value(self.variants[index]) for index in used.tolist()], dtype=np.int64)[own]
 
-    def all_varied(self, vary: Callable[[PoseSample], PoseSample]) -> "PoseBatch":
+    def map_variants(self, change: Callable[[PoseSample], PoseSample]) -> "PoseBatch":
         """The batch with a new variant for each of the present ones."""
-        return replace(self, variants=tuple(map(vary, self.variants)))
+        return replace(self, variants=tuple(map(change, self.variants)))
 
-    def varied(self, key: Sequence[_Key], vary: Callable[[PoseSample, _Key], PoseSample]) -> "PoseBatch":
+    def with_variants(self, key: Sequence[_Key], vary: Callable[[PoseSample, _Key], PoseSample]) -> "PoseBatch":
         """The batch with other variants.
 
         Args:
@@ -349,13 +349,21 @@ class PoseBatch(Sequence[PoseSample]):
 
 
 _COLUMNS: Final = ("stamp_ns", "std", "lat_lon_alt", "height_age_s", "telemetry_age_s", "datum_enu_m", "zoom")
-_TOLD: Final = ("status", "reasons", "origin", "height_source", "height_datum", "attitude_source", "calibration")
+_KEY_FIELDS: Final = (
+    "status",
+    "reasons",
+    "origin",
+    "height_source",
+    "height_datum",
+    "attitude_source",
+    "calibration",
+)
 
 
 def _variant(sample: PoseSample) -> PoseSample:
     """A sample without its numbers."""
     zoom = None if sample.zoom is None else Zoom(magnification=np.nan, std=np.nan, source=sample.zoom.source)
-    return PoseSample(stamp_ns=0, **{name: getattr(sample, name) for name in _TOLD}, zoom=zoom)
+    return PoseSample(stamp_ns=0, **{name: getattr(sample, name) for name in _KEY_FIELDS}, zoom=zoom)
 
 
 def _distinct(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], IntArray]:
@@ -367,8 +375,8 @@ def _distinct(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], I
 
 
 def _key(variant: PoseSample) -> Hashable:
-    told = (getattr(variant, name) for name in _TOLD)
-    return (*told, None if variant.zoom is None else variant.zoom.source)
+    fields_of = (getattr(variant, name) for name in _KEY_FIELDS)
+    return (*fields_of, None if variant.zoom is None else variant.zoom.source)
 
 
 _NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan), cov=np.full((6, 6), np.nan))

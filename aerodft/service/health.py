@@ -55,7 +55,7 @@ class Facts(NamedTuple):
         gps_fix: GPS_FIX_TYPE.
         is_gps_silent: Whether the receiver spoke once, and stays away.
         horizontal_std_m: Of its position.
-        vertical_std_m: Likewise.
+        vertical_std_m: Of its altitude.
         lost_share: Share of the autopilot's frames, where that is more than may be lost; else 0.
         failures: What the gimbal said that it failed in, lately.
         rivals: Who else spoke, lately.
@@ -83,7 +83,7 @@ class Verdict:
         faults: Why there can be no answer, in sentences.
         remarks: What makes an answer worth less, in sentences.
         failures: As in ``Facts``.
-        rivals: Likewise.
+        rivals: As in ``Facts``.
         horizontal_std_m: The least that a place may have.
         has_place: Whether the receiver knows where it is.
     """
@@ -105,7 +105,7 @@ class Verdict:
         """Whether a pose that is ok gets no answer: by a fault, or by what its own gimbal failed in."""
         return bool(self.faults) or (bool(self.failures) and sample.attitude_source in _OF_THE_GIMBAL)
 
-    def varied(self, sample: PoseSample) -> PoseSample:
+    def applied(self, sample: PoseSample) -> PoseSample:
         """A sample without its numbers, with the status, the reasons and the origin that follow."""
         if sample.status is not Status.OK:
             said = (*self.faults, *self.failures, *self.rivals)
@@ -139,7 +139,8 @@ class Verdicts:
         widened = _with_horizontal_std(poses, stays & poses.has_pose & (least_m > poses.std[:, HORIZONTAL]), least_m)
         lat_lon_alt = np.where((stays & ~has_place)[:, None], np.nan, widened.lat_lon_alt)
         keys = [None if verdict.is_silent else verdict for verdict in self.each]
-        return replace(widened, lat_lon_alt=lat_lon_alt).varied([keys[k] for k in self.verdict_index.tolist()], _varied)
+        placed = replace(widened, lat_lon_alt=lat_lon_alt)
+        return placed.with_variants([keys[k] for k in self.verdict_index.tolist()], _with_verdict)
 
     def _refuses(self, poses: PoseBatch) -> BoolArray:
         """``(n,)`` as ``Verdict.refuses``."""
@@ -147,8 +148,8 @@ class Verdicts:
         return np.array(table, dtype=np.bool_)[poses.variant_index, self.verdict_index]
 
 
-def _varied(sample: PoseSample, verdict: Hashable) -> PoseSample:
-    return verdict.varied(sample) if isinstance(verdict, Verdict) else sample
+def _with_verdict(sample: PoseSample, verdict: Hashable) -> PoseSample:
+    return verdict.applied(sample) if isinstance(verdict, Verdict) else sample
 
 
 def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:

@@ -49,13 +49,13 @@ class ObserverCounts:
     unreadable: int = 0
 
 
-class _Watch:
-    """One lookout at work."""
+class _ScheduledObserver:
+    """An observer, when it looked last, and what became of the images that were due."""
 
-    def __init__(self, lookout: ObserverSchedule) -> None:
+    def __init__(self, schedule: ObserverSchedule) -> None:
         self.counts = ObserverCounts()
-        self._observer = lookout.observer
-        self._period_ns = round(_SLACK * lookout.every_s * SECOND_NS)
+        self._observer = schedule.observer
+        self._period_ns = round(_SLACK * schedule.every_s * SECOND_NS)
         self._last_ns: int | None = None
 
     def is_due(self, image: Image) -> bool:
@@ -84,23 +84,23 @@ class _Watch:
 class ObservedImages:
     """A recorded source, with what observers see in its images right behind each of them."""
 
-    def __init__(self, source: Source, lookouts: Sequence[ObserverSchedule]) -> None:
+    def __init__(self, source: Source, schedules: Sequence[ObserverSchedule]) -> None:
         self._source = source
-        self._watches = [_Watch(lookout) for lookout in lookouts]
+        self._scheduled = [_ScheduledObserver(schedule) for schedule in schedules]
 
     @property
     def counts(self) -> tuple[ObserverCounts, ...]:
-        """So far, one for each lookout."""
-        return tuple(watch.counts for watch in self._watches)
+        """So far, one for each observer."""
+        return tuple(scheduled.counts for scheduled in self._scheduled)
 
     def events(self) -> Iterator[Event]:
         """The source's events; an observation arrives with its image."""
         for event in self._source.events():
             yield event
             if isinstance(event, Image):
-                for watch in self._watches:
-                    if watch.is_due(event):
-                        yield from (replace(each, arrival_ns=event.arrival_ns) for each in watch.look(event))
+                for scheduled in self._scheduled:
+                    if scheduled.is_due(event):
+                        yield from (replace(each, arrival_ns=event.arrival_ns) for each in scheduled.look(event))
 
 
 class LiveObservers:
@@ -109,24 +109,24 @@ class LiveObservers:
     While an observer looks at one image only the newest of the others waits for it.
 
     Args:
-        lookouts: Who looks.
+        schedules: Who looks.
         on_seen: Takes what is seen in one image, from several threads; must not block.
     """
 
     def __init__(
-        self, lookouts: Sequence[ObserverSchedule], on_seen: Callable[[tuple[Observation, ...]], None]
+        self, schedules: Sequence[ObserverSchedule], on_seen: Callable[[tuple[Observation, ...]], None]
     ) -> None:
-        self._posts = [_Post(lookout, on_seen) for lookout in lookouts]
+        self._threads = [_ObserverThread(schedule, on_seen) for schedule in schedules]
 
     @property
     def counts(self) -> tuple[ObserverCounts, ...]:
-        """So far, one for each lookout."""
-        return tuple(post.counts for post in self._posts)
+        """So far, one for each observer."""
+        return tuple(thread.counts for thread in self._threads)
 
     def __call__(self, image: Image) -> None:
         """Show an image."""
-        for post in self._posts:
-            post.show(image)
+        for thread in self._threads:
+            thread.show(image)
 
     def stop(self) -> None:
         """End after the look under way; what waits is not looked at.
@@ -134,10 +134,10 @@ class LiveObservers:
         Raises:
             Exception: What an observer raised beside ``AerodftError``; it has looked at nothing since.
         """
-        for post in self._posts:
-            post.end()
-        for post in self._posts:
-            post.join()
+        for thread in self._threads:
+            thread.end()
+        for thread in self._threads:
+            thread.join()
 
     def __enter__(self) -> Self:
         return self
@@ -146,11 +146,11 @@ class LiveObservers:
         self.stop()
 
 
-class _Post:
-    """One lookout and its thread."""
+class _ObserverThread:
+    """One observer and its thread."""
 
-    def __init__(self, lookout: ObserverSchedule, on_seen: Callable[[tuple[Observation, ...]], None]) -> None:
-        self._watch = _Watch(lookout)
+    def __init__(self, schedule: ObserverSchedule, on_seen: Callable[[tuple[Observation, ...]], None]) -> None:
+        self._scheduled = _ScheduledObserver(schedule)
         self._on_seen = on_seen
         self._changed = threading.Condition()
         self._next: Image | None = None
@@ -161,11 +161,11 @@ class _Post:
 
     @property
     def counts(self) -> ObserverCounts:
-        return self._watch.counts
+        return self._scheduled.counts
 
     def show(self, image: Image) -> None:
         with self._changed:
-            if self._ending or not self._watch.is_due(image):
+            if self._ending or not self._scheduled.is_due(image):
                 return
             self.counts.skipped += self._next is not None
             self._next = image
@@ -184,7 +184,7 @@ class _Post:
     def _run(self) -> None:
         try:
             while (image := self._take()) is not None:
-                if seen := self._watch.look(image):
+                if seen := self._scheduled.look(image):
                     self._on_seen(seen)
         except Exception as error:  # noqa: BLE001 - join raises it, in the thread that can report it
             _log.error("an image observer ended early: %r", error)

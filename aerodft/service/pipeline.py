@@ -269,7 +269,7 @@ class Pipeline:
         self._apply_answers(work, parts, answer, answer_times, first)
 
     def _in_order(self, work: WorkList, ready: IntArray, times: AnswerTimes, last_image_ns: IntArray) -> IntArray:
-        """As ``answer_in_order``, of work that is ready after some ticks ``(n,)``."""
+        """The answer times ``(n,)`` of work that is ready after some ticks ``(n,)``; -1 where it goes on waiting."""
         columns = work.stamp_ns, work.tick + 1, ready, work.deadline_ns, self._near_ns(work)
         return answer_in_order(columns, (times.time_ns, times.ticks), last_image_ns)
 
@@ -365,7 +365,7 @@ class Pipeline:
     def _poses_at(
         self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray
     ) -> tuple[PoseBatch, BoolArray]:
-        """As ``PoseSource.at``; of a fixed camera nothing is ever waited for."""
+        """Poses at stamps, and where telemetry may still come, as ``PoseSource.at``; a fixed camera waits for nothing."""
         fixed = self._settings.fixed_pose
         if fixed is not None:
             return PoseBatch.repeated(fixed, stamps_ns), np.full(len(stamps_ns), fill_value=False)

@@ -144,7 +144,7 @@ class GatheredSource(Source, Protocol):
     """Recorded input that has many images at once, too."""
 
     def gathered(self) -> Iterator[Arrival]:
-        """The same events, first arrivals not decreasing, images together where they can be."""
+        """The source's events, first arrivals not decreasing, images together where they can be."""
         ...
 
 

@@ -276,7 +276,7 @@ class LiveCalibration:
     Attributes:
         landmarks: What is looked for.
         noise_share: That rest, as a share of each stated standard deviation.
-        noise: The same for single errors, in their own units.
+        noise: Standard deviation of single errors, in their own units.
         initial: Standard deviations of the biases before a landmark was seen; None for what is left of the stated ones.
         drift: Random walk of the biases per square root of a second; what was learned fades until ``initial`` is back.
         gate_probability: A landmark farther off than this share of all good ones would be is refused.

@@ -53,11 +53,6 @@ class Stream:
         self._view_first, self._view_end = np.zeros((2, 1), dtype=np.int64)  # rows that are known at each tick
 
     @property
-    def has_begun(self) -> bool:
-        """Whether there ever was a sample."""
-        return self._first_ns is not None
-
-    @property
     def is_empty(self) -> bool:
         """Whether no sample is kept."""
         return self._start == self._stop

@@ -105,7 +105,7 @@ class BiasModel:
 
     def biased(self, poses: PoseBatch) -> "BiasedPoses":
         """Poses by telemetry alone, each with the bias of its own height."""
-        return BiasedPoses.of(poses.pose, poses.told(self.height_column))
+        return BiasedPoses.of(poses.pose, poses.by_variant(self.height_column))
 
     def noise_of(self, std: FloatArray, height_column: IntArray) -> FloatArray:
         """``(n, 7)`` std of what is new in each image: the model's, and by how much a pose is worse than stated.
@@ -241,7 +241,7 @@ def relocated(poses: PoseBatch) -> PoseBatch:
     """Corrected poses with the latitude and longitude of where they are now."""
     lat_lon_alt = poses.lat_lon_alt.copy()
     origins = list(dict.fromkeys(variant.origin for variant in poses.variants))
-    own = poses.told(lambda variant: origins.index(variant.origin))
+    own = poses.by_variant(lambda variant: origins.index(variant.origin))
     for index, origin in enumerate(origins):
         if origin is not None:
             rows = own == index
@@ -315,7 +315,7 @@ class BiasCalibrator:
         pose, std = biased.corrected(biases), poses.std
         if self._cov is not None:
             pose, std = self._known(biased, biases, pose, self._cov), self._stds(std, self._cov)
-        named = poses.all_varied(lambda sample: replace(sample, calibration=self._calibration.id))
+        named = poses.map_variants(lambda sample: replace(sample, calibration=self._calibration.id))
         refined = replace(named, pose=pose, std=std)
         return relocated(refined) if np.any(self._biases[[EAST, NORTH]]) else refined
 

@@ -16,7 +16,7 @@ class Counting:
 
     def refine(self, poses, known, which):
         own = [known[k] for k in which.tolist()]
-        return poses.varied(own, lambda variant, name: replace(variant, calibration=name))
+        return poses.with_variants(own, lambda variant, name: replace(variant, calibration=name))
 
     def observes(self, name):
         return name.startswith("mark")

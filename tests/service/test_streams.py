@@ -55,7 +55,7 @@ def test_it_keeps_what_a_list_would_keep(chunks):
     assert stream.is_empty == (not expected)
     assert stream.stamps_ns.tolist() == [unit * stamp for stamp in expected]
     assert stream.out_of_order == dropped
-    assert stream.has_begun == any(chunks)
+    assert stream.began_by(np.array([END_OF_TIME]))[0] == any(chunks)
     if expected:
         assert stream.last_ns == unit * expected[-1]
         stamps = unit * np.array(expected)
@@ -72,7 +72,7 @@ def test_it_does_not_matter_how_ticks_are_put_into_steps(ticks, data):
     while tick < len(ticks):
         stop = tick + data.draw(st.integers(1, len(ticks) - tick))
         rows = unit * np.array([stamp for own in ticks[tick:stop] for stamp in own], dtype=np.int64)
-        has_begun = together.has_begun
+        has_begun = together.began_by(np.array([END_OF_TIME]))[0]
         together.commit()
         append(together, rows, np.cumsum([len(own) for own in ticks[tick:stop]]))
         for number in range(stop - tick):

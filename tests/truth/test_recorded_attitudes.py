@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.telemetry import CompositeDecoder, open_log
 from aerodft.geometry import ElevationGrid, Terrain, camera_angles, camera_from_gimbal, east_north, matrix
-from aerodft.model import GeoOrigin, GimbalSource, HeightSource, PoseStd, RawBlock, ReportFrame, Status
-from aerodft.service import AttitudeSettings, HeightSettings, TelemetrySettings
+from aerodft.model import GeoOrigin, GimbalSource, HeightSource, PoseStd, RawBlock, ReportFrame, Status, Track
+from aerodft.service import LAST, AttitudeSettings, HeightSettings, TelemetrySettings
 from aerodft.service.clocks import Ticks
 from aerodft.service.pose import PoseSource
 from tests.one_image import sample_at
@@ -35,6 +35,10 @@ def with_frame(frame):
     return replace(SETTINGS, attitude=replace(SETTINGS.attitude, frame=frame))
 
 
+def utc_ns(clock, boot_ns):
+    return int(clock.to_utc(Track(arrival_ns=np.array([0]), boot_ns=np.array([boot_ns])), LAST)[0])
+
+
 def flown(name, boots_ms=None, settings=SETTINGS, source=None):
     """Poses at these times since boot (else every three seconds), each as soon as it was final; and their source."""
     source = source or PoseSource(settings, origin=None, time_std_s=0.0)
@@ -45,8 +49,7 @@ def flown(name, boots_ms=None, settings=SETTINGS, source=None):
         for start in range(0, len(block.offset), BLOCK):
             tracks = decoder.decode(block.rows(start, min(start + BLOCK, len(block.offset))))
             source.append(Ticks.one(tracks))
-            offset = source.clock.utc_minus_boot_ns
-            if offset is None:
+            if not source.clock.is_utc_known:
                 continue
             if boots_ms is None:
                 arrived_ns = int(source.clock.host_to_utc(block.arrival_ns[start : start + 1])[0])
@@ -54,7 +57,9 @@ def flown(name, boots_ms=None, settings=SETTINGS, source=None):
                 if arrived_ns > next_ns + 3 * 10**9:
                     samples.append(sample_at(source, next_ns, final=True))
                     next_ns = arrived_ns
-            while wanted_ns and (sample := sample_at(source, wanted_ns[0] + offset, final=False)) is not None:
+            while (
+                wanted_ns and (sample := sample_at(source, utc_ns(source.clock, wanted_ns[0]), final=False)) is not None
+            ):
                 samples.append(sample)
                 wanted_ns.pop(0)
     return samples, source

@@ -55,7 +55,7 @@ class AttitudeBrackets:
 
     @classmethod
     def of(cls, wxyz: FloatArray, found: Brackets) -> "AttitudeBrackets":
-        """Those of a stream's ``wxyz (m, 4)`` that were found in it."""
+        """The samples around stamps, of a stream's ``wxyz (m, 4)`` and the brackets found in it."""
         return cls(*found.ends(wxyz), found.weight, found.gap_ns)
 
     def between(self) -> RotatingFrame:

@@ -53,7 +53,7 @@ class GravitySample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GravitySamples:
-    """Those of ``n`` reports, in order, as columns.
+    """Unit vectors of gravity at ``n`` reports, in order, as columns.
 
     Attributes:
         is_known: ``(n,)`` whether the vehicle's attitude is known on both sides, and for the longest lag before.
@@ -77,11 +77,11 @@ class GravitySamples:
         return len(self.stamp_ns)
 
     def rows(self, rows: slice) -> "GravitySamples":
-        """Some of them."""
+        """The samples of a slice."""
         return GravitySamples(*(getattr(self, each.name)[rows] for each in fields(self)))
 
     def row(self, row: int) -> GravitySample:
-        """One of them."""
+        """One sample."""
         return GravitySample(
             int(self.stamp_ns[row]),
             float(self.reported_pitch_rad[row]),

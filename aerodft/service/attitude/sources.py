@@ -18,7 +18,7 @@ from aerodft.service.streams import LAST, Missing, Stream
 
 @dataclass(frozen=True, slots=True)
 class GimbalQuery:
-    """What is asked of a gimbal.
+    """Stamps at which a gimbal's attitude is wanted, and the samples around them.
 
     Attributes:
         stamps_ns: ``(n,)`` UTC.
@@ -33,7 +33,7 @@ class GimbalQuery:
     vehicle: Brackets
 
     def rows(self, rows: IntArray) -> "GimbalQuery":
-        """Some of it."""
+        """The query at some of its stamps, by indices ``(m,)``."""
         return GimbalQuery(self.stamps_ns[rows], self.ticks[rows], self.found.rows(rows), self.vehicle.rows(rows))
 
 

@@ -35,7 +35,7 @@ class ArrivalOffset:
         self._fastest = np.empty((3, 4 * _WINDOW_S), dtype=np.int64)  # of each second: it, the vehicle's time, delay
 
     def copy(self) -> "ArrivalOffset":
-        """The same, to go on from."""
+        """A copy that learns on its own."""
         other = ArrivalOffset()
         other.line, other._fastest = self.line, self._fastest.copy()
         other._state, other._drift = self._state.copy(), self._drift.copy()
@@ -76,7 +76,7 @@ class ArrivalOffset:
         return found
 
     def rebased(self, by_ns: int) -> "ArrivalOffset":
-        """The same for a vehicle's clock that is ahead of this one's by so much."""
+        """A copy for a vehicle's clock that is ahead of this one's by so much."""
         other = self.copy()
         other.rebase(by_ns)
         return other

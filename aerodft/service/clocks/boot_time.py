@@ -79,7 +79,7 @@ class BootClock:
         self._anchor = _Anchor(_LONG_AGO_NS, 0, _DROPPED)
 
     def copy(self) -> "BootClock":
-        """The same, to go on from."""
+        """A copy that learns on its own."""
         other = BootClock()
         other.restarts, other.wraps, other.left_out, other.rivals = (
             self.restarts,
@@ -179,7 +179,7 @@ class BootClock:
         return np.asarray(np.abs(track.boot_ns - expected) <= near_ns)
 
     def _unwrapped(self, boots: IntArray, arrivals: IntArray) -> IntArray:
-        """The same with whole wraps added, by what the followed clock must have come to."""
+        """Times since boot with whole wraps added, by what the followed clock must have come to."""
         run = self._followed
         if run is None or len(boots) == 0:
             return boots

@@ -73,18 +73,6 @@ class ClockMap:
         return self._state.is_utc_known
 
     @property
-    def utc_minus_boot_ns(self) -> int | None:
-        """UTC minus time since boot at the newest message; None until the vehicle has said what UTC is."""
-        line, now_ns = self._state.stated.line, self._state.boot.last_boot_ns
-        return None if line is None or now_ns is None else line.offset_at(now_ns)
-
-    @property
-    def host_minus_boot_ns(self) -> int | None:
-        """Arrival minus time since boot of the fastest messages, at the newest one; None before the first."""
-        line, now_ns = self._state.host_minus_boot.line, self._state.boot.last_boot_ns
-        return None if line is None or now_ns is None else line.offset_at(now_ns)
-
-    @property
     def health(self) -> ClockHealth:
         """What happened so far."""
         state = self._state

@@ -34,7 +34,7 @@ class ClockOffset:
         return self.offset_ns + gained_ns
 
     def offset_at(self, own_ns: int) -> int:
-        """The same at one time."""
+        """The other clock minus this one at one time of this one."""
         return self.offset_ns + round(self.drift * (own_ns - self.at_ns))
 
 
@@ -56,7 +56,7 @@ def robust_line(own_ns: IntArray, offset_ns: IntArray) -> ClockOffset:
 
 
 def _median(values: FloatArray) -> float:
-    """As numpy's, which looks for NaN first in more time than it then takes."""
+    """The median; numpy's looks for NaN first, in more time than it then takes."""
     first, half = (len(values) - 1) // 2, len(values) // 2
     parts = np.partition(values, (first, half))
     return float((parts[first] + parts[half]) / 2)
@@ -105,7 +105,7 @@ class StatedOffset:
         return offset_ns - self.line.offset_at(boot_ns)
 
     def copy(self) -> "StatedOffset":
-        """The same, to go on from."""
+        """A copy that learns on its own."""
         other = StatedOffset()
         other.line, other.jumps_ns = self.line, self.jumps_ns.copy()
         other.skipped_ns, other.repeated_ns = self.skipped_ns.copy(), self.repeated_ns.copy()

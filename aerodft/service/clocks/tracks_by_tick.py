@@ -111,8 +111,8 @@ class OffsetsByTick:
 
     Attributes:
         at_ns: ``(ticks,)`` as in ``ClockOffset``.
-        offset_ns: Likewise.
-        drift: Likewise.
+        offset_ns: ``(ticks,)`` as in ``ClockOffset``.
+        drift: ``(ticks,)`` as in ``ClockOffset``.
         off_ns: ``(ticks,)`` how far what is heard lies off the line, while it is not settled which is right; else 0.
     """
 
@@ -135,16 +135,16 @@ class OffsetsByTick:
         return OffsetsByTick(*(np.concatenate(list(pair))[ticks] for pair in pairs))
 
     def line(self, tick: int) -> ClockOffset:
-        """That of one tick."""
+        """The offset at one tick."""
         return ClockOffset(int(self.at_ns[tick]), int(self.offset_ns[tick]), float(self.drift[tick]))
 
     def offset(self, own_ns: IntArray, tick: IntArray) -> IntArray:
-        """As ``ClockOffset.offset`` at times ``(n,)``, each by the line of its tick ``(n,)``."""
+        """The other clock minus this one at times ``(n,)`` of this one, each by the line of its tick ``(n,)``."""
         gained: IntArray = np.rint(self.drift[tick] * (own_ns - self.at_ns[tick])).astype(np.int64)
         return self.offset_ns[tick] + gained
 
     def own(self, other_ns: IntArray, tick: IntArray) -> IntArray:
-        """Times ``(n,)`` of this clock by those of the other, likewise."""
+        """Times ``(n,)`` of this clock by those of the other, each by the line of its tick ``(n,)``."""
         return other_ns - self.offset(other_ns - self.offset_ns[tick], tick)
 
 

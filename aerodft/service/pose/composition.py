@@ -250,7 +250,7 @@ class PoseMaker:
             )
             return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
 
-        poses = poses.varied(list(zip(*(column.tolist() for column in columns), strict=True)), with_remarks)
+        poses = poses.with_variants(list(zip(*(column.tolist() for column in columns), strict=True)), with_remarks)
         if not np.any(columns[3]):
             return poses
         time_s = np.where(columns[3], np.hypot(poses.std[:, TIME], HOST_STD_S), poses.std[:, TIME])
@@ -298,7 +298,7 @@ class PoseMaker:
                 return sample
             return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(cast("str", reason),))
 
-        return poses.varied(keys, with_reason)
+        return poses.with_variants(keys, with_reason)
 
 
 def _refused(poses: PoseBatch, refused: list[PoseSample | None]) -> PoseBatch:
@@ -321,7 +321,7 @@ def _refused(poses: PoseBatch, refused: list[PoseSample | None]) -> PoseBatch:
         wxyz=np.where(rows[:, None], np.nan, pose.wxyz),
         cov=np.where(rows[:, None, None], np.nan, pose.cov),
     )
-    return replace(poses.varied(keys, with_refusal), pose=without)
+    return replace(poses.with_variants(keys, with_refusal), pose=without)
 
 
 def missing_poses(

@@ -313,11 +313,6 @@ class ZoomSources:
         self._camera = camera
         self._cameras: dict[int, CameraReports] = {}
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether any camera that counts has said something."""
-        return bool(self._cameras)
-
     def streams(self) -> tuple[Stream, ...]:
         """All streams, to be forgotten or moved when clocks jump."""
         return tuple(stream for camera in self._cameras.values() for stream in camera.streams())
@@ -343,11 +338,6 @@ class ZoomSources:
                 ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(is_own)])[row_end_by_tick]
                 reports.append(own, stamps_ns[is_own], ends)
 
-    def commit(self) -> None:
-        """The ticks so far are over."""
-        for stream in self.streams():
-            stream.commit()
-
     def applied(self, poses: PoseBatch, ticks: IntArray, watermark_ns: IntArray) -> tuple[PoseBatch, BoolArray]:
         """Poses with the camera's zoom and what contradicts the camera's file.
 
@@ -370,7 +360,7 @@ class ZoomSources:
             (zoom.sources[k], zoom.reasons[k], bool(zoom.is_unknown[k])) if is_ok[k] else (None, (), False)
             for k in range(len(poses))
         ]
-        varied = poses.varied(keys, _varied)
+        varied = poses.with_variants(keys, _varied)
         is_zoomed = is_ok & ~zoom.is_unknown & ~np.isnan(zoom.magnification)
         numbers = np.where(is_zoomed[:, None], np.stack([zoom.magnification, zoom.std], axis=-1), poses.zoom)
         return replace(varied, zoom=numbers), is_pending

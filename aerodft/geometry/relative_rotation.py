@@ -28,11 +28,11 @@ _CUT_FLOOR_PX: Final = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """A camera that turned.
+    """By how much a camera turned between two images, and how well that is known.
 
     Attributes:
-        wxyz: ``(4,)`` ``now_SO3_then``: bearings then, in camera axes, to bearings now.
-        cov: ``(3, 3)`` of a small rotation about the camera's axes now, from what is left of the points (rad^2).
+        wxyz: ``(4,)`` ``later_SO3_earlier``: bearings in the earlier image, in camera axes, to those in the later one.
+        cov: ``(3, 3)`` of a small rotation about the later camera's axes, from what is left of the points (rad^2).
         by_intrinsics: ``(3, m)``: that small rotation by errors of the intrinsics, see ``intrinsics_covariance``.
         agreeing: ``(n,)``: the points that it explains.
         off_px: ``(n, 2)`` seen minus explained; NaN where the camera should not see the point.
@@ -47,30 +47,32 @@ class Turn:
     std_px: float
 
 
-def find_turn(camera: Camera, then_px: FloatArray, now_px: FloatArray, *, tolerance_px: float = 2.0) -> Turn | None:
+def find_turn(
+    camera: Camera, earlier_px: FloatArray, later_px: FloatArray, *, tolerance_px: float = 2.0
+) -> Turn | None:
     """The rotation that explains most points; a function of its arguments alone.
 
     Args:
         camera: The camera.
-        then_px: ``(n, 2)``.
-        now_px: ``(n, 2)``, the same points.
+        earlier_px: ``(n, 2)``.
+        later_px: ``(n, 2)``, the same points.
         tolerance_px: What is farther off than this is no point that stands still.
 
     Returns:
         None where fewer than ``LEAST_POINTS`` agree on one, or they do not fix it.
     """
-    then, now = _bearings(camera, then_px), _bearings(camera, now_px)
-    usable = np.isfinite(then[:, 0] + now[:, 0])
+    earlier, later = _bearings(camera, earlier_px), _bearings(camera, later_px)
+    usable = np.isfinite(earlier[:, 0] + later[:, 0])
     if np.count_nonzero(usable) < LEAST_POINTS:
         return None
-    wxyz = _consensus(then[usable], now[usable], tolerance_px / camera.fx_px)
+    wxyz = _consensus(earlier[usable], later[usable], tolerance_px / camera.fx_px)
     if wxyz is None:
         return None
-    return _refined(camera, then, np.where(usable[:, None], now_px, np.nan), wxyz, tolerance_px)
+    return _refined(camera, earlier, np.where(usable[:, None], later_px, np.nan), wxyz, tolerance_px)
 
 
 def rotated_pixels(camera: Camera, wxyz: FloatArray, pixels_px: FloatArray) -> FloatArray:
-    """Where points seen at ``pixels_px (..., 2)`` are after ``now_SO3_then``; NaN where they are out of view."""
+    """Where points seen at ``pixels_px (..., 2)`` are after ``later_SO3_earlier``; NaN where they are out of view."""
     return _expected(camera, _bearings(camera, pixels_px), wxyz)[0]
 
 
@@ -79,15 +81,15 @@ def _bearings(camera: Camera, pixels_px: FloatArray) -> FloatArray:
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
-def _consensus(then: FloatArray, now: FloatArray, tolerance_rad: float) -> FloatArray | None:
+def _consensus(earlier: FloatArray, later: FloatArray, tolerance_rad: float) -> FloatArray | None:
     """The trial that leaves least, each point counting at most as much as the tolerance (MSAC)."""
-    rng = np.random.default_rng(len(then))
-    first = rng.integers(len(then), size=_TRIALS)
-    second = (first + rng.integers(1, len(then), size=_TRIALS)) % len(then)
-    frames = [_frame(side[first], side[second]) for side in (then, now)]
-    apart = np.linalg.norm(np.cross(then[first], then[second]), axis=-1) > _CLOSE
+    rng = np.random.default_rng(len(earlier))
+    first = rng.integers(len(earlier), size=_TRIALS)
+    second = (first + rng.integers(1, len(earlier), size=_TRIALS)) % len(earlier)
+    frames = [_frame(side[first], side[second]) for side in (earlier, later)]
+    apart = np.linalg.norm(np.cross(earlier[first], earlier[second]), axis=-1) > _CLOSE
     trials = frames[1] @ np.swapaxes(frames[0], -1, -2)
-    left = np.sum(np.square(np.einsum("kij,nj->kni", trials, then) - now), axis=-1)
+    left = np.sum(np.square(np.einsum("kij,nj->kni", trials, earlier) - later), axis=-1)
     cost = np.where(apart, np.sum(np.minimum(left, tolerance_rad**2), axis=-1), np.inf)
     best = int(np.argmin(cost))
     return _quaternion(trials[best]) if np.isfinite(cost[best]) else None
@@ -115,32 +117,34 @@ def _quaternion(rotation: FloatArray) -> FloatArray:
 
 
 def _refined(
-    camera: Camera, then: FloatArray, now_px: FloatArray, wxyz: FloatArray, tolerance_px: float
+    camera: Camera, earlier: FloatArray, later_px: FloatArray, wxyz: FloatArray, tolerance_px: float
 ) -> Turn | None:
     """Gauss-Newton over the agreeing points, which are chosen anew at each step."""
-    agreeing = np.zeros(len(then), dtype=np.bool_)
+    agreeing = np.zeros(len(earlier), dtype=np.bool_)
     for _ in range(_STEPS):
-        expected_px, by_turn = _expected(camera, then, wxyz)
-        agreeing = _agreeing(now_px - expected_px, tolerance_px)
+        expected_px, by_turn = _expected(camera, earlier, wxyz)
+        agreeing = _agreeing(later_px - expected_px, tolerance_px)
         if np.count_nonzero(agreeing) < LEAST_POINTS:
             return None
-        step = np.linalg.pinv(by_turn[agreeing].reshape(-1, 3)) @ (now_px - expected_px)[agreeing].ravel()
+        step = np.linalg.pinv(by_turn[agreeing].reshape(-1, 3)) @ (later_px - expected_px)[agreeing].ravel()
         wxyz = multiply(from_rotation_vector(np.asarray(step)), wxyz)
         if np.linalg.norm(step) < _STILL_RAD:
             break
-    return _told(camera, then, now_px, wxyz / np.linalg.norm(wxyz), agreeing)
+    return _turn_of(camera, earlier, later_px, wxyz / np.linalg.norm(wxyz), agreeing)
 
 
-def _told(camera: Camera, then: FloatArray, now_px: FloatArray, wxyz: FloatArray, agreeing: BoolArray) -> Turn | None:
-    expected_px, by_turn = _expected(camera, then, wxyz)
-    off_px, by = now_px - expected_px, by_turn[agreeing].reshape(-1, 3)
+def _turn_of(
+    camera: Camera, earlier: FloatArray, later_px: FloatArray, wxyz: FloatArray, agreeing: BoolArray
+) -> Turn | None:
+    expected_px, by_turn = _expected(camera, earlier, wxyz)
+    off_px, by = later_px - expected_px, by_turn[agreeing].reshape(-1, 3)
     variance = float(np.sum(np.square(off_px[agreeing]))) / (len(by) - 3)
     std_px = max(variance**0.5, _LEAST_STD_PX)
     information = by.T @ by
     if np.linalg.cond(information) > 1 / np.finfo(np.float64).eps:
         return None
     cov = std_px**2 * np.linalg.inv(information)
-    by_lens = _by_intrinsics(camera, then[agreeing], wxyz)
+    by_lens = _by_intrinsics(camera, earlier[agreeing], wxyz)
     return Turn(wxyz, cov, -np.linalg.pinv(by) @ by_lens.reshape(len(by), -1), agreeing, off_px, std_px)
 
 
@@ -154,23 +158,23 @@ def _agreeing(off_px: FloatArray, tolerance_px: float) -> BoolArray:
     return np.asarray(distance <= min(max(_CUT * spread, _CUT_FLOOR_PX), tolerance_px))
 
 
-def _expected(camera: Camera, then: FloatArray, wxyz: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _expected(camera: Camera, earlier: FloatArray, wxyz: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pixels ``(..., 2)`` of bearings after a turn, and by a small further one ``(..., 2, 3)``."""
-    rays = then @ matrix(wxyz).T
+    rays = earlier @ matrix(wxyz).T
     distorted, by_ray = distorted_with_jacobian(camera, rays)
     focal = np.array([camera.fx_px, camera.fy_px])
     by_turn = focal[:, None] * (by_ray @ -skew(rays))
     return distorted * focal + [camera.cx_px, camera.cy_px], by_turn
 
 
-def _by_intrinsics(camera: Camera, then: FloatArray, wxyz: FloatArray) -> FloatArray:
+def _by_intrinsics(camera: Camera, earlier: FloatArray, wxyz: FloatArray) -> FloatArray:
     """Expected pixels by the intrinsics ``(n, 2, m)``, of points that were seen where they were: then, and now."""
-    then_px = _expected(camera, then, np.array([1.0, 0.0, 0.0, 0.0]))[0]
-    now_px = _expected(camera, then, wxyz)[0]
-    rays_then, rays_now = rays_from_pixels(camera, then_px), rays_from_pixels(camera, now_px)
+    earlier_px = _expected(camera, earlier, np.array([1.0, 0.0, 0.0, 0.0]))[0]
+    later_px = _expected(camera, earlier, wxyz)[0]
+    rays_then, rays_now = rays_from_pixels(camera, earlier_px), rays_from_pixels(camera, later_px)
     rays = rays_then @ matrix(wxyz).T
     scale = np.linalg.norm(rays, axis=-1) / np.linalg.norm(rays_now, axis=-1)
-    moved = matrix(wxyz) @ rays_by_intrinsics(camera, then_px)
-    moved = moved - scale[:, None, None] * rays_by_intrinsics(camera, now_px)
+    moved = matrix(wxyz) @ rays_by_intrinsics(camera, earlier_px)
+    moved = moved - scale[:, None, None] * rays_by_intrinsics(camera, later_px)
     by_ray = distorted_with_jacobian(camera, rays)[1]
     return np.asarray(np.array([[camera.fx_px], [camera.fy_px]]) * (by_ray @ moved))

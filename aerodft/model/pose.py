@@ -310,19 +310,20 @@ class PoseBatch(Sequence[PoseSample]):
         """The batch with a new variant for each of the present ones."""
         return replace(self, variants=tuple(map(change, self.variants)))
 
-    def with_variants(self, key: Sequence[_Key], vary: Callable[[PoseSample, _Key], PoseSample]) -> "PoseBatch":
+    def with_variants(
+        self, keys: Sequence[_Key | None], change: Callable[[PoseSample, _Key], PoseSample]
+    ) -> "PoseBatch":
         """The batch with other variants.
 
         Args:
-            key: For each sample what its new variant depends on, besides the present one.
-            vary: Makes the new variant from the present one and a key.
+            keys: ``n`` of what a sample's new variant depends on, besides the present one; None where that stays.
+            change: Makes the new variant from the present one and a key.
         """
-        pairs = list(zip(self.variant_index.tolist(), key, strict=True))
+        pairs = list(zip(self.variant_index.tolist(), keys, strict=True))
         numbers = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
-        variants = tuple(vary(self.variants[index], own) for index, own in numbers)
-        return replace(
-            self, variants=variants, variant_index=np.array([numbers[pair] for pair in pairs], dtype=np.int64)
-        )
+        variants = [self.variants[k] if key is None else change(self.variants[k], key) for k, key in numbers]
+        variant_index = np.array([numbers[pair] for pair in pairs], dtype=np.int64)
+        return replace(self, variants=tuple(variants), variant_index=variant_index)
 
     def without_poses(self) -> "PoseBatch":
         """The batch with nothing known of where its cameras are."""

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -140,16 +140,14 @@ class Verdicts:
         lat_lon_alt = np.where((stays & ~has_place)[:, None], np.nan, widened.lat_lon_alt)
         keys = [None if verdict.is_silent else verdict for verdict in self.each]
         placed = replace(widened, lat_lon_alt=lat_lon_alt)
-        return placed.with_variants([keys[k] for k in self.verdict_index.tolist()], _with_verdict)
+        return placed.with_variants(
+            [keys[k] for k in self.verdict_index.tolist()], lambda sample, verdict: verdict.applied(sample)
+        )
 
     def _refuses(self, poses: PoseBatch) -> BoolArray:
         """``(n,)`` as ``Verdict.refuses``."""
         table = [[verdict.refuses(variant) for verdict in self.each] for variant in poses.variants]
         return np.array(table, dtype=np.bool_)[poses.variant_index, self.verdict_index]
-
-
-def _with_verdict(sample: PoseSample, verdict: Hashable) -> PoseSample:
-    return verdict.applied(sample) if isinstance(verdict, Verdict) else sample
 
 
 def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:

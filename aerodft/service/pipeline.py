@@ -365,7 +365,7 @@ class Pipeline:
     def _poses_at(
         self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray
     ) -> tuple[PoseBatch, BoolArray]:
-        """Poses at stamps, and where telemetry may still come, as ``PoseSource.at``; a fixed camera waits for nothing."""
+        """Poses at stamps, and where telemetry may still come; a fixed camera waits for nothing."""
         fixed = self._settings.fixed_pose
         if fixed is not None:
             return PoseBatch.repeated(fixed, stamps_ns), np.full(len(stamps_ns), fill_value=False)

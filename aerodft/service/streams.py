@@ -25,7 +25,7 @@ _ON_ANOTHER_CLOCK: Final = np.iinfo(np.int64).min
 class Missing(IntEnum):
     """Why there is no value at a stamp; arrays hold these as ``int64``."""
 
-    NO = 0  # there is a value
+    NOTHING = 0  # there is a value
     PENDING = 1  # the next sample may still come
     STALE = 2  # there were samples, none close enough on both sides
     NEVER = 3  # there was no sample by then
@@ -152,7 +152,7 @@ class Stream:
         gone = np.where(self.began_by(stamps_ns), Missing.STALE, Missing.NEVER)
         is_over = (watermark_ns >= stamps_ns) & (~is_any | (watermark_ns - newest_ns > self.max_gap_ns))
         waits = ~(is_any & (newest_ns >= stamps_ns)) & ~is_over
-        return found, np.where(found.is_known, Missing.NO, np.where(waits, Missing.PENDING, gone))
+        return found, np.where(found.is_known, Missing.NOTHING, np.where(waits, Missing.PENDING, gone))
 
     def last_before(self, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
         """Rows of ``column`` that are the newest by stamps ``(n,)`` as of ticks ``(n,)``; -1 where there is none."""

@@ -61,7 +61,7 @@ NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Station:
-    """A watched camera that looks once a second; ``turn`` is what it has turned by in truth, ``now_SO3_then``."""
+    """A watched camera that looks once a second; ``turn`` is what it has turned by in truth, ``later_SO3_earlier``."""
 
     def __init__(self, seed=0, noise_px=0.1, shake_deg=0.0, camera=CAMERA, **watch):
         self.rng = np.random.default_rng(seed)

@@ -29,7 +29,7 @@ BUMPED, DARK, LENGTH = 8, 18, 24
 
 
 def after_turn(picture, rotvec):
-    """What a pinhole camera sees after ``now_SO3_then``: the homography of its rotation."""
+    """What a pinhole camera sees after ``later_SO3_earlier``: the homography of its rotation."""
     intrinsics = np.array([[CAMERA.fx_px, 0, CAMERA.cx_px], [0, CAMERA.fy_px, CAMERA.cy_px], [0, 0, 1.0]])
     homography = intrinsics @ cv2.Rodrigues(rotvec)[0] @ np.linalg.inv(intrinsics)
     size = (CAMERA.width_px, CAMERA.height_px)

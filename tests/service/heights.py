@@ -43,7 +43,7 @@ class Heights:
         """The height, or why there is none; the vehicle's attitude by its time, or why there is none of that."""
         asked = np.array([stamp_ns]), LAST, np.array([watermark_ns])
         batch = self.all.at(*asked, _by_time(vehicle), np.array([place]))
-        if batch.missing[0] != Missing.NO:
+        if batch.missing[0] != Missing.NOTHING:
             assert (batch.source.tolist(), batch.reasons) == ([-1], {})
             return Missing(batch.missing[0])
         source = batch.order[batch.source[0]]
@@ -61,7 +61,7 @@ def _by_time(vehicle):
     def vehicle_at(stamps_ns, ticks, watermark_ns):
         assert len(ticks) == len(watermark_ns) == len(stamps_ns)
         each = [vehicle(stamp_ns) if callable(vehicle) else vehicle for stamp_ns in stamps_ns.tolist()]
-        missing = [value if isinstance(value, Missing) else Missing.NO for value in each]
+        missing = [value if isinstance(value, Missing) else Missing.NOTHING for value in each]
         wxyz = [np.full(4, np.nan) if isinstance(value, Missing) else value for value in each]
         return np.array(wxyz).reshape(-1, 4), np.array(missing, dtype=np.int64)
 

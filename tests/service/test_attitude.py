@@ -76,7 +76,7 @@ class Sources:
         missing = Missing(batch.missing[0])
         if missing is Missing.REFUSED:
             return batch.refusals[0]
-        if missing is not Missing.NO:
+        if missing is not Missing.NOTHING:
             assert batch.note.tolist() == [-1]
             return missing
         numbers = batch.wxyz[0], batch.rate_cam_radps[0], batch.age_s[0], batch.report_std_rad[0]

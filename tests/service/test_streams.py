@@ -32,7 +32,7 @@ def append(stream, stamps, row_end_by_tick=None):
 def why(stream, stamp, watermark):
     """Why there is no value, as of the last tick."""
     found, missing = stream.find(np.array([stamp]), LAST, np.array([watermark]))
-    assert found.is_known.tolist() == [missing[0] == Missing.NO]
+    assert found.is_known.tolist() == [missing[0] == Missing.NOTHING]
     return Missing(missing[0])
 
 
@@ -120,7 +120,7 @@ def test_memory_stays_near_what_the_history_holds():
 def test_between_two_samples_there_is_a_value():
     stream = stream_of(1000, 1400)
     found, missing = stream.find(np.array([1100]), LAST, np.array([1400]))
-    assert (missing.tolist(), found.is_known.tolist()) == ([Missing.NO], [True])
+    assert (missing.tolist(), found.is_known.tolist()) == ([Missing.NOTHING], [True])
     numbers = found.before, found.after, found.weight, found.gap_ns
     assert [each.tolist() for each in numbers] == [[0], [1], [0.25], [400]]
     assert found.linear(stream.column("value")).tolist() == [550.0]
@@ -182,6 +182,6 @@ def test_what_was_found_stays_whatever_comes_later(stamps, stamp):
         append(stream, np.array([value]))
         found, missing = stream.find(np.array([stamp]), LAST, np.array([value]))
         if missing[0] != Missing.PENDING:
-            is_known = missing[0] == Missing.NO
+            is_known = missing[0] == Missing.NOTHING
             answers.append(float(stream.column("value")[found.after[0]]) if is_known else Missing(missing[0]))
     assert len(set(answers)) <= 1

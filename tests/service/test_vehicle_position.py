@@ -51,5 +51,5 @@ def test_a_flight_over_the_180th_meridian(direction):
 @pytest.mark.parametrize(("apart_m", "is_known"), [(40.0, True), (190.0, True), (210.0, False), (1e6, False)])
 def test_between_two_positions_that_nothing_flies_between_there_is_none(apart_m, is_known):
     found = at(places([0.0, 0.0], [0.0, apart_m * METRE_RAD]), HALF_SECOND)
-    assert found.missing.tolist() == [Missing.NO if is_known else Missing.STALE]
+    assert found.missing.tolist() == [Missing.NOTHING if is_known else Missing.STALE]
     assert np.isfinite(found.east_north_m).all() == is_known

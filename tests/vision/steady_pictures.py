@@ -28,7 +28,7 @@ def scene():
 
 
 def after_turn(picture, rotvec, camera=CAMERA):
-    """What it sees after a rotation ``now_SO3_then``."""
+    """What it sees after a rotation ``later_SO3_earlier``."""
     if not np.any(rotvec):
         return picture.copy()
     intrinsics = np.array([[camera.fx_px, 0.0, camera.cx_px], [0.0, camera.fy_px, camera.cy_px], [0.0, 0.0, 1.0]])

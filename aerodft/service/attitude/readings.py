@@ -84,7 +84,7 @@ class AttitudeBatch:
         notes: Sequence[AttitudeNote],
     ) -> "AttitudeBatch":
         """Attitudes at all of ``n`` stamps."""
-        missing = np.full(len(wxyz), int(Missing.NO))
+        missing = np.full(len(wxyz), int(Missing.NOTHING))
         return AttitudeBatch(wxyz, rate, age_s, std, note, tuple(notes), missing, {})
 
     def put(self, rows: IntArray, others: "AttitudeBatch") -> "AttitudeBatch":

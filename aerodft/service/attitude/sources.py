@@ -185,7 +185,7 @@ class AttitudeSources:
         """``ned_SO3_body (n, 4)`` at stamps, NaN where it is not known, and as ``Missing`` why."""
         found, missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
         wxyz = np.full((len(stamps_ns), 4), np.nan)
-        rows = np.flatnonzero(missing == Missing.NO)
+        rows = np.flatnonzero(missing == Missing.NOTHING)
         if len(rows):
             known = found.rows(rows)
             wxyz[rows] = slerp(*known.ends(self._vehicle.column("wxyz")), known.weight)
@@ -219,12 +219,12 @@ class AttitudeSources:
         vehicle, vehicle_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
         if source is GimbalSource.FIXED_MOUNT:
             if self._settings.fixed_mount is None:
-                vehicle_missing = np.where(vehicle_missing == Missing.NO, Missing.NEVER, vehicle_missing)
-            rows = np.flatnonzero(vehicle_missing == Missing.NO)
+                vehicle_missing = np.where(vehicle_missing == Missing.NOTHING, Missing.NEVER, vehicle_missing)
+            rows = np.flatnonzero(vehicle_missing == Missing.NOTHING)
             return vehicle_missing, self._from_fixed_mount(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
         gimbal, stated = self._gimbals[source], self._settings.frame
         found, missing = gimbal.stream.find(stamps_ns, ticks, watermark_ns)
-        rows = np.flatnonzero(missing == Missing.NO)
+        rows = np.flatnonzero(missing == Missing.NOTHING)
         if not len(rows):
             return missing, iter(())
         reference_attitude = vehicle_missing[rows]
@@ -234,13 +234,13 @@ class AttitudeSources:
         is_against_earth = np.array([frame is ReportFrame.EARTH for frame in frames])[evidence_index] & (before > 0)
         refusals = [refusal(source, evidence, stated) for evidence in known]
         is_refused = np.array([why is not None for why in refusals])[evidence_index]
-        own = np.where((reference_attitude != Missing.NO) & ~is_against_earth, reference_attitude, Missing.NO)
+        own = np.where((reference_attitude != Missing.NOTHING) & ~is_against_earth, reference_attitude, Missing.NOTHING)
         own = np.where(before != after, Missing.STALE, own)  # no rotation leads from one reference to the other
         own = np.where(is_refused, Missing.REFUSED, own)
         missing[rows] = np.where(reference_attitude == Missing.PENDING, reference_attitude, own)
         for row in np.flatnonzero(missing[rows] == Missing.REFUSED).tolist():
             batch.refusals[int(left[rows[row]])] = refusals[evidence_index[row]] or ""
-        rows = rows[missing[rows] == Missing.NO]
+        rows = rows[missing[rows] == Missing.NOTHING]
         query = GimbalQuery(stamps_ns[rows], ticks[rows], found.rows(rows), vehicle.rows(rows))
         return missing, self._from_gimbal(source, rows, query) if len(rows) else iter(())
 

@@ -1,8 +1,7 @@
 """Batches of poses out of attitudes, heights and places, in ENU over the station's ground; and why there is none."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import Final, cast
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -86,12 +85,12 @@ BY_GUESS: Final = "the vehicle has not said what UTC is: the receiving machine's
 BY_HOST: Final = "the vehicle has not said what UTC is: the stamp is the receiving machine's clock"
 
 
-def no_position_sample(missing: Missing, settings: HeightSettings) -> PoseSample:
+def no_position_refusal(missing: Missing, settings: HeightSettings) -> tuple[Status, tuple[str, ...]]:
     """Status and reason of a pose over ground of which nobody knows which part is below."""
     status, what = Status.NO_HEIGHT, "no position received yet"
     if missing is Missing.STALE:
         status, what = Status.STALE_TELEMETRY, no_position_reason(settings)
-    return PoseSample(stamp_ns=0, status=status, reasons=(f"{what}, and the ground is uneven",))
+    return status, (f"{what}, and the ground is uneven",)
 
 
 def no_position_reason(settings: HeightSettings) -> str:
@@ -146,12 +145,16 @@ class PoseInputs:
     @property
     def is_whole(self) -> BoolArray:
         """``(n,)`` whether there is a height and an attitude; a pose may come without a place."""
-        return np.asarray((self.heights.missing == Missing.NO) & (self.attitudes.missing == Missing.NO))
+        return np.asarray((self.heights.missing == Missing.NOTHING) & (self.attitudes.missing == Missing.NOTHING))
 
     def rows(self, rows: IntArray) -> "PoseInputs":
         """The parts of some poses by their indices ``(m,)``."""
         parts = self.heights.rows(rows), self.attitudes.rows(rows), self.vehicle_position.rows(rows)
         return PoseInputs(self.stamps_ns[rows], self.by_utc[rows], *parts)
+
+
+_Refusals: TypeAlias = dict[int, tuple[Status, tuple[str, ...]]]
+"""Why poses have no answer, by row."""
 
 
 class PoseMaker:
@@ -179,7 +182,7 @@ class PoseMaker:
     def _in_telemetry(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
         """Poses as the telemetry has them."""
         heights, attitudes, vehicle_position = inputs.heights, inputs.attitudes, inputs.vehicle_position
-        std, has_place = self._stds(heights.std_m, attitudes), vehicle_position.missing == Missing.NO
+        std, has_place = self._stds(heights.std_m, attitudes), vehicle_position.missing == Missing.NOTHING
         east_north_m = np.where(has_place[:, None], vehicle_position.east_north_m, 0.0)
         pose = Pose(
             position_enu_m=np.column_stack([east_north_m, heights.height_agl_m]),
@@ -240,15 +243,15 @@ class PoseMaker:
         columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc
         nowhere = f"{no_position_reason(self._settings.height)}: the place is not stated"
 
-        def with_remarks(sample: PoseSample, key: Hashable) -> PoseSample:
-            is_repeated, has_home, has_no_place, is_guess = cast("tuple[bool, ...]", key)
+        def with_remarks(sample: PoseSample, key: tuple[bool, ...]) -> PoseSample:
+            is_repeated, has_home, has_no_place, is_guess = key
             remarks = (
                 *clock.remarks(is_repeated=is_repeated),
                 *((HOME_MOVED,) if has_home else ()),
                 *((nowhere,) if has_no_place else ()),
                 *(((BY_GUESS if is_guess else BY_HOST),) if no_utc else ()),
             )
-            return replace(sample, reasons=(*sample.reasons, *remarks)) if remarks else sample
+            return replace(sample, reasons=(*sample.reasons, *remarks))
 
         poses = poses.with_variants(list(zip(*(column.tolist() for column in columns), strict=True)), with_remarks)
         if not np.any(columns[3]):
@@ -262,10 +265,11 @@ class PoseMaker:
         """Poses in ENU whose height may be counted from the surface below; or why they have no place there."""
         from_zero, missing = inputs.heights.is_above_home, inputs.vehicle_position.missing
         # A slope is alike everywhere.
-        is_unplaced = (missing != Missing.NO) & (from_zero | (not isinstance(ground, Plane)))
-        refused: list[PoseSample | None] = [None] * len(poses)
-        for row in np.flatnonzero(is_unplaced).tolist():
-            refused[row] = no_position_sample(Missing(missing[row]), self._settings.height)
+        is_unplaced = (missing != Missing.NOTHING) & (from_zero | (not isinstance(ground, Plane)))
+        refusals: _Refusals = {
+            row: no_position_refusal(Missing(missing[row]), self._settings.height)
+            for row in np.flatnonzero(is_unplaced).tolist()
+        }
         rows = np.flatnonzero(~is_unplaced)
         surface_m = poses.pose.position_enu_m[rows, :2] + inputs.heights.foot_m[rows]
         below = ground_below(ground, surface_m)
@@ -275,53 +279,38 @@ class PoseMaker:
             east, north = surface_m[k].tolist()
             where = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin"
             reason = f"{where}, is {below.what(below.status[k])}"
-            refused[rows[k]] = PoseSample(stamp_ns=0, status=CODES[below.status[k]], reasons=(reason,))
+            refusals[int(rows[k])] = CODES[below.status[k]], (reason,)
         height_m, slope = np.zeros(len(poses)), np.zeros((len(poses), 2))
         is_counted = ~from_zero[rows] & is_known
         height_m[rows[is_counted]], slope[rows[is_counted]] = below.height_m[is_counted], below.slope[is_counted]
-        over = replace(poses, pose=raised_by_ground(poses.pose, height_m, slope), datum_enu_m=height_m)
-        return _refused(over, refused)
+        pose = raised_by_ground(poses.pose, height_m, slope)
+        if refusals:
+            gone = list(refusals)
+            position_enu_m, wxyz, cov = pose.position_enu_m.copy(), pose.wxyz.copy(), pose.cov.copy()
+            position_enu_m[gone] = wxyz[gone] = cov[gone] = np.nan
+            pose = replace(pose, position_enu_m=position_enu_m, wxyz=wxyz, cov=cov)
+        return _refused(replace(poses, pose=pose, datum_enu_m=height_m), refusals)
 
     def _high_enough(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
         """Poses without an answer where they are below the least height."""
         minimum_m = self._settings.height.min_m
         is_low = (heights.height_agl_m < minimum_m) & (poses.status == CODE_OF[Status.OK])
-        if not np.any(is_low):
-            return poses
-        keys: list[str | None] = [None] * len(poses)
+        refusals: _Refusals = {}
         for row in np.flatnonzero(is_low).tolist():
             source, height_m = heights.order[heights.source[row]], heights.height_agl_m[row]
-            keys[row] = f"{source} says {height_m:.2f} m, the minimum is {minimum_m:g} m"
-
-        def with_reason(sample: PoseSample, reason: Hashable) -> PoseSample:
-            if reason is None:
-                return sample
-            return replace(sample, status=Status.BELOW_MIN_HEIGHT, reasons=(cast("str", reason),))
-
-        return poses.with_variants(keys, with_reason)
+            reason = f"{source} says {height_m:.2f} m, the minimum is {minimum_m:g} m"
+            refusals[row] = Status.BELOW_MIN_HEIGHT, (reason,)
+        return _refused(poses, refusals)
 
 
-def _refused(poses: PoseBatch, refused: list[PoseSample | None]) -> PoseBatch:
-    """Poses, without one where there is a refusal with its status and reasons instead."""
-    rows = np.array([each is not None for each in refused])
-    if not np.any(rows):
+def _refused(poses: PoseBatch, refusals: _Refusals) -> PoseBatch:
+    """Poses with the status and the reasons of their refusals."""
+    if not refusals:
         return poses
-    keys = [None if each is None else (each.status, each.reasons) for each in refused]
-
-    def with_refusal(sample: PoseSample, key: Hashable) -> PoseSample:
-        if key is None:
-            return sample
-        status, reasons = cast("tuple[Status, tuple[str, ...]]", key)
-        return replace(sample, status=status, reasons=reasons)
-
-    pose = poses.pose
-    without = replace(
-        pose,
-        position_enu_m=np.where(rows[:, None], np.nan, pose.position_enu_m),
-        wxyz=np.where(rows[:, None], np.nan, pose.wxyz),
-        cov=np.where(rows[:, None, None], np.nan, pose.cov),
+    return poses.with_variants(
+        [refusals.get(row) for row in range(len(poses))],
+        lambda sample, refusal: replace(sample, status=refusal[0], reasons=refusal[1]),
     )
-    return replace(poses.with_variants(keys, with_refusal), pose=without)
 
 
 def missing_poses(
@@ -340,11 +329,11 @@ def missing_poses(
     for row, stamp_ns in enumerate(inputs.stamps_ns.tolist()):
         height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])
         reasons = []
-        if height is not Missing.NO:
+        if height is not Missing.NOTHING:
             reasons.append(no_height_reason(height, settings.height))
         if attitude is Missing.REFUSED:
             reasons.append(inputs.attitudes.refusals[row])
-        elif attitude is not Missing.NO:
+        elif attitude is not Missing.NOTHING:
             reasons.append(missing_reason("camera attitude", attitude, limits.order, limits.max_gap_ns))
         if broken_off is not None:
             status, reasons = Status.CLOCK_JUMPED, [broken_off, *reasons]

@@ -191,10 +191,10 @@ class HeightSources:
                 far.setdefault(row, []).append(f"{source} is of a place more than {limit_m:g} m away, and is not taken")
             _take_values(found, left, values, source)
             left = left[np.isin(values.missing, (Missing.STALE, Missing.NEVER))]
-        known = np.flatnonzero(found.missing == Missing.NO)
+        known = np.flatnonzero(found.missing == Missing.NOTHING)
         disagreements = self._disagreements(stamps_ns, ticks, found, known, vehicle_at)
         for row in sorted(far.keys() | disagreements.keys()):
-            if found.missing[row] == Missing.NO:
+            if found.missing[row] == Missing.NOTHING:
                 found.reasons[row] = (*far.get(row, ()), *disagreements.get(row, ()))
         return found
 
@@ -240,11 +240,11 @@ class HeightSources:
             constant_m = HEIGHT_SOURCES[source].constant_m(self._settings)
             if constant_m is not None:
                 height_m[:], std_m[:], age_s[:] = constant_m, self._stated_std_m(source), 0.0
-            missing = np.where(np.isnan(height_m), Missing.NEVER, Missing.NO)
+            missing = np.where(np.isnan(height_m), Missing.NEVER, Missing.NOTHING)
             return _Values(height_m, std_m, age_s, foot_m, missing, is_far)
         stream = self._streams[source]
         found, missing = stream.find(stamps_ns, ticks, watermark_ns)
-        rows = np.flatnonzero(missing == Missing.NO)
+        rows = np.flatnonzero(missing == Missing.NOTHING)
         if len(rows):
             is_far[rows] = self._is_far(source, found.rows(rows), lat_lon_rad[rows])
             missing[is_far] = Missing.STALE
@@ -280,23 +280,23 @@ class HeightSources:
         """
         stream, count = self._streams[source], len(stamps_ns)
         values_m, std_m = stream.column("value_m"), self._std_m(source, found)
-        missing, foot_m = np.full(count, int(Missing.NO)), np.zeros((count, 2))
+        missing, foot_m = np.full(count, int(Missing.NOTHING)), np.zeros((count, 2))
         if not np.any(stream.column("slant")[found.before]):
             return found.linear(values_m), std_m, foot_m, missing
         at_stamp, missing = vehicle_at(stamps_ns, ticks, watermark_ns)
         beams = []
         for ends in (found.before, found.after):
             at_sample, lost = vehicle_at(stream.stamps_ns[ends], ticks, watermark_ns)
-            missing = np.where((missing == Missing.NO) & (lost == Missing.PENDING), lost, missing)
-            attitude = np.where((lost == Missing.NO)[:, None], at_sample, at_stamp)
+            missing = np.where((missing == Missing.NOTHING) & (lost == Missing.PENDING), lost, missing)
+            attitude = np.where((lost == Missing.NOTHING)[:, None], at_sample, at_stamp)
             beams.append(values_m[ends, None] * matrix(attitude)[:, :, 2])
         north, east, down = (beams[0] + found.weight[:, None] * (beams[1] - beams[0])).T
-        missing = np.where((missing == Missing.NO) & ~(down > 0), Missing.STALE, missing)  # it looks up
+        missing = np.where((missing == Missing.NOTHING) & ~(down > 0), Missing.STALE, missing)  # it looks up
         with np.errstate(invalid="ignore"):
             level_m = np.hypot(north, east)
             upright = down / np.hypot(level_m, down)
             leaning_m = np.hypot(upright * std_m, level_m * self._settings.lean_std_rad)
-        height_m = np.where(missing == Missing.NO, down, np.nan)
+        height_m = np.where(missing == Missing.NOTHING, down, np.nan)
         return height_m, leaning_m, np.stack([east, north], axis=-1), missing
 
     def _std_m(self, source: HeightSource, found: Brackets) -> FloatArray:
@@ -381,7 +381,7 @@ class HeightSources:
         nowhere = np.full((len(rows), 2), np.nan)
         own = self._values(source, when_ns, ticks, end, vehicle_at, nowhere)
         std_m = np.hypot(own.std_m, other_std_m)
-        is_known = (lost == Missing.NO) & (own.missing == Missing.NO)
+        is_known = (lost == Missing.NOTHING) & (own.missing == Missing.NOTHING)
         if only_beyond:
             is_known &= HeightDifference.is_step_beyond(other_m - own.height_m, std_m)
         return [
@@ -402,7 +402,7 @@ class HeightSources:
 
 def _take_values(found: HeightBatch, rows: IntArray, values: _Values, source: HeightSource) -> None:
     """Write what a source says at some rows into heights; of what is missing, stale outlasts never."""
-    is_known = values.missing == Missing.NO
+    is_known = values.missing == Missing.NOTHING
     at = rows[is_known]
     found.height_agl_m[at], found.std_m[at] = values.height_m[is_known], values.std_m[is_known]
     found.age_s[at], found.foot_m[at] = values.age_s[is_known], values.foot_m[is_known]

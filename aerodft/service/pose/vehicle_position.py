@@ -73,8 +73,10 @@ class VehiclePositions:
         found, missing = self.stream.find(stamps_ns, ticks, watermark_ns)
         places, velocity, lat_lon_alt = np.full((count, 2), np.nan), np.zeros((count, 3)), np.full((count, 3), np.nan)
         if self.origin is None:
-            return PositionBatch(places, velocity, lat_lon_alt, np.where(missing == Missing.NO, Missing.NEVER, missing))
-        rows = np.flatnonzero(missing == Missing.NO)
+            return PositionBatch(
+                places, velocity, lat_lon_alt, np.where(missing == Missing.NOTHING, Missing.NEVER, missing)
+            )
+        rows = np.flatnonzero(missing == Missing.NOTHING)
         if not len(rows):
             return PositionBatch(places, velocity, lat_lon_alt, missing)
         found = found.rows(rows)

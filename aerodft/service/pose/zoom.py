@@ -1,9 +1,8 @@
 """What one camera reports of its view at a stamp, held against the camera file."""
 
 import math
-from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 
@@ -115,7 +114,7 @@ class ViewReports:
         is_regular = (period_ns > 0) & (period_ns <= self.stream.max_gap_ns)
         newest_ns = samples_ns[np.maximum(end, 1) - 1]
         waits = is_last & (newest_ns < stamps_ns) & is_regular & (watermark_ns - newest_ns <= _LATE * period_ns)
-        missing = np.where(end == first, Missing.NEVER, np.where(waits, Missing.PENDING, Missing.NO))
+        missing = np.where(end == first, Missing.NEVER, np.where(waits, Missing.PENDING, Missing.NOTHING))
         missing = np.where((before < 0) & ~waits, Missing.NEVER, missing)
         is_silent = (period_ns > 0) & (age_s > np.maximum(self.stream.max_gap_ns, 3 * period_ns) / SECOND_NS)
         step_std = np.abs(change) * np.sqrt(weight * (1 - weight))
@@ -204,7 +203,7 @@ class CameraReports:
                 continue
             view = reports.at(stamps_ns[left], ticks[left], watermark_ns[left])
             found.is_pending[left] |= view.missing == Missing.PENDING
-            known = view.missing == Missing.NO
+            known = view.missing == Missing.NOTHING
             if source is not ZoomSource.CAMERA_SETTINGS or len(self._levels):
                 self._follow(found, left, known, source, view)
                 left = left[view.missing == Missing.NEVER]
@@ -269,7 +268,7 @@ class CameraReports:
             view = reports.at(stamps_ns, ticks, end_ns)
             said_rad = 2 * np.arctan(1 / view.value)
             std_rad = hfov_difference_std_rad(self._settings, source, self._camera)
-            is_apart = (view.missing == Missing.NO) & (np.abs(said_rad - expected_rad) > std_rad)
+            is_apart = (view.missing == Missing.NOTHING) & (np.abs(said_rad - expected_rad) > std_rad)
             for k in np.flatnonzero(is_apart).tolist():
                 sentence = (
                     f"{source} says hfov {math.degrees(said_rad[k]):.1f} deg, the camera file "
@@ -357,13 +356,13 @@ class ZoomSources:
         is_pending = np.logical_or.reduce([zoom.is_pending for zoom in found.values()]) & is_ok
         zoom = next(iter(found.values())) if len(found) == 1 else _of_several(found)
         keys = [
-            (zoom.sources[k], zoom.reasons[k], bool(zoom.is_unknown[k])) if is_ok[k] else (None, (), False)
+            (zoom.sources[k], zoom.reasons[k], bool(zoom.is_unknown[k])) if is_ok[k] else None
             for k in range(len(poses))
         ]
-        varied = poses.with_variants(keys, _varied)
+        zoomed = poses.with_variants(keys, _zoomed)
         is_zoomed = is_ok & ~zoom.is_unknown & ~np.isnan(zoom.magnification)
         numbers = np.where(is_zoomed[:, None], np.stack([zoom.magnification, zoom.std], axis=-1), poses.zoom)
-        return replace(varied, zoom=numbers), is_pending
+        return replace(zoomed, zoom=numbers), is_pending
 
 
 def _of_camera(track: CameraTrack, number: int) -> tuple[CameraTrack, BoolArray]:
@@ -372,9 +371,9 @@ def _of_camera(track: CameraTrack, number: int) -> tuple[CameraTrack, BoolArray]
     return track.rows(own, boot_ns=track.boot_ns), own
 
 
-def _varied(sample: PoseSample, key: Hashable) -> PoseSample:
+def _zoomed(sample: PoseSample, key: tuple[ZoomSource | None, tuple[str, ...], bool]) -> PoseSample:
     """A sample without its numbers, with a zoom of that source, reasons, and whether the focal length is unknown."""
-    source, reasons, is_unknown = cast("tuple[ZoomSource | None, tuple[str, ...], bool]", key)
+    source, reasons, is_unknown = key
     if is_unknown:
         return replace(sample, status=Status.CAMERA_ZOOMED, reasons=(*reasons, *sample.reasons))
     zoom = None if source is None else Zoom(magnification=math.nan, std=math.nan, source=source)

@@ -44,7 +44,7 @@ _WARNING_SHARE: Final = 0.8  # of the largest ratio
 _OF_THE_GIMBAL: Final = (GimbalSource.MOUNT_ORIENTATION, GimbalSource.MOUNT_STATUS)  # that cannot say so themselves
 
 
-class Facts(NamedTuple):
+class _Facts(NamedTuple):
     """What a verdict follows from; None for what was never said.
 
     Attributes:
@@ -75,15 +75,15 @@ class Facts(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class _Verdict:
     """What a vehicle's health means for a pose, as long as the facts stay what they are.
 
     Attributes:
         status: Of poses with faults.
         faults: Why there can be no answer, in sentences.
         remarks: What makes an answer worth less, in sentences.
-        failures: As in ``Facts``.
-        rivals: As in ``Facts``.
+        failures: As in ``_Facts``.
+        rivals: As in ``_Facts``.
         horizontal_std_m: The least that a place may have.
         has_place: Whether the receiver knows where it is.
     """
@@ -119,41 +119,25 @@ class Verdict:
         return replace(sample, origin=origin, reasons=(*sample.reasons, *remarks))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Verdicts:
-    """What the vehicle's health means for ``n`` poses.
-
-    Attributes:
-        each: All that there are.
-        verdict_index: ``(n,)`` which of these.
-    """
-
-    each: tuple[Verdict, ...]
-    verdict_index: IntArray
-
-    def applied(self, poses: PoseBatch) -> PoseBatch:
-        """Poses ``(n,)`` with their verdicts."""
-        stays = (poses.status == CODE_OF[Status.OK]) & ~self._refuses(poses)
-        least_m = np.array([verdict.horizontal_std_m for verdict in self.each])[self.verdict_index]
-        has_place = np.array([verdict.has_place for verdict in self.each], dtype=np.bool_)[self.verdict_index]
-        widened = _with_horizontal_std(poses, stays & poses.has_pose & (least_m > poses.std[:, HORIZONTAL]), least_m)
-        lat_lon_alt = np.where((stays & ~has_place)[:, None], np.nan, widened.lat_lon_alt)
-        keys = [None if verdict.is_silent else verdict for verdict in self.each]
-        placed = replace(widened, lat_lon_alt=lat_lon_alt)
-        return placed.with_variants(
-            [keys[k] for k in self.verdict_index.tolist()], lambda sample, verdict: verdict.applied(sample)
-        )
-
-    def _refuses(self, poses: PoseBatch) -> BoolArray:
-        """``(n,)`` as ``Verdict.refuses``."""
-        table = [[verdict.refuses(variant) for verdict in self.each] for variant in poses.variants]
-        return np.array(table, dtype=np.bool_)[poses.variant_index, self.verdict_index]
+def _with_verdicts(poses: PoseBatch, verdicts: Sequence[_Verdict], verdict_index: IntArray) -> PoseBatch:
+    """Poses ``(n,)``, each with the verdict of its index ``(n,)``."""
+    refused = [[verdict.refuses(variant) for verdict in verdicts] for variant in poses.variants]
+    is_refused = np.array(refused, dtype=np.bool_)[poses.variant_index, verdict_index]
+    stays = (poses.status == CODE_OF[Status.OK]) & ~is_refused
+    least_m = np.array([verdict.horizontal_std_m for verdict in verdicts])[verdict_index]
+    has_place = np.array([verdict.has_place for verdict in verdicts], dtype=np.bool_)[verdict_index]
+    widened = _with_horizontal_std(poses, stays & poses.has_pose & (least_m > poses.std[:, HORIZONTAL]), least_m)
+    placed = replace(widened, lat_lon_alt=np.where((stays & ~has_place)[:, None], np.nan, widened.lat_lon_alt))
+    keys = [None if verdict.is_silent else verdict for verdict in verdicts]
+    return placed.with_variants(
+        [keys[k] for k in verdict_index.tolist()], lambda sample, verdict: verdict.applied(sample)
+    )
 
 
-def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:
+def _verdict_on(facts: _Facts, limits: HealthSettings) -> _Verdict:
     """What the rules make of facts."""
     status, faults = _faults(facts, limits)
-    return Verdict(
+    return _Verdict(
         status=status,
         faults=tuple(faults),
         remarks=tuple(_remarks(facts, limits)),
@@ -164,12 +148,12 @@ def verdict_on(facts: Facts, limits: HealthSettings) -> Verdict:
     )
 
 
-def is_calm(ratios: FloatArray, has_attitude: FloatArray, limits: HealthSettings) -> BoolArray:
+def _is_calm(ratios: FloatArray, has_attitude: FloatArray, limits: HealthSettings) -> BoolArray:
     """Where nothing follows from what estimators said: test ratios ``(n, k)``, and whether there is an attitude."""
     return np.asarray((has_attitude != 0) & ~np.any(ratios >= _WARNING_SHARE * limits.max_ratio, axis=1))
 
 
-def _faults(facts: Facts, limits: HealthSettings) -> tuple[Status, list[str]]:
+def _faults(facts: _Facts, limits: HealthSettings) -> tuple[Status, list[str]]:
     """Why there can be no answer, in sentences; and the status of that."""
     faults = []
     if facts.is_silent:
@@ -186,7 +170,7 @@ def _faults(facts: Facts, limits: HealthSettings) -> tuple[Status, list[str]]:
     return status, faults
 
 
-def _remarks(facts: Facts, limits: HealthSettings) -> list[str]:
+def _remarks(facts: _Facts, limits: HealthSettings) -> list[str]:
     """What makes an answer worth less, in sentences."""
     remarks = []
     if facts.gps_fix is not None and facts.gps_fix < FIX_3D:
@@ -228,7 +212,7 @@ def _with_horizontal_std(poses: PoseBatch, rows: BoolArray, least_m: FloatArray)
 _LOG: Final = logging.getLogger(__name__)
 
 
-class RecentWarnings:
+class _RecentWarnings:
     """Sentences, each at once in the log when it is first heard, and of every stamp up to ``window_ns`` later."""
 
     def __init__(self, window_ns: int) -> None:
@@ -279,7 +263,7 @@ class HealthSources:
         self._heartbeat, self._gps = Stream(settings.heartbeat_ns), Stream(settings.gps_ns)
         self._estimator, self._link = Stream(settings.heartbeat_ns), Stream(settings.window_ns)
         self._resumed = Stream(settings.heartbeat_ns)  # when all had been silent before
-        self._rivals, self._failures = RecentWarnings(settings.window_ns), RecentWarnings(_GIMBAL_NS)
+        self._rivals, self._failures = _RecentWarnings(settings.window_ns), _RecentWarnings(_GIMBAL_NS)
         self._newest_ns: int | None = None
 
     def streams(self) -> tuple[Stream, ...]:
@@ -380,10 +364,10 @@ class HealthSources:
 
     def judged(self, poses: PoseBatch, ticks: IntArray) -> PoseBatch:
         """Poses with what follows for them, each as of a tick ``(n,)``: a status, a wider std, no place, remarks."""
-        return self._verdicts(poses.stamp_ns, ticks).applied(poses)
+        return _with_verdicts(poses, *self._verdicts(poses.stamp_ns, ticks))
 
-    def _verdicts(self, stamps_ns: IntArray, ticks: IntArray) -> Verdicts:
-        """What follows for poses at stamps ``(n,)``, each as of a tick ``(n,)``.
+    def _verdicts(self, stamps_ns: IntArray, ticks: IntArray) -> tuple[list[_Verdict], IntArray]:
+        """Verdicts on poses at stamps ``(n,)``, each as of a tick ``(n,)``; and which of them each pose has, ``(n,)``.
 
         Facts change a few times a second at most: the rules are gone through once for each of them.
         """
@@ -395,8 +379,8 @@ class HealthSources:
         rows = np.flatnonzero(is_other).tolist()
         facts = zip(*(column[rows].tolist() for column in columns), strict=True)
         keys = [(_Row(*values), failures[row], rivals[row]) for values, row in zip(facts, rows, strict=True)]
-        verdicts = {key: verdict_on(self._facts(*key), self._settings) for key in keys}
-        return Verdicts(tuple(verdicts[key] for key in keys), np.cumsum(is_other) - 1)
+        verdicts = {key: _verdict_on(self._facts(*key), self._settings) for key in keys}
+        return [verdicts[key] for key in keys], np.cumsum(is_other) - 1
 
     def _rows_and_flags(self, stamps_ns: IntArray, ticks: IntArray) -> tuple[IntArray | BoolArray, ...]:
         """Whether the autopilot is silent; the newest rows of the estimator and of GPS, and whether these are late."""
@@ -413,7 +397,7 @@ class HealthSources:
         if len(rows) <= 1 or self._estimator.is_empty:
             return rows
         ratios, has_attitude = (self._estimator.column(name)[rows] for name in ("ratios", "has_attitude"))
-        return np.where(is_calm(ratios, has_attitude, self._settings), -1, rows)
+        return np.where(_is_calm(ratios, has_attitude, self._settings), -1, rows)
 
     def _first_alike(self, rows: IntArray) -> IntArray:
         """Rows of GPS ``(n,)``, of those one after the other that say the same the first."""
@@ -424,11 +408,11 @@ class HealthSources:
         first = np.where(np.concatenate([[True], is_other]), np.arange(len(rows)), 0)
         return np.asarray(rows[np.maximum.accumulate(first)])
 
-    def _facts(self, row: "_Row", failures: tuple[str, ...], rivals: tuple[str, ...]) -> Facts:
+    def _facts(self, row: "_Row", failures: tuple[str, ...], rivals: tuple[str, ...]) -> _Facts:
         estimator, gps = row.estimator, row.gps
         speaks, knows = estimator >= 0 and not row.is_estimator_silent, gps >= 0
         of_gps, of_estimator = self._gps.column, self._estimator.column
-        return Facts(
+        return _Facts(
             is_silent=row.is_silent,
             has_attitude=bool(of_estimator("has_attitude")[estimator]) if speaks else None,
             ratios=tuple(zip(RATIOS, of_estimator("ratios")[estimator].tolist(), strict=True)) if speaks else (),

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from aerodft.adapters.config.evidence import LocalFrame
-from aerodft.cli.calibrate_report_grid import GAP, ground_grid, horizon_px, map_axes
-from aerodft.cli.calibrate_report_marks import from_foot, mark_of, pixels_of
+from aerodft.reports.calibration.ground_grid import GAP, ground_grid, horizon_px, map_axes
+from aerodft.reports.calibration.marks import from_foot, mark_of, pixels_of
 from aerodft.dft import equations
 from aerodft.model import (
     Camera,

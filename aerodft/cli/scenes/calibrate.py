@@ -11,10 +11,10 @@ import typer
 
 from aerodft.adapters.config.camera import FixedPose, load_camera, write_calibration
 from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
-from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
-from aerodft.cli.calibrate_unknowns import check_unknowns, names_from, unstated
-from aerodft.cli.calibrate_words import document, print_result, provenance, refusal, sentences
-from aerodft.cli.camera_mode import check_mode
+from calibration.diagnosis.likely_mistakes import Asked, cause_of_misfit
+from aerodft.app.calibrate.unknowns import check_unknowns, names_from, unstated
+from aerodft.reports.calibration.document import document, print_result, provenance, refusal, sentences
+from aerodft.adapters.images.camera_mode import check_mode
 from aerodft.cli.output import check_output, print_json, say
 from aerodft.errors import UsageError
 from aerodft.model import Camera, PoseStd, ProjectionModel
@@ -60,7 +60,7 @@ def calibrate(
     found = _evidence(observations, detect, crs, lens, names, model)
     check_against(found, lens)
     if found.flight is not None:
-        from aerodft.cli.calibrate_images import calibrate_flight
+        from aerodft.app.calibrate.flight import calibrate_flight
 
         calibrate_flight(found, lens, names, model, telemetry, camera, output, report, as_json=json)
         return
@@ -93,7 +93,7 @@ def _evidence(
     if detect is not None:
         if crs is not None:
             raise UsageError("--crs beside --detect", expected="it in the file of markers")
-        from aerodft.cli.detect import detected_evidence
+        from aerodft.app.calibrate.markers import detected_evidence
 
         return detected_evidence(detect, given, lens, names, model)
     if len(given) != 1:
@@ -105,7 +105,7 @@ def _evidence(
 def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None) -> None:
     result, found = asked.result, asked.found
     if report is not None:
-        from aerodft.cli.calibrate_report import write_report
+        from aerodft.reports.calibration.page import write_report
 
         write_report(result, found, report)
     if output is not None:

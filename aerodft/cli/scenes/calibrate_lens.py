@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.cli.lens_run import describe_lens, print_board_picture, run_lens, say_lens, write_camera_file
+from aerodft.app.calibrate_lens import describe_lens, print_board_picture, run_lens, say_lens, write_camera_file
 from aerodft.cli.output import check_output, print_json
 from aerodft.errors import UsageError
 from calibration.lens import DEFAULT_CHARUCO, LensChoice, parse_board
@@ -60,7 +60,7 @@ def calibrate_lens(
         write_camera_file(run, output)
         files.append(str(output))
     if report is not None:
-        from aerodft.cli.lens_report import write_lens_report
+        from aerodft.reports.lens import write_lens_report
 
         files += write_lens_report(run, report)
     if json:

@@ -9,8 +9,8 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.cli.calibrate_report_image import shortened
-from aerodft.cli.calibrate_report_marks import Row
+from aerodft.reports.calibration.picture import shortened
+from aerodft.reports.calibration.marks import Row
 from aerodft.model import FloatArray
 from calibration.flight import ImagesResult
 from calibration.pose import Result, correlations

@@ -10,7 +10,7 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.cli.lens_run import LensRun, notes, parameter_rows
+from aerodft.app.calibrate_lens import LensRun, notes, parameter_rows
 from aerodft.cli.output import output_folder
 from aerodft.model import FloatArray, LensModel
 from aerodft.version import SOFTWARE

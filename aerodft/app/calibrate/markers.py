@@ -12,8 +12,8 @@ import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_markers
 from aerodft.adapters.images import STILLS, Gathered, gather, image_files
-from aerodft.cli.calibrate_unknowns import check_unknowns
-from aerodft.cli.camera_mode import check_mode, refuse_other_size
+from aerodft.app.calibrate.unknowns import check_unknowns
+from aerodft.adapters.images.camera_mode import check_mode, refuse_other_size
 from aerodft.cli.output import progress_bar
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name

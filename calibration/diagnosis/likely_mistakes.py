@@ -9,8 +9,8 @@ import numpy as np
 
 from aerodft.adapters.config import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.cli.calibrate_groups import group_error, unseen_error
-from aerodft.cli.calibrate_readings import Points, Reading, columns_swapped, readings
+from calibration.diagnosis.landmark_groups import group_error, unseen_error
+from calibration.diagnosis.alternative_readings import Points, Reading, columns_swapped, readings
 from aerodft.errors import AerodftError, InputError, NoAnswerError
 from aerodft.model import Camera, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
 from calibration.pose import OUT_OF_SIGHT, Result, angles_deg, calibrate, expanded, said

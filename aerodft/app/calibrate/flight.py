@@ -9,14 +9,14 @@ from rich.table import Table
 
 from aerodft.adapters.config.camera import write_calibration
 from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.cli.calibrate_words import (
+from aerodft.reports.calibration.document import (
     fit_sentences,
     images_refusal,
     provenance,
     residual_table,
     result_document,
 )
-from aerodft.cli.image_views import views_of
+from aerodft.app.calibrate.image_poses import views_of
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import AerodftError, UsageError
 from aerodft.model import BIASES, BiasValues, Calibration, Camera, ProjectionModel
@@ -67,7 +67,7 @@ def calibrate_flight(
     if why_not is not None:
         raise why_not
     if report is not None:
-        from aerodft.cli.calibrate_report import write_images_report
+        from aerodft.reports.calibration.page import write_images_report
 
         write_images_report(result, found, images_document(result, found, None), report)
     if output is not None:

@@ -16,7 +16,7 @@ from rich.table import Table
 from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.images import Gathered, gather, image_files
-from aerodft.cli.camera_mode import common_mode
+from aerodft.adapters.images.camera_mode import common_mode
 from aerodft.cli.output import progress_bar, say, tables
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, LensModel

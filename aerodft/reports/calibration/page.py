@@ -14,11 +14,11 @@ import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, takes_degrees
 from aerodft.adapters.images import StillPixels
-from aerodft.cli.calibrate_report_grid import axes_of, ground_grid
-from aerodft.cli.calibrate_report_image import Picture, draw_picture
-from aerodft.cli.calibrate_report_marks import Row, rows_of, rows_of_images
-from aerodft.cli.calibrate_report_plots import draw_residuals
-from aerodft.cli.calibrate_words import decimals, document, values_of
+from aerodft.reports.calibration.ground_grid import axes_of, ground_grid
+from aerodft.reports.calibration.picture import Picture, draw_picture
+from aerodft.reports.calibration.marks import Row, rows_of, rows_of_images
+from aerodft.reports.calibration.residual_plots import draw_residuals
+from aerodft.reports.calibration.document import decimals, document, values_of
 from aerodft.cli.output import output_folder, say
 from aerodft.dft import INTRINSICS
 from aerodft.errors import InputError

@@ -9,85 +9,99 @@ import numpy as np
 
 from aerodft.adapters.config import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile
-from calibration.diagnosis.landmark_groups import group_error, unseen_error
-from calibration.diagnosis.alternative_readings import Points, Reading, columns_swapped, readings
-from aerodft.errors import AerodftError, InputError, NoAnswerError
+from aerodft.errors import AerodftError, InputError, NotDetermined
 from aerodft.model import Camera, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
-from calibration.pose import OUT_OF_SIGHT, Result, angles_deg, calibrate, expanded, said
+from calibration.diagnosis.alternative_readings import CompleteLandmarks, Reading, alternative_readings, columns_swapped
+from calibration.diagnosis.landmark_groups import common_error, unseen_error
+from calibration.pose import OUT_OF_SIGHT, Result, angles_deg, calibrate, display_unit, expanded
 
 _DOUBT: Final = 3.0  # how many times as large as stated residuals may be without a look for the cause
 _BETTER: Final = 4.0  # by how much another reading must fit better
 _ROUGH: Final = 10.0  # what a reading that fits may leave, in stated stds, which people state too small
-_FEWEST_TO_SPARE: Final = 2  # degrees of freedom: with none, anything fits
-_MOST_LEFT_OUT: Final = 0.2
-_MOST_UNSEEN: Final = 0.4  # share of what was left out, above which it is the camera that is wrong
-_MOST_ROLL_DEG, _MOST_TILT_DEG = 60.0, 120.0
+_MIN_DOF: Final = 2  # degrees of freedom: with none, anything fits
+_MAX_REJECTED: Final = 0.2
+_MAX_UNSEEN: Final = 0.4  # share of rejected observations, above which it is the camera that is wrong
+_MAX_ROLL_DEG, _MAX_TILT_DEG = 60.0, 120.0
 _WIDER, _PRECISER = 3.0, 10.0  # by which swapped columns are wider apart, and fit better for their width
 _PRIOR_STDS: Final = 6.0
 _GAP_M: Final = 10.0
 _POSE: Final = ("east", "north", "height", "tilt", "roll", "heading")
-_SAID: Final = {"east": "position", "north": "position"}
+_GROUP_OF: Final = {"east": "position", "north": "position"}
 
 _FOOT_M: Final = 0.3048
-_ALIKE: Final = 0.05
+_SIMILAR: Final = 0.05
 _DATUM_M: Final = (10.0, 120.0)  # by how much heights above the ellipsoid and above the sea differ
 _NEAR_M: Final = 2000.0
 _ANGLES: Final = {"tilt", "roll", "heading"}
-_TURNED: Final = {"roll", "heading"}
-_MILLIMETRES: Final = 0.1  # of the focal length in pixels, below which a number is none
+_FULL_TURN: Final = {"roll", "heading"}
+_MILLIMETRES: Final = 0.1  # of the focal length in pixels, below which a number is in millimetres
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asked:
-    """A calibration: what it was asked, and what it found."""
+class Attempt:
+    """A calibration that may not fit.
 
-    found: EvidenceFile
+    Attributes:
+        evidence: The file of evidence.
+        camera: The camera file's camera.
+        names: The unknowns that it was asked for.
+        model: Projection model.
+        result: What it found.
+    """
+
+    evidence: EvidenceFile
     camera: Camera
     names: tuple[str, ...]
     model: ProjectionModel
     result: Result
 
-    def trial(self, known: EvidenceSet, names: tuple[str, ...]) -> Result | None:
-        """Another calibration; None where it cannot be asked, or tells nothing, or gives no camera that hangs well."""
+    def variant(self, known: EvidenceSet, names: tuple[str, ...]) -> Result | None:
+        """A calibration of other evidence; None where there is none, or none with a camera that hangs well."""
         try:
             result = calibrate(known, self.camera, tuple(dict.fromkeys(names)), self.model)
         except ValueError:
             return None
         tilt_deg, roll_deg, _ = angles_deg(result.solution.state)
-        is_sound = result.weakest.is_determined and result.solution.dof >= _FEWEST_TO_SPARE
-        is_upright = abs(roll_deg) <= _MOST_ROLL_DEG and tilt_deg <= _MOST_TILT_DEG
-        is_one = np.count_nonzero(~result.solution.kept) <= _MOST_LEFT_OUT * len(result.solution.kept)
+        is_sound = result.weakest.is_determined and result.solution.dof >= _MIN_DOF
+        is_upright = abs(roll_deg) <= _MAX_ROLL_DEG and tilt_deg <= _MAX_TILT_DEG
+        is_one = np.count_nonzero(~result.solution.kept) <= _MAX_REJECTED * len(result.solution.kept)
         return result if is_sound and is_upright and is_one and misfit(result) <= _ROUGH else None
 
-    def is_better(self, trial: Result) -> bool:
-        """Whether a trial fits so much better than what was found that it cannot be chance."""
-        return _BETTER * max(misfit(trial), 1.0) <= misfit(self.result)
+    def is_better(self, variant: Result) -> bool:
+        """Whether a variant fits so much better than what was found that it cannot be chance."""
+        return _BETTER * max(misfit(variant), 1.0) <= misfit(self.result)
 
 
 def misfit(result: Result) -> float:
     """What four fifths of the observations are off by at most, in stated stds."""
     each = [left.sigma if math.isfinite(left.sigma) else OUT_OF_SIGHT for left in result.left]
-    return float(np.quantile(each, 1 - _MOST_LEFT_OUT)) if each else 0.0
+    return float(np.quantile(each, 1 - _MAX_REJECTED)) if each else 0.0
 
 
-def cause_of_misfit(asked: Asked) -> AerodftError | None:
+def likely_mistake(attempt: Attempt) -> AerodftError | None:
     """What is wrong with evidence that does not fit; None where it does, or where nothing explains it.
 
     Returns:
-        An :class:`InputError` that names it; a :class:`NoAnswerError` where unknowns are missing that nobody stated.
+        An :class:`InputError` that names it; :class:`NotDetermined` where unknowns are missing that nobody stated.
     """
-    swapped = _swapped_columns(asked)
+    swapped = _swapped_columns(attempt)
     if swapped is not None:
         return swapped
-    solution = asked.result.solution
-    if solution.scaled <= _DOUBT and np.all(solution.kept) and not _is_pulled(asked.result):
+    solution = attempt.result.solution
+    if solution.scaled <= _DOUBT and np.all(solution.kept) and not _is_pulled(attempt.result):
         return None
-    looks: tuple[Callable[[Asked], AerodftError | None], ...] = (_unasked, _prior, _groups, _reading, _zoom)
-    for look in looks:
-        if error := look(asked):
+    searches: tuple[Callable[[Attempt], AerodftError | None], ...] = (
+        _missing_unknowns,
+        _wrong_prior,
+        _landmark_group,
+        _other_reading,
+        _other_zoom,
+    )
+    for search in searches:
+        if error := search(attempt):
             return error
-    left_out = np.count_nonzero(~solution.kept)
-    return unseen_error(asked.found, asked.result) if left_out <= _MOST_UNSEEN * len(solution.kept) else None
+    rejected = np.count_nonzero(~solution.kept)
+    return unseen_error(attempt.evidence, attempt.result) if rejected <= _MAX_UNSEEN * len(solution.kept) else None
 
 
 def _is_pulled(result: Result) -> bool:
@@ -96,56 +110,58 @@ def _is_pulled(result: Result) -> bool:
     return bool(np.any(np.abs(residuals.values[residuals.owner < 0]) > _PRIOR_STDS))
 
 
-def _swapped_columns(asked: Asked) -> InputError | None:
-    """Also where both ways fit: few pixels that are close together fit whatever is wide."""
-    points, reading = Points.of(asked.found), columns_swapped(asked.found, asked.camera)
+def _swapped_columns(attempt: Attempt) -> InputError | None:
+    """Swapped pixels and places, also where both ways fit: few pixels close together fit whatever is wide."""
+    landmarks = CompleteLandmarks.of(attempt.evidence)
+    reading = columns_swapped(landmarks, attempt.camera)
     if reading is None:
         return None
-    narrow, wide = (float(np.max(np.ptp(each, axis=0))) for each in (points.pixels, points.places[:, :2]))
+    narrow, wide = (float(np.max(np.ptp(each, axis=0))) for each in (landmarks.pixels, landmarks.places[:, :2]))
     if wide < _WIDER * narrow:
         return None
-    trial = asked.trial(reading.known, reading.names)
-    if trial is None or not trial.rms_px or _PRECISER * trial.rms_px / wide > (asked.result.rms_px or 0.0) / narrow:
+    found, result = attempt.variant(reading.known, reading.names), attempt.result
+    if found is None or not found.rms_px or _PRECISER * found.rms_px / wide > (result.rms_px or 0.0) / narrow:
         return None
-    return _error(asked, reading, trial)
+    return _reading_error(attempt, reading, found)
 
 
-def _unasked(asked: Asked) -> NoAnswerError | None:
+def _missing_unknowns(attempt: Attempt) -> NotDetermined | None:
     """Unknowns that were neither asked for nor stated, and therefore taken as 0."""
-    given = {*expanded(asked.names), *asked.found.known.priors}
-    level = ("roll",) if asked.model is ProjectionModel.DFT else ()
-    missing = [name for name in _POSE if name not in given and name not in level]
-    if not missing or not any(isinstance(each, Landmark) for each in asked.found.known.evidence):
+    known = attempt.evidence.known
+    stated = {*expanded(attempt.names), *known.priors}
+    level = ("roll",) if attempt.model is ProjectionModel.DFT else ()
+    missing = [name for name in _POSE if name not in stated and name not in level]
+    if not missing or not any(isinstance(each, Landmark) for each in known.evidence):
         return None
-    trial = asked.trial(asked.found.known, (*asked.names, *missing))
-    if trial is None or not asked.is_better(trial):
+    variant = attempt.variant(known, (*attempt.names, *missing))
+    if variant is None or not attempt.is_better(variant):
         return None
-    more = list(dict.fromkeys(_SAID.get(name, name) for name in missing))
-    every = ",".join(dict.fromkeys((*asked.names, *more)))
-    return NoAnswerError(
+    more = list(dict.fromkeys(_GROUP_OF.get(name, name) for name in missing))
+    every = ",".join(dict.fromkeys((*attempt.names, *more)))
+    return NotDetermined(
         "no calibration",
-        where=asked.found.path,
+        where=attempt.evidence.path,
         got=f"neither {' nor '.join(more)} stated or asked for",
-        expected=f"--unknowns {every}, with which all fits{_fit(trial)}",
+        expected=f"--unknowns {every}, with which all fits{_fit(variant)}",
     )
 
 
-def _prior(asked: Asked) -> InputError | None:
+def _wrong_prior(attempt: Attempt) -> InputError | None:
     """A stated number of the camera that all observations contradict."""
-    known, best = asked.found.known, None
-    for names in _prior_groups(known, asked.names):
+    known, worst = attempt.evidence.known, None
+    for names in _prior_groups(known, attempt.names):
         others = {name: prior for name, prior in known.priors.items() if name not in names}
-        trial = asked.trial(EvidenceSet(evidence=known.evidence, priors=others), (*asked.names, *names))
-        if trial is None or (best is not None and misfit(trial) >= misfit(best.trial)):
+        variant = attempt.variant(EvidenceSet(evidence=known.evidence, priors=others), (*attempt.names, *names))
+        if variant is None or (worst is not None and misfit(variant) >= misfit(worst.variant)):
             continue
-        suspect = Suspect(names, {name: known.priors[name] for name in names}, trial)
+        suspect = _SuspectPrior(attempt.evidence, {name: known.priors[name] for name in names}, variant)
         if suspect.stds_off() > _PRIOR_STDS:
-            best = suspect
-    return None if best is None else prior_error(asked.found, best)
+            worst = suspect
+    return None if worst is None else worst.error()
 
 
-def _prior_groups(known: EvidenceSet, asked: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    stated = [name for name, prior in known.priors.items() if prior.std > 0 or name not in expanded(asked)]
+def _prior_groups(known: EvidenceSet, unknowns: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    stated = [name for name, prior in known.priors.items() if prior.std > 0 or name not in expanded(unknowns)]
     if "elevation" in stated:
         stated.remove("elevation")  # alone, landmarks do not tell it
     if place := tuple(name for name in ("east", "north") if name in stated):
@@ -153,158 +169,135 @@ def _prior_groups(known: EvidenceSet, asked: tuple[str, ...]) -> Iterator[tuple[
     yield from ((name,) for name in stated if name not in place)
 
 
-def _groups(asked: Asked) -> InputError | None:
-    """Landmarks that were left out, or of which those at other heights can be left out, and agree among themselves."""
-    if error := group_error(asked.found, asked.result):
+def _landmark_group(attempt: Attempt) -> InputError | None:
+    """Rejected landmarks that agree among themselves, or of which those at other heights agree without the rest."""
+    if error := common_error(attempt.evidence, attempt.result):
         return error
-    evidence = asked.found.known.evidence
-    ups_m = np.array([each.position_m[2] if isinstance(each, Landmark) else None for each in evidence], dtype=float)
+    known = attempt.evidence.known
+    ups_m = np.array([each.position_m[2] if isinstance(each, Landmark) else None for each in known.evidence], float)
     heights_m = np.sort(ups_m[np.isfinite(ups_m)])
     gaps_m = np.diff(heights_m)
     if not len(gaps_m) or np.max(gaps_m) < _GAP_M:
         return None
-    at = int(np.argmax(gaps_m))
-    is_low = np.isnan(ups_m) | (ups_m <= heights_m[at])
-    for most in (is_low, np.isnan(ups_m) | ~is_low):
-        known = replace(
-            asked.found.known, evidence=tuple(each for each, is_in in zip(evidence, most, strict=True) if is_in)
-        )
-        trial = asked.trial(known, asked.names)
-        if trial is not None and (error := group_error(asked.found, _of_all(trial, most))):
+    is_low = np.isnan(ups_m) | (ups_m <= heights_m[int(np.argmax(gaps_m))])
+    for used in (is_low, np.isnan(ups_m) | ~is_low):
+        evidence = tuple(each for each, is_used in zip(known.evidence, used, strict=True) if is_used)
+        variant = attempt.variant(replace(known, evidence=evidence), attempt.names)
+        if variant is None:
+            continue
+        kept = used.copy()  # what the variant has not seen counts as rejected
+        kept[used] = variant.solution.kept
+        whole = replace(variant, solution=replace(variant.solution, kept=kept))
+        if error := common_error(attempt.evidence, whole):
             return error
     return None
 
 
-def _of_all(trial: Result, most: np.ndarray) -> Result:
-    """The trial, with what it has not seen as left out."""
-    kept = most.copy()
-    kept[most] = trial.solution.kept
-    return replace(trial, solution=replace(trial.solution, kept=kept))
-
-
-def _reading(asked: Asked) -> InputError | None:
-    for reading in readings(asked.found, asked.camera, asked.names):
-        trial = asked.trial(reading.known, reading.names)
-        if trial is not None and asked.is_better(trial):
-            return _error(asked, reading, trial)
+def _other_reading(attempt: Attempt) -> InputError | None:
+    for reading in alternative_readings(attempt.evidence, attempt.camera, attempt.names):
+        variant = attempt.variant(reading.known, reading.names)
+        if variant is not None and attempt.is_better(variant):
+            return _reading_error(attempt, reading, variant)
     return None
 
 
-def _zoom(asked: Asked) -> InputError | None:
+def _other_zoom(attempt: Attempt) -> InputError | None:
     """Another focal length than the camera file's."""
-    if {"focal", "fx", "fy"} & {*asked.names, *asked.found.known.priors}:
+    if {"focal", "fx", "fy"} & {*attempt.names, *attempt.evidence.known.priors}:
         return None
-    trial = asked.trial(asked.found.known, (*asked.names, "focal"))
-    if trial is None or not asked.is_better(trial):
+    variant = attempt.variant(attempt.evidence.known, (*attempt.names, "focal"))
+    if variant is None or not attempt.is_better(variant):
         return None
-    index = trial.problem.unknowns.names.index("focal")
-    std_px = math.sqrt(trial.named_covariance[index, index])
-    if abs(trial.camera.fx_px - asked.camera.fx_px) <= _PRIOR_STDS * std_px:
+    index = variant.names.index("focal")
+    std_px = math.sqrt(variant.named_covariance[index, index])
+    if abs(variant.camera.fx_px - attempt.camera.fx_px) <= _PRIOR_STDS * std_px:
         return None
     return InputError(
         "the image is not of this camera's mode",
-        where=asked.found.path,
-        got=f"a focal length of {trial.camera.fx_px:.0f} px, with which all fits{_fit(trial)}",
-        expected=f'{asked.camera.fx_px:.0f} px, as camera "{asked.camera.name}" has',
+        where=attempt.evidence.path,
+        got=f"a focal length of {variant.camera.fx_px:.0f} px, with which all fits{_fit(variant)}",
+        expected=f'{attempt.camera.fx_px:.0f} px, as camera "{attempt.camera.name}" has',
         hint="take the camera file of the zoom and crop that the image was taken with, or add focal to --unknowns",
     )
 
 
-def _error(asked: Asked, reading: Reading, trial: Result) -> InputError:
-    got = "" if asked.result.rms_px is None else f"residuals of {misfit(asked.result):.0f} times the stated stds"
-    return InputError(reading.what, where=asked.found.path, got=got, hint=f"{reading.hint}: then all fits{_fit(trial)}")
+def _reading_error(attempt: Attempt, reading: Reading, variant: Result) -> InputError:
+    got = "" if attempt.result.rms_px is None else f"residuals of {misfit(attempt.result):.0f} times the stated stds"
+    hint = f"{reading.hint}: then all fits{_fit(variant)}"
+    return InputError(reading.what, where=attempt.evidence.path, got=got, hint=hint)
 
 
-def _fit(trial: Result) -> str:
-    return "" if trial.rms_px is None else f" to {trial.rms_px:.1f} px"
+def _fit(variant: Result) -> str:
+    return "" if variant.rms_px is None else f" to {variant.rms_px:.1f} px"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Suspect:
-    """Something stated of the camera, and the calibration without it.
+class _SuspectPrior:
+    """What is stated of the camera, of one unknown or of its place, and the calibration without it."""
 
-    Attributes:
-        names: Its unknowns.
-        priors: What is stated of them.
-        trial: The calibration.
-    """
-
-    names: tuple[str, ...]
+    evidence: EvidenceFile
     priors: dict[str, Prior]
-    trial: Result
+    variant: Result
 
     def off(self, name: str) -> float:
         """What is stated less what was found, SI."""
-        off = self.priors[name].value - self.trial.solution.state.value(name)
-        return math.remainder(off, 2 * math.pi) if name in _TURNED else off
+        off = self.priors[name].value - self.variant.solution.state.value(name)
+        return math.remainder(off, 2 * math.pi) if name in _FULL_TURN else off
 
     def stds_off(self) -> float:
         """How far the two are apart, in standard deviations of their difference."""
-        every = self.trial.problem.unknowns.names
-        variances = np.diag(self.trial.solution.covariance)
+        variances = dict(zip(self.variant.names, np.diag(self.variant.solution.covariance), strict=True))
         return max(
-            abs(self.off(name)) / math.sqrt(self.priors[name].std ** 2 + variances[every.index(name)])
-            for name in self.names
+            abs(self.off(name)) / math.sqrt(prior.std**2 + variances[name]) for name, prior in self.priors.items()
         )
 
+    def error(self) -> InputError:
+        """What is stated, about what fits instead, and what to do."""
+        state, name = self.variant.solution.state, next(iter(self.priors))
+        if name in _GROUP_OF:
+            stated_m = state.position_m.copy()
+            for axis, key in enumerate(("east", "north")):
+                if key in self.priors:
+                    stated_m[axis] = self.priors[key].value
+            key, stated, seen = "position", self._place(stated_m), self._place(state.position_m)
+        else:
+            key, scale = display_unit(name)
+            prior = self.priors[name]
+            spread = f" +- {scale * prior.std:.3g}" if prior.std else ""
+            stated, seen = f"{scale * prior.value:.6g}{spread}", f"{scale * state.value(name):.6g}"
+        return InputError(
+            f"the camera's {key} contradicts the observations",
+            where=self.evidence.path,
+            got=stated,
+            expected=f"about {seen}, as all fits without it",
+            hint=self._advice(name),
+        )
 
-def prior_error(found: EvidenceFile, suspect: Suspect) -> InputError:
-    """The sentence about it."""
-    state, names = suspect.trial.solution.state, suspect.names
-    if "east" in names or "north" in names:
-        key, stated, seen = "position", _place(found, suspect), _listed(found, state.position_m)
-    else:
-        name = names[0]
-        key, scale = said(name)
-        spread = f" +- {scale * suspect.priors[name].std:.3g}" if suspect.priors[name].std else ""
-        stated, seen = f"{scale * suspect.priors[name].value:.6g}{spread}", f"{scale * state.value(name):.6g}"
-    return InputError(
-        f"the camera's {key} contradicts the observations",
-        where=found.path,
-        got=stated,
-        expected=f"about {seen}, as all fits without it",
-        hint=_meant(found, suspect),
-    )
+    def _place(self, place_m: FloatArray) -> str:
+        """East and north, in the file's coordinates."""
+        east_north = self.evidence.frame.file_coordinates(place_m)[:2]
+        return f"[{', '.join(f'{value:.10g}' for value in east_north)}]"
 
-
-def _place(found: EvidenceFile, suspect: Suspect) -> str:
-    """What is stated of east and north, in the file's coordinates."""
-    place_m = suspect.trial.solution.state.position_m.copy()
-    for axis, name in enumerate(("east", "north")):
-        if name in suspect.priors:
-            place_m[axis] = suspect.priors[name].value
-    return _listed(found, place_m)
-
-
-def _listed(found: EvidenceFile, place_m: FloatArray) -> str:
-    return f"[{', '.join(f'{value:.10g}' for value in found.frame.file_coordinates(place_m)[:2])}]"
-
-
-def _meant(found: EvidenceFile, suspect: Suspect) -> str:
-    """What to do about it."""
-    name, on_map = suspect.names[0], found.frame.crs != LOCAL
-    prior, true = suspect.priors[name], suspect.trial.solution.state.value(name)
-    off_m = max(abs(suspect.off(each)) for each in suspect.names)
-    below_rad = abs(math.pi / 2 - prior.value - true)
-    cases = (
-        (name in _ANGLES and _alike(math.degrees(prior.value), true), "it looks like radians: write degrees"),
-        (
-            name == "tilt" and below_rad <= 3 * prior.std + math.radians(1.0),
-            "it looks like an angle below the horizon: tilt counts from straight down",
-        ),
-        (name == "height" and _alike(prior.value * _FOOT_M, true), "it looks like feet: write metres"),
-        (
-            name == "height" and on_map and _DATUM_M[0] <= off_m <= _DATUM_M[1],
-            "are heights of two datums mixed, above the ellipsoid and above the sea?",
-        ),
-        (name == "focal" and prior.value <= _MILLIMETRES * true, "it looks like millimetres: write pixels"),
-        (
-            name in ("east", "north") and on_map and off_m <= _NEAR_M,
-            "are places of two datums or projections mixed?",
-        ),
-    )
-    return next((meant for is_so, meant in cases if is_so), "correct it, or state a larger std")
+    def _advice(self, name: str) -> str:
+        prior, found = self.priors[name], self.variant.solution.state.value(name)
+        is_map, off_m = self.evidence.frame.crs != LOCAL, max(abs(self.off(each)) for each in self.priors)
+        below_rad = abs(math.pi / 2 - prior.value - found)
+        cases = (
+            (name in _ANGLES and _is_close(math.degrees(prior.value), found), "it looks like radians: write degrees"),
+            (
+                name == "tilt" and below_rad <= 3 * prior.std + math.radians(1.0),
+                "it looks like an angle below the horizon: tilt counts from straight down",
+            ),
+            (name == "height" and _is_close(prior.value * _FOOT_M, found), "it looks like feet: write metres"),
+            (
+                name == "height" and is_map and _DATUM_M[0] <= off_m <= _DATUM_M[1],
+                "are heights of two datums mixed, above the ellipsoid and above the sea?",
+            ),
+            (name == "focal" and prior.value <= _MILLIMETRES * found, "it looks like millimetres: write pixels"),
+            (name in _GROUP_OF and is_map and off_m <= _NEAR_M, "are places of two datums or projections mixed?"),
+        )
+        return next((advice for is_so, advice in cases if is_so), "correct it, or state a larger std")
 
 
-def _alike(value: float, other: float) -> bool:
-    return abs(value - other) <= _ALIKE * abs(other)
+def _is_close(value: float, other: float) -> bool:
+    return abs(value - other) <= _SIMILAR * abs(other)

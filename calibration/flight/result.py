@@ -31,17 +31,17 @@ from calibration.pose import (
     combined,
     covariance_of,
     descend,
+    display_unit,
     each_possible,
     eliminated,
     expanded,
     goodness,
     ground_error_m,
     joined,
-    left_of_each,
     natural_size,
     own_steps,
+    residuals_of,
     rms_px,
-    said,
     start_state,
     without_outliers,
 )
@@ -63,7 +63,7 @@ _MORE = "add images with other headings, heights and speeds, and landmarks all o
 _GROUND = ("elevation", "focal", "fx", "fy", "cx", "cy")
 _LENS_OF_THE_PAPER = ("elevation", "focal", "fx", "fy")
 _DEG = 180.0 / np.pi
-_SAID = {
+_DISPLAY_UNITS = {
     "height": ("height_bias_m", 1.0),
     "tilt": ("tilt_bias_deg", _DEG),
     "roll": ("roll_bias_deg", _DEG),
@@ -207,18 +207,19 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
     )
 
 
-def images_leftovers(problem: ImagesProblem, solution: ImagesSolution) -> tuple[ObservationResidual, ...]:
+def image_observation_residuals(problem: ImagesProblem, solution: ImagesSolution) -> tuple[ObservationResidual, ...]:
     """All observations, in their order."""
     reduced, residuals = solution.normal.reduced(), solution.residuals
-    ground, left_out = [], []
+    ground_m: list[float | None] = []
+    loo_ground_m: list[float | None] = []
     for index, (evidence, image) in enumerate(zip(problem.evidence, problem.image_of, strict=True)):
         span = residuals.rows[image]
         rows = np.flatnonzero(residuals.owner[span] == index) + span.start
         camera = solution.cameras[image]
         without = _without(problem, solution, reduced, image, rows) if solution.kept[index] else camera
-        ground.append(ground_error_m(camera, evidence))
-        left_out.append(None if without is None else ground_error_m(without, evidence))
-    return left_of_each(problem.evidence, residuals, solution.kept, ground, left_out)
+        ground_m.append(ground_error_m(camera, evidence))
+        loo_ground_m.append(None if without is None else ground_error_m(without, evidence))
+    return residuals_of(problem.evidence, residuals, solution.kept, ground_m, loo_ground_m)
 
 
 def _without(
@@ -294,14 +295,24 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
         return self.problem.unknowns.names
 
     @property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """The observations of all images, in the order of their residuals."""
+        return self.problem.evidence
+
+    @property
+    def display_units(self) -> dict[str, float]:
+        """Of each unknown: its name with its unit, and what its SI value is multiplied with."""
+        return dict(_DISPLAY_UNITS.get(name) or display_unit(name) for name in self.names)
+
+    @property
     def named_values(self) -> dict[str, float]:
         """Values by the names that people see, in the order of the unknowns; a height is above the ground."""
         state = self.solution.state
-        values = {}
-        for name in self.names:
-            key, scale = said_of_images(name)
-            values[key] = scale * (state.value(name) - (self.ground_m if name == "height" else 0.0))
-        return values
+        heights = {"height": state.value("height") - self.ground_m} if "height" in self.names else {}
+        return {
+            key: scale * heights.get(name, state.value(name))
+            for name, (key, scale) in zip(self.names, self.display_units.items(), strict=True)
+        }
 
     @property
     def ground_m(self) -> float:
@@ -326,11 +337,6 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
         """The camera with what was found of its lens, and how well."""
         to = self.problem.unknowns.to_shared(self.solution.state)[len(BIASES) :]
         return self.solution.state.base.camera.with_covariance(np.asarray(to @ self.solution.covariance @ to.T))
-
-
-def said_of_images(name: str) -> tuple[str, float]:
-    """A shared unknown's name for people, with its unit, and what its SI value is multiplied with."""
-    return _SAID.get(name) or said(name)
 
 
 def shared_unknowns(
@@ -376,6 +382,6 @@ def calibrate_images(
     lens = {name: prior for name, prior in priors.items() if name not in BIASES}
     start = ImagesState(start_state(lens, camera, model), biases, np.zeros((len(views), OWN)))
     solution = solve_images(problem, start)
-    left = images_leftovers(problem, solution)
+    left = image_observation_residuals(problem, solution)
     weakest = images_observability(problem, solution, frozenset(expanded(names)))
     return ImagesResult(problem, solution, left, rms_px(problem.evidence, left), weakest)

@@ -37,6 +37,7 @@ from calibration.lens.adjustment import (
     residuals_px,
     with_coefficients,
 )
+from calibration.lens.board import Board
 
 MOST_VIEWS: Final = 40
 _CELLS: Final = (9, 6)  # of the image, across and down
@@ -145,21 +146,21 @@ def without_outliers(
         Views, their bundle, and the views that were left out with the rms (px) that each had then.
     """
     views, bundle = _without_strays(views, bundle)
-    left_out: list[tuple[View, float]] = []
+    rejected: list[tuple[View, float]] = []
     most = int(_MOST_LEFT_OUT * len(views))
-    while len(left_out) < most and len(views) > FEWEST_VIEWS:
+    while len(rejected) < most and len(views) > FEWEST_VIEWS:
         corners = Corners.of(views)
         rms = view_rms_px(residuals_px(bundle, corners), corners)
         worst = int(np.argmax(rms))
         if not rms[worst] > _OUTLYING * float(np.median(rms)):
             break
-        left_out.append((views[worst], float(rms[worst])))
+        rejected.append((views[worst], float(rms[worst])))
         views = (*views[:worst], *views[worst + 1 :])
         rest = np.arange(len(rms)) != worst
         bundle = _solved_again(views, Bundle(bundle.camera, bundle.rotations[rest], bundle.translations_m[rest]))
-    if left_out:
+    if rejected:
         views, bundle = _without_strays(views, bundle)
-    return views, bundle, tuple(left_out)
+    return views, bundle, tuple(rejected)
 
 
 def view_rms_px(off_px: FloatArray, corners: Corners) -> FloatArray:
@@ -214,7 +215,7 @@ class LensSolution:
         bundle: The boards' poses in them.
         off_px: ``(n, 2)``: projected less seen.
         std_px: Of one coordinate of a corner, from the residuals.
-        left_out: Views that disagree with all others, with the rms (px) that each had when it was left out.
+        rejected: Views that disagree with all others, with the rms (px) that each had when it was left out.
         strays: How many single corners were left out of the views, by name.
         bic_gain: How much the Bayesian information criterion falls with k3 (brown, where it was kept if that is above
             0), or with k4, k5, k6 (rational); None for others.
@@ -226,7 +227,7 @@ class LensSolution:
     bundle: Bundle
     off_px: FloatArray
     std_px: float
-    left_out: tuple[tuple[View, float], ...]
+    rejected: tuple[tuple[View, float], ...]
     strays: dict[str, int]
     bic_gain: float | None
 
@@ -259,7 +260,7 @@ def solve_lens(
     check_before(views, size_px)
     bundle = _begin(Corners.of(views), lens, size_px)
     seen = {view.name: len(view.ids) for view in views}
-    views, bundle, left_out = without_outliers(views, bundle)
+    views, bundle, rejected = without_outliers(views, bundle)
     corners = Corners.of(views)
     bundle, gain, weights = _with_coefficients_of(lens, bundle, corners)
     cov, std_px = covariance(bundle, corners, weights)
@@ -271,7 +272,7 @@ def solve_lens(
         bundle=bundle,
         off_px=residuals_px(bundle, corners),
         std_px=std_px,
-        left_out=left_out,
+        rejected=rejected,
         strays={view.name: lost for view in views if (lost := seen[view.name] - len(view.ids))},
         bic_gain=gain,
     )
@@ -346,6 +347,27 @@ class Choice:
     blurred: tuple[View, ...]
     duplicates: tuple[View, ...]
     surplus: tuple[View, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensFit:
+    """One lens calibration, from its images to its answer.
+
+    Attributes:
+        board: The board.
+        lens: What the lens was to be described by.
+        size_px: Width and height of all images.
+        images: How many were looked at.
+        choice: Which of those that show the board were used.
+        solution: The lens.
+    """
+
+    board: Board
+    lens: LensChoice
+    size_px: tuple[int, int]
+    images: int
+    choice: Choice
+    solution: LensSolution
 
 
 def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MOST_VIEWS) -> Choice:

@@ -48,7 +48,7 @@ class Judgement:
         false: Why a sighting cannot be true, by id.
         misses: Of each of the others, where the rest determines the camera without it.
         is_checked: There is more evidence than unknowns, so that a false one would have been noticed.
-        contradiction: Why the evidence cannot be used, though nothing tells which part of it is false; empty where it
+        conflict: Why the evidence cannot be used, though nothing tells which part of it is false; empty where it
             can.
     """
 
@@ -56,7 +56,7 @@ class Judgement:
     false: dict[int, str]
     misses: tuple[Miss, ...]
     is_checked: bool
-    contradiction: str
+    conflict: str
 
 
 def judge(
@@ -91,8 +91,8 @@ def judge(
         result = answer(known)
     trusted = [marker for marker in seen if marker not in false]
     misses = tuple(_misses(known, trusted, seen, answer)) if _determined(result) else ()
-    why_not = _contradiction(result, seen, trusted, sides_m)
-    return Judgement(known, false, misses, is_checked=result.solution.dof > 0, contradiction=why_not)
+    why_not = _conflict(result, seen, trusted, sides_m)
+    return Judgement(known, false, misses, is_checked=result.solution.dof > 0, conflict=why_not)
 
 
 def _determined(result: Result) -> bool:
@@ -100,7 +100,7 @@ def _determined(result: Result) -> bool:
     return result.weakest.std_share <= LIMIT * result.solution.scaled
 
 
-def _contradiction(
+def _conflict(
     result: Result, seen: Mapping[int, MarkerSighting], trusted: list[int], sides_m: Mapping[int, float]
 ) -> str:
     if not _determined(result):

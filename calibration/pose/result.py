@@ -61,7 +61,7 @@ _ADD: Final = (
     ({"elevation"}, "add landmarks of known height"),
 )
 _DEG: Final = math.degrees(1.0)
-_SAID = {
+_DISPLAY_UNITS = {
     "height": ("height_agl_m", 1.0),
     "tilt": ("tilt_deg", _DEG),
     "roll": ("roll_deg", _DEG),
@@ -152,7 +152,7 @@ class ObservationResidual:
         sigma: The same in standard deviations; infinite likewise.
         ground_m: Distance on the ground, m: of a landmark's pixel from its place, of a range from what was measured;
             None for what has no place.
-        left_out_ground_m: The same with a fit that has not seen it, which says how well the next one would be measured.
+        loo_ground_m: The same with a fit that has not seen it, which says how well the next one would be measured.
         is_outlier: It was left out of the fit.
     """
 
@@ -160,23 +160,23 @@ class ObservationResidual:
     px: float
     sigma: float
     ground_m: float | None
-    left_out_ground_m: float | None
+    loo_ground_m: float | None
     is_outlier: bool
 
 
-def leftovers(problem: Problem, solution: Solution) -> tuple[ObservationResidual, ...]:
+def observation_residuals(problem: Problem, solution: Solution) -> tuple[ObservationResidual, ...]:
     """All observations, in their order."""
     steps = steps_without_each(solution)
-    ground, left_out = _on_the_ground(problem, solution, np.zeros_like(steps)), _on_the_ground(problem, solution, steps)
-    return left_of_each(problem.known.evidence, solution.residuals, solution.kept, ground, left_out)
+    ground_m, loo_ground_m = (_on_the_ground(problem, solution, step) for step in (np.zeros_like(steps), steps))
+    return residuals_of(problem.known.evidence, solution.residuals, solution.kept, ground_m, loo_ground_m)
 
 
-def left_of_each(
+def residuals_of(
     evidence: Sequence[Evidence],
     residuals: Rows,
     kept: np.ndarray,
     ground_m: Sequence[float | None],
-    left_out_ground_m: Sequence[float | None],
+    loo_ground_m: Sequence[float | None],
 ) -> tuple[ObservationResidual, ...]:
     """What is left in the image, beside what is left on the ground; as the fields of ``ObservationResidual``."""
     seen = residuals.owner >= 0
@@ -193,7 +193,7 @@ def left_of_each(
             px.tolist(),
             sigma.tolist(),
             ground_m,
-            left_out_ground_m,
+            loo_ground_m,
             (~kept).tolist(),
         )
     )
@@ -400,6 +400,21 @@ class Result(Outcome[Problem, Solution]):
     """What a calibration of one camera found."""
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of the unknowns, in the order of their covariance."""
+        return self.problem.unknowns.names
+
+    @property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """The observations, in the order of their residuals."""
+        return self.problem.known.evidence
+
+    @property
+    def display_units(self) -> dict[str, float]:
+        """Of each unknown: its name with its unit, and what its SI value is multiplied with."""
+        return dict(map(display_unit, self.names))
+
+    @property
     def camera(self) -> Camera:
         """The camera with its lens as found or known, and how well."""
         return self.solution.state.camera.with_covariance(self.solution.joint[INTRINSICS, INTRINSICS])
@@ -407,7 +422,7 @@ class Result(Outcome[Problem, Solution]):
     @property
     def named_covariance(self) -> FloatArray:
         """``(n, n)`` of the unknowns as people see them, see :func:`above_ground`."""
-        return above_ground(self.problem.unknowns.names, self.solution.covariance)
+        return above_ground(self.names, self.solution.covariance)
 
     @property
     def pose_covariance(self) -> FloatArray:
@@ -430,14 +445,14 @@ def above_ground(names: tuple[str, ...], covariance: FloatArray) -> FloatArray:
     return np.asarray(np.where(np.isnan(cov), np.inf, cov))
 
 
-def said(name: str) -> tuple[str, float]:
+def display_unit(name: str) -> tuple[str, float]:
     """An unknown's name for people, with its unit, and what its SI value is multiplied with."""
-    return _SAID.get(name, (name, 1.0))
+    return _DISPLAY_UNITS.get(name, (name, 1.0))
 
 
 def possible_unknowns(camera: Camera) -> tuple[str, ...]:
     """What may be asked for of a camera: single unknowns and groups of them."""
-    return (*_SAID, *coefficient_names(camera), *GROUPS)
+    return (*_DISPLAY_UNITS, *coefficient_names(camera), *GROUPS)
 
 
 def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> Unknowns:
@@ -483,7 +498,7 @@ def calibrate(
     Args:
         known: Observations and priors. A prior with a std of 0 is exact, or where to start from if it is asked for.
         camera: The camera; what is not asked for stays, and is as uncertain as the camera says.
-        names: What is asked for, see ``said``; also ``position`` and ``principal_point``.
+        names: What is asked for, see ``display_unit``; also ``position`` and ``principal_point``.
         model: Projection model.
 
     Raises:
@@ -495,7 +510,7 @@ def calibrate(
     start = start_state(known.priors, camera, model)
     guessed = set(unknowns.names) <= {*known.priors, "focal", "fx", "fy", "cx", "cy", *coefficient_names(camera)}
     solution = solve(problem, start, guess_is_good=guessed)
-    left, weakest = leftovers(problem, solution), observability(problem, solution)
+    left, weakest = observation_residuals(problem, solution), observability(problem, solution)
     solution = with_lens(problem, solution, camera, frozenset(known.priors))
     return Result(problem, solution, left, rms_px(known.evidence, left), weakest)
 

@@ -199,11 +199,11 @@ class Solution(Fit[State, Residuals]):
 
     Attributes:
         joint: ``(s, s)`` of the errors of ``dft.projection``, of which the unknowns are combinations.
-        rival: Another camera that the evidence fits as well; None where there is only one.
+        alternative: Another camera that the evidence fits as well; None where there is only one.
     """
 
     joint: FloatArray
-    rival: State | None = None
+    alternative: State | None = None
 
 
 def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Solution:
@@ -221,7 +221,7 @@ def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Sol
     best = _cheapest(ends)
     best, kept = without_outliers(problem, best, len(problem.known.evidence), len(problem.unknowns.names))
     solution = _solution(problem, best, kept)
-    return replace(solution, rival=_rival(problem, solution, ends))
+    return replace(solution, alternative=_alternative(problem, solution, ends))
 
 
 def without_outliers(
@@ -256,11 +256,11 @@ def _with_forgiven(
     Of few observations some always agree by chance, and the others look wrong beside them.
     """
     squares, _ = _by_owner(best.residuals)
-    left_out = np.flatnonzero(~kept)
+    outliers = np.flatnonzero(~kept)
     chosen, least = (best, kept), _unlikeliness(best.residuals, kept)
-    for count in range(len(left_out), 0, -1) if len(left_out) <= _FORGIVABLE else ():
+    for count in range(len(outliers), 0, -1) if len(outliers) <= _FORGIVABLE else ():
         with_more = kept.copy()
-        with_more[left_out[np.argsort(squares[left_out])][:count]] = True
+        with_more[outliers[np.argsort(squares[outliers])][:count]] = True
         other = descend(problem, best.state, None, with_more)
         unlikely = _unlikeliness(other.residuals, with_more)
         if unlikely <= least:
@@ -398,7 +398,7 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     )
 
 
-def _rival(problem: Problem, solution: Solution, ends: list[End]) -> State | None:
+def _alternative(problem: Problem, solution: Solution, ends: list[End]) -> State | None:
     """Another end that chance does not tell from the solution: its mirror image, or one of three points' four."""
     names = problem.unknowns.names
     stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))

@@ -184,7 +184,7 @@ def test_from_nothing_the_same_minimum_is_found_as_from_the_truth(camera, lens):
         corners = Corners.of(views)
         from_truth = adjust(true_bundle(camera, rotations, moves), corners)
         found = solve_lens(views, SIZE, lens)
-        if found.left_out or found.strays or len(found.camera.distortion) != 4:
+        if found.rejected or found.strays or len(found.camera.distortion) != 4:
             continue  # another problem was solved, as it may be
         stds = np.sqrt(np.diag(found.camera.covariance))
         off = np.abs(intrinsics_of(found.camera) - intrinsics_of(from_truth.camera))

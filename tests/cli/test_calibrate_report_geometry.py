@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from aerodft.adapters.config.evidence import LocalFrame
-from aerodft.reports.calibration.ground_grid import GAP, ground_grid, horizon_px, map_axes
-from aerodft.reports.calibration.marks import from_foot, mark_of, pixels_of
 from aerodft.dft import equations
 from aerodft.model import (
     Camera,
@@ -27,6 +25,8 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
+from aerodft.reports.calibration.ground_grid import GAP, ground_grid, horizon_px, map_axes
+from aerodft.reports.calibration.marks import from_foot, mark_of, pixels_of
 from calibration.pose import State
 
 MICRO_PX, MILLIMETRE = 1e-6, 1e-3

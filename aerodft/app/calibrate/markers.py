@@ -1,4 +1,4 @@
-"""``aerodft calibrate --detect``: evidence from surveyed markers that images show."""
+"""Evidence from surveyed markers that images show."""
 
 import math
 import os
@@ -11,10 +11,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_markers
-from aerodft.adapters.images import STILLS, Gathered, gather, image_files
-from aerodft.app.calibrate.unknowns import check_unknowns
-from aerodft.adapters.images.camera_mode import check_mode, refuse_other_size
-from aerodft.cli.output import progress_bar
+from aerodft.adapters.images import STILLS, Gathered, check_mode, gather, image_files, refuse_other_size
+from aerodft.app.calibrate.checks import check_unknowns
+from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
 from calibration.markers import LEAST_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
@@ -26,11 +25,11 @@ _MOVED_PX, _MOVED_STDS = 2.0, 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """What one image shows."""
+class _Sightings:
+    """The surveyed markers that one image shows, by their ids."""
 
     name: str
-    sightings: dict[int, MarkerSighting]
+    by_id: dict[int, MarkerSighting]
 
 
 def detected_evidence(
@@ -39,6 +38,7 @@ def detected_evidence(
     camera: Camera,
     names: tuple[str, ...],
     model: ProjectionModel = ProjectionModel.PINHOLE,
+    progress: Progress = no_progress,
 ) -> EvidenceFile:
     """Evidence from markers: all that their file says, with a landmark for each that is seen and can be true.
 
@@ -46,11 +46,12 @@ def detected_evidence(
         markers: File of surveyed markers.
         images: Stills, folders or videos of one view: the camera stands still.
         camera: Whose images they are.
-        names: What the evidence is for: the unknowns that markers must agree on, as ``calibration.result`` names them.
+        names: What the evidence is for: the unknowns that markers must agree on, as ``calibration.pose`` names them.
         model: Projection model.
+        progress: Called with thousandths of the images.
 
     Returns:
-        The evidence, and in ``notes`` what was not seen, what was left out and why, and how far poses miss a marker
+        The evidence, and in ``notes`` what was not seen, what was rejected and why, and how far poses miss a marker
         that they have not seen.
 
     Raises:
@@ -65,7 +66,7 @@ def detected_evidence(
         raise UsageError("--detect", got="no images", expected="images, a folder of images or a video")
     paths = tuple(image_files(images))
     doubts = check_mode(paths, camera)
-    seen, first = _look(file, paths, camera)
+    seen, first = _look(file, paths, camera, progress)
     together, moved = _combined(seen, camera)
     if not together:
         raise _nothing(file, first, len(seen))
@@ -76,35 +77,36 @@ def detected_evidence(
     check_unknowns(names, found.known, camera, model)
     sides_m = {marker: each.side_m for marker, each in file.survey.by_id.items() if each.side_m is not None}
     judgement = judge(found.known, together, sides_m, partial(calibrate, camera=camera, names=names, model=model))
-    if judgement.contradiction:
+    if judgement.conflict:
         hint = "check ids, places, side_m and std_m, or add markers"
-        got = f"{_ids(together)}: {judgement.contradiction}"
+        got = f"{_ids(together)}: {judgement.conflict}"
         raise NoAnswerError("the markers contradict each other", where=markers, got=got, hint=hint)
-    unseen = sorted(set(file.survey.by_id) - {marker for each in seen for marker in each.sightings})
+    unseen = sorted(set(file.survey.by_id) - {marker for each in seen for marker in each.by_id})
     notes = (*doubts, *_notes(unseen, moved, together, judgement))
     kept = {each.name for each in judgement.known.evidence}
     stated = (each for each, evidence in zip(found.stated, found.known.evidence, strict=True) if evidence.name in kept)
     return replace(found, known=judgement.known, stated=tuple(stated), notes=notes, image_paths=paths)
 
 
-def _look(file: MarkersFile, images: Sequence[Path], camera: Camera) -> tuple[list[_Seen], Gathered]:
+def _look(
+    file: MarkersFile, images: Sequence[Path], camera: Camera, progress: Progress
+) -> tuple[list[_Sightings], Gathered]:
     """What every image shows, and the first image."""
-    seen: list[_Seen] = []
+    seen: list[_Sightings] = []
     first: Gathered | None = None
-    with progress_bar("looking for markers", 0, _PROGRESS) as advance:
-        for image in gather(images):
-            first = first or image
-            height_px, width_px = image.pixels.shape[:2]
-            refuse_other_size((width_px, height_px), camera, image.name)
-            found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
-            seen.append(_Seen(image.name, _each_once(found, file, image.name)))
-            advance(round(_PROGRESS * image.done))
+    for image in gather(images):
+        first = first or image
+        height_px, width_px = image.pixels.shape[:2]
+        refuse_other_size((width_px, height_px), camera, image.name)
+        found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
+        seen.append(_Sightings(image.name, _by_id(found, file, image.name)))
+        progress(round(_PROGRESS * image.done), _PROGRESS)
     if first is None:
         raise InputError("no image could be read", where=images[0], expected="images, folders of images or videos")
     return seen, first
 
 
-def _each_once(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> dict[int, MarkerSighting]:
+def _by_id(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> dict[int, MarkerSighting]:
     """The sightings of surveyed markers by id."""
     surveyed, once = file.survey.by_id, dict[int, MarkerSighting]()
     for each in found:
@@ -130,17 +132,17 @@ def _each_once(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -
     return once
 
 
-def _combined(seen: Sequence[_Seen], camera: Camera) -> tuple[dict[int, MarkerSighting], dict[int, float]]:
+def _combined(seen: Sequence[_Sightings], camera: Camera) -> tuple[dict[int, MarkerSighting], dict[int, float]]:
     """One sighting of each marker from all images, and by how many px others moved between them."""
     by_id: dict[int, list[MarkerSighting]] = {}
     for image in seen:
-        for marker, sighting in image.sightings.items():
+        for marker, sighting in image.by_id.items():
             by_id.setdefault(marker, []).append(sighting)
     typical = {marker: _typical(sightings) for marker, sightings in by_id.items()}
     for image in seen:
-        excess = [_excess(sighting, typical[marker]) for marker, sighting in image.sightings.items()]
+        excess = [_excess(sighting, typical[marker]) for marker, sighting in image.by_id.items()]
         if excess and np.median(excess) > 0:
-            px = np.median([math.dist(each.pixel, typical[marker].pixel) for marker, each in image.sightings.items()])
+            px = np.median([math.dist(each.pixel, typical[marker].pixel) for marker, each in image.by_id.items()])
             raise InputError(
                 "the camera moved between the images",
                 where=image.name,

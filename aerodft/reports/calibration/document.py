@@ -1,255 +1,140 @@
-"""A calibration in words, tables and JSON."""
+"""A calibration as a JSON document, with what a person should know of it in sentences."""
 
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
-from aerodft.cli.output import tables
 from aerodft.errors import AerodftError, NoAnswerError
-from aerodft.version import SOFTWARE
+from aerodft.model import FloatArray, Landmark
 from calibration.flight import ImagesResult
-from calibration.pose import LIMIT, ObservationResidual, Result, State, correlations, said
+from calibration.pose import Result, State, angles_deg, correlations, display_unit
 
 _SUSPICIOUS_P = 1e-4
-_MOST_DECIMALS = 6
-_LINE, _NARROW = 3, 0.01  # landmarks that make one, and how narrow it is for its length
-_MOST_SCALED = 30.0  # of residuals, in stated stds; beyond that no scaling makes them true
-_MOST_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
+_MAX_DECIMALS = 6
 
 
-def refusal(result: Result, found: EvidenceFile) -> NoAnswerError | None:
-    """Why there is no calibration; None where there is one.
-
-    Args:
-        result: The calibration.
-        found: The file of evidence, for the sentence.
-    """
-    why_not = _why_not(result, found.frame)
-    return NoAnswerError("no calibration", where=found.path, got=why_not) if why_not else None
-
-
-def _why_not(result: Result, frame: LocalFrame) -> str:
-    solution, names = result.solution, result.problem.unknowns.names
-    if result.weakest.std_share > LIMIT * solution.scaled:
-        return f"{result.weakest.sentence}{_in_line(result)}"
-    if contradiction := _contradiction(result):
-        return contradiction
-    if solution.rival is not None:
-        other = ", ".join(f"{key} {value:.4g}" for key, value in values_of(solution.rival, names, frame).items())
-        return (
-            f"the observations fit another camera as well ({other}): add a landmark, or what you know of the camera"
-            " under [camera]"
-        )
-    return _disagreement(result)
-
-
-def images_refusal(result: ImagesResult, path: Path) -> NoAnswerError | None:
-    """As :func:`refusal`, for many images."""
-    why_not = _contradiction(result) or _disagreement(result)
-    if result.weakest.std_share > LIMIT * result.solution.scaled:
-        why_not = result.weakest.sentence
-    return NoAnswerError("no calibration", where=path, got=why_not) if why_not else None
-
-
-def _contradiction(result: Result | ImagesResult) -> str:
-    """Residuals that no scaling makes true, or that make too little of what would be determined; else empty."""
-    scaled = result.solution.scaled
-    if result.weakest.is_determined and scaled <= _MOST_SCALED:
-        return ""
-    return (
-        f"the observations contradict each other: residuals are {scaled:.0f} times as large as the stated"
-        " stds; check the coordinates, the pixels and the stds"
-    )
-
-
-def _disagreement(result: Result | ImagesResult) -> str:
-    """Too many observations that were left out; else empty."""
-    kept = result.solution.kept
-    if np.count_nonzero(~kept) <= _MOST_OUTLIERS * len(kept):
-        return ""
-    return (
-        f"{np.count_nonzero(~kept)} of {len(kept)} observations disagree with the rest: check"
-        " what is unknown (heading, position), the camera file, the coordinates and their stds"
-    )
-
-
-def _in_line(result: Result) -> str:
-    """What to say of landmarks that are all in one line; empty where they are not."""
-    places_m, _ = result.problem.landmarks
-    if len(places_m) < _LINE:
-        return ""
-    along, across, *_ = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)
-    return "; all landmarks lie in one line: add one beside it" if across <= _NARROW * along else ""
-
-
-def sentences(result: Result, found: EvidenceFile) -> list[str]:
-    """What a person should know of the result."""
-    guesses = sorted(found.fixed & set(result.problem.unknowns.names))
-    keys = ", ".join(said(name)[0] for name in guesses)
+def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> list[str]:
+    """What a person should know: of how the observations were made, and of how the calibration fits them."""
+    guesses = sorted(evidence.fixed & set(result.names)) if isinstance(result, Result) else []
+    keys = ", ".join(display_unit(name)[0] for name in guesses)
     first = [f"{keys} has no std in the file: taken as a first guess only"] if guesses else []
-    return [*found.notes, *fit_sentences(result), *first]
+    return [*evidence.notes, *fit_notes(result), *first]
 
 
-def fit_sentences(result: Result | ImagesResult) -> list[str]:
-    """What was left out, and whether the stated stds are true."""
-    solution, said_so = result.solution, []
-    for left in result.left:
-        if left.is_outlier:
-            off = f"by {left.px:.0f} px" if math.isfinite(left.px) else "altogether: it cannot be seen from there"
-            said_so.append(f"{left.name} disagrees {off}, left out")
+def fit_notes(result: Result | ImagesResult) -> list[str]:
+    """Which observations are rejected, and whether the stated stds are true."""
+    solution = result.solution
+    notes = [
+        f"Rejected {left.name}: {_why_rejected(left.px, is_landmark=isinstance(each, Landmark))}."
+        for each, left in zip(result.evidence, result.left, strict=True)
+        if left.is_outlier
+    ]
     if solution.dof == 0:
-        said_so.append("there is no observation to spare: a wrong one would not be noticed, add one")
+        notes.append("there is no observation to spare: a wrong one would not be noticed, add one")
     if solution.scaled > 1.0:
-        said_so.append(
+        notes.append(
             f"the residuals are {solution.scaled:.1f} times as large as the stated stds: all stds are scaled up by that"
         )
     elif solution.p_value is not None and solution.p_value > 1 - _SUSPICIOUS_P:
-        said_so.append("the residuals are much smaller than the stated stds: these may be too large")
-    return said_so
+        notes.append("the residuals are much smaller than the stated stds: these may be too large")
+    return notes
 
 
-def document(result: Result, found: EvidenceFile, error: AerodftError | None) -> dict[str, Any]:
-    """The whole result as JSON; nothing that is not finite."""
-    solution, names, frame = result.solution, result.problem.unknowns.names, found.frame
-    place = frame.wgs84(solution.state.position_m)
-    scales = [said(name)[1] for name in names]
-    about = result_document(result, values_of(solution.state, names, frame), scales, error)
-    about["observability"]["rival"] = None if solution.rival is None else values_of(solution.rival, names, frame)
-    return {
-        **about,
-        "origin": list(frame.origin),
-        "position": frame.file_coordinates(solution.state.position_m).tolist(),
-        "lat_deg": None if place is None else math.degrees(place[0]),
-        "lon_deg": None if place is None else math.degrees(place[1]),
-        "crs": frame.crs,
-        "model": str(solution.state.model),
-        "notes": sentences(result, found),
-    }
+def _why_rejected(px: float, *, is_landmark: bool) -> str:
+    if math.isfinite(px):
+        return f"it is {px:.0f} px from where the estimated camera would see it"
+    if is_landmark:
+        return "it lies behind the estimated camera"
+    return "the estimated camera does not see the ground there"
 
 
-def result_document(
-    result: Result | ImagesResult, values: dict[str, float], scales: Sequence[float], error: AerodftError | None
+def calibration_document(
+    result: Result | ImagesResult, evidence: EvidenceFile, error: AerodftError | None
 ) -> dict[str, Any]:
-    """What a calibration of one image or of many found, and how well it fits, as JSON.
+    """The whole result as JSON; nothing that is not finite.
 
     Args:
         result: The calibration.
-        values: Of its unknowns, by the names that people see.
-        scales: From SI to the units of these.
-        error: Why there is none.
+        evidence: The file that it is from.
+        error: Why it is refused; None where it holds.
     """
-    covariance = result.named_covariance * np.outer(scales, scales)
-    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-    return {
+    frame, solution = evidence.frame, result.solution
+    covariance, stds = displayed_covariance(result)
+    fitted = {
         "schema": "aerodft.calibration/1",
         "status": "ok" if error is None else "ILL_CONDITIONED",
         "reasons": [] if error is None else [error.got if isinstance(error, NoAnswerError) else str(error)],
         "parameters": {
-            key: {"value": value, "std": finite(std)} for (key, value), std in zip(values.items(), stds, strict=True)
+            key: {"value": value, "std": _finite(std)}
+            for (key, value), std in zip(displayed_values(result, frame).items(), stds.tolist(), strict=True)
         },
-        "order": list(values),
-        "covariance": rows(covariance),
-        "correlations": rows(correlations(covariance)),
-        **fit_document(result),
-        "observability": {
-            "determined": result.weakest.is_determined,
-            "weakest": result.weakest.combination,
-            "std_share": finite(result.weakest.std_share),
-            "sentence": result.weakest.sentence,
-            "rival": None,
-        },
-    }
-
-
-def provenance(
-    result: Result | ImagesResult, found: EvidenceFile, names: Sequence[str], inputs: dict[str, Any]
-) -> dict[str, Any]:
-    """What a calibration's file says of where it comes from.
-
-    Args:
-        result: The calibration.
-        found: What it is from.
-        names: What was asked for.
-        inputs: What else it is from.
-    """
-    return {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": SOFTWARE,
-        "observations": found.path.name,
-        "observations_sha256": found.sha256,
-        **inputs,
-        "unknowns": list(names),
-        "rms_px": result.rms_px,
-        "chi2": result.solution.chi2,
-        "degrees_of_freedom": result.solution.dof,
-        "outliers": [left.name for left in result.left if left.is_outlier],
-    }
-
-
-def fit_document(result: Result | ImagesResult) -> dict[str, Any]:
-    """How well it fits, and what is left of each observation."""
-    solution = result.solution
-    return {
+        "order": list(result.display_units),
+        "covariance": _rows(covariance),
+        "correlations": _rows(correlations(covariance)),
         "rms_px": result.rms_px,
         "chi2": solution.chi2,
         "degrees_of_freedom": solution.dof,
         "p_value": solution.p_value,
-        "stds_scaled_by": solution.scaled,
+        "sigma_scale": solution.scaled,
         "residuals": [
             {
                 "name": left.name,
-                "px": finite(left.px),
-                "sigma": finite(left.sigma),
+                "px": _finite(left.px),
+                "sigma": _finite(left.sigma),
                 "ground_m": left.ground_m,
-                "left_out_ground_m": left.left_out_ground_m,
+                "loo_ground_m": left.loo_ground_m,
                 "outlier": left.is_outlier,
             }
             for left in result.left
         ],
         "outliers": [left.name for left in result.left if left.is_outlier],
+        "observability": {
+            "determined": result.weakest.is_determined,
+            "weakest": result.weakest.combination,
+            "std_share": _finite(result.weakest.std_share),
+            "sentence": result.weakest.sentence,
+            "rival": None,
+        },
+    }
+    if isinstance(result, ImagesResult):
+        fitted["images"] = _images(result, frame)
+        position, place, model = None, None, result.solution.state.base.model
+    else:
+        state, other = result.solution.state, result.solution.alternative
+        if other is not None:
+            fitted["observability"]["rival"] = values_of(other, result.names, frame)
+        fitted["origin"] = list(frame.origin)
+        position, place, model = (
+            frame.file_coordinates(state.position_m).tolist(),
+            frame.wgs84(state.position_m),
+            state.model,
+        )
+    return {
+        **fitted,
+        "position": position,
+        "lat_deg": None if place is None else math.degrees(place[0]),
+        "lon_deg": None if place is None else math.degrees(place[1]),
+        "crs": frame.crs,
+        "model": str(model),
+        "notes": calibration_notes(result, evidence),
     }
 
 
-def print_result(result: Result, found: EvidenceFile) -> None:
-    """Two tables: the unknowns, and what is left of each observation."""
-    solution, names, frame = result.solution, result.problem.unknowns.names, found.frame
-    table = Table("unknown", "value", "std")
-    stds = np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0))
-    for (key, value), name, std in zip(values_of(solution.state, names, frame).items(), names, stds, strict=True):
-        scaled = std * said(name)[1]
-        table.add_row(key, f"{value:.{decimals(scaled)}f}", f"{scaled:.3g}")
-    tables().print(table)
-    tables().print(residual_table(result.left))
-    rms = "" if result.rms_px is None else f"rms {result.rms_px:.2f} px, "
-    place = ", ".join(f"{value:.3f}" for value in frame.file_coordinates(solution.state.position_m))
-    fit = f"{rms}chi-square {solution.chi2:.1f} with {solution.dof} degrees of freedom"
-    tables().print(f"{fit}; camera at {place} ({frame.crs})")
-    if {"east", "north"} & set(names) and takes_degrees(frame.crs):
-        origin = ", ".join(f"{value:.10g}" for value in frame.origin[:2])
-        tables().print(f"east_m and north_m count from {origin}")
+def displayed_values(result: Result | ImagesResult, frame: LocalFrame) -> dict[str, float]:
+    """What was found, by the names that people see (``tilt_deg``), in the order of the unknowns."""
+    if isinstance(result, ImagesResult):
+        return result.named_values
+    return values_of(result.solution.state, result.names, frame)
 
 
-def decimals(std: float) -> int:
-    """Places after the point that a value with this std deserves: those of the std's two leading digits."""
-    if not 0 < std < math.inf:
-        return _MOST_DECIMALS
-    return max(0, 1 - math.floor(math.log10(std)))
-
-
-def residual_table(leftovers: tuple[ObservationResidual, ...]) -> Table:
-    """What is left of each observation."""
-    rest = Table("observation", "px", "sigma", "on the ground (m)", "not having seen it (m)")
-    for left in leftovers:
-        ground, without = ("" if value is None else f"{value:.3f}" for value in (left.ground_m, left.left_out_ground_m))
-        name = f"{left.name} (left out)" if left.is_outlier else left.name
-        rest.add_row(name, f"{left.px:.2f}", f"{left.sigma:.2f}", ground, without)
-    return rest
+def displayed_covariance(result: Result | ImagesResult) -> tuple[FloatArray, FloatArray]:
+    """The covariance ``(n, n)`` and standard deviations ``(n,)`` of what was found, in the units that people see."""
+    scales = list(result.display_units.values())
+    covariance = result.named_covariance * np.outer(scales, scales)
+    return covariance, np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def values_of(state: State, names: Sequence[str], frame: LocalFrame) -> dict[str, float]:
@@ -261,14 +146,38 @@ def values_of(state: State, names: Sequence[str], frame: LocalFrame) -> dict[str
     places_m = dict(zip(("east", "north"), frame.file_coordinates(state.position_m).tolist(), strict=False))
     own = {"height": state.value("height") - state.elevation_m, "elevation": state.elevation_m + frame.origin[2]}
     own |= {} if takes_degrees(frame.crs) else places_m
-    return {said(name)[0]: said(name)[1] * own.get(name, state.value(name)) for name in names}
+    return {display_unit(name)[0]: display_unit(name)[1] * own.get(name, state.value(name)) for name in names}
 
 
-def finite(value: float) -> float | None:
-    """The value where there is one."""
+def decimals(std: float) -> int:
+    """Places after the point that a value with this std deserves: those of the std's two leading digits."""
+    if not 0 < std < math.inf:
+        return _MAX_DECIMALS
+    return max(0, 1 - math.floor(math.log10(std)))
+
+
+def _images(result: ImagesResult, frame: LocalFrame) -> list[dict[str, Any]]:
+    """Where each image was taken, and how far that is from the corrected telemetry in its own standard deviations."""
+    described = []
+    for view, camera, own in zip(result.problem.views, result.solution.cameras, result.solution.state.own, strict=True):
+        tilt_deg, roll_deg, heading_deg = angles_deg(camera)
+        described.append(
+            {
+                "name": view.name,
+                "height_agl_m": float(camera.position_m[2]) - camera.elevation_m,
+                "tilt_deg": tilt_deg,
+                "roll_deg": roll_deg,
+                "heading_deg": heading_deg,
+                "position": frame.file_coordinates(camera.position_m).tolist(),
+                "from_telemetry_sigma": float(np.linalg.norm(own)),
+            }
+        )
+    return described
+
+
+def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def rows(matrix: np.ndarray) -> list[list[float | None]]:
-    """A matrix for JSON; None for what is not finite."""
-    return [[finite(value) for value in row] for row in matrix.tolist()]
+def _rows(matrix: FloatArray) -> list[list[float | None]]:
+    return [[_finite(value) for value in row] for row in matrix.tolist()]

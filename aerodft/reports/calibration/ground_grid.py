@@ -9,11 +9,11 @@ import numpy as np
 
 from aerodft.adapters.config import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
-from aerodft.reports.calibration.marks import from_foot, pixels_of
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
 from aerodft.dft import project
 from aerodft.geometry import camera_angles, horizon_line
 from aerodft.model import BoolArray, FloatArray, Landmark, Pose, ProjectionModel
+from aerodft.reports.calibration.marks import from_foot, pixels_of
 from calibration.pose import Result, State
 
 GAP: Final = 0.035

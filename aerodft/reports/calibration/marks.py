@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +26,6 @@ from aerodft.model import (
 )
 from calibration.flight import ImagesResult
 from calibration.pose import ObservationResidual, Result, State
-from calibration.pose import Rows as Residuals
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -285,28 +284,15 @@ class Row:
         return len(self.values) == 2  # noqa: PLR2004 - dimensions of an image
 
 
-def rows_of(result: Result) -> tuple[Row, ...]:
-    """All observations, in their order."""
-    evidence, residuals = result.problem.known.evidence, result.solution.residuals
-    states = (result.solution.state,) * len(evidence)
-    return _rows(evidence, states, result.left, residuals)
-
-
-def rows_of_images(result: ImagesResult) -> tuple[Row, ...]:
-    """All observations of all images, one image after the other."""
-    problem, solution = result.problem, result.solution
-    states = tuple(solution.cameras[image] for image in problem.image_of)
-    return _rows(problem.evidence, states, result.left, solution.residuals)
-
-
-def _rows(
-    evidence: Sequence[Evidence],
-    states: Sequence[State],
-    leftovers: Sequence[ObservationResidual],
-    residuals: Residuals,
-) -> tuple[Row, ...]:
+def rows_of(result: Result | ImagesResult) -> tuple[Row, ...]:
+    """All observations in their order, of many images one image after the other."""
+    evidence, residuals = result.evidence, result.solution.residuals
+    if isinstance(result, ImagesResult):
+        states = [result.solution.cameras[image] for image in result.problem.image_of]
+    else:
+        states = [result.solution.state] * len(evidence)
     rows = []
-    for index, (each, state, left) in enumerate(zip(evidence, states, leftovers, strict=True)):
+    for index, (each, state, left) in enumerate(zip(evidence, states, result.left, strict=True)):
         mark, values = mark_of(state, each), residuals.values[residuals.owner == index]
         rows.append(Row(mark, left, values, _range_m(state, each, mark)))
     return tuple(rows)

@@ -10,9 +10,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.patheffects import withStroke
 
+from aerodft.model import FloatArray, ImageArray
 from aerodft.reports.calibration.ground_grid import Grid, horizon_px, in_image
 from aerodft.reports.calibration.marks import Mark, from_foot, ground_of, pixels_of
-from aerodft.model import FloatArray, ImageArray
 from calibration.pose import State, angles_deg
 
 mpl.use("Agg")

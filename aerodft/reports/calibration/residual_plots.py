@@ -9,9 +9,9 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.reports.calibration.picture import shortened
-from aerodft.reports.calibration.marks import Row
 from aerodft.model import FloatArray
+from aerodft.reports.calibration.marks import Row
+from aerodft.reports.calibration.picture import shortened
 from calibration.flight import ImagesResult
 from calibration.pose import Result, correlations
 
@@ -44,7 +44,7 @@ def draw_residuals(rows: Sequence[Row], result: Result | ImagesResult, path: Pat
     _histogram(panels[0, 2], rows, scaled)
     _over_range(panels[1, 0], rows, [row.left.px for row in rows], "residual (px)")
     panels[1, 0].set_title("Residuals over distance")
-    ground = [math.nan if row.left.left_out_ground_m is None else row.left.left_out_ground_m for row in rows]
+    ground = [math.nan if row.left.loo_ground_m is None else row.left.loo_ground_m for row in rows]
     _over_range(panels[1, 1], rows, ground, "error on the ground, not having seen it (m)")
     panels[1, 1].set_title("How well the next point would be measured")
     _correlations(panels[1, 2], result)

@@ -136,7 +136,7 @@ def _why_not(result: Result | ImagesResult, evidence: EvidenceFile) -> str:
 
 def _in_line(result: Result | ImagesResult) -> str:
     """What to say of landmarks of one image that are all in one line; empty where they are not."""
-    places_m = result.problem.landmarks[0] if isinstance(result, Result) else ()
+    places_m = result.problem.landmarks[0] if isinstance(result, Result) else np.zeros((0, 3))
     if len(places_m) < _LINE:
         return ""
     along, across, *_ = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)

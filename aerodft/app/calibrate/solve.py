@@ -163,7 +163,7 @@ class CalibrationTask:
             or unstated(fit, evidence, is_saved=is_saved)
             or not_determined(fit, evidence)
         )
-        inputs = {"images_sha256": {each.name: _sha256(each) for each in evidence.image_paths} or None}
+        inputs: dict[str, Any] = {"images_sha256": {each.name: _sha256(each) for each in evidence.image_paths} or None}
         if not isinstance(self.camera, Camera):
             inputs |= {"camera_file": Path(self.camera).name, "camera_sha256": _sha256(Path(self.camera))}
         return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, camera=camera, inputs=inputs, error=error)
@@ -193,8 +193,14 @@ class CalibrationTask:
             "camera_file": None if isinstance(self.camera, Camera) else Path(self.camera).name,
             "images": len(views),
         }
-        error = not_determined(fit, evidence)
-        return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, camera=camera, inputs=inputs, error=error)
+        return CalibrationResult(
+            fit=fit,
+            evidence=evidence,
+            unknowns=names,
+            camera=camera,
+            inputs=inputs,
+            error=not_determined(fit, evidence),
+        )
 
 
 def calibrate(  # noqa: PLR0913 - each is something that a person knows
@@ -239,7 +245,8 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         ...     unknowns=["position", "height", "tilt", "roll", "heading", "focal"],
         ... )
         >>> round(found.values["tilt_deg"], 1), round(found.stds["tilt_deg"], 2)
-        (0.0, 0.0)
+        (62.3, 0.05)
+        >>> found.save("/tmp/bridge.toml")
     """
     task = CalibrationTask(
         evidence=evidence,

@@ -63,7 +63,7 @@ def calibration_document(
     """
     frame, solution = evidence.frame, result.solution
     covariance, stds = displayed_covariance(result)
-    fitted = {
+    fitted: dict[str, Any] = {
         "schema": "aerodft.calibration/1",
         "status": "ok" if error is None else "ILL_CONDITIONED",
         "reasons": [] if error is None else [error.got if isinstance(error, NoAnswerError) else str(error)],

@@ -72,17 +72,17 @@ class BiasModel:
         shared = math.sqrt(1 - share**2)
         others = (*(getattr(stated, each) for each in _ANGLES), stated.horizontal_m, stated.horizontal_m)
         stds = [shared * each for each in (*stated_heights, *others)]
-        given = (
+        configured = (
             *([initial.height_m] * len(heights)),
             *(getattr(initial, each) for each in _ANGLES),
             initial.horizontal_m,
             initial.horizontal_m,
         )
-        stds = [std if each is None else each for std, each in zip(stds, given, strict=True)]
+        stds = [std if each is None else each for std, each in zip(stds, configured, strict=True)]
         cov = np.diag(np.square([*stds, time_std_s]))
         mean = np.zeros(len(cov))
         if start is not None:
-            mean, cov = _started(mean, cov, start)
+            mean, cov = _with_start(mean, cov, start)
         least = {each: _or(getattr(noise, each), share * getattr(stated, each)) for each in ("horizontal_m", *_ANGLES)}
         new = [PoseStd(height_agl_m=_or(noise.height_m, share * std), **least) for std in stated_heights]
         known = [replace(stated, height_agl_m=std, time_s=math.inf) for std in stated_heights]
@@ -121,10 +121,10 @@ class BiasModel:
         left = np.exp(-self.rate_per_s * elapsed_s[..., None])
         return left, np.diag(self.cov) * (1 - left**2)
 
-    def said(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
+    def by_name(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
         """Numbers ``(k,)``, one a bias, by the names of ``model.calibration.BiasValues``."""
-        told = [float(values[self.height_column(sample)]), *values[-_OTHERS:].tolist()]
-        return dict(zip(_VALUES, told, strict=True))
+        by_column = [float(values[self.height_column(sample)]), *values[-_OTHERS:].tolist()]
+        return dict(zip(_VALUES, by_column, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,8 +249,8 @@ def relocated(poses: PoseBatch) -> PoseBatch:
     return replace(poses, lat_lon_alt=lat_lon_alt)
 
 
-def _or(given: float | None, default: float) -> float:
-    return default if given is None else given
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else value
 
 
 def excess(now: FloatLike, stated: FloatLike) -> FloatArray:
@@ -258,7 +258,7 @@ def excess(now: FloatLike, stated: FloatLike) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(np.square(now) - np.square(stated), 0.0)))
 
 
-def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
+def _with_start(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
     """Biases as a calibration has them: of whatever height is in use."""
     found, found_cov, _ = biases_of(start)
     by_found = np.zeros((len(mean), len(found)))
@@ -266,11 +266,11 @@ def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[Flo
     by_found[-_OTHERS:, 1:] = np.eye(_OTHERS)
     if found_cov is None:
         return by_found @ found, cov
-    told = propagated(by_found, found_cov)
+    started = propagated(by_found, found_cov)
     kept = np.zeros(len(mean))
     gaps = [EAST, NORTH, TIME_OFFSET]
-    kept[gaps] = np.diag(told)[gaps] == 0
-    return by_found @ found, kept[:, None] * cov * kept + told
+    kept[gaps] = np.diag(started)[gaps] == 0
+    return by_found @ found, kept[:, None] * cov * kept + started
 
 
 def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatArray:

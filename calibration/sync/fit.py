@@ -54,7 +54,7 @@ _RATE_STD_RADPS = 0.001  # of what a camera does beside its gimbal
 _STUDENT = 4.0  # degrees of freedom of the turns' t distribution
 _MEDIAN_CHI2 = 2.366  # with 3 degrees of freedom
 _LEAST_ITERATIONS, _ITERATIONS = 6, 12
-_FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is forgiven, and what is left of it after each iteration
+_FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is robust_weights, and what is left of it after each iteration
 _CONVERGED = np.array([1e-5, 1e-7, 1e-5])
 _FIXED = 1e18  # precision of what is no unknown
 _JITTERS_S = (0.0005, 0.001, 0.002, 0.004, 0.008)  # more would explain any other way of following
@@ -189,26 +189,26 @@ class TurnProblem:
         self.end_s = (motion.end_ns - zero_ns) / SECOND_NS
         self.between_s = self.end_s - self.start_s
 
-    def said(self, values: FloatArray) -> Predicted:
+    def predicted_by_log(self, values: FloatArray) -> Predicted:
         """What the log says of all pairs under this alignment."""
         offset, drift, lag = values[: LAG + 1].tolist()
         start, end = (offset + (1 + drift) * times for times in (self.start_s, self.end_s))
-        said = predicted(self.camera, start, end, lag)
+        logged = predicted(self.camera, start, end, lag)
         camera_from_gimbal = matrix(from_rotation_vector(values[LAG + 1 :])).T
         return Predicted(
-            rotvec_rad=said.rotvec_rad @ camera_from_gimbal,
-            normal_cam=said.normal_cam @ camera_from_gimbal,
-            known=said.known,
+            rotvec_rad=logged.rotvec_rad @ camera_from_gimbal,
+            normal_cam=logged.normal_cam @ camera_from_gimbal,
+            known=logged.known,
         )
 
-    def seen(self, said: Predicted) -> Turns:
+    def seen(self, logged: Predicted) -> Turns:
         """What the images say, with the ground where the log has it."""
-        return turns_over_plane(self.motion, said.normal_cam, said.rotvec_rad)
+        return turns_over_plane(self.motion, logged.normal_cam, logged.rotvec_rad)
 
     def off(self, values: FloatArray) -> FloatArray:
-        """``(n, 3)`` seen minus said, rad."""
-        said = self.said(values)
-        return self.seen(said).rotvec_rad - said.rotvec_rad
+        """``(n, 3)`` seen minus logged, rad."""
+        logged = self.predicted_by_log(values)
+        return self.seen(logged).rotvec_rad - logged.rotvec_rad
 
 
 def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
@@ -237,8 +237,8 @@ class _Lines:
     """The problem near some values, of the ``m`` pairs that the log covers.
 
     Attributes:
-        jac: ``(m, 3, 6)`` derivatives of what is said less what is seen.
-        off: ``(m, 3)`` seen less said, rad.
+        jac: ``(m, 3, 6)`` derivatives of what is logged less what is seen.
+        off: ``(m, 3)`` seen less logged, rad.
         cov: ``(m, 3, 3)`` of what is seen.
         used: ``(n,)`` which of all pairs they are.
     """
@@ -250,8 +250,8 @@ class _Lines:
 
 
 def _linearised(problem: TurnProblem, values: FloatArray) -> _Lines:
-    said = problem.said(values)
-    seen, used = problem.seen(said), said.known
+    logged = problem.predicted_by_log(values)
+    seen, used = problem.seen(logged), logged.known
     jac = np.empty((len(problem.motion), 3, _UNKNOWNS))
     for column, step in enumerate(_STEP):
         ahead, behind = values.copy(), values.copy()
@@ -263,7 +263,7 @@ def _linearised(problem: TurnProblem, values: FloatArray) -> _Lines:
     beside = ((_RATE_STD_RADPS * problem.between_s) ** 2)[:, None, None] * np.eye(3)
     return _Lines(
         jac=jac[used],
-        off=(seen.rotvec_rad - said.rotvec_rad)[used],
+        off=(seen.rotvec_rad - logged.rotvec_rad)[used],
         cov=(unlike * seen.cov_rad2 + beside)[used],
         used=used,
     )
@@ -302,7 +302,7 @@ class Spread:
         along = self.jitter_s**2 * rate_radps[:, :, None] * rate_radps[:, None, :]
         inward = np.linalg.inv(np.linalg.cholesky(self.noise_rad**2 * np.eye(3) + along))
         squares = np.sum((inward @ off_rad[..., None]) ** 2, axis=(1, 2))
-        return np.asarray(inward * np.sqrt(forgiven(squares))[:, None, None])
+        return np.asarray(inward * np.sqrt(robust_weights(squares))[:, None, None])
 
     def cost(self, off_rad: FloatArray, rate_radps: FloatArray) -> float:
         """Minus the logarithm of the likelihood of residuals ``(n, 3)``, but for a constant."""
@@ -324,11 +324,11 @@ def _noise_rad(off_rad: FloatArray, rate_radps: FloatArray, jitter_s: float) -> 
     noise = float(np.mean(off_rad**2))
     for _ in range(_ROUNDS):
         squares = along / (noise + jitter) + across / noise
-        noise *= float(np.mean(forgiven(squares) * squares)) / 3
+        noise *= float(np.mean(robust_weights(squares) * squares)) / 3
     return float(np.hypot(np.sqrt(noise), _PATH_STD_RAD))
 
 
-def forgiven(squares: FloatArray) -> FloatArray:
+def robust_weights(squares: FloatArray) -> FloatArray:
     """Weights ``(n,)`` of t-distributed vectors of three, by the sum of their squares."""
     return np.asarray((_STUDENT + 3) / (_STUDENT + squares))
 
@@ -345,7 +345,7 @@ def _parts(off_rad: FloatArray, rate_radps: FloatArray) -> tuple[FloatArray, Flo
     return along, np.sum(off_rad**2, axis=-1) - along
 
 
-def alike(times_s: FloatArray, parts: FloatArray) -> FloatArray:
+def correlated_covariance(times_s: FloatArray, parts: FloatArray) -> FloatArray:
     """Covariance ``(u, u)`` of the sum of parts ``(n, u)``, which are alike for a while (Newey and West 1987).
 
     Of few independent stretches it would come out too small: it is scaled so that 1.96 of its standard deviations hold
@@ -508,7 +508,7 @@ class _Fit:
     def _weighted_steps(self, strays: FloatArray) -> FloatArray:
         """Less of those knots between which the path strays far: of a while in which water was followed."""
         squares = np.sum((self._steps @ strays).reshape(3, -1) ** 2, axis=0)
-        return np.asarray(self._steps * np.tile(np.sqrt(forgiven(squares)), 3)[:, None])
+        return np.asarray(self._steps * np.tile(np.sqrt(robust_weights(squares)), 3)[:, None])
 
     def _lines(self, values: FloatArray, strays: FloatArray) -> "_PathLines":
         jac = np.zeros((*self._reports.off(values).shape, _PATH_UNKNOWNS))
@@ -537,7 +537,7 @@ class _Fit:
         steps = self._weighted_steps(strays)
         by_steps = -(steps * (steps @ strays)[:, None]) @ bread[:, _PATH_UNKNOWNS:].T
         times_s = np.concatenate([self._reports.video_s, np.tile(self._walk.step_s, 3)])
-        spread = bread[:, : LAG + 1] + alike(times_s, np.concatenate([by_reports, by_steps]))
+        spread = bread[:, : LAG + 1] + correlated_covariance(times_s, np.concatenate([by_reports, by_steps]))
         return np.asarray(_BESIDE**2 * spread) + np.diag([_WHOLE_MS_STD_S**2, 0.0, _WHOLE_MS_STD_S**2])
 
     def _cost(self, values: FloatArray, strays: FloatArray) -> float:

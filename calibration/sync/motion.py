@@ -76,7 +76,7 @@ class CameraMotion:
         source: The report that is believed.
         has_lag: Whether the camera could lag behind it: not where it is bolted to the vehicle.
         report_s: ``(n,)`` when it came, seconds.
-        report_wxyz: ``(n, 4)`` what it said.
+        report_wxyz: ``(n, 4)`` what it reported.
     """
 
     def __init__(
@@ -290,7 +290,7 @@ def followed_path(
     var_rad2 = np.full(len(pairs), np.inf)
     var_rad2[seen] = np.trace(np.linalg.inv(total[seen]), axis1=1, axis2=2) / 3
     offset, drift, lag = values.tolist()
-    said = camera.enu_wxyz_cam(offset + (1 + drift) * edges_s, lag)
-    rotvec_rad = to_rotation_vector(multiply(inverse(said[:-1]), said[1:]))
+    logged = camera.enu_wxyz_cam(offset + (1 + drift) * edges_s, lag)
+    rotvec_rad = to_rotation_vector(multiply(inverse(logged[:-1]), logged[1:]))
     rotvec_rad[seen] = np.linalg.solve(total[seen], weighted[seen][..., None])[..., 0]
-    return CameraPath(edges_s, rotvec_rad, var_rad2, said[0])
+    return CameraPath(edges_s, rotvec_rad, var_rad2, logged[0])

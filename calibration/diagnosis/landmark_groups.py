@@ -77,7 +77,7 @@ def _strays(found: EvidenceFile, result: Result) -> Iterator[_Stray]:
 
 
 def _raised(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:
-    """Their heights are all off by the same."""
+    """Heights of all strays that are off by one number."""
     ups_m = np.array([_height_seen(state, each) for each in strays])
     off_m = np.array([each.place_m[2] for each in strays]) - ups_m
     if not _agree(off_m[:, None]):
@@ -96,7 +96,7 @@ def _raised(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> Inpu
 
 
 def _shifted(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:
-    """Their places are all shifted by the same, which a single one cannot tell."""
+    """Places of all strays that are shifted by one vector, which a single stray cannot tell."""
     if len(strays) == 1:
         return None
     pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
@@ -118,7 +118,7 @@ def _shifted(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> Inp
 
 
 def _swapped(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:
-    """Two have each other's pixel."""
+    """Two strays that have each other's pixel."""
     for first, second in combinations(strays, 2):
         pixels = reproject(state.camera, state.position_m, state.rotation, np.stack([first.place_m, second.place_m]))
         one, other = pixels.pixels_px
@@ -145,7 +145,7 @@ def _height_seen(state: State, stray: _Stray) -> float:
 
 
 def _all_near(state: State, strays: Sequence[_Stray], places_m: FloatArray) -> bool:
-    """Whether they are seen at their pixels if they are at these places ``(n, 3)``."""
+    """Whether strays are seen at their pixels if they are at these places ``(n, 3)``."""
     pixels = reproject(state.camera, state.position_m, state.rotation, places_m).pixels_px
     return all(
         math.dist(pixel, each.landmark.pixel) <= each.near_px for pixel, each in zip(pixels, strays, strict=True)
@@ -153,7 +153,7 @@ def _all_near(state: State, strays: Sequence[_Stray], places_m: FloatArray) -> b
 
 
 def _agree(off_m: FloatArray) -> bool:
-    """Whether shifts ``(n, d)`` are finite, the same, and large enough to be one."""
+    """Whether shifts ``(n, d)`` are finite, equal, and large enough to be one."""
     if not np.all(np.isfinite(off_m)):
         return False
     typical_m = np.median(off_m, axis=0)

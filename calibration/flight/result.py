@@ -103,7 +103,7 @@ class ImagesProblem:
 
     Args:
         views: The images.
-        unknowns: What is not known, and the same in all of them.
+        unknowns: What is not known, and shared by all of them.
         priors: Of these, by name.
         model: Projection model.
     """
@@ -249,8 +249,8 @@ def _without(
 def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked: frozenset[str]) -> Observability:
     """What images and landmarks tell of what was asked, telemetry's word for it apart.
 
-    As ``result.observability``, with two differences. What telemetry says of a bias that is asked for does not
-    count: with it everything would be known. And a bias has the size of what telemetry may be off by.
+    As ``calibration.pose`` judges one image, with two differences. What telemetry says of a bias that is asked for does
+    not count: with it everything would be known. And a bias has the size of what telemetry may be off by.
     """
     names, state = problem.unknowns.names, solution.state
     information, sizes = solution.normal.reduced().copy(), np.empty(len(names))
@@ -321,7 +321,7 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def named_covariance(self) -> FloatArray:
-        """``(n, n)`` of the same, in SI units."""
+        """``(n, n)`` of the values, in SI units."""
         return above_ground(self.names, self.solution.covariance)
 
     @property
@@ -369,11 +369,11 @@ def calibrate_images(
         priors: Of biases (around 0 where nobody knows better), lens and ground, by name. One with a std of 0 is exact,
             or where to start from if it is asked for.
         camera: The camera; what is not asked for is taken as exact.
-        names: What is asked for: some of ``BIASES``, ``position``, and lens and ground as ``calibration.result``.
+        names: What is asked for: some of ``BIASES``, ``position``, and lens and ground as ``calibration.pose``.
         model: Projection model.
 
     Raises:
-        ValueError: As ``shared_unknowns``.
+        ValueError: An unknown that there is not, or that excludes another.
     """
     unknowns = shared_unknowns(names, priors, camera, model)
     known = {name: prior for name, prior in priors.items() if prior.std > 0}

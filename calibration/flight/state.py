@@ -109,9 +109,9 @@ def shared_and_new(
     worse than the best one is new in it.
 
     Args:
-        stds: As stated of each image.
+        stds: What is stated of each image.
         share: Of each, what is new in every image.
-        noise: The same for single errors, in their own units.
+        noise: What is new in every image of single errors, in their own units.
     """
     best = {name: min(getattr(std, name) for std in stds) for name in set(_OWN)}
     shared = math.sqrt(1 - share**2)
@@ -228,7 +228,7 @@ class SharedUnknowns:
             The camera; ``(s, n + 7)`` by the ``n`` shared unknowns and by what is new in the image.
 
         Raises:
-            ValueError: As :meth:`camera`.
+            ValueError: Telemetry says nothing of the time that its stamp was moved to.
         """
         found, count = _image_camera(state, index, view, view.track.at(float(state.biases[_TIME]))), len(self.names)
         by_bias = found.biased.by_biases_of_corrected_stamps(_of_corrected_stamp(state), found.wxyz)

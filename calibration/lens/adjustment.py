@@ -176,9 +176,9 @@ def covariance(bundle: Bundle, corners: Corners, weights: FloatArray | None = No
     """How well the intrinsics are known, the poses being unknown.
 
     Args:
-        bundle: As adjusted.
-        corners: What it was adjusted to.
-        weights: With what.
+        bundle: The adjusted bundle.
+        corners: The corners that it was adjusted to.
+        weights: ``(p,)`` of each intrinsic's own square in that adjustment; None for none.
 
     Returns:
         ``(p, p)`` in the order of ``intrinsics_of``, scaled by the residuals' variance, and their std in px (of one

@@ -116,7 +116,7 @@ def parse_board(text: str) -> Board:
 
     Args:
         text: ``chessboard:COLSxROWS:SQUARE`` with inner corners as OpenCV counts them;
-            ``charuco:COLSxROWS:SQUARE:MARKER:DICT`` with squares, likewise; or ``charuco``. Lengths as ``25mm``.
+            ``charuco:COLSxROWS:SQUARE:MARKER:DICT`` with squares; or ``charuco``. Lengths as ``25mm``.
 
     Raises:
         UsageError: It is none of these, or no such board can be made.

@@ -238,7 +238,7 @@ class LensSolution:
 
     @property
     def view_rms_px(self) -> FloatArray:
-        """``(v,)``, likewise."""
+        """``(v,)`` root mean square of the residuals' lengths of each view."""
         return view_rms_px(self.off_px, self.corners)
 
 
@@ -340,7 +340,7 @@ class Choice:
         used: In the order in which they were seen.
         blurred: Much less sharp than others.
         duplicates: Nearly the same as another one, which is sharper.
-        surplus: They show nothing that others do not show already.
+        surplus: Views of nothing that others do not show already.
     """
 
     used: tuple[View, ...]
@@ -395,7 +395,7 @@ def _in_order(views: Sequence[View], wanted: Sequence[View]) -> tuple[View, ...]
 
 
 def _different(views: Sequence[View], least_px: float) -> list[View]:
-    """The first of those that are nearly the same."""
+    """The views without near-duplicates of earlier ones."""
     kept: list[View] = []
     for view in views:
         if all(_moved_px(view, other) > least_px for other in kept):

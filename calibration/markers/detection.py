@@ -87,17 +87,12 @@ class Squares:
     centre_std_px: FloatArray
 
     def of(self, which: BoolArray) -> "Squares":
-        """Some of them."""
+        """The squares of a mask ``(m,)``."""
         return Squares(*(getattr(self, each.name)[which] for each in fields(self)))
 
     def beside(self, more: "Squares") -> "Squares":
-        """These and others."""
+        """These squares, then others."""
         return Squares(*(np.concatenate([getattr(self, each.name), getattr(more, each.name)]) for each in fields(self)))
-
-
-def no_squares() -> Squares:
-    """None of them."""
-    return Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
 
 
 def refined(grey: ImageArray, rough_px: FloatArray, modules: int, camera: Camera | None = None) -> Squares:
@@ -273,7 +268,7 @@ def find_markers(
     """Markers of the survey's dictionary in an image, by id.
 
     The first look also reports ids that are not surveyed, and one that is there twice, twice. Whether a sighting can be
-    true is for ``marker_geometry`` to say.
+    true is for ``judge`` to say.
 
     Args:
         image: ``(h, w)`` grey or ``(h, w, 3)`` BGR, uint8.
@@ -316,7 +311,7 @@ def _look(grey: ImageArray, name: str, camera: Camera | None, index: int) -> tup
     """Ids ``(m,)`` and places of what one look finds and is like the marker that it is taken for."""
     ids, rough_px = _detected(grey, name, index)
     if not len(ids):
-        return ids, no_squares()
+        return ids, Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
     squares = refined(grey, rough_px, modules(name), camera)
     alike = likeness(grey, squares.corners_px, ids, name) > _ALIKE
     return ids[alike], squares.of(alike)

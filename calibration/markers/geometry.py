@@ -74,10 +74,10 @@ def judge(
         known: All evidence; a marker's landmarks are named as :func:`aerodft.model.evidence.marker_name` has it.
         seen: The sightings by id.
         sides_m: Of the markers whose size is known, by id.
-        answer: What is asked of evidence: ``calibration.result.calibrate`` with its other arguments.
+        answer: The calibration of evidence: ``calibration.pose.calibrate`` with its other arguments.
 
     Raises:
-        ValueError: As ``calibration.result.calibrate``.
+        ValueError: Unknowns that there are not, or that exclude each other.
     """
     false: dict[int, str] = {}
     result = answer(known)

@@ -21,9 +21,9 @@ class NormalEquations:
 
     Attributes:
         matrix: ``(s, s)`` of what says something of the shared unknowns alone.
-        shared_slope: ``(s,)`` of the same.
+        shared_slope: ``(s,)`` gradient of their cost.
         blocks: ``(n, s + k, s + k)`` of each image, by shared unknowns and then its own.
-        slopes: ``(n, s + k)`` likewise.
+        slopes: ``(n, s + k)`` gradients of the cost of each image.
     """
 
     matrix: FloatArray
@@ -183,8 +183,8 @@ def descend(
     Args:
         problem: What to fit.
         start: Where from.
-        scale: As ``Loss``.
-        kept: As ``Loss``.
+        scale: Standard deviations beyond which an observation counts less, see ``Loss``; None for plain squares.
+        kept: ``(k,)`` which observations count; None for all.
         known: Residuals of ``start``, where somebody has them.
     """
     state, residuals = start, problem.evaluate(start) if known is None else known

@@ -149,10 +149,11 @@ class ObservationResidual:
     Attributes:
         name: Its name.
         px: Distance in the image, px (2-D for landmarks); infinite where it is out of sight.
-        sigma: The same in standard deviations; infinite likewise.
+        sigma: Distance in the image in standard deviations; infinite where it is out of sight.
         ground_m: Distance on the ground, m: of a landmark's pixel from its place, of a range from what was measured;
             None for what has no place.
-        loo_ground_m: The same with a fit that has not seen it, which says how well the next one would be measured.
+        loo_ground_m: Distance on the ground by a fit that has not seen it (leave one out): so well would the next one
+            be measured.
         is_outlier: It was left out of the fit.
     """
 
@@ -301,7 +302,7 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     Columns of the Jacobian are scaled by natural sizes (a height by itself, an angle by a radian, a focal length by
     itself, a place by the camera's height), so that its singular values say how many standard deviations of the
     evidence a whole size makes. A camera that turns freely is judged by rotations about its own axes: straight down,
-    where roll and heading are anything, its attitude is known all the same.
+    where roll and heading are anything, its attitude is known nevertheless.
     """
     names = problem.unknowns.names
     jac = solution.residuals.by_unknowns[used_rows(solution.residuals.owner, solution.kept)]
@@ -502,7 +503,7 @@ def calibrate(
         model: Projection model.
 
     Raises:
-        ValueError: As ``unknowns_of``.
+        ValueError: An unknown that there is not, or that excludes another.
     """
     unknowns = unknowns_of(names, known, camera, model)
     priors = {name: prior for name, prior in known.priors.items() if prior.std > 0}
@@ -549,7 +550,7 @@ def with_lens(problem: Problem, solution: Solution, camera: Camera, stated: froz
         stated: Unknowns that somebody stated: these are not as the camera file has them.
 
     Returns:
-        The same values; what is undetermined stays so.
+        The solution with these covariances; what is undetermined stays so.
     """
     considered = [name for name in _names(camera) if not _is_told(name, {*problem.unknowns.names, *stated})]
     lens_cov = _covariance(camera, considered)

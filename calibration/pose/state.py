@@ -187,7 +187,7 @@ class Unknowns:
 
 @lru_cache(maxsize=64)
 def _columns_of(names: tuple[str, ...], coefficients: tuple[str, ...]) -> FloatArray:
-    """As ``Unknowns.by_unknowns``, where it does not depend on the state; angles turn about the camera's own axes."""
+    """``(s, n)`` of ``Unknowns.by_unknowns`` where no state matters: angles turn about the camera's own axes."""
     by = np.zeros((7 + 4 + len(coefficients), len(names)))
     for column, name in enumerate(names):
         if name in _PLACE:

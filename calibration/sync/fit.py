@@ -215,7 +215,7 @@ def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
     """Fit from ``start (3,)``: offset (s, at the reference), drift, lag (s).
 
     Returns:
-        ``(6,)``: the same, and the turn of the camera's axes against the gimbal's (rad).
+        ``(6,)``: offset, drift, lag, and the turn of the camera's axes against the gimbal's (rad).
     """
     fixed = np.arange(_UNKNOWNS) == (LAG if not problem.camera.has_lag else -1)
     precision, mean = np.where(fixed, _FIXED, 1 / _PRIOR_STD**2), np.where(fixed, 0.0, _PRIOR_MEAN)

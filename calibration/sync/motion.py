@@ -209,7 +209,7 @@ def _mounted(mount: FixedMount | None) -> FloatArray:
 
 
 def _steady(wxyz: FloatArray) -> FloatArray:
-    """The same rotations ``(n, 4)`` without changes of the quaternions' sign."""
+    """Rotations ``(n, 4)`` without changes of the quaternions' sign."""
     flips = np.sum(wxyz[1:] * wxyz[:-1], axis=-1) < 0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
     return np.asarray(wxyz * signs[:, None])

@@ -15,7 +15,7 @@ _EDGE_PX: Final = 0.5
 _MAX_LANDMARKS: Final = 60  # that a reading is tried with
 _FOOT_M: Final = 0.3048
 _SMALLER: Final = (1.5, 2.0, 3.0, 4.0)
-_MOST_LAT, _MOST_LON, _SITE_DEG = 90.0, 180.0, 1.0
+_MAX_LAT, _MAX_LON, _SITE_DEG = 90.0, 180.0, 1.0
 _LARGE_M: Final = 1e5
 _WEB_MERCATOR: Final = "EPSG:3857"
 _PLACE: Final = ("east", "north", "heading")
@@ -123,7 +123,7 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
     swapped, in_degrees = places[:, [1, 0, 2]], takes_degrees(frame.crs)
     x, y = ("latitude", "longitude") if in_degrees else ("x" if frame.crs == LOCAL else "easting", "northing")
     y = "y" if frame.crs == LOCAL else y
-    if not in_degrees or np.all(np.abs(second) <= _MOST_LAT):
+    if not in_degrees or np.all(np.abs(second) <= _MAX_LAT):
         mirrored = replace(frame, origin=(frame.origin[1], frame.origin[0], frame.origin[2]))
         yield (
             f"{x} and {y} of the landmarks look interchanged",
@@ -133,7 +133,7 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
     if frame.crs == LOCAL and np.all(np.ptp(places[:, :2], axis=0) < _SITE_DEG):
         for label, read in (("latitudes and longitudes", places), ("longitudes and latitudes", swapped)):
             lat_lon = read[:, :2]
-            if np.all(np.abs(lat_lon) <= (_MOST_LAT, _MOST_LON)) and np.any(np.abs(lat_lon) > 1):
+            if np.all(np.abs(lat_lon) <= (_MAX_LAT, _MAX_LON)) and np.any(np.abs(lat_lon) > 1):
                 origin = (float(lat_lon[0, 0]), float(lat_lon[0, 1]), float(np.median(height)))
                 hint = 'write lat_deg, lon_deg and alt_m, with crs = "geo"'
                 yield f"the landmarks' places look like {label}", hint, LocalFrame(GEO, origin).local_m(read)

@@ -39,7 +39,7 @@ from calibration.lens.adjustment import (
 )
 from calibration.lens.board import Board
 
-MOST_VIEWS: Final = 40
+MAX_VIEWS: Final = 40
 _CELLS: Final = (9, 6)  # of the image, across and down
 _SHARP_PX, _BLURRED = 3.0, 1.8  # always sharp enough; times the sharper quarter's
 _NEAR_DUPLICATE = 0.01  # of the image's diagonal, between the same corners
@@ -55,18 +55,18 @@ _COVERED = 0.34  # of a region's cells
 _GOOD_TURN_DEG = 30.0
 _GOOD_SIZE = 0.33  # of the image's width or height
 _GOOD_VIEWS = 10
-FEWEST_VIEWS: Final = 4
+MIN_VIEWS: Final = 4
 """Three would do for a pinhole without noise; with four the residuals begin to say how good the corners are."""
 
-_PARALLEL_DEG, _LEAST_TURN_DEG = 3.0, 10.0  # between the boards that are turned most: by an assumed lens, and the found
-_MOST_FOCAL_STD = 0.01  # share of the focal length
-_MOST_CENTRE_STD = 0.02  # share of the image's longer side
+_PARALLEL_DEG, _MIN_TURN_DEG = 3.0, 10.0  # between the boards that are turned most: by an assumed lens, and the found
+_MAX_FOCAL_STD = 0.01  # share of the focal length
+_MAX_CENTRE_STD = 0.02  # share of the image's longer side
 
 _ADD = "hold the board tilted by 30 to 45 deg to the left, right, top and bottom, near and far, and in every corner"
 _OUTLYING = 2.5  # times the median view's residual: more than blur or a bent board makes
-_MOST_LEFT_OUT = 0.25  # of all views
+_MAX_REJECTED = 0.25  # of all views
 _STRAY = 6.0  # robust stds: of a billion corners 15 would be left out without reason
-_MOST_STRAYS = 0.2  # of a view's corners: where more of them stray, it is the view that disagrees
+_MAX_STRAYS = 0.2  # of a view's corners: where more of them stray, it is the view that disagrees
 _STARTS = 3  # best guesses that are followed to their end
 
 
@@ -78,9 +78,9 @@ def check_before(views: Sequence[View], size_px: tuple[int, int]) -> None:
     Raises:
         NoAnswerError: Says what to add.
     """
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         got = f"{len(views)} usable view{'' if len(views) == 1 else 's'} of the board"
-        expected = f"{FEWEST_VIEWS}, better 15"
+        expected = f"{MIN_VIEWS}, better 15"
         raise NoAnswerError("too few views to determine the lens", got=got, expected=expected, hint=_ADD)
     if largest_turn_rad(normals(views, size_px)) < math.radians(_PARALLEL_DEG):
         raise _too_similar("boards that lie parallel to each other")
@@ -97,14 +97,14 @@ def check_after(bundle: Bundle, cov: FloatArray) -> None:
         NoAnswerError: Says which, and what to add.
     """
     turn_deg = math.degrees(largest_turn_rad(bundle.rotations[:, :, 2]))
-    if turn_deg < _LEAST_TURN_DEG:
+    if turn_deg < _MIN_TURN_DEG:
         raise _too_similar(f"boards that are turned by at most {turn_deg:.1f} deg from each other")
     _check_well_known(bundle, cov)
 
 
 def _too_similar(got: str) -> NoAnswerError:
     what = "the views are too similar to tell focal length from distance"
-    return NoAnswerError(what, got=got, expected=f"turned by {_LEAST_TURN_DEG:.0f} deg, better 40", hint=_ADD)
+    return NoAnswerError(what, got=got, expected=f"turned by {_MIN_TURN_DEG:.0f} deg, better 40", hint=_ADD)
 
 
 def normals(views: Sequence[View], size_px: tuple[int, int]) -> FloatArray:
@@ -122,14 +122,14 @@ def largest_turn_rad(facing: FloatArray) -> float:
 def _check_well_known(bundle: Bundle, cov: FloatArray) -> None:
     camera, std = bundle.camera, np.sqrt(np.diag(cov))
     focal = float(np.max(std[:2] / intrinsics_of(camera)[:2]))
-    if not focal <= _MOST_FOCAL_STD:
+    if not focal <= _MAX_FOCAL_STD:
         got = f"{camera.fx_px:.5g} px, known to {100 * focal:.2g} %" if math.isfinite(focal) else "no answer"
-        expected = f"a std of at most {100 * _MOST_FOCAL_STD:g} %"
+        expected = f"a std of at most {100 * _MAX_FOCAL_STD:g} %"
         raise NoAnswerError("the views hardly determine the focal length", got=got, expected=expected, hint=_ADD)
     longer = max(camera.width_px, camera.height_px)
-    if not float(np.max(std[2:4])) <= _MOST_CENTRE_STD * longer:
+    if not float(np.max(std[2:4])) <= _MAX_CENTRE_STD * longer:
         got = f"a std of {float(np.max(std[2:4])):.3g} px"
-        expected = f"at most {_MOST_CENTRE_STD * longer:.2g} px"
+        expected = f"at most {_MAX_CENTRE_STD * longer:.2g} px"
         raise NoAnswerError("the views hardly determine the principal point", got=got, expected=expected, hint=_ADD)
 
 
@@ -147,8 +147,8 @@ def without_outliers(
     """
     views, bundle = _without_strays(views, bundle)
     rejected: list[tuple[View, float]] = []
-    most = int(_MOST_LEFT_OUT * len(views))
-    while len(rejected) < most and len(views) > FEWEST_VIEWS:
+    most = int(_MAX_REJECTED * len(views))
+    while len(rejected) < most and len(views) > MIN_VIEWS:
         corners = Corners.of(views)
         rms = view_rms_px(residuals_px(bundle, corners), corners)
         worst = int(np.argmax(rms))
@@ -175,7 +175,7 @@ def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View
     std = robust_std(off)
     stray = np.linalg.norm(off, axis=-1) > _STRAY * std
     share = corners.per_view(stray.astype(np.float64)) / np.bincount(corners.view)
-    stray &= (share <= _MOST_STRAYS)[corners.view]
+    stray &= (share <= _MAX_STRAYS)[corners.view]
     if not np.any(stray):
         return views, bundle
     kept = np.split(~stray, corners.starts[1:])
@@ -200,7 +200,7 @@ class LensChoice(StrEnum):
     FISHEYE = "fisheye"
 
 
-_FEWEST_COEFFICIENTS, _WITH_K3, _RATIONAL = 4, 5, 8
+_MIN_COEFFICIENTS, _WITH_K3, _RATIONAL = 4, 5, 8
 _RATIONAL_STD = 3.0  # of k4, k5, k6 before anything is seen: those of real lenses are about 1
 
 
@@ -283,7 +283,7 @@ def _begin(corners: Corners, lens: LensChoice, size_px: tuple[int, int]) -> Bund
     model = LensModel.FISHEYE if lens is LensChoice.FISHEYE else LensModel.BROWN
     ends = [
         adjust(reseated(adjust(guess, corners), corners), corners)
-        for guess in first_guesses(corners, model, size_px, _FEWEST_COEFFICIENTS)[:_STARTS]
+        for guess in first_guesses(corners, model, size_px, _MIN_COEFFICIENTS)[:_STARTS]
     ]
     if not ends:
         raise NoAnswerError(
@@ -370,7 +370,7 @@ class LensFit:
     solution: LensSolution
 
 
-def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MOST_VIEWS) -> Choice:
+def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MAX_VIEWS) -> Choice:
     """Choose at most so many views.
 
     Args:

@@ -45,11 +45,11 @@ _ENDS: Final = 0.1  # of an edge, next to its corners: not used
 _TAPS: Final = 17  # across it
 _PLATEAU: Final = 3  # taps at either end that tell black and white
 _REACH: Final = 0.75  # of a module, across the edge to either side
-_LEAST_REACH_PX, _MOST_REACH_PX = 1.2, 6.0
+_MIN_REACH_PX, _MAX_REACH_PX = 1.2, 6.0
 _CONTRAST: Final = 10.0  # grey values: less is no edge
 _ROUNDS: Final = 3
 _TOLERATED: Final = 3.0  # times the scatter
-_LEAST_SCATTER_PX: Final = 0.05
+_MIN_SCATTER_PX: Final = 0.05
 _SHARE: Final = 0.4  # of an edge that must be seen
 _CORRELATED_PX: Final = 1.5  # samples that are closer say the same: blur and the camera's own sharpening
 _AT_END: Final = (1 + 12 * (0.5 / (1 - 2 * _ENDS)) ** 2) ** 0.5  # a fitted line's std at its corner over that of a mean
@@ -57,10 +57,10 @@ _ROUGH_STD_PX: Final = 1.0
 _STRAYED_PX, _STRAYED = 2.0, 0.1  # or share of the longest side: corners that move farther have left their marker
 _PARALLEL: Final = 1e-3  # sine of the angle between lines that never meet
 _AHEAD: Final = 0.1  # cosine: rays farther from the axis are on no plane before the camera
-LEAST_STD_PX: Final = 0.2
+MIN_STD_PX: Final = 0.2
 """What no sharpness takes away: paper is not flat, prints have no exact edges, lenses differ from their model."""
 
-LEAST_SIDE_PX: Final = 10
+MIN_SIDE_PX: Final = 10
 """Markers are looked for down to this size."""
 
 _LARGEST_PX: Final = 40_000_000  # of a picture that is looked into
@@ -169,7 +169,7 @@ def _edges(grey: ImageArray, corners_px: FloatArray, modules: int) -> tuple[Floa
     turn = np.sign(_area(corners_px))[:, None, None]
     outward = np.stack([along[..., 1], -along[..., 0]], axis=-1) / length_px[..., None] * turn
     module_px = np.abs(_area(corners_px))[:, None] / length_px / modules
-    reach_px = np.clip(_REACH * module_px, _LEAST_REACH_PX, _MOST_REACH_PX)
+    reach_px = np.clip(_REACH * module_px, _MIN_REACH_PX, _MAX_REACH_PX)
     shares = np.linspace(_ENDS, 1 - _ENDS, _SAMPLES)
     starts = corners_px[:, :, None] + shares[:, None] * along[:, :, None]
     steps = np.linspace(-1.0, 1.0, _TAPS)
@@ -219,10 +219,10 @@ def _lines(points: FloatArray, seen: BoolArray) -> tuple[FloatArray, FloatArray,
         away = np.abs(off[..., 0] * along[..., None, 1] - off[..., 1] * along[..., None, 0])
         scatter_px = np.sqrt(np.sum(weights * away**2, axis=-1) / np.maximum(count - 2, 1.0))
         typical = 1.4826 * np.median(np.where(seen, away, np.inf), axis=-1)
-        limit = _TOLERATED * np.maximum(np.minimum(typical, scatter_px), _LEAST_SCATTER_PX)
+        limit = _TOLERATED * np.maximum(np.minimum(typical, scatter_px), _MIN_SCATTER_PX)
         kept, weights = weights, (seen & (away <= limit[..., None])).astype(np.float64)
     clear = kept.sum(axis=-1) >= _SHARE * _SAMPLES
-    return middles, along, np.maximum(scatter_px, _LEAST_SCATTER_PX), clear
+    return middles, along, np.maximum(scatter_px, _MIN_SCATTER_PX), clear
 
 
 def _crossings(a: FloatArray, along_a: FloatArray, b: FloatArray, along_b: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -290,9 +290,9 @@ def find_markers(
         MarkerSighting(
             id=int(ids[index]),
             pixel=_px(squares.centres_px[index]),
-            std_px=float(np.hypot(squares.centre_std_px[index], LEAST_STD_PX)),
+            std_px=float(np.hypot(squares.centre_std_px[index], MIN_STD_PX)),
             corners=_corners(squares.corners_px[index]),
-            corner_std_px=float(np.hypot(squares.corner_std_px[index], LEAST_STD_PX)),
+            corner_std_px=float(np.hypot(squares.corner_std_px[index], MIN_STD_PX)),
         )
         for index in np.argsort(ids, kind="stable")
     ]
@@ -336,7 +336,7 @@ def _detected(grey: ImageArray, name: str, index: int) -> tuple[IntArray, FloatA
 def _detector(name: str, index: int, longest_px: int) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     # OpenCV counts in shares of the image, by which a large one would have no small markers.
-    parameters.minMarkerPerimeterRate = min(4 * LEAST_SIDE_PX / longest_px, 1.0)
+    parameters.minMarkerPerimeterRate = min(4 * MIN_SIDE_PX / longest_px, 1.0)
     if (change := _LOOKS[index].change) is not None:
         change(parameters)
     return cv2.aruco.ArucoDetector(dictionary(name), parameters)

@@ -14,12 +14,12 @@ from calibration.pose import LIMIT, Result, State
 
 SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
 STDS: Final = 5.0  # and what its corners' errors may add
-_MOST: Final = 0.5  # share of the markers that can be false
+_MAX_FALSE: Final = 0.5  # share of the markers that can be false
 _SCALED: Final = 4.0  # times the stated stds: what is larger is no bad luck, and no survey a little worse than stated
 _CONTRADICTION: Final = 10.0
 _SURE: Final = 0.99  # that one explanation is better than the next, by the ratio of their variances
 _CHANCE: Final = 1e-4  # of a true explanation to be as bad
-_LEAST_VARIANCE: Final = 0.1  # a fit that is better still is luck
+_MIN_VARIANCE: Final = 0.1  # a fit that is better still is luck
 
 Answer = Callable[[EvidenceSet], Result]
 
@@ -84,7 +84,7 @@ def judge(
     while _determined(result):
         left = [marker for marker in seen if marker not in false]
         found = _apart(result, known, left, answer) or _of_wrong_size(result, seen, left, sides_m)
-        if not found or len(false) + len(found) > _MOST * len(seen):
+        if not found or len(false) + len(found) > _MAX_FALSE * len(seen):
             break
         false |= found
         known = _without(known, *found)
@@ -151,7 +151,7 @@ def _worse_than(best: Result) -> float:
     By what both leave, however the stds were stated; or, where the best one shows that these hold, by them.
     """
     dof, p_value = best.solution.dof, best.solution.p_value or 0.0
-    limit = float(fdtri(dof, dof, _SURE)) * max(_variance(best), _LEAST_VARIANCE)
+    limit = float(fdtri(dof, dof, _SURE)) * max(_variance(best), _MIN_VARIANCE)
     return min(limit, float(chdtri(dof, _CHANCE)) / dof) if p_value > 1 - _SURE else limit
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from aerodft.model import FloatArray
 
-_MOST_STEPS: Final = 60
-_DAMPING, _LEAST, _MOST = 1e-4, 1e-12, 1e10
+_MAX_STEPS: Final = 60
+_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-12, 1e10
 _SETTLED, _NEARLY, _ROUNDING = 1e-10, 1e-6, 1e-14
 """Shares of the cost: below which a step makes no difference, or none where observations that stand far off count less
 (what follows goes on from there), and below which numbers cannot tell."""
@@ -191,7 +191,7 @@ def descend(
     loss = Loss(residuals.owner, scale, kept)
     cost, damping = loss.cost(residuals), _DAMPING
     settled = _SETTLED if scale is None else _NEARLY
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         found = _better(problem, loss, state, residuals.normal(loss.weights(residuals)), cost, damping)
         if found is None:
             break
@@ -206,14 +206,14 @@ def _better(
     problem: Task[StateT, RowsT_co], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
 ) -> tuple[StateT, RowsT_co, float, float] | None:
     """The next state that costs less, its residuals and cost, and the damping from there; None where there is none."""
-    while damping < _MOST:
+    while damping < _MAX_DAMPING:
         step = normal.step(damping)
         moved = problem.moved(state, step) if np.all(np.isfinite(step)) else None
         if moved is not None:
             residuals = problem.evaluate(moved)
             new_cost = loss.cost(residuals)
             if new_cost < cost:
-                return moved, residuals, new_cost, max(damping / 10, _LEAST)
+                return moved, residuals, new_cost, max(damping / 10, _MIN_DAMPING)
             if float(np.abs(step @ normal.slope)) <= _ROUNDING * (cost + _SETTLED):
                 return None
         damping *= 10

@@ -20,7 +20,7 @@ from calibration.pose.descent import Descent, Loss, Rows, RowsT_co, StateT, Task
 from calibration.pose.residuals import Problem, Residuals
 from calibration.pose.state import State
 
-_FEWEST = 3  # landmarks that place a camera without a guess; three do so in up to four ways
+_MIN_LANDMARKS = 3  # landmarks that place a camera without a guess; three do so in up to four ways
 _FLAT = 0.2  # thickness of a body of points, as a share of its width, below which it may be taken for its mirror image
 _ONE_POSE = (
     0.005  # of rotations and of shares of a distance: two closed forms of one pose, which descents bring together
@@ -72,13 +72,13 @@ def placed(
     points, pixels = problem.landmarks
     if rows is not None:
         points, pixels = points[rows], pixels[rows]
-    if len(points) < _FEWEST or given.model is not ProjectionModel.PINHOLE:
+    if len(points) < _MIN_LANDMARKS or given.model is not ProjectionModel.PINHOLE:
         return
     middle = points.mean(axis=0)
     lens = replace(given.camera, fx_px=zoom * given.camera.fx_px, fy_px=zoom * given.camera.fy_px)
     rays = rays_from_pixels(lens, pixels)
     ahead = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
-    if np.count_nonzero(ahead) < _FEWEST:
+    if np.count_nonzero(ahead) < _MIN_LANDMARKS:
         return
     flat = np.ascontiguousarray(rays[ahead, :2] / rays[ahead, 2:])
     found: list[FloatArray] = []
@@ -95,10 +95,10 @@ def placed(
 
 def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Rotations and shifts from the world to the camera: all that fit, points of a plane may fit two."""
-    ways = [cv2.SOLVEPNP_P3P] if len(flat) == _FEWEST else [cv2.SOLVEPNP_SQPNP]
+    ways = [cv2.SOLVEPNP_P3P] if len(flat) == _MIN_LANDMARKS else [cv2.SOLVEPNP_SQPNP]
     _, thickness, axes = np.linalg.svd(points_m, full_matrices=False)
     in_plane = points_m
-    if len(flat) > _FEWEST and thickness[2] < _FLAT * thickness[1]:
+    if len(flat) > _MIN_LANDMARKS and thickness[2] < _FLAT * thickness[1]:
         ways.append(cv2.SOLVEPNP_IPPE)
         in_plane = points_m - np.outer(points_m @ axes[2], axes[2])
     for way in ways:

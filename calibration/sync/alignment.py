@@ -17,10 +17,10 @@ from aerodft.service import AttitudeSettings
 from aerodft.service.attitude import AttitudeHistory
 from aerodft.vision.camera_motion import ImagePair, PlaneMotion, layered_motion, plane_motion
 from calibration.sync.fit import (
-    FEWEST_REPORTS,
     LAG,
     LAG_PRIOR_S,
     MAX_DRIFT,
+    MIN_REPORTS,
     Peak,
     Refined,
     TurnProblem,
@@ -216,7 +216,7 @@ def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refin
         raise NoAnswerError(
             "too little of the log is about what the video shows",
             got=f"{error} reports of {camera.source} while the ground was followed",
-            expected=f"at least {FEWEST_REPORTS}",
+            expected=f"at least {MIN_REPORTS}",
             hint="film longer while the gimbal moves, or ask for its reports more often",
         ) from None
 

@@ -35,10 +35,10 @@ MAX_DRIFT = 0.03
 
 _STEP_S = 0.05
 _DRIFT_STEP = 0.0025
-_MOST_PAIRS = 400
+_MAX_PAIRS = 400
 _LOG_RATE_STD_RADPS = 0.015  # of telemetry against the camera, in part because its lag is not quite known yet
 _LAGS_S = (0.05, 0.175, 0.3)  # that are tried
-_LEAST = np.exp(-8.0)  # likelihood of what cannot be: a pair may be wrong
+_MIN_LIKELIHOOD = np.exp(-8.0)  # likelihood of what cannot be: a pair may be wrong
 _APART_S = 1.0  # peaks closer than this are one
 _PEAKS = 2
 _REACH = 2 * round(_APART_S / _STEP_S) + 1
@@ -53,7 +53,7 @@ _STEP = np.array([0.01, 2e-4, 0.01, 0.002, 0.002, 0.002])  # of central differen
 _RATE_STD_RADPS = 0.001  # of what a camera does beside its gimbal
 _STUDENT = 4.0  # degrees of freedom of the turns' t distribution
 _MEDIAN_CHI2 = 2.366  # with 3 degrees of freedom
-_LEAST_ITERATIONS, _ITERATIONS = 6, 12
+_MIN_ITERATIONS, _ITERATIONS = 6, 12
 _FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is robust_weights, and what is left of it after each iteration
 _CONVERGED = np.array([1e-5, 1e-7, 1e-5])
 _FIXED = 1e18  # precision of what is no unknown
@@ -66,7 +66,7 @@ _FIXED_SHARE = np.array([-0.5324, 0.4160, 2.9694, 1.9600]) / 1.96  # of the whol
 SMEAR = LAG + 1
 """The time constant's place among the unknowns; a turn of the path as a whole follows."""
 
-FEWEST_REPORTS = 20
+MIN_REPORTS = 20
 """With fewer there is no answer."""
 
 _PATH_UNKNOWNS = SMEAR + 4
@@ -77,10 +77,10 @@ _SHARES = (0.0, 0.5, 1.0)  # of the lag that the time constant makes up at first
 _AROUND_S = 0.05  # on both sides, of a rate
 _MARGIN_S = 0.4  # of the video's ends, for what is yet to be moved
 _TOGETHER_S = 0.4  # reports this close are one residual: what a lead adds to the path's noise averages out
-_KNOT_S, _MOST_KNOTS = 0.5, 240
+_KNOT_S, _MAX_KNOTS = 0.5, 240
 _STRAY_RAD = 0.0005  # in a second, beside what is known of the path
 _FIRST_RAD = 0.2  # how far off it may begin
-_LEAST_PATH_ITERATIONS, _PATH_ITERATIONS = 8, 14
+_MIN_PATH_ITERATIONS, _PATH_ITERATIONS = 8, 14
 _BESIDE = 1.3  # times what model and residuals tell were the errors over simulated flights
 _WHOLE_MS_STD_S = 0.0005  # of stamps that count milliseconds, with those of the clock map
 _UNSTAMPED = (GimbalSource.MOUNT_STATUS,)
@@ -106,7 +106,7 @@ def search(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s
         zero_ns: The reference: offset is added there, drift counts from there; that of ``camera``.
         max_offset_s: Offsets of up to this, on both sides.
     """
-    every = max(len(motion) // _MOST_PAIRS, 1)
+    every = max(len(motion) // _MAX_PAIRS, 1)
     start_s, end_s = ((stamps[::every] - zero_ns) / SECOND_NS for stamps in (motion.start_ns, motion.end_ns))
     reach_s = max_offset_s + MAX_DRIFT * float(np.max(np.abs(start_s)))
     log_s = np.arange(start_s[0] - reach_s, start_s[-1] + reach_s + _STEP_S, _STEP_S)
@@ -138,7 +138,7 @@ def _table(
         zip(motion.homography[::every], motion.cov[::every], between_s, strict=True)
     ):
         misfit = _misfit(homography, cov, rate[known] * step_s, told.normal_cam[known], _LOG_RATE_STD_RADPS * step_s)
-        likelihood = np.exp(-misfit / 2) + _LEAST
+        likelihood = np.exp(-misfit / 2) + _MIN_LIKELIHOOD
         table[row, known] = np.log(likelihood / likelihood.mean())
     return table
 
@@ -227,7 +227,7 @@ def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
         gradient = np.einsum("nui,nu->i", jac, off) + precision * (mean - values)
         step = np.linalg.solve(information, gradient)
         values = np.where(fixed, 0.0, values + step)
-        if round_ >= _LEAST_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
+        if round_ >= _MIN_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
             break
     return np.asarray(values)
 
@@ -409,7 +409,7 @@ class _Reports:
         around = [camera.carries(utc_s + sign * _MARGIN_S / 2) for sign in (-1, 1)]
         around += [path.sees(video_s + sign * _MARGIN_S) for sign in (-1, 0, 1)]
         keep = np.all(around, axis=0)
-        if np.count_nonzero(keep) < FEWEST_REPORTS:
+        if np.count_nonzero(keep) < MIN_REPORTS:
             raise LookupError(np.count_nonzero(keep))
         self._report_s, self._wxyz = camera.report_s[keep], camera.report_wxyz[keep]
         together = np.floor((self._report_s - self._report_s[0]) / _TOGETHER_S)
@@ -455,7 +455,7 @@ class _Walk:
 
     def __init__(self, times_s: FloatArray, path: CameraPath) -> None:
         span_s = float(times_s[-1] - times_s[0])
-        knots = np.linspace(times_s[0], times_s[-1], int(np.clip(span_s / _KNOT_S, 1, _MOST_KNOTS)) + 1)
+        knots = np.linspace(times_s[0], times_s[-1], int(np.clip(span_s / _KNOT_S, 1, _MAX_KNOTS)) + 1)
         self.basis = np.stack([np.interp(times_s, knots, row) for row in np.eye(len(knots))], axis=1)
         between_s = knots[1] - knots[0]
         std = np.hypot(path.stray_rad(knots), _STRAY_RAD * np.sqrt(between_s))
@@ -486,9 +486,9 @@ class _Fit:
             values, strays = values + np.where(self._fixed, 0.0, step[:_PATH_UNKNOWNS]), strays + step[_PATH_UNKNOWNS:]
             if values[SMEAR] < 0:
                 values[SMEAR] = 0.0
-                self._fixed[SMEAR] = round_ >= _LEAST_PATH_ITERATIONS
+                self._fixed[SMEAR] = round_ >= _MIN_PATH_ITERATIONS
             self._spread = scales(self._off(values, strays), self._reports.rate_radps(values))
-            if round_ > _LEAST_PATH_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
+            if round_ > _MIN_PATH_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
                 break
         lines = self._lines(values, strays)
         return Refined(

@@ -26,10 +26,10 @@ from aerodft.service import AttitudeSettings, FixedMount
 from aerodft.service.attitude import AttitudeHistory, AttitudeSeries, reference_of
 from aerodft.vision.camera_motion import ImagePair, PlaneMotion, Turns
 
-_FEWEST = 20  # samples of a curve
+_MIN_SAMPLES = 20  # samples of a curve
 _SMOOTHNESS = tuple(10.0**power for power in range(-8, 2))  # s3; weights of the second derivative
-_LEAST_STD_RAD = 1e-4  # of a turn between two images
-_MOST_CHI2 = 100.0  # of two degrees of freedom; more are land and water as one, which turn like neither for seconds
+_MIN_STD_RAD = 1e-4  # of a turn between two images
+_MAX_CHI2 = 100.0  # of two degrees of freedom; more are land and water as one, which turn like neither for seconds
 _UNSEEN_RAD = 0.02  # after a second of which no image tells
 
 
@@ -190,7 +190,7 @@ def _believed(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSou
 
 
 def _usable(series: AttitudeSeries | None) -> AttitudeSeries | None:
-    return series if series is not None and len(series.stamp_ns) >= _FEWEST else None
+    return series if series is not None and len(series.stamp_ns) >= _MIN_SAMPLES else None
 
 
 def _of_one_kind(gimbal: AttitudeSeries) -> AttitudeSeries:
@@ -279,9 +279,9 @@ def followed_path(
     """
     start_ns = np.array([pair.start_ns for pair in pairs], dtype=np.int64)
     edges_s = (np.append(start_ns, pairs[-1].end_ns) - zero_ns) / SECOND_NS
-    whole = turns.chi2 <= _MOST_CHI2
+    whole = turns.chi2 <= _MAX_CHI2
     off = np.maximum(turns.chi2[whole] / 2, 1.0)[:, None, None]
-    information = np.linalg.inv(turns.cov_rad2[whole] * off + _LEAST_STD_RAD**2 * np.eye(3))
+    information = np.linalg.inv(turns.cov_rad2[whole] * off + _MIN_STD_RAD**2 * np.eye(3))
     total, weighted = np.zeros((len(pairs), 3, 3)), np.zeros((len(pairs), 3))
     at = np.searchsorted(start_ns, motion.start_ns[whole])
     np.add.at(total, at, information)

@@ -16,7 +16,7 @@ from aerodft.app.calibrate.checks import check_unknowns
 from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
-from calibration.markers import LEAST_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
+from calibration.markers import MIN_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
 from calibration.pose import calibrate
 
 _THOROUGH: Final = 3  # images that are looked into in every way; of a video, the others show the same
@@ -199,7 +199,7 @@ def _suggestion(file: MarkersFile, pixels: ImageArray) -> str:
     other = other_dictionary(pixels, file.survey.dictionary).lower()
     if other:
         return f"markers of {other} are there: is that the dictionary?"
-    return f"are they at least {LEAST_SIDE_PX} px wide, sharp, whole, and with a white margin?"
+    return f"are they at least {MIN_SIDE_PX} px wide, sharp, whole, and with a white margin?"
 
 
 def _notes(

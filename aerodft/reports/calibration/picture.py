@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-_LEAST_PX, _MOST_PX = 1280, 3840  # of the picture's width
+_MIN_PX, _MAX_PX = 1280, 3840  # of the picture's width
 _STRIP_PX, _DPI = 112.0, 100.0
 _CANVAS = (0.23, 0.25, 0.28)
 _SEEN, _OUTLIER, _ARROW, _HORIZON, _GRID, _NORTH = "#ffd500", "#ff3b30", "#00e5ff", "#ff7ad9", "#ffffff", "#7dff7d"
@@ -38,7 +38,7 @@ TEXT_PX, SMALL_PX = 20.0, 17.0
 
 _CROSS_PX, _RING_PX, _THICK_PX, _ARROW_PX, _RIM_PX, _LINE_RIM_PX = 22.0, 11.0, 2.2, 13.0, 2.0, 1.2
 _LETTER = 0.58  # width over height of a letter, on the average
-_MOST_LETTERS = 48
+_MAX_LETTERS = 48
 
 _Box = tuple[float, float, float, float]
 
@@ -137,7 +137,7 @@ class Pen:
 
     def _extent(self, text: str, size: float) -> tuple[float, float]:
         high = size * self._pixels
-        return _LETTER * high * min(len(text), _MOST_LETTERS), high
+        return _LETTER * high * min(len(text), _MAX_LETTERS), high
 
     def _place(
         self, at: FloatArray, places: list[tuple[float, float]], extent: tuple[float, float], *, must: bool
@@ -158,7 +158,7 @@ class Pen:
         self._axes.text(
             box[0],
             box[3],
-            shortened(text, _MOST_LETTERS),
+            shortened(text, _MAX_LETTERS),
             color=colour,
             fontsize=self.points(size),
             va="bottom",
@@ -208,7 +208,7 @@ def draw_picture(picture: Picture, path: Path) -> tuple[str, ...]:
         What a reader has to know of it, in sentences.
     """
     camera = picture.state.camera
-    width_px = min(max(camera.width_px, _LEAST_PX), _MOST_PX)
+    width_px = min(max(camera.width_px, _MIN_PX), _MAX_PX)
     image_px, strip_px = camera.height_px * width_px / camera.width_px, _STRIP_PX * width_px / REFERENCE_PX
     figure = Figure(figsize=(width_px / _DPI, (image_px + strip_px) / _DPI), dpi=_DPI, facecolor="white")
     share = strip_px / (image_px + strip_px)

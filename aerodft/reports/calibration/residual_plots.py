@@ -24,7 +24,7 @@ PLANE_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
 _SIZE_IN, _DPI = (15.0, 9.4), 110
 _KEPT, _LINE_LIKE, _OUTLIER, _EXPECTED = "tab:blue", "tab:orange", "tab:red", "0.15"
-_MARGIN, _ROOM, _NAMED, _LOG_FROM, _MOST_BINS, _MOST_CELLS = 1.15, 1.4, 4, 8.0, 40, 9
+_MARGIN, _ROOM, _NAMED, _LOG_FROM, _MAX_BINS, _MAX_CELLS = 1.15, 1.4, 4, 8.0, 40, 9
 _DARK, _RIGHT, _LETTERS = 0.6, 0.65, 24
 
 
@@ -114,7 +114,7 @@ def _histogram(axes: Axes, rows: Sequence[Row], scaled: float) -> None:
     kept = [row.values for row in rows if not row.left.is_outlier]
     values = np.concatenate([*kept, np.zeros(0)])
     reach = max(3.5, float(np.max(np.abs(values), initial=0.0)) * _MARGIN, PLANE_95 * scaled)
-    bins = int(np.clip(round(2 * math.sqrt(max(len(values), 1)) * reach / 3.5), 10, _MOST_BINS))
+    bins = int(np.clip(round(2 * math.sqrt(max(len(values), 1)) * reach / 3.5), 10, _MAX_BINS))
     edges = np.linspace(-reach, reach, bins + 1)
     axes.hist(values, edges.tolist(), color=_KEPT, alpha=0.6, label=f"{len(values)} residuals")
     x = np.linspace(-reach, reach, 401)
@@ -170,7 +170,7 @@ def _correlations(axes: Axes, result: Result | ImagesResult) -> None:
     axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(names)), names)
     axes.set_title("Correlations of what was found")
-    if len(names) <= _MOST_CELLS:
+    if len(names) <= _MAX_CELLS:
         for (down, across), value in np.ndenumerate(matrix):
             colour = "white" if abs(value) > _DARK else "black"
             axes.text(across, down, f"{value:.2f}", ha="center", va="center", fontsize="small", color=colour)

@@ -16,7 +16,7 @@ SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
 STDS: Final = 5.0  # and what its corners' errors may add
 _MAX_FALSE: Final = 0.5  # share of the markers that can be false
 _SCALED: Final = 4.0  # times the stated stds: what is larger is no bad luck, and no survey a little worse than stated
-_CONTRADICTION: Final = 10.0
+_MAX_SCALE: Final = 10.0
 _SURE: Final = 0.99  # that one explanation is better than the next, by the ratio of their variances
 _CHANCE: Final = 1e-4  # of a true explanation to be as bad
 _MIN_VARIANCE: Final = 0.1  # a fit that is better still is luck
@@ -83,7 +83,7 @@ def judge(
     result = answer(known)
     while _determined(result):
         left = [marker for marker in seen if marker not in false]
-        found = _apart(result, known, left, answer) or _of_wrong_size(result, seen, left, sides_m)
+        found = _disagreeing(result, known, left, answer) or _of_wrong_size(result, seen, left, sides_m)
         if not found or len(false) + len(found) > _MAX_FALSE * len(seen):
             break
         false |= found
@@ -105,7 +105,7 @@ def _conflict(
 ) -> str:
     if not _determined(result):
         return ""
-    if result.solution.scaled > _CONTRADICTION:
+    if result.solution.scaled > _MAX_SCALE:
         return "no camera explains them all, and they are too few to tell which one is wrong"
     if _of_wrong_size(result, seen, trusted, sides_m):
         ratio = np.median([seen_m / sides_m[marker] for marker, seen_m, _ in _looks(result, seen, trusted, sides_m)])
@@ -118,8 +118,8 @@ def _agrees(result: Result) -> bool:
     return bool(np.all(result.solution.kept)) and result.solution.scaled < _SCALED
 
 
-def _apart(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:
-    """What does not fit: the one marker without which all the rest agrees, or else those that the fit left out."""
+def _disagreeing(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:
+    """What does not fit: the one marker without which all the rest agrees, or else those that the fit rejected."""
     if _agrees(result):
         return {}
     without = {marker: answer(rest) for marker in markers if (rest := _without(known, marker)).evidence}

@@ -406,7 +406,7 @@ class _Reports:
         self._camera, self._path = camera, path
         utc_s = camera.report_s + start[LAG]
         video_s = (utc_s - start[OFFSET]) / (1 + start[DRIFT])
-        around = [camera.carries(utc_s + sign * _MARGIN_S / 2) for sign in (-1, 1)]
+        around = [camera.knows_reference(utc_s + sign * _MARGIN_S / 2) for sign in (-1, 1)]
         around += [path.sees(video_s + sign * _MARGIN_S) for sign in (-1, 0, 1)]
         keep = np.all(around, axis=0)
         if np.count_nonzero(keep) < MIN_REPORTS:

@@ -36,15 +36,15 @@ _UNSEEN_RAD = 0.02  # after a second of which no image tells
 class _Curve:
     """A smoothing spline of samples ``(n, k)``: what a report's noise does between them is no motion of the camera.
 
-    How smooth, every other sample decides: the curve that the rest of them makes must foretell it best.
+    How smooth, every other sample decides: the curve that the rest of them makes must predict it best.
     """
 
     def __init__(self, times_s: FloatArray, values: FloatArray, max_gap_s: float) -> None:
         self._times_s = times_s
         self._max_gap_s = max_gap_s
-        misses = [_missed(times_s, values, smoothness) for smoothness in _SMOOTHNESS]
+        errors = [_prediction_error(times_s, values, smoothness) for smoothness in _SMOOTHNESS]
         # With twice as many samples, twice the weight keeps the balance.
-        self._spline = make_smoothing_spline(times_s, values, lam=2 * _SMOOTHNESS[int(np.argmin(misses))])
+        self._spline = make_smoothing_spline(times_s, values, lam=2 * _SMOOTHNESS[int(np.argmin(errors))])
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -63,7 +63,7 @@ class _Curve:
         return np.asarray(near & (times_s >= first_s) & (times_s <= last_s))
 
 
-def _missed(times_s: FloatArray, values: FloatArray, smoothness: float) -> float:
+def _prediction_error(times_s: FloatArray, values: FloatArray, smoothness: float) -> float:
     """Mean square by which a curve through even samples misses odd ones."""
     curve = make_smoothing_spline(times_s[::2], values[::2], lam=smoothness)
     return float(np.mean((curve(times_s[1:-1:2]) - values[1:-1:2]) ** 2))
@@ -94,13 +94,13 @@ class CameraMotion:
             LookupError: The log holds no attitude of the camera that could be used.
         """
         history = _cut(history, zero_ns, reach_s)
-        self.source = _believed(history, settings)
+        self.source = _preferred_source(history, settings)
         self.has_lag = self.source is not GimbalSource.FIXED_MOUNT
         self._zero_ns, self._max_gap_s = zero_ns, settings.max_gap_ns / SECOND_NS
         mount = settings.camera_on_gimbal if self.has_lag else settings.fixed_mount
-        self._mount = _mounted(mount)
+        self._mount = _mount_wxyz(mount)
         vehicle = _usable(history.vehicle)
-        self._carrier: _Curve | None = None
+        self._reference: _Curve | None = None
         bolted = None if self.has_lag else vehicle
         gimbal = bolted or _of_one_kind(history.gimbals[self.source])
         self.report_s, self.report_wxyz = (gimbal.stamp_ns - zero_ns) / SECOND_NS, gimbal.wxyz
@@ -111,33 +111,33 @@ class CameraMotion:
         if frame is ReportFrame.BODY or not in_earth:
             if vehicle is None:
                 raise LookupError(self.source)
-            self._carrier = self._curve(vehicle, reference_of(vehicle.wxyz, frame, yaw_in_earth=in_earth))
+            self._reference = self._curve(vehicle, reference_of(vehicle.wxyz, frame, yaw_in_earth=in_earth))
 
     def _curve(self, series: AttitudeSeries, wxyz: FloatArray) -> _Curve:
-        return _Curve((series.stamp_ns - self._zero_ns) / SECOND_NS, _steady(wxyz), self._max_gap_s)
+        return _Curve((series.stamp_ns - self._zero_ns) / SECOND_NS, _continuous(wxyz), self._max_gap_s)
 
     def enu_wxyz_cam(self, times_s: FloatArray, lag_s: float = 0.0) -> FloatArray:
         """``(..., 4)``: what the gimbal reported ``lag_s`` before, on what the vehicle then was."""
         attitude = multiply(self._report.at(times_s - lag_s), self._mount)
-        if self._carrier is not None:
-            attitude = multiply(self._carrier.at(times_s), attitude)
+        if self._reference is not None:
+            attitude = multiply(self._reference.at(times_s), attitude)
         return camera_from_gimbal(attitude / np.linalg.norm(attitude, axis=-1, keepdims=True))
 
     def report_of(self, times_s: FloatArray, enu_wxyz_cam: FloatArray) -> FloatArray:
         """``(n, 4)``: what a gimbal without lag would report of a camera that is there then."""
         gimbal = multiply(gimbal_from_camera(enu_wxyz_cam), inverse(self._mount))
-        if self._carrier is None:
+        if self._reference is None:
             return gimbal
-        carrier = self._carrier.at(times_s)
-        return multiply(inverse(carrier / np.linalg.norm(carrier, axis=-1, keepdims=True)), gimbal)
+        reference = self._reference.at(times_s)
+        return multiply(inverse(reference / np.linalg.norm(reference, axis=-1, keepdims=True)), gimbal)
 
-    def carries(self, times_s: FloatArray) -> BoolArray:
+    def knows_reference(self, times_s: FloatArray) -> BoolArray:
         """Where it is known what the report counts from."""
-        return np.ones(times_s.shape, dtype=np.bool_) if self._carrier is None else self._carrier.knows(times_s)
+        return np.ones(times_s.shape, dtype=np.bool_) if self._reference is None else self._reference.knows(times_s)
 
     def knows(self, times_s: FloatArray, lag_s: float = 0.0) -> BoolArray:
         """Where ``enu_wxyz_cam`` lies between samples."""
-        return self._report.knows(times_s - lag_s) & self.carries(times_s)
+        return self._report.knows(times_s - lag_s) & self.knows_reference(times_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +179,7 @@ def _cut(history: AttitudeHistory, zero_ns: int, reach_s: float) -> AttitudeHist
     return AttitudeHistory(vehicle=vehicle, gimbals=gimbals, frames=history.frames)
 
 
-def _believed(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSource:
+def _preferred_source(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSource:
     for source in settings.order:
         if source is GimbalSource.FIXED_MOUNT:
             if settings.fixed_mount is not None and _usable(history.vehicle) is not None:
@@ -201,14 +201,14 @@ def _of_one_kind(gimbal: AttitudeSeries) -> AttitudeSeries:
     )
 
 
-def _mounted(mount: FixedMount | None) -> FloatArray:
+def _mount_wxyz(mount: FixedMount | None) -> FloatArray:
     """``gimbal_SO3_mounted (4,)``."""
     if mount is None:
         return np.array([1.0, 0.0, 0.0, 0.0])
     return from_yaw_pitch_roll(mount.yaw_rad, mount.pitch_rad, mount.roll_rad)
 
 
-def _steady(wxyz: FloatArray) -> FloatArray:
+def _continuous(wxyz: FloatArray) -> FloatArray:
     """Rotations ``(n, 4)`` without changes of the quaternions' sign."""
     flips = np.sum(wxyz[1:] * wxyz[:-1], axis=-1) < 0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
@@ -216,7 +216,7 @@ def _steady(wxyz: FloatArray) -> FloatArray:
 
 
 class CameraPath:
-    """``steady_SO3_cam`` of some steady frame that is level about as ENU is.
+    """``level_SO3_cam`` of some frame that does not move and is about as level as ENU.
 
     Attributes:
         span_s: First and last image, seconds since the reference by the video's clock.

@@ -43,7 +43,7 @@ class CalibrationResult:
         unknowns: What was asked for.
         camera: The camera as its file has it.
         inputs: Names and hashes of other files that it is from, for the provenance.
-        error: Why it cannot be used; None where it can.
+        mistake: What looks wrong with evidence that does not fit; None where nothing does.
     """
 
     fit: Result | ImagesResult
@@ -51,7 +51,7 @@ class CalibrationResult:
     unknowns: tuple[str, ...]
     camera: Camera
     inputs: dict[str, Any] = field(default_factory=dict)
-    error: AerodftError | None = None
+    mistake: AerodftError | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -73,9 +73,20 @@ class CalibrationResult:
         """What a person should know: rejected observations, stds that are too small, doubts about images."""
         return calibration_notes(self.fit, self.evidence)
 
-    def document(self) -> dict[str, Any]:
-        """Everything as ``aerodft calibrate --json`` prints it."""
-        return calibration_document(self.fit, self.evidence, self.error)
+    def refusal(self, *, is_saved: bool = False) -> AerodftError | None:
+        """Why it cannot be used; None where it can.
+
+        Args:
+            is_saved: It goes into a file, which needs a height and a tilt.
+        """
+        if isinstance(self.fit, ImagesResult):
+            return not_determined(self.fit, self.evidence)
+        missing = self.mistake or unstated(self.fit, self.evidence, is_saved=is_saved)
+        return missing or not_determined(self.fit, self.evidence)
+
+    def document(self, *, is_saved: bool = False) -> dict[str, Any]:
+        """Everything as ``aerodft calibrate --json`` prints it, with why it cannot be used, as ``refusal``."""
+        return calibration_document(self.fit, self.evidence, self.refusal(is_saved=is_saved))
 
     def save(self, path: Path | str) -> None:
         """Write a calibration file that stations, ``measure`` and ``recompute`` take.
@@ -87,12 +98,12 @@ class CalibrationResult:
             NotDetermined: A height or tilt that the file needs was neither stated nor asked for.
             InputError: It cannot be written.
         """
+        if error := self.refusal(is_saved=True):
+            raise error
         if isinstance(self.fit, ImagesResult):
             found: FixedPose | Calibration = _biases(self.fit, self.evidence)
             lens, model = self.fit.camera, self.fit.solution.state.base.model
         else:
-            if missing := unstated(self.fit, self.evidence, is_saved=True):
-                raise missing
             found = _fixed_pose(self.fit, self.evidence)
             lens, model = replace(self.fit.camera, mode=self.camera.mode), self.fit.solution.state.model
         is_lens_uncertain = any(np.any(row) for row in lens.covariance)
@@ -125,84 +136,6 @@ class CalibrationResult:
         return write_calibration_page(self.fit, self.evidence, Path(folder))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CalibrationTask:
-    """What is to be calibrated; see :func:`calibrate`."""
-
-    evidence: Path | str
-    camera: Camera | Path | str
-    unknowns: Sequence[str] = ("height", "tilt")
-    model: ProjectionModel = ProjectionModel.PINHOLE
-    crs: str | None = None
-    telemetry: Path | str | None = None
-    images: Sequence[Path | str] | None = None
-
-    def solve(self, progress: Progress = no_progress, *, is_saved: bool = False) -> CalibrationResult:
-        """The best fit, with why it cannot be used as its ``error``.
-
-        Args:
-            progress: Called with thousandths of the images that markers are looked for in.
-            is_saved: The result goes into a file, which needs a height and a tilt.
-
-        Raises:
-            AerodftError: As ``calibrate``, but for evidence that is sound and gives no answer.
-        """
-        camera = self.camera if isinstance(self.camera, Camera) else load_camera(Path(self.camera))
-        names = tuple(self.unknowns)
-        check_unique(names)
-        evidence = self._evidence(camera, names, progress)
-        check_against(evidence, camera)
-        if evidence.flight is not None:
-            return self._solve_flight(evidence, evidence.flight, camera, names)
-        if self.telemetry is not None:
-            raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")
-        check_unknowns(names, evidence.known, camera, self.model)
-        fit = solve_for(evidence.known, camera, names, self.model)
-        error = (
-            likely_mistake(Attempt(evidence, camera, names, self.model, fit))
-            or unstated(fit, evidence, is_saved=is_saved)
-            or not_determined(fit, evidence)
-        )
-        inputs: dict[str, Any] = {"images_sha256": {each.name: _sha256(each) for each in evidence.image_paths} or None}
-        if not isinstance(self.camera, Camera):
-            inputs |= {"camera_file": Path(self.camera).name, "camera_sha256": _sha256(Path(self.camera))}
-        return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, camera=camera, inputs=inputs, error=error)
-
-    def _evidence(self, camera: Camera, names: tuple[str, ...], progress: Progress) -> EvidenceFile:
-        path = Path(self.evidence)
-        if self.images is None:
-            evidence = load_evidence(path, self.crs)
-            return evidence.with_notes(*check_mode(evidence.image_paths, camera))
-        if self.crs is not None:
-            raise UsageError("--crs beside --detect", expected="it in the file of markers")
-        return detected_evidence(path, [Path(each) for each in self.images], camera, names, self.model, progress)
-
-    def _solve_flight(
-        self, evidence: EvidenceFile, flight: Flight, camera: Camera, names: tuple[str, ...]
-    ) -> CalibrationResult:
-        """What telemetry is off by in all images of a flight."""
-        telemetry = None if self.telemetry is None else Path(self.telemetry)
-        views, priors = views_of(evidence, flight, telemetry, needs_time="time" in expanded(names))
-        try:
-            fit = calibrate_images(views, priors, camera, names, self.model)
-        except ValueError as error:
-            raise wrong_unknowns(error) from None
-        log = telemetry or flight.log
-        inputs = {
-            "telemetry": None if log is None else log.name,
-            "camera_file": None if isinstance(self.camera, Camera) else Path(self.camera).name,
-            "images": len(views),
-        }
-        return CalibrationResult(
-            fit=fit,
-            evidence=evidence,
-            unknowns=names,
-            camera=camera,
-            inputs=inputs,
-            error=not_determined(fit, evidence),
-        )
-
-
 def calibrate(  # noqa: PLR0913 - each is something that a person knows
     evidence: Path | str,
     camera: Camera | Path | str,
@@ -213,6 +146,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     telemetry: Path | str | None = None,
     images: Sequence[Path | str] | None = None,
     progress: Progress = no_progress,
+    check: bool = True,
 ) -> CalibrationResult:
     """Find a camera's pose (and lens) from landmarks, ranges, lengths, heights, verticals, lines and the horizon.
 
@@ -228,6 +162,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         telemetry: Log or recording that the poses of the file's images are looked up in.
         images: Stills, folders or videos in which the surveyed ArUco or AprilTag markers of ``evidence`` are found.
         progress: Called with how many thousandths of these images are done, and 1000.
+        check: Raise what ``refusal`` would return; without, a fit that cannot be used is returned too, to be looked at.
 
     Returns:
         What was found, with its covariance; ``save`` writes the file that stations take.
@@ -248,19 +183,68 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         (62.3, 0.05)
         >>> found.save("/tmp/bridge.toml")
     """
-    task = CalibrationTask(
-        evidence=evidence,
-        camera=camera,
-        unknowns=unknowns,
-        model=model,
-        crs=crs,
-        telemetry=telemetry,
-        images=images,
-    )
-    found = task.solve(progress)
-    if found.error is not None:
-        raise found.error
+    camera_file = None if isinstance(camera, Camera) else Path(camera)
+    lens = camera if isinstance(camera, Camera) else load_camera(Path(camera))
+    names = tuple(unknowns)
+    check_unique(names)
+    if images is None:
+        known = load_evidence(Path(evidence), crs)
+        known = known.with_notes(*check_mode(known.image_paths, lens))
+    elif crs is None:
+        known = detected_evidence(Path(evidence), list(map(Path, images)), lens, names, model, progress)
+    else:
+        raise UsageError("--crs beside --detect", expected="it in the file of markers")
+    check_against(known, lens)
+    if known.flight is not None:
+        log = None if telemetry is None else Path(telemetry)
+        found = _solve_flight(known, known.flight, lens, names, model, log)
+    elif telemetry is None:
+        found = _solve_camera(known, lens, names, model)
+    else:
+        raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")
+    if camera_file is not None:
+        of_camera = {"camera_file": camera_file.name}
+        if known.flight is None:
+            of_camera["camera_sha256"] = _sha256(camera_file)
+        found = replace(found, inputs=found.inputs | of_camera)
+    if check and (error := found.refusal()):
+        raise error
     return found
+
+
+def _solve_camera(
+    evidence: EvidenceFile, camera: Camera, names: tuple[str, ...], model: ProjectionModel
+) -> CalibrationResult:
+    """Pose and lens of a camera that stands still."""
+    check_unknowns(names, evidence.known, camera, model)
+    fit = solve_for(evidence.known, camera, names, model)
+    return CalibrationResult(
+        fit=fit,
+        evidence=evidence,
+        unknowns=names,
+        camera=camera,
+        inputs={"images_sha256": {each.name: _sha256(each) for each in evidence.image_paths} or None},
+        mistake=likely_mistake(Attempt(evidence, camera, names, model, fit)),
+    )
+
+
+def _solve_flight(
+    evidence: EvidenceFile,
+    flight: Flight,
+    camera: Camera,
+    names: tuple[str, ...],
+    model: ProjectionModel,
+    telemetry: Path | None,
+) -> CalibrationResult:
+    """What telemetry is off by in all images of a flight."""
+    views, priors = views_of(evidence, flight, telemetry, needs_time="time" in expanded(names))
+    try:
+        fit = calibrate_images(views, priors, camera, names, model)
+    except ValueError as error:
+        raise wrong_unknowns(error) from None
+    log = telemetry or flight.log
+    inputs = {"telemetry": None if log is None else log.name, "images": len(views)}
+    return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, camera=camera, inputs=inputs)
 
 
 def _sha256(path: Path) -> str:

@@ -47,31 +47,33 @@ def calibrate(
       aerodft calibrate site.toml --camera cam.toml --unknowns height,tilt,roll -o calibration.toml
       aerodft calibrate flight.toml --camera cam.toml --unknowns height,tilt,heading,time --telemetry flight.tlog
     """
-    from aerodft.app.calibrate import CalibrationTask
+    from aerodft.app.calibrate import calibrate as solve
 
     check_output(output, [*observations, camera, *([] if detect is None else [detect])])
     if detect is None and len(observations) != 1:
         got, expected = f"{len(observations)} files", "one; images go with --detect MARKERS"
         raise UsageError("observations", got=got, expected=expected)
-    task = CalibrationTask(
-        evidence=detect or observations[0],
-        camera=camera,
-        unknowns=[name.strip() for name in unknowns.split(",") if name.strip()],
-        model=model,
-        crs=crs,
-        telemetry=telemetry,
-        images=None if detect is None else observations,
-    )
     with nullcontext(no_progress) if detect is None else progress("looking for markers") as advance:
-        found = task.solve(advance, is_saved=output is not None)
+        found = solve(
+            detect or observations[0],
+            camera,
+            [name.strip() for name in unknowns.split(",") if name.strip()],
+            model=model,
+            crs=crs,
+            telemetry=telemetry,
+            images=None if detect is None else observations,
+            progress=advance,
+            check=False,
+        )
+    is_saved = output is not None
     if json:
-        print_json(found.document())
+        print_json(found.document(is_saved=is_saved))
     else:
         _print(found)
     for sentence in found.notes:
         say(f"aerodft: {sentence}")
-    if found.error is not None:
-        raise found.error
+    if error := found.refusal(is_saved=is_saved):
+        raise error
     if report is not None:
         say(f"wrote {found.write_report(report)}")
     if output is not None:

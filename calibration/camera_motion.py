@@ -284,9 +284,9 @@ class CameraMotionState:
         state: What the looks so far come to.
         since_ns: The first look that came to that.
         moved_ns: The first look that saw the camera where it rests by now, beyond the limit; None if it is within.
-        told_ns: The last look that told by how much the camera has turned.
+        determined_ns: The last look that told by how much the camera has turned.
         has_looked: Whether there were looks enough to say that none tells.
-        rest: Where the camera looks; None before the first look that told.
+        rest: Where the camera looks; None before the first look that determined it.
         off_rad: How far the last look was ``(3,)`` from there; zero where that may be chance.
     """
 
@@ -294,7 +294,7 @@ class CameraMotionState:
         self.state = Steadiness.UNCHECKED
         self.since_ns = 0
         self.moved_ns: int | None = None
-        self.told_ns: int | None = None
+        self.determined_ns: int | None = None
         self.has_looked = False
         self.rest: RestAttitude | None = None
         self.off_rad: FloatArray = np.zeros(3)
@@ -314,7 +314,7 @@ class CameraMotionState:
         before = self.state
         if look.turn is not None:
             self._strange = self._nothing = 0
-            self.told_ns = stamp_ns
+            self.determined_ns = stamp_ns
             self.state = self._with_turn(stamp_ns, look.turn)
         elif look.is_unknown_view:
             self._strange, self._nothing = self._strange + 1, 0
@@ -399,7 +399,7 @@ class CameraMotionCalibrator:
         self._settings = settings
         self._camera = pipeline.camera
         self._lens_cov = intrinsics_covariance(pipeline.camera)
-        self._looker = LookJudge(pipeline.camera, settings.limit_rad)
+        self._judge = LookJudge(pipeline.camera, settings.limit_rad)
         self._state = CameraMotionState(settings)
         self._looks = 0
         self._id = f"watch:{hashlib.sha256((pipeline.config_id or '').encode()).hexdigest()[:16]}"
@@ -424,11 +424,11 @@ class CameraMotionCalibrator:
             return moved.without_poses()
         turn, calibration = self._turn(poses.stamp_ns), self._calibration
         remarks = self._remarks(poses.stamp_ns, turn)
-        told = poses.varied(remarks, lambda each, own: replace(each, reasons=(*each.reasons, *own)))
+        remarked = poses.varied(remarks, lambda each, own: replace(each, reasons=(*each.reasons, *own)))
         if turn is None:
-            return told
+            return remarked
         pose, std = rotated_pose(poses.pose, turn), rotated_std(poses.std, turn)
-        return replace(told.all_varied(lambda each: replace(each, calibration=calibration)), pose=pose, std=std)
+        return replace(remarked.all_varied(lambda each: replace(each, calibration=calibration)), pose=pose, std=std)
 
     def observes(self, name: str) -> bool:
         """Whether that is what observations of steady points are called."""
@@ -440,7 +440,7 @@ class CameraMotionCalibrator:
 
     def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CameraMotionEstimate:
         """Learn from an image's steady points; of several looks at one image the first counts."""
-        look = self._looker.judge(observations[0])
+        look = self._judge.judge(observations[0])
         self._state.take(sample.stamp_ns, look)
         self._looks += look.turn is not None
         return self._estimate(sample.stamp_ns, look)
@@ -450,7 +450,7 @@ class CameraMotionCalibrator:
         return f"{self._id}:{self._looks}" if self._looks else None
 
     def _turn(self, stamp_ns: IntArray) -> KnownTurn | None:
-        """Where the camera looks in images, against where it looked; None before the first look that told.
+        """Where the camera looks in images, against where it looked; None before the first look that determined it.
 
         Args:
             stamp_ns: ``(n,)``; the turn's covariance is ``(n, 3, 3)``.
@@ -470,10 +470,10 @@ class CameraMotionCalibrator:
 
     def _unwatched_rad2(self, stamp_ns: IntArray) -> FloatArray:
         """Variances ``(n,)`` about each axis since the camera was last recognised: a random walk of 1 limit an hour."""
-        told_ns = self._state.told_ns
-        if self._state.state is not Steadiness.UNCHECKED or told_ns is None:
+        determined_ns = self._state.determined_ns
+        if self._state.state is not Steadiness.UNCHECKED or determined_ns is None:
             return np.zeros(len(stamp_ns))
-        return np.asarray(self._settings.limit_rad**2 * np.maximum(stamp_ns - told_ns, 0) / _HOUR_NS)
+        return np.asarray(self._settings.limit_rad**2 * np.maximum(stamp_ns - determined_ns, 0) / _HOUR_NS)
 
     def _remarks(self, stamp_ns: IntArray, turn: KnownTurn | None) -> list[tuple[str, ...]]:
         """What people should know of poses that have numbers, for each stamp ``(n,)``."""
@@ -486,8 +486,8 @@ class CameraMotionCalibrator:
         if state.state is not Steadiness.UNCHECKED or not state.has_looked:
             return [tuple(remarks)] * len(stamp_ns)
         whens = ["yet"] * len(stamp_ns)
-        if state.told_ns is not None:
-            whens = [f"for {max(each - state.told_ns, 0) / SECOND_NS:.0f} s" for each in stamp_ns.tolist()]
+        if state.determined_ns is not None:
+            whens = [f"for {max(each - state.determined_ns, 0) / SECOND_NS:.0f} s" for each in stamp_ns.tolist()]
         unknown = "whether the camera was moved is not known"
         return [(*remarks, f"no steady points were recognised {when}: {unknown}") for when in whens]
 

@@ -140,13 +140,13 @@ def calibrate_lens(
         Traceback (most recent call last):
         aerodft.errors.NoAnswerError: too few views to determine the lens
     """
-    paths, wanted, choice_of_lens = [Path(each) for each in sources], parse_board(board), LensChoice(lens)
+    paths, parsed, lens_choice = [Path(each) for each in sources], parse_board(board), LensChoice(lens)
     mode = common_mode(image_files(paths))
-    images, size_px, views = _look(paths, wanted, progress)
+    images, size_px, views = _look(paths, parsed, progress)
     choice = choose(views, size_px)
     camera_name = name or f"camera of {paths[0].stem}"
     try:
-        solution = solve_lens(choice.used, size_px, choice_of_lens, name=camera_name)
+        solution = solve_lens(choice.used, size_px, lens_choice, name=camera_name)
     except NoAnswerError as error:
         seen = f"{images} image{'' if images == 1 else 's'}, {len(views)} with the board"
         if dropped := len(views) - len(choice.used):
@@ -154,7 +154,7 @@ def calibrate_lens(
         raise NoAnswerError(error.what, where=seen, got=error.got, expected=error.expected, hint=error.hint) from None
     solution = replace(solution, camera=replace(solution.camera, mode=mode))
     return LensCalibration(
-        board=wanted, lens=choice_of_lens, size_px=size_px, images=images, choice=choice, solution=solution
+        board=parsed, lens=lens_choice, size_px=size_px, images=images, choice=choice, solution=solution
     )
 
 
@@ -223,11 +223,11 @@ def print_board(board: str, path: Path | str) -> dict[str, Any]:
         >>> ad.print_board("chessboard:9x6:25mm", "/tmp/board.png")["size_mm"]
         [270.0, 201.7]
     """
-    wanted = parse_board(board)
+    parsed = parse_board(board)
     picture = np.pad(
-        draw_board(wanted, _PRINT_PX_PER_M, _MARGIN_M), ((0, 2 * _CAPTION_PX), (0, 0)), constant_values=255
+        draw_board(parsed, _PRINT_PX_PER_M, _MARGIN_M), ((0, 2 * _CAPTION_PX), (0, 0)), constant_values=255
     )
-    caption = f"{wanted.text} - print at 100 %, then measure a square: {wanted.square_m * 1e3:g} mm"
+    caption = f"{parsed.text} - print at 100 %, then measure a square: {parsed.square_m * 1e3:g} mm"
     place = (round(_MARGIN_M * _PRINT_PX_PER_M), picture.shape[0] - _CAPTION_PX)
     cv2.putText(picture, caption, place, cv2.FONT_HERSHEY_SIMPLEX, 1.2, (90,), 2, cv2.LINE_AA)
     dots = _PRINT_PX_PER_M * _INCH_M
@@ -236,4 +236,4 @@ def print_board(board: str, path: Path | str) -> dict[str, Any]:
     except OSError as error:
         raise InputError("the board cannot be written", where=path, got=error.strerror) from error
     size_mm = [round(side / _PRINT_PX_PER_M * 1e3, 1) for side in picture.shape[::-1]]
-    return {"schema": "aerodft.board/1", "board": wanted.text, "size_mm": size_mm, "file": str(path)}
+    return {"schema": "aerodft.board/1", "board": parsed.text, "size_mm": size_mm, "file": str(path)}

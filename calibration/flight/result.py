@@ -246,7 +246,7 @@ def _without(
         return None
 
 
-def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked: frozenset[str]) -> Observability:
+def images_observability(problem: ImagesProblem, solution: ImagesSolution, requested: frozenset[str]) -> Observability:
     """What images and landmarks tell of what was asked, telemetry's word for it apart.
 
     As ``calibration.pose`` judges one image, with two differences. What telemetry says of a bias that is asked for does
@@ -261,7 +261,7 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked
         prior = problem.priors.get(name)
         if prior is not None and name in BIASES:
             sizes[index] = min(sizes[index], _WORTH * prior.std)
-            information[index, index] -= prior.std**-2 if name in asked else 0.0
+            information[index, index] -= prior.std**-2 if name in requested else 0.0
     values, directions = np.linalg.eigh(information * np.outer(sizes, sizes))
     with np.errstate(divide="ignore"):
         shares = solution.scaled / np.sqrt(np.maximum(values, 0.0))
@@ -350,9 +350,9 @@ def shared_unknowns(
     is_paper = model is ProjectionModel.DFT
     lens = _LENS_OF_THE_PAPER if is_paper else (*_GROUND, *coefficient_names(camera))
     possible = (*(name for name in BIASES if not (is_paper and name == "roll")), *lens)
-    asked = each_possible(names, (*possible, "position"))
+    requested = each_possible(names, (*possible, "position"))
     more = tuple(name for name, prior in priors.items() if prior.std > 0)
-    return SharedUnknowns(tuple(dict.fromkeys((*asked, *more))))
+    return SharedUnknowns(tuple(dict.fromkeys((*requested, *more))))
 
 
 def calibrate_images(

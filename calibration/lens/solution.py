@@ -390,8 +390,8 @@ def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MAX_VIEW
     )
 
 
-def _in_order(views: Sequence[View], wanted: Sequence[View]) -> tuple[View, ...]:
-    return tuple(view for view in views if view in wanted)
+def _in_order(views: Sequence[View], chosen: Sequence[View]) -> tuple[View, ...]:
+    return tuple(view for view in views if view in chosen)
 
 
 def _different(views: Sequence[View], least_px: float) -> list[View]:

@@ -65,7 +65,9 @@ MIN_SIDE_PX: Final = 10
 
 _LARGEST_PX: Final = 40_000_000  # of a picture that is looked into
 _SAME: Final = 0.25  # of a marker's side: detections whose centres are closer are of one marker
-_ALIKE: Final = 0.78  # correlation: textures in a photo reached 0.72, its markers 0.96, blurred ones of 10 px 0.79
+_MIN_CORRELATION: Final = (
+    0.78  # correlation: textures in a photo reached 0.72, its markers 0.96, blurred ones of 10 px 0.79
+)
 _WITHIN: Final = np.array([0.3, 0.5, 0.7])  # of a module: clear of its neighbours
 _log = logging.getLogger(__name__)
 
@@ -90,7 +92,7 @@ class Squares:
         """The squares of a mask ``(m,)``."""
         return Squares(*(getattr(self, each.name)[which] for each in fields(self)))
 
-    def beside(self, more: "Squares") -> "Squares":
+    def followed_by(self, more: "Squares") -> "Squares":
         """These squares, then others."""
         return Squares(*(np.concatenate([getattr(self, each.name), getattr(more, each.name)]) for each in fields(self)))
 
@@ -313,8 +315,8 @@ def _look(grey: ImageArray, name: str, camera: Camera | None, index: int) -> tup
     if not len(ids):
         return ids, Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
     squares = refined(grey, rough_px, modules(name), camera)
-    alike = likeness(grey, squares.corners_px, ids, name) > _ALIKE
-    return ids[alike], squares.of(alike)
+    is_marker = likeness(grey, squares.corners_px, ids, name) > _MIN_CORRELATION
+    return ids[is_marker], squares.of(is_marker)
 
 
 def _detected(grey: ImageArray, name: str, index: int) -> tuple[IntArray, FloatArray]:
@@ -347,7 +349,7 @@ def _with_new(ids: IntArray, squares: Squares, more_ids: IntArray, more: Squares
     sides_px = np.linalg.norm(more.corners_px[:, 0] - more.corners_px[:, 1], axis=-1)
     away_px = np.linalg.norm(more.centres_px[:, None] - squares.centres_px, axis=-1)
     new = np.all(away_px > _SAME * sides_px[:, None], axis=1)
-    return np.concatenate([ids, more_ids[new]]), squares.beside(more.of(new))
+    return np.concatenate([ids, more_ids[new]]), squares.followed_by(more.of(new))
 
 
 def other_dictionary(image: ImageArray, name: str) -> str:

@@ -176,8 +176,8 @@ def _rows(known: EvidenceSet, marker: int) -> list[int]:
 
 
 def _without(known: EvidenceSet, *markers: int) -> EvidenceSet:
-    gone = {row for marker in markers for row in _rows(known, marker)}
-    return replace(known, evidence=tuple(each for row, each in enumerate(known.evidence) if row not in gone))
+    rejected = {row for marker in markers for row in _rows(known, marker)}
+    return replace(known, evidence=tuple(each for row, each in enumerate(known.evidence) if row not in rejected))
 
 
 def _of_wrong_size(

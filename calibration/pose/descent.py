@@ -69,11 +69,11 @@ def eliminated(blocks: FloatArray, slopes: FloatArray, count: int) -> tuple[Floa
         count: ``s``.
     """
     across = blocks[:, :count, count:]
-    known = np.linalg.solve(
+    solved = np.linalg.solve(
         blocks[:, count:, count:], np.concatenate([blocks[:, count:, :count], slopes[:, count:, None]], axis=-1)
     )
-    taken = across @ known
-    return blocks[:, :count, :count] - taken[..., :count], slopes[:, :count] - taken[..., count]
+    by_own = across @ solved
+    return blocks[:, :count, :count] - by_own[..., :count], slopes[:, :count] - by_own[..., count]
 
 
 def own_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> FloatArray:

@@ -106,10 +106,10 @@ def steps_without_each(solution: Solution) -> FloatArray:
         own = residuals.by_unknowns[rows]
         gain = own @ cov
         left = np.eye(count) - gain @ own.swapaxes(-1, -2)
-        told = np.linalg.eigvalsh(left)[:, 0] > _NOTHING_LEFT
-        off = residuals.values[rows[told]] + own[told] @ settled
-        steps[members[told]] = settled + np.einsum(
-            "gij,gi->gj", gain[told], np.linalg.solve(left[told], off[..., None])[..., 0]
+        is_determined = np.linalg.eigvalsh(left)[:, 0] > _NOTHING_LEFT
+        off = residuals.values[rows[is_determined]] + own[is_determined] @ settled
+        steps[members[is_determined]] = settled + np.einsum(
+            "gij,gi->gj", gain[is_determined], np.linalg.solve(left[is_determined], off[..., None])[..., 0]
         )
     return steps
 
@@ -133,12 +133,12 @@ def landmarks_off_m(problem: Problem, solution: Solution, steps: FloatArray) -> 
     state, unknowns = solution.state, problem.unknowns
     points, pixels = problem.landmarks
     wxyz = unknowns.turned(state, steps)
-    told = np.isfinite(wxyz[:, 0]) & np.isfinite(steps[:, 0])
-    turned = matrix(wxyz[told]) @ rays_from_pixels(state.camera, pixels[told])[..., None]
-    position = state.position_m + steps[told] @ unknowns.by_unknowns(state)[POSITION].T
-    found = meet_level(position, turned[..., 0], points[told, 2]).points_enu_m - points[told]
+    is_determined = np.isfinite(wxyz[:, 0]) & np.isfinite(steps[:, 0])
+    turned = matrix(wxyz[is_determined]) @ rays_from_pixels(state.camera, pixels[is_determined])[..., None]
+    position = state.position_m + steps[is_determined] @ unknowns.by_unknowns(state)[POSITION].T
+    found = meet_level(position, turned[..., 0], points[is_determined, 2]).points_enu_m - points[is_determined]
     off = np.full(len(points), np.nan)
-    off[told] = np.hypot(found[:, 0], found[:, 1])
+    off[is_determined] = np.hypot(found[:, 0], found[:, 1])
     return off
 
 
@@ -271,13 +271,13 @@ class Observability:
         std_share: Standard deviation of the weakest as a share of the unknowns' natural sizes; infinite where nothing
             tells.
         advice: What to add; empty where all is determined.
-        apart: Each unknown is undetermined by itself, not only together with others.
+        is_each: Each unknown is undetermined by itself, not only together with others.
     """
 
     combination: dict[str, float]
     std_share: float
     advice: str
-    apart: bool = False
+    is_each: bool = False
 
     @property
     def is_determined(self) -> bool:
@@ -292,7 +292,7 @@ class Observability:
         names = list(self.combination)
         if len(names) == 1:
             return f"{names[0]} cannot be told: {self.advice}"
-        apart = "" if self.apart else " apart"
+        apart = "" if self.is_each else " apart"
         return f"{', '.join(names[:-1])} and {names[-1]} cannot be told{apart}: {self.advice}"
 
 
@@ -331,8 +331,8 @@ def combined(
     weak = weak / np.linalg.norm(weak, axis=-1, keepdims=True)
     each = np.minimum(np.linalg.norm(weak, axis=0), 1.0)
     parts = {names[index]: float(each[index]) for index in np.argsort(-each, kind="stable") if each[index] > _PART}
-    apart = len(parts) == len(weak) and min(parts.values()) > _ALONE
-    return Observability(parts, share, "" if share <= LIMIT else advice(set(parts)), apart)
+    is_each = len(parts) == len(weak) and min(parts.values()) > _ALONE
+    return Observability(parts, share, "" if share <= LIMIT else advice(set(parts)), is_each)
 
 
 def _above(problem: Problem, state: State) -> float:
@@ -382,7 +382,7 @@ class Outcome(Generic[ProblemT, FitT]):
     """What a calibration found.
 
     Attributes:
-        problem: What was asked.
+        problem: Evidence and unknowns.
         solution: The fit.
         left: What is left of each observation.
         rms_px: Of the landmarks; None without any.
@@ -462,18 +462,17 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    asked = each_possible(names, possible_unknowns(camera))
-    apart = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines)]
-    if model is ProjectionModel.DFT and apart:
-        raise ValueError(
-            f"got {apart[0]} for the dft model, which has no rays: expected ranges, lengths, landmarks, a horizon, ..."
-        )
+    requested = each_possible(names, possible_unknowns(camera))
+    of_rays = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines)]
+    if model is ProjectionModel.DFT and of_rays:
+        expected = "expected ranges, lengths, landmarks, a horizon, ..."
+        raise ValueError(f"got {of_rays[0]} for the dft model, which has no rays: {expected}")
     not_there = ("cx", "cy", "roll", *coefficient_names(camera)) if model is ProjectionModel.DFT else ()
-    wrong = next((name for name in asked if name in not_there), None)
+    wrong = next((name for name in requested if name in not_there), None)
     if wrong is not None:
         raise ValueError(f"got {wrong} for the dft model, expected height, tilt, heading, position or focal")
     more = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in not_there)
-    return Unknowns(tuple(dict.fromkeys((*asked, *more))))
+    return Unknowns(tuple(dict.fromkeys((*requested, *more))))
 
 
 def each_possible(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[str, ...]:
@@ -482,13 +481,13 @@ def each_possible(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[st
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    asked = expanded(names)
-    for name in asked:
+    requested = expanded(names)
+    for name in requested:
         if name not in possible:
             raise ValueError(f"got {name}, expected some of {', '.join(possible)}")
-    if "focal" in asked and {"fx", "fy"} & set(asked):
+    if "focal" in requested and {"fx", "fy"} & set(requested):
         raise ValueError("got focal beside fx or fy, expected one of the two")
-    return asked
+    return requested
 
 
 def calibrate(

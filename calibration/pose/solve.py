@@ -56,8 +56,8 @@ def zooms(problem: Problem) -> tuple[float, ...]:
     return _ZOOMS if {"focal", "fx"} & set(problem.unknowns.names) else (1.0,)
 
 
-def placed(
-    problem: Problem, given: State, zoom: float = 1.0, rows: npt.NDArray[np.int64] | None = None
+def closed_form_states(
+    problem: Problem, known: State, zoom: float = 1.0, rows: npt.NDArray[np.int64] | None = None
 ) -> Iterator[State]:
     """What landmarks say in closed form of a camera with known focal length.
 
@@ -65,17 +65,17 @@ def placed(
 
     Args:
         problem: The evidence.
-        given: What is known or guessed.
+        known: What is known or guessed.
         zoom: Of ``zooms``.
         rows: Indices of the landmarks to use; None for all.
     """
     points, pixels = problem.landmarks
     if rows is not None:
         points, pixels = points[rows], pixels[rows]
-    if len(points) < _MIN_LANDMARKS or given.model is not ProjectionModel.PINHOLE:
+    if len(points) < _MIN_LANDMARKS or known.model is not ProjectionModel.PINHOLE:
         return
     middle = points.mean(axis=0)
-    lens = replace(given.camera, fx_px=zoom * given.camera.fx_px, fy_px=zoom * given.camera.fy_px)
+    lens = replace(known.camera, fx_px=zoom * known.camera.fx_px, fy_px=zoom * known.camera.fy_px)
     rays = rays_from_pixels(lens, pixels)
     ahead = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
     if np.count_nonzero(ahead) < _MIN_LANDMARKS:
@@ -90,7 +90,7 @@ def placed(
         is_new = all(np.max(np.abs(pose - other)) > _ONE_POSE for other in found)
         if is_new and np.all(np.isfinite(pose)):
             found.append(pose)
-            yield _only_unknown(problem, given, replace(given, camera=lens), middle - away, wxyz)
+            yield _only_unknown(problem, known, replace(known, camera=lens), middle - away, wxyz)
 
 
 def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -120,32 +120,32 @@ def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[Floa
                 yield np.asarray(turn, dtype=np.float64), np.asarray(shift, dtype=np.float64)
 
 
-def _only_unknown(problem: Problem, given: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:
+def _only_unknown(problem: Problem, known: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:
     """The guess, with what is known as it is known."""
     names = problem.unknowns.names
-    placed_rad = replace(guess, wxyz=wxyz).angles_rad
+    closed_form_rad = replace(guess, wxyz=wxyz).angles_rad
     tilt, roll, heading = (
-        (placed_rad if name in names else given.angles_rad)[index] for index, name in enumerate(_ANGLES)
+        (closed_form_rad if name in names else known.angles_rad)[index] for index, name in enumerate(_ANGLES)
     )
-    position = given.position_m.copy()
+    position = known.position_m.copy()
     for index, name in enumerate(("east", "north", "height")):
         if name in names:
             position[index] = eye_m[index]
-    position[2] = max(position[2], given.elevation_m + 0.1)
+    position[2] = max(position[2], known.elevation_m + 0.1)
     return replace(guess, position_m=position, wxyz=camera_attitude(tilt, roll, heading))
 
 
-def scattered(problem: Problem, given: State) -> Iterator[State]:
+def scattered(problem: Problem, known: State) -> Iterator[State]:
     """A net of tilts, headings and heights over everything that a camera above ground could be."""
     names, priors = set(problem.unknowns.names), problem.known.priors
-    tilt, roll, heading = given.angles_rad
+    tilt, roll, heading = known.angles_rad
     free = names - set(priors)
     tilts = _TILTS_RAD if "tilt" in free else [tilt]
     headings = _HEADINGS_RAD if "heading" in free else [heading]
-    heights = [given.elevation_m + height for height in _HEIGHTS_M] if "height" in free else [given.position_m[2]]
+    heights = [known.elevation_m + height for height in _HEIGHTS_M] if "height" in free else [known.position_m[2]]
     for one_tilt, one_heading, height in itertools.product(tilts, headings, heights):
-        position = np.array([*given.position_m[:2], height])
-        state = replace(given, position_m=position, wxyz=camera_attitude(one_tilt, roll, one_heading))
+        position = np.array([*known.position_m[:2], height])
+        state = replace(known, position_m=position, wxyz=camera_attitude(one_tilt, roll, one_heading))
         yield _above_landmarks(problem, state) if {"east", "north"} & free else state
 
 
@@ -206,18 +206,18 @@ class Solution(Fit[State, Residuals]):
     alternative: State | None = None
 
 
-def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Solution:
+def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Solution:
     """Fit the unknowns.
 
     Args:
         problem: Evidence and unknowns.
-        given: What is known; where to start for what is not.
-        guess_is_good: ``given`` is near the truth in every unknown: a start among those that the evidence gives.
+        known: What is known; where to start for what is not.
+        guess_is_good: ``known`` is near the truth in every unknown: a start among those that the evidence gives.
 
     Returns:
         The best of all descents. Whether it can be trusted is for ``result.observability`` to say.
     """
-    ends = _ends(problem, given, guess_is_good=guess_is_good)
+    ends = _ends(problem, known, guess_is_good=guess_is_good)
     best = _cheapest(ends)
     best, kept = without_outliers(problem, best, len(problem.known.evidence), len(problem.unknowns.names))
     solution = _solution(problem, best, kept)
@@ -273,17 +273,17 @@ def _tells_more(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
     return int(np.count_nonzero(used_rows(residuals.owner, kept))) > unknowns
 
 
-def _ends(problem: Problem, given: State, *, guess_is_good: bool) -> list[End]:
+def _ends(problem: Problem, known: State, *, guess_is_good: bool) -> list[End]:
     """Where descents from all starts end, as many starts as it takes until one of them fits."""
-    ends = [descend(problem, given, ROBUST)] if guess_is_good else []
+    ends = [descend(problem, known, ROBUST)] if guess_is_good else []
     for zoom in zooms(problem):
-        for start in placed(problem, given, zoom):
+        for start in closed_form_states(problem, known, zoom):
             residuals = problem.evaluate(start)
             if not (_some_fit(ends) and _is_hopeless(residuals)):
                 ends.append(descend(problem, start, ROBUST, known=residuals))
         if _some_fit(ends):
             return ends
-    candidates = [given, *scattered(problem, given), *_from_subsets(problem, given)]
+    candidates = [known, *scattered(problem, known), *_from_subsets(problem, known)]
     loss = None
     scored = []
     for candidate in candidates:
@@ -301,7 +301,7 @@ def _cheapest(ends: list[End]) -> End:
     return sorted(as_good, key=lambda end: end.state.value("height"))[len(as_good) // 2]
 
 
-def _from_subsets(problem: Problem, given: State) -> list[State]:
+def _from_subsets(problem: Problem, known: State) -> list[State]:
     """What four landmarks at a time say: most fours are free of outliers where few landmarks are."""
     count = len(problem.landmarks[0])
     if count <= _FEW:
@@ -311,7 +311,7 @@ def _from_subsets(problem: Problem, given: State) -> list[State]:
     return [
         state
         for rows, zoom in zip(subsets, itertools.cycle(zooms(problem)), strict=False)
-        for state in itertools.islice(placed(problem, given, zoom, rows), 2)
+        for state in itertools.islice(closed_form_states(problem, known, zoom, rows), 2)
     ]
 
 

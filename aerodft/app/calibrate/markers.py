@@ -71,9 +71,9 @@ def detected_evidence(
     if not together:
         raise _nothing(file, first, len(seen))
     picture = images[0] if images[0].suffix.lower() in STILLS and images[0].is_file() else None
-    beside = None if picture is None else os.path.relpath(picture, markers.parent)
+    image = None if picture is None else os.path.relpath(picture, markers.parent)
     size_px = (camera.width_px, camera.height_px)
-    found = file.evidence([together[marker] for marker in sorted(together)], size_px, beside)
+    found = file.evidence([together[marker] for marker in sorted(together)], size_px, image)
     check_unknowns(names, found.known, camera, model)
     sides_m = {marker: each.side_m for marker, each in file.survey.by_id.items() if each.side_m is not None}
     judgement = judge(found.known, together, sides_m, partial(calibrate, camera=camera, names=names, model=model))
@@ -108,7 +108,7 @@ def _look(
 
 def _by_id(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> dict[int, MarkerSighting]:
     """The sightings of surveyed markers by id."""
-    surveyed, once = file.survey.by_id, dict[int, MarkerSighting]()
+    surveyed, by_id = file.survey.by_id, dict[int, MarkerSighting]()
     for each in found:
         if each.id in file.ignore:
             continue
@@ -120,16 +120,16 @@ def _by_id(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> di
                 expected=f"{_ids(surveyed)} of {file.path}",
                 hint=f"survey it, or write ignore = [{each.id}] there",
             )
-        if each.id in once:
+        if each.id in by_id:
             raise InputError(
                 f"marker {each.id} is there twice",
                 where=image,
-                got=f"it at {_at(once[each.id].pixel)} and at {_at(each.pixel)}",
+                got=f"it at {_at(by_id[each.id].pixel)} and at {_at(each.pixel)}",
                 expected="each id once",
                 hint="cover one of the two, or give it another id",
             )
-        once[each.id] = each
-    return once
+        by_id[each.id] = each
+    return by_id
 
 
 def _combined(seen: Sequence[_Sightings], camera: Camera) -> tuple[dict[int, MarkerSighting], dict[int, float]]:

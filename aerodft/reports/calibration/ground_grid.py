@@ -117,8 +117,8 @@ def map_axes(frame: LocalFrame, elevation_m: float) -> GridAxes:
 
     def to_enu(coordinates: FloatArray) -> FloatArray:
         height = np.full((*coordinates.shape[:-1], 1), frame.origin[2] + elevation_m)
-        given = np.concatenate([coordinates, height], axis=-1)
-        points = frame.local_m(given) if in_metres else given.copy()
+        in_file = np.concatenate([coordinates, height], axis=-1)
+        points = frame.local_m(in_file) if in_metres else in_file.copy()
         points[..., 2] = elevation_m
         return points
 

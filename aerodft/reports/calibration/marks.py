@@ -157,7 +157,7 @@ def _landmark(state: State, evidence: Landmark) -> FloatArray:
         else:
             sight = ground_of(state, np.array(evidence.pixel), state.elevation_m) - state.position_m
         across = np.cross(sight, unknown.astype(np.float64))
-        # camera + s sight = point + t unknown + r across, for s, t and r: t is wanted
+        # camera + s sight = point + t unknown + r across, for s, t and r: t is angle_rad
         axes = np.stack([sight, -unknown.astype(np.float64), -across], axis=-1)
         if not np.all(np.isfinite(axes)) or np.linalg.matrix_rank(axes) < len(axes):
             return np.full((1, 2), np.nan)
@@ -218,8 +218,8 @@ def _lines(state: State, evidence: GroundLines) -> FloatArray:
         return np.full((len(rays), 2), np.nan)  # a level line does not cross the horizon
     along = level[1::2, :2] - level[0::2, :2]
     first, second = np.arctan2(along[:, 1], along[:, 0]).tolist()
-    wanted = math.pi / 2 if evidence.at_right_angle else 0.0
-    turn = ((second - first - wanted + math.pi / 2) % math.pi - math.pi / 2) / 2
+    angle_rad = math.pi / 2 if evidence.at_right_angle else 0.0
+    turn = ((second - first - angle_rad + math.pi / 2) % math.pi - math.pi / 2) / 2
     turned = [_turned(pair, angle) for pair, angle in ((level[:2], turn), (level[2:], -turn))]
     return _pixels_along(state, np.concatenate(turned))
 

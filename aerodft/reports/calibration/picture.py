@@ -196,9 +196,9 @@ class Picture:
             return 1.0
         width = self.state.camera.width_px
         typical, largest = float(np.median(known)), float(np.max(known))
-        wanted = min(_TYPICAL_SHARE * width / max(typical, _TINY_PX), _LONGEST_SHARE * width / largest)
-        power = 10.0 ** math.floor(math.log10(max(wanted, 1.0)))
-        return max((factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= wanted), default=1.0)
+        ideal = min(_TYPICAL_SHARE * width / max(typical, _TINY_PX), _LONGEST_SHARE * width / largest)
+        power = 10.0 ** math.floor(math.log10(max(ideal, 1.0)))
+        return max((factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= ideal), default=1.0)
 
 
 def draw_picture(picture: Picture, path: Path) -> tuple[str, ...]:

@@ -3,10 +3,10 @@
 import math
 import os
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_mar
 from aerodft.adapters.images import STILLS, Gathered, check_mode, gather, image_files, refuse_other_size
 from aerodft.app.calibrate.checks import check_unknowns
 from aerodft.app.progress import Progress, no_progress
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.errors import InputError, NotDetermined, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
 from calibration.markers import MIN_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
 from calibration.pose import calibrate
@@ -24,12 +24,8 @@ _PROGRESS: Final = 1000
 _MOVED_PX, _MOVED_STDS = 2.0, 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Sightings:
-    """The surveyed markers that one image shows, by their ids."""
-
-    name: str
-    by_id: dict[int, MarkerSighting]
+_Sightings: TypeAlias = dict[int, MarkerSighting]
+"""The surveyed markers that one image shows, by their ids."""
 
 
 def detected_evidence(
@@ -59,7 +55,7 @@ def detected_evidence(
         ConfigError: The file of markers is wrong.
         InputError: An image is unreadable or of another size than the camera's, shows a marker twice or one that is
             not surveyed, or the camera moved.
-        NoAnswerError: No surveyed marker is seen, or they contradict each other.
+        NotDetermined: No surveyed marker is seen, or they contradict each other.
     """
     file = load_markers(markers)
     if not images:
@@ -80,8 +76,8 @@ def detected_evidence(
     if judgement.conflict:
         hint = "check ids, places, side_m and std_m, or add markers"
         got = f"{_ids(together)}: {judgement.conflict}"
-        raise NoAnswerError("the markers contradict each other", where=markers, got=got, hint=hint)
-    unseen = sorted(set(file.survey.by_id) - {marker for each in seen for marker in each.by_id})
+        raise NotDetermined("the markers contradict each other", where=markers, got=got, hint=hint)
+    unseen = sorted(set(file.survey.by_id).difference(*seen.values()))
     notes = (*doubts, *_notes(unseen, moved, together, judgement))
     kept = {each.name for each in judgement.known.evidence}
     stated = (each for each, evidence in zip(found.stated, found.known.evidence, strict=True) if evidence.name in kept)
@@ -90,23 +86,23 @@ def detected_evidence(
 
 def _look(
     file: MarkersFile, images: Sequence[Path], camera: Camera, progress: Progress
-) -> tuple[list[_Sightings], Gathered]:
-    """What every image shows, and the first image."""
-    seen: list[_Sightings] = []
+) -> tuple[dict[str, _Sightings], Gathered]:
+    """What every image shows, by its name, and the first image."""
+    seen: dict[str, _Sightings] = {}
     first: Gathered | None = None
     for image in gather(images):
         first = first or image
         height_px, width_px = image.pixels.shape[:2]
         refuse_other_size((width_px, height_px), camera, image.name)
         found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
-        seen.append(_Sightings(image.name, _by_id(found, file, image.name)))
+        seen[image.name] = _by_id(found, file, image.name)
         progress(round(_PROGRESS * image.done), _PROGRESS)
     if first is None:
         raise InputError("no image could be read", where=images[0], expected="images, folders of images or videos")
     return seen, first
 
 
-def _by_id(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> dict[int, MarkerSighting]:
+def _by_id(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> _Sightings:
     """The sightings of surveyed markers by id."""
     surveyed, by_id = file.survey.by_id, dict[int, MarkerSighting]()
     for each in found:
@@ -132,28 +128,28 @@ def _by_id(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> di
     return by_id
 
 
-def _combined(seen: Sequence[_Sightings], camera: Camera) -> tuple[dict[int, MarkerSighting], dict[int, float]]:
+def _combined(seen: dict[str, _Sightings], camera: Camera) -> tuple[_Sightings, dict[int, float]]:
     """One sighting of each marker from all images, and by how many px others moved between them."""
     by_id: dict[int, list[MarkerSighting]] = {}
-    for image in seen:
-        for marker, sighting in image.by_id.items():
+    for sightings in seen.values():
+        for marker, sighting in sightings.items():
             by_id.setdefault(marker, []).append(sighting)
-    typical = {marker: _typical(sightings) for marker, sightings in by_id.items()}
-    for image in seen:
-        excess = [_excess(sighting, typical[marker]) for marker, sighting in image.by_id.items()]
+    typical = {marker: _typical(several) for marker, several in by_id.items()}
+    for image, sightings in seen.items():
+        excess = [_excess(sighting, typical[marker]) for marker, sighting in sightings.items()]
         if excess and np.median(excess) > 0:
-            px = np.median([math.dist(each.pixel, typical[marker].pixel) for marker, each in image.by_id.items()])
+            px = np.median([math.dist(each.pixel, typical[marker].pixel) for marker, each in sightings.items()])
             raise InputError(
                 "the camera moved between the images",
-                where=image.name,
+                where=image,
                 got=f"markers {px:.0f} px from where they are in the others",
                 expected=f'one view of camera "{camera.name}"',
                 hint="calibrate each view by itself",
             )
     moved = {
-        marker: max(math.dist(each.pixel, typical[marker].pixel) for each in sightings)
-        for marker, sightings in by_id.items()
-        if any(_excess(each, typical[marker]) > 0 for each in sightings)
+        marker: max(math.dist(each.pixel, typical[marker].pixel) for each in several)
+        for marker, several in by_id.items()
+        if any(_excess(each, typical[marker]) > 0 for each in several)
     }
     return {marker: each for marker, each in typical.items() if marker not in moved}, moved
 
@@ -182,11 +178,11 @@ def _px(pixel: FloatArray) -> Px:
     return float(pixel[0]), float(pixel[1])
 
 
-def _nothing(file: MarkersFile, first: Gathered, count: int) -> NoAnswerError:
+def _nothing(file: MarkersFile, first: Gathered, count: int) -> NotDetermined:
     """Why no marker can be used, and what to try."""
     height_px, width_px = first.pixels.shape[:2]
     more = f" and {count - 1} more" if count > 1 else ""
-    return NoAnswerError(
+    return NotDetermined(
         "no surveyed marker is seen",
         where=first.name + more,
         got=f"{width_px} x {height_px} px without one that stays in its place",
@@ -202,9 +198,7 @@ def _suggestion(file: MarkersFile, pixels: ImageArray) -> str:
     return f"are they at least {MIN_SIDE_PX} px wide, sharp, whole, and with a white margin?"
 
 
-def _notes(
-    unseen: Sequence[int], moved: dict[int, float], together: dict[int, MarkerSighting], judgement: Judgement
-) -> Iterator[str]:
+def _notes(unseen: Sequence[int], moved: dict[int, float], together: _Sightings, judgement: Judgement) -> Iterator[str]:
     if unseen:
         yield f"{_ids(unseen)} {'is' if len(unseen) == 1 else 'are'} surveyed, but not seen"
     for marker, px in sorted(moved.items()):

@@ -6,7 +6,6 @@ from aerodft.reports.calibration.document import (
     decimals,
     displayed_covariance,
     displayed_values,
-    fit_notes,
     values_of,
 )
 from aerodft.reports.calibration.page import write_calibration_page

@@ -17,21 +17,17 @@ _MAX_DECIMALS = 6
 
 
 def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> list[str]:
-    """What a person should know: of how the observations were made, and of how the calibration fits them."""
-    guesses = sorted(evidence.fixed & set(result.names)) if isinstance(result, Result) else []
-    keys = ", ".join(display_unit(name)[0] for name in guesses)
-    first = [f"{keys} has no std in the file: taken as a first guess only"] if guesses else []
-    return [*evidence.notes, *fit_notes(result), *first]
-
-
-def fit_notes(result: Result | ImagesResult) -> list[str]:
-    """Which observations are rejected, and whether the stated stds are true."""
-    solution = result.solution
-    notes = [
-        f"Rejected {left.name}: {_why_rejected(left.px, is_landmark=isinstance(each, Landmark))}."
-        for each, left in zip(result.evidence, result.left, strict=True)
-        if left.is_outlier
-    ]
+    """What a person should know: doubts about images, rejected observations, and whether the stated stds are true."""
+    solution, notes = result.solution, list(evidence.notes)
+    for each, left in zip(result.evidence, result.left, strict=True):
+        if math.isfinite(left.px):
+            where = f"it is {left.px:.0f} px from where the estimated camera would see it"
+        elif isinstance(each, Landmark):
+            where = "it lies behind the estimated camera"
+        else:
+            where = "the estimated camera does not see the ground there"
+        if left.is_outlier:
+            notes.append(f"Rejected {left.name}: {where}.")
     if solution.dof == 0:
         notes.append("there is no observation to spare: a wrong one would not be noticed, add one")
     if solution.scaled > 1.0:
@@ -40,15 +36,10 @@ def fit_notes(result: Result | ImagesResult) -> list[str]:
         )
     elif solution.p_value is not None and solution.p_value > 1 - _SUSPICIOUS_P:
         notes.append("the residuals are much smaller than the stated stds: these may be too large")
+    if isinstance(result, Result) and (guesses := sorted(evidence.fixed & set(result.names))):
+        keys = ", ".join(display_unit(name)[0] for name in guesses)
+        notes.append(f"{keys} has no std in the file: taken as a first guess only")
     return notes
-
-
-def _why_rejected(px: float, *, is_landmark: bool) -> str:
-    if math.isfinite(px):
-        return f"it is {px:.0f} px from where the estimated camera would see it"
-    if is_landmark:
-        return "it lies behind the estimated camera"
-    return "the estimated camera does not see the ground there"
 
 
 def calibration_document(
@@ -91,21 +82,13 @@ def calibration_document(
             for left in result.left
         ],
         "outliers": [left.name for left in result.left if left.is_outlier],
-        "observability": {
-            "determined": result.weakest.is_determined,
-            "weakest": result.weakest.combination,
-            "std_share": _finite(result.weakest.std_share),
-            "sentence": result.weakest.sentence,
-            "rival": None,
-        },
+        "observability": _observability(result, frame),
     }
     if isinstance(result, ImagesResult):
         fitted["images"] = _images(result, frame)
         position, place, model = None, None, result.solution.state.base.model
     else:
-        state, other = result.solution.state, result.solution.alternative
-        if other is not None:
-            fitted["observability"]["rival"] = values_of(other, result.names, frame)
+        state = result.solution.state
         fitted["origin"] = list(frame.origin)
         position, place, model = (
             frame.file_coordinates(state.position_m).tolist(),
@@ -120,6 +103,17 @@ def calibration_document(
         "crs": frame.crs,
         "model": str(model),
         "notes": calibration_notes(result, evidence),
+    }
+
+
+def _observability(result: Result | ImagesResult, frame: LocalFrame) -> dict[str, Any]:
+    other = result.solution.alternative if isinstance(result, Result) else None
+    return {
+        "determined": result.weakest.is_determined,
+        "weakest": result.weakest.combination,
+        "std_share": _finite(result.weakest.std_share),
+        "sentence": result.weakest.sentence,
+        "rival": None if other is None else values_of(other, result.names, frame),
     }
 
 

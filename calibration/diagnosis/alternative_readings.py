@@ -57,7 +57,7 @@ class CompleteLandmarks:
     places: FloatArray
 
     @classmethod
-    def of(cls, found: EvidenceFile) -> "CompleteLandmarks":
+    def from_file(cls, found: EvidenceFile) -> "CompleteLandmarks":
         """The complete landmarks of a file."""
         evidence = found.known.evidence
         whole = [each for each in evidence if isinstance(each, Landmark) and None not in each.position_m]
@@ -86,7 +86,7 @@ def alternative_readings(found: EvidenceFile, camera: Camera, names: tuple[str, 
         camera: Whose image it is of.
         names: The unknowns that were asked for.
     """
-    points = CompleteLandmarks.of(found)
+    points = CompleteLandmarks.from_file(found)
     if not points.landmarks:
         return
     priors = found.known.priors

@@ -112,7 +112,7 @@ def _is_pulled(result: Result) -> bool:
 
 def _swapped_columns(attempt: Attempt) -> InputError | None:
     """Swapped pixels and places, also where both ways fit: few pixels close together fit whatever is wide."""
-    landmarks = CompleteLandmarks.of(attempt.evidence)
+    landmarks = CompleteLandmarks.from_file(attempt.evidence)
     reading = columns_swapped(landmarks, attempt.camera)
     if reading is None:
         return None

@@ -62,7 +62,7 @@ class BiasModel:
     stated_std: FloatArray
 
     @classmethod
-    def of(
+    def from_settings(
         cls, live: LiveCalibration, telemetry: TelemetrySettings, time_std_s: float, start: Calibration | None
     ) -> "BiasModel":
         """The model of a station; ``start`` is a calibration whose biases and covariance are where it begins."""
@@ -105,7 +105,7 @@ class BiasModel:
 
     def biased(self, poses: PoseBatch) -> "BiasedPoses":
         """Poses by telemetry alone, each with the bias of its own height."""
-        return BiasedPoses.of(poses.pose, poses.told(self.height_column))
+        return BiasedPoses.from_poses(poses.pose, poses.told(self.height_column))
 
     def noise_of(self, std: FloatArray, height_column: IntArray) -> FloatArray:
         """``(n, 7)`` std of what is new in each image: the model's, and by how much a pose is worse than stated.
@@ -142,7 +142,7 @@ class BiasedPoses:
     slope: FloatArray
 
     @staticmethod
-    def of(pose: Pose, height_column: IntArray) -> "BiasedPoses":
+    def from_poses(pose: Pose, height_column: IntArray) -> "BiasedPoses":
         """Poses ``(...)`` with the columns ``(...)`` of their heights' biases."""
         return BiasedPoses(pose, height_column, slope_of(pose))
 
@@ -311,7 +311,7 @@ class BiasCalibrator:
 
     def _refined(self, poses: PoseBatch, _: IntArray) -> PoseBatch:
         biases = np.tile(self._biases, (len(poses), 1))
-        biased = BiasedPoses.of(poses.pose, np.zeros(len(poses), dtype=np.int64))
+        biased = BiasedPoses.from_poses(poses.pose, np.zeros(len(poses), dtype=np.int64))
         pose, std = biased.corrected(biases), poses.std
         if self._cov is not None:
             pose, std = self._known(biased, biases, pose, self._cov), self._stds(std, self._cov)

@@ -270,7 +270,7 @@ class _ImageCamera:
 
 def _image_camera(state: ImagesState, index: int, view: View, pose: Pose) -> _ImageCamera:
     """The camera of an image where telemetry says ``pose``."""
-    own, biased = state.own[index] * view.noise, BiasedPoses.of(pose, np.array(0))
+    own, biased = state.own[index] * view.noise, BiasedPoses.from_poses(pose, np.array(0))
     corrected = biased.corrected(_of_corrected_stamp(state))
     down_cam = -matrix(corrected.wxyz)[2]
     new = own[3:6] + own[6] * down_cam

@@ -65,7 +65,7 @@ class Corners:
     view: IntArray
 
     @classmethod
-    def of(cls, views: Sequence[View]) -> Self:
+    def from_views(cls, views: Sequence[View]) -> Self:
         """All corners of at least one view, none of them empty."""
         counts = np.array([len(view.ids) for view in views])
         return cls(

@@ -109,7 +109,7 @@ def _too_similar(got: str) -> NoAnswerError:
 
 def normals(views: Sequence[View], size_px: tuple[int, int]) -> FloatArray:
     """``(v, 3)`` normals of the boards in camera axes, roughly: for a lens of about 55 degrees."""
-    guess = resected(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.of(views))
+    guess = resected(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.from_views(views))
     return np.tile([0.0, 0.0, 1.0], (len(views), 1)) if guess is None else guess.rotations[:, :, 2]
 
 
@@ -149,7 +149,7 @@ def without_outliers(
     rejected: list[tuple[View, float]] = []
     most = int(_MAX_REJECTED * len(views))
     while len(rejected) < most and len(views) > MIN_VIEWS:
-        corners = Corners.of(views)
+        corners = Corners.from_views(views)
         rms = view_rms_px(residuals_px(bundle, corners), corners)
         worst = int(np.argmax(rms))
         if not rms[worst] > _OUTLYING * float(np.median(rms)):
@@ -170,7 +170,7 @@ def view_rms_px(off_px: FloatArray, corners: Corners) -> FloatArray:
 
 
 def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View, ...], Bundle]:
-    corners = Corners.of(views)
+    corners = Corners.from_views(views)
     off = residuals_px(bundle, corners)
     std = robust_std(off)
     stray = np.linalg.norm(off, axis=-1) > _STRAY * std
@@ -188,7 +188,7 @@ def _only(view: View, kept: np.ndarray) -> View:
 
 
 def _solved_again(views: tuple[View, ...], bundle: Bundle) -> Bundle:
-    corners = Corners.of(views)
+    corners = Corners.from_views(views)
     return adjust(reseated(adjust(bundle, corners), corners), corners)
 
 
@@ -258,10 +258,10 @@ def solve_lens(
     """
     views = tuple(views)
     check_before(views, size_px)
-    bundle = _begin(Corners.of(views), lens, size_px)
+    bundle = _begin(Corners.from_views(views), lens, size_px)
     seen = {view.name: len(view.ids) for view in views}
     views, bundle, rejected = without_outliers(views, bundle)
-    corners = Corners.of(views)
+    corners = Corners.from_views(views)
     bundle, gain, weights = _with_coefficients_of(lens, bundle, corners)
     cov, std_px = covariance(bundle, corners, weights)
     check_after(bundle, cov)

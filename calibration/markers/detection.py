@@ -88,9 +88,9 @@ class Squares:
     centres_px: FloatArray
     centre_std_px: FloatArray
 
-    def of(self, which: BoolArray) -> "Squares":
+    def where(self, mask: BoolArray) -> "Squares":
         """The squares of a mask ``(m,)``."""
-        return Squares(*(getattr(self, each.name)[which] for each in fields(self)))
+        return Squares(*(getattr(self, each.name)[mask] for each in fields(self)))
 
     def followed_by(self, more: "Squares") -> "Squares":
         """These squares, then others."""
@@ -287,7 +287,7 @@ def find_markers(
             break
         more_ids, more = _look(grey, survey.dictionary, camera, index)
         missing = np.isin(more_ids, list(wanted - set(ids.tolist())))
-        ids, squares = _with_new(ids, squares, more_ids[missing], more.of(missing))
+        ids, squares = _with_new(ids, squares, more_ids[missing], more.where(missing))
     return [
         MarkerSighting(
             id=int(ids[index]),
@@ -316,7 +316,7 @@ def _look(grey: ImageArray, name: str, camera: Camera | None, index: int) -> tup
         return ids, Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
     squares = refined(grey, rough_px, modules(name), camera)
     is_marker = likeness(grey, squares.corners_px, ids, name) > _MIN_CORRELATION
-    return ids[is_marker], squares.of(is_marker)
+    return ids[is_marker], squares.where(is_marker)
 
 
 def _detected(grey: ImageArray, name: str, index: int) -> tuple[IntArray, FloatArray]:
@@ -349,7 +349,7 @@ def _with_new(ids: IntArray, squares: Squares, more_ids: IntArray, more: Squares
     sides_px = np.linalg.norm(more.corners_px[:, 0] - more.corners_px[:, 1], axis=-1)
     away_px = np.linalg.norm(more.centres_px[:, None] - squares.centres_px, axis=-1)
     new = np.all(away_px > _SAME * sides_px[:, None], axis=1)
-    return np.concatenate([ids, more_ids[new]]), squares.followed_by(more.of(new))
+    return np.concatenate([ids, more_ids[new]]), squares.followed_by(more.where(new))
 
 
 def other_dictionary(image: ImageArray, name: str) -> str:

@@ -526,7 +526,7 @@ def start_state(priors: dict[str, Prior], camera: Camera, model: ProjectionModel
     elevation = stated("elevation", 0.0)
     position = np.array([stated("east", 0.0), stated("north", 0.0), stated("height", elevation + _FIRST_HEIGHT_M)])
     angles = (stated("tilt", _FIRST_TILT_RAD), stated("roll", 0.0), stated("heading", 0.0))
-    return State.of(zoomed, position, angles, elevation, model)
+    return State.from_angles(zoomed, position, angles, elevation, model)
 
 
 def angles_deg(state: State) -> tuple[float, float, float]:

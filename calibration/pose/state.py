@@ -42,7 +42,7 @@ class State:
     model: ProjectionModel = ProjectionModel.PINHOLE
 
     @classmethod
-    def of(
+    def from_angles(
         cls,
         camera: Camera,
         position_m: FloatArray,

@@ -87,7 +87,7 @@ def sample(at_s=0.0, *, heading_deg=0.0, tilt_deg=50.0, **rest):
 
 
 def model(**live):
-    return BiasModel.of(LiveCalibration(landmarks=(), **live), settings().telemetry, STD.time_s, None)
+    return BiasModel.from_settings(LiveCalibration(landmarks=(), **live), settings().telemetry, STD.time_s, None)
 
 
 def now(calibrator, poses):

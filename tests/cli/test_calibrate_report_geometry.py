@@ -48,7 +48,7 @@ LOCAL = LocalFrame("local", (0.0, 0.0, 0.0))
 
 def state_of(camera=BROWN, tilt=66.0, roll=-3.0, heading=155.0, model=ProjectionModel.PINHOLE, elevation_m=0.0):
     angles = tuple(math.radians(each) for each in (tilt, roll, heading))
-    return State.of(camera, np.array(POSITION), angles, elevation_m, model)
+    return State.from_angles(camera, np.array(POSITION), angles, elevation_m, model)
 
 
 def by_opencv(state, points):

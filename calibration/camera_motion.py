@@ -254,7 +254,7 @@ class RestAttitude:
         return list(self._turns)[-count:]
 
     def step(self, count: int) -> FloatArray:
-        """From all looks but the last ``count`` to these, ``(3,)``; zero where that leaves none."""
+        """Mean rotation ``(3,)`` from all looks but the last ``count`` to these; zero where that leaves none."""
         offs = [_between(self._base_wxyz, each) for each in self._turns]
         if len(offs) <= count:
             return np.zeros(3)
@@ -306,7 +306,7 @@ class CameraMotionState:
 
     @property
     def variance_rad2(self) -> float:
-        """Of single images about each axis."""
+        """Variance of single images about each axis."""
         return self._scatter.variance_rad2
 
     def take(self, stamp_ns: int, look: Look) -> None:

@@ -36,7 +36,7 @@ from calibration.flight import BiasedPoses, BiasModel, propagated, relocated, st
 
 _ITERATIONS = 6
 _CURVED = 0.01
-"""Of a sight's std: an error of linearisation that is not worth another iteration."""
+"""Share of a sighting's std: an error of linearisation that is not worth another iteration."""
 
 _POSE = 6
 _STRAY_PX = 50.0
@@ -248,7 +248,7 @@ class BiasFilter:
 
 
 def _density(px: FloatArray, cov_px2: FloatArray) -> float:
-    """Of a two-dimensional normal distribution."""
+    """Density of a two-dimensional normal distribution."""
     return math.exp(-0.5 * float(px @ np.linalg.solve(cov_px2, px))) / math.sqrt(float(np.linalg.det(cov_px2)))
 
 
@@ -309,7 +309,7 @@ class LiveCalibrator:
         return name in self._landmarks
 
     def fits(self, observation: Observation) -> bool:
-        """Whether it is of one pixel."""
+        """Whether an observation is of one pixel, as a landmark's is."""
         return len(observation.pixels) == 1
 
     def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CalibrationEstimate:

@@ -38,7 +38,7 @@ TURNS: Final = slice(-_OTHERS, _HEADING)
 """Tilt, pan and roll: a rotation vector about the camera's axes."""
 _DOWN: Final = np.array([0.0, 0.0, -1.0])
 ORDER: Final = [BIASES.index(each) for each in ("height", "tilt", "pan", "roll", "heading", "east", "north", "time")]
-"""Of the height and of the seven other biases here, among ``BIASES``."""
+"""Indices in ``BIASES`` of the height and of the seven other biases, in the order of this module."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

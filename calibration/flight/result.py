@@ -119,7 +119,7 @@ class ImagesProblem:
 
     @property
     def evidence(self) -> tuple[Evidence, ...]:
-        """Of all images, one image after the other."""
+        """The evidence of all images, one image after the other."""
         return tuple(each for view in self.views for each in view.evidence)
 
     @property
@@ -154,7 +154,7 @@ class ImagesProblem:
         return ImagesResiduals(whole.values, whole.by_unknowns, whole.owner, whole.px, rows)
 
     def _of_image(self, state: ImagesState, index: int) -> Residuals:
-        """Of the observations, and of what is new in the image."""
+        """Residuals of one image's observations, and of what is new in it."""
         camera, by = self.unknowns.placed(state, index, self.views[index])
         own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
         new = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
@@ -291,7 +291,7 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the unknowns, in the order of their covariance."""
+        """Names of the unknowns, in the order of their covariance."""
         return self.problem.unknowns.names
 
     @property
@@ -301,7 +301,7 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def display_units(self) -> dict[str, float]:
-        """Of each unknown: its name with its unit, and what its SI value is multiplied with."""
+        """Names of the unknowns with their units, and what their SI values are multiplied with."""
         return dict(_DISPLAY_UNITS.get(name) or display_unit(name) for name in self.names)
 
     @property

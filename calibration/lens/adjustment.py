@@ -21,7 +21,7 @@ _SETTLED = 1e-12  # share by which the sum of squares may still fall
 _DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-3, 1e-12, 1e12
 _EASIER, _HARDER = 0.1, 10.0
 _FOCALS: Final = np.geomspace(0.25, 8.0, 16)
-"""Of the image's longer side: from a fisheye of 180 degrees to a tele lens of 7."""
+"""Focal lengths to start from, of the image's longer side: from a fisheye of 180 degrees to a tele lens of 7."""
 
 _WIDEST: Final = np.cos(np.radians(75.0))
 """Rays farther from the axis are left out of a board's first pose: they hardly meet a plane in front of the camera."""

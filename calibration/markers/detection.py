@@ -477,7 +477,7 @@ class MarkerObserver:
 
 
 def _looks_false(marker: SurveyedMarker, seen: MarkerSighting, place: CameraPlace, camera: Camera) -> bool:
-    """Whether it looks larger or smaller than anything of its size could, where it should be."""
+    """Whether a marker looks larger or smaller than anything of its size could, where it should be."""
     side_m = _side_m(marker)
     if side_m is None:
         return False
@@ -488,7 +488,7 @@ def _looks_false(marker: SurveyedMarker, seen: MarkerSighting, place: CameraPlac
 
 
 def _side_m(marker: SurveyedMarker) -> float | None:
-    """Of its black square; None where nobody has measured it."""
+    """Side of a marker's black square; None where nobody has measured it."""
     if marker.side_m is not None or len(marker.points_m) == 1:
         return marker.side_m
     corners_m: FloatArray = np.array(marker.points_m)

@@ -140,7 +140,7 @@ def _disagreeing(result: Result, known: EvidenceSet, markers: list[int], answer:
 
 
 def _variance(result: Result) -> float:
-    """Of what is left, in units of what was stated; infinite where something had to be left out, or nothing is left."""
+    """Variance of the residuals in stated units; infinite where one was rejected, or nothing is to spare."""
     solution = result.solution
     return solution.chi2 / solution.dof if solution.dof > 0 and np.all(solution.kept) else math.inf
 
@@ -213,7 +213,7 @@ def apparent_side(camera: Camera, seen: MarkerSighting) -> tuple[float, float]:
 
 
 def _centre_m(known: EvidenceSet, marker: int) -> FloatArray | None:
-    """Of its landmarks; None where there is none of known place."""
+    """Mean place ``(3,)`` of a marker's landmarks; None where none has a known place."""
     evidence = (known.evidence[row] for row in _rows(known, marker))
     places = [each.position_m for each in evidence if isinstance(each, Landmark)]
     return np.mean(np.array(places, dtype=np.float64), axis=0) if places else None

@@ -402,7 +402,7 @@ class Result(Outcome[Problem, Solution]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the unknowns, in the order of their covariance."""
+        """Names of the unknowns, in the order of their covariance."""
         return self.problem.unknowns.names
 
     @property
@@ -412,7 +412,7 @@ class Result(Outcome[Problem, Solution]):
 
     @property
     def display_units(self) -> dict[str, float]:
-        """Of each unknown: its name with its unit, and what its SI value is multiplied with."""
+        """Names of the unknowns with their units, and what their SI values are multiplied with."""
         return dict(map(display_unit, self.names))
 
     @property

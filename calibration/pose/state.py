@@ -50,7 +50,7 @@ class State:
         elevation_m: float = 0.0,
         model: ProjectionModel = ProjectionModel.PINHOLE,
     ) -> "State":
-        """From tilt, roll and heading."""
+        """A state of a camera that looks along tilt, roll and heading."""
         uncertain = CameraStd(distortion=(1.0,) * len(camera.distortion))
         lens = replace(camera, std=uncertain, covariance=())
         return cls(lens, np.asarray(position_m, dtype=np.float64), camera_attitude(*angles_rad), elevation_m, model)

@@ -31,7 +31,7 @@ from aerodft.vision.camera_motion import FREE, PlaneMotion, Turns, turns_over_pl
 from calibration.sync.motion import CameraMotion, CameraPath, Predicted, predicted
 
 MAX_DRIFT = 0.03
-"""Of clocks that are worth aligning, twice."""
+"""Twice the drift of clocks that are worth aligning."""
 
 _STEP_S = 0.05
 _DRIFT_STEP = 0.0025
@@ -294,7 +294,7 @@ class Spread:
 
     @staticmethod
     def first() -> "Spread":
-        """Before anything is known."""
+        """The spread to start from."""
         return Spread(0.003, _JITTERS_S[-1])
 
     def inward(self, off_rad: FloatArray, rate_radps: FloatArray) -> FloatArray:
@@ -477,7 +477,7 @@ class _Fit:
         self._spread = Spread.first()
 
     def found(self, start: FloatArray, share: float) -> Refined:
-        """From ``start (3,)``, this share of the lag being a time constant."""
+        """The fit from ``start (3,)``, with this share of the lag as a time constant."""
         values = np.concatenate([start, [share * start[LAG], 0.0, 0.0, 0.0]])
         values, strays = np.where(self._fixed, 0.0, values), np.zeros(len(self._steps))
         for round_ in range(_PATH_ITERATIONS):
@@ -506,7 +506,7 @@ class _Fit:
         return np.where(self._fixed, _FIXED, 1 / _PATH_PRIOR_STD**2), np.where(self._fixed, 0.0, _PATH_PRIOR_MEAN)
 
     def _weighted_steps(self, strays: FloatArray) -> FloatArray:
-        """Less of those knots between which the path strays far: of a while in which water was followed."""
+        """The walk's steps with less weight where the path strays far, as while water was followed."""
         squares = np.sum((self._steps @ strays).reshape(3, -1) ** 2, axis=0)
         return np.asarray(self._steps * np.tile(np.sqrt(robust_weights(squares)), 3)[:, None])
 

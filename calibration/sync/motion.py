@@ -136,7 +136,7 @@ class CameraMotion:
         return np.ones(times_s.shape, dtype=np.bool_) if self._reference is None else self._reference.knows(times_s)
 
     def knows(self, times_s: FloatArray, lag_s: float = 0.0) -> BoolArray:
-        """Where ``enu_wxyz_cam`` lies between samples."""
+        """Mask of the times at which ``enu_wxyz_cam`` lies between samples."""
         return self._report.knows(times_s - lag_s) & self.knows_reference(times_s)
 
 
@@ -166,7 +166,7 @@ def predicted(motion: CameraMotion, start_s: FloatArray, end_s: FloatArray, lag_
 
 
 def _cut(history: AttitudeHistory, zero_ns: int, reach_s: float) -> AttitudeHistory:
-    """What lies within ``reach_s`` of ``zero_ns``."""
+    """The attitudes within ``reach_s`` of ``zero_ns``."""
 
     def near(series: AttitudeSeries) -> AttitudeSeries:
         keep = np.abs(series.stamp_ns - zero_ns) <= reach_s * SECOND_NS

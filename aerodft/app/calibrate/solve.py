@@ -248,7 +248,7 @@ def _solve_flight(
 
 
 def _sha256(path: Path) -> str:
-    """Of a file's bytes, hexadecimal."""
+    """Hash of a file's bytes, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -84,7 +84,7 @@ def mark_of(state: State, evidence: Evidence) -> Mark:
 
 
 def _about(evidence: Evidence) -> tuple[str, tuple[Px, ...], str]:
-    """Its kind, its pixels, and the number that is known of it."""
+    """Kind and pixels of a piece of evidence, and the number that is known of it."""
     match evidence:
         case SlantRange(pixel=pixel, range_m=range_m):
             about: tuple[str, tuple[Px, ...], str] = "range", (pixel,), f"{range_m:g} m"
@@ -146,7 +146,7 @@ def _pixels_along(state: State, rays_enu: FloatArray) -> FloatArray:
 
 
 def _landmark(state: State, evidence: Landmark) -> FloatArray:
-    """Of a landmark with an unknown component: the point nearest to the line of sight among all that it may be."""
+    """A landmark's pixel; of one with an unknown component, that of the possible point nearest to the line of sight."""
     east, north, up = (math.nan if value is None else value for value in evidence.position_m)
     point = np.array([east, north, up])
     unknown = np.isnan(point)

@@ -45,8 +45,8 @@ _COLUMNS: Final = (
     "loo_ground_m",
     "left_out",
 )
-"""Of the CSV; ``u_px``, ``v_px`` is the pixel of the observation that is off most, ``off_`` from it to where it should
-be; empty where there is none."""
+"""Columns of the CSV; ``u_px``, ``v_px`` is the pixel of the observation that is off most, ``off_`` from it to where it
+should be; empty where there is none."""
 
 _LAST_COLUMN: Final = (
     "The last column is the error on the ground of a calibration that has not seen the observation: so well would the"

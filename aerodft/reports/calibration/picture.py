@@ -72,13 +72,13 @@ class Pen:
         return [withStroke(linewidth=self.points(size), foreground=(0.0, 0.0, 0.0, alpha))]
 
     def line(self, pixels: FloatArray, colour: str, width: float = _THICK_PX, alpha: float = 1.0) -> None:
-        """A polyline ``(k, 2)``."""
+        """Draw a polyline ``(k, 2)``."""
         rim = self._rim(width + _LINE_RIM_PX, 0.4)
         thick = self.points(width)
         self._axes.plot(pixels[:, 0], pixels[:, 1], color=colour, linewidth=thick, alpha=alpha, path_effects=rim)
 
     def cross(self, pixels: FloatArray, colour: str, marker: str = "+") -> None:
-        """Crosses ``+`` or ``x``, or rings ``o``, at pixels ``(k, 2)``; no text goes there."""
+        """Draw crosses ``+`` or ``x``, or rings ``o``, at pixels ``(k, 2)``; no text goes there."""
         self._axes.plot(
             *pixels.T,
             linestyle="none",
@@ -93,7 +93,7 @@ class Pen:
         self._taken += [(u - half, v - half, u + half, v + half) for u, v in pixels.tolist()]
 
     def arrow(self, start: FloatArray, end: FloatArray, colour: str) -> None:
-        """From one pixel ``(2,)`` to another, clipped at the image."""
+        """Draw an arrow from one pixel ``(2,)`` to another, clipped at the image."""
         style = {
             "arrowstyle": "-|>",
             "color": colour,

@@ -41,7 +41,6 @@ class CalibrationResult:
         fit: The fit of a camera that stands still, or of many images of a flight.
         evidence: The file that it is from.
         unknowns: What was asked for.
-        camera: The camera as its file has it.
         inputs: Names and hashes of other files that it is from, for the provenance.
         mistake: What looks wrong with evidence that does not fit; None where nothing does.
     """
@@ -49,9 +48,13 @@ class CalibrationResult:
     fit: Result | ImagesResult
     evidence: EvidenceFile
     unknowns: tuple[str, ...]
-    camera: Camera
     inputs: dict[str, Any] = field(default_factory=dict)
     mistake: AerodftError | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with its lens as found or known, and how well."""
+        return self.fit.camera
 
     @property
     def values(self) -> dict[str, float]:
@@ -102,11 +105,11 @@ class CalibrationResult:
             raise error
         if isinstance(self.fit, ImagesResult):
             found: FixedPose | Calibration = _biases(self.fit, self.evidence)
-            lens, model = self.fit.camera, self.fit.solution.state.base.model
+            model = self.fit.solution.state.base.model
         else:
             found = _fixed_pose(self.fit, self.evidence)
-            lens, model = replace(self.fit.camera, mode=self.camera.mode), self.fit.solution.state.model
-        is_lens_uncertain = any(np.any(row) for row in lens.covariance)
+            model = self.fit.solution.state.model
+        lens = self.camera if np.any(self.camera.covariance) else None
         provenance = {
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
             "software": SOFTWARE,
@@ -119,7 +122,7 @@ class CalibrationResult:
             "degrees_of_freedom": self.fit.solution.dof,
             "outliers": [left.name for left in self.fit.left if left.is_outlier],
         }
-        write_calibration(Path(path), found, lens if is_lens_uncertain else None, model, provenance)
+        write_calibration(Path(path), found, lens, model, provenance)
 
     def write_report(self, folder: Path | str) -> Path:
         """Write a page with pictures and tables.
@@ -222,7 +225,6 @@ def _solve_camera(
         fit=fit,
         evidence=evidence,
         unknowns=names,
-        camera=camera,
         inputs={"images_sha256": {each.name: _sha256(each) for each in evidence.image_paths} or None},
         mistake=likely_mistake(Attempt(evidence, camera, names, model, fit)),
     )
@@ -244,7 +246,7 @@ def _solve_flight(
         raise wrong_unknowns(error) from None
     log = telemetry or flight.log
     inputs = {"telemetry": None if log is None else log.name, "images": len(views)}
-    return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, camera=camera, inputs=inputs)
+    return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, inputs=inputs)
 
 
 def _sha256(path: Path) -> str:

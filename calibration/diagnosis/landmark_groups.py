@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, Stated
-from aerodft.dft import project
 from aerodft.errors import InputError
 from aerodft.geometry import rays_from_pixels, reproject
-from aerodft.model import Evidence, FloatArray, GroundPoint, Landmark, Pose, SlantRange
+from aerodft.model import Evidence, FloatArray, GroundPoint, Landmark, SlantRange
 from calibration.pose import Result, State
 
 _MIN_SHIFT_M: Final = 10.0  # by which datums differ at least, where it matters
@@ -99,10 +98,7 @@ def _shifted(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> Inp
     """Places of all strays that are shifted by one vector, which a single stray cannot tell."""
     if len(strays) == 1:
         return None
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-    seen = [
-        project(state.camera, pose, np.array([each.landmark.pixel]), each.place_m[2], state.model) for each in strays
-    ]
+    seen = [state.ground_points(np.array([each.landmark.pixel]), each.place_m[2]) for each in strays]
     off_m = np.array([each.place_m[:2] - ground.points_enu_m[0, :2] for each, ground in zip(strays, seen, strict=True)])
     if not _agree(off_m):
         return None

@@ -12,7 +12,7 @@ from typing import Final, Generic, TypeVar
 
 import numpy as np
 
-from aerodft.dft import INTRINSICS, POSITION, project
+from aerodft.dft import INTRINSICS, POSITION
 from aerodft.geometry import camera_angles, intrinsics_covariance, matrix, meet_level, rays_from_pixels
 from aerodft.model import (
     Camera,
@@ -22,7 +22,6 @@ from aerodft.model import (
     GroundLines,
     GroundPoint,
     Landmark,
-    Pose,
     Prior,
     ProjectionModel,
     SlantRange,
@@ -240,8 +239,7 @@ def ground_error_m(state: State, evidence: Evidence) -> float | None:
         if evidence.position_m[2] is None:
             return None
         elevation_m = evidence.position_m[2]
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-    ground = project(state.camera, pose, np.array([evidence.pixel]), elevation_m, state.model)
+    ground = state.ground_points(np.array([evidence.pixel]), elevation_m)
     if ground.status[0]:
         return None
     return _distance(state, evidence, ground.points_enu_m[0])

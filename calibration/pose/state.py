@@ -7,9 +7,18 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from aerodft.dft import ELEVATION, INTRINSICS, ROTATION
+from aerodft.dft import ELEVATION, INTRINSICS, ROTATION, GroundPoints, project
 from aerodft.geometry import angles_of_matrix, camera_attitude, from_rotation_vector, matrix, multiply
-from aerodft.model import Camera, CameraStd, FloatArray, LensModel, ProjectionModel, read_only
+from aerodft.model import (
+    Camera,
+    CameraStd,
+    FloatArray,
+    FloatLike,
+    LensModel,
+    Pose,
+    ProjectionModel,
+    read_only,
+)
 
 _COEFFICIENTS = {
     LensModel.BROWN: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
@@ -65,6 +74,15 @@ class State:
         """Tilt, roll and heading."""
         tilt, roll, heading = angles_of_matrix(self.rotation)
         return float(tilt), float(roll), float(heading)
+
+    @property
+    def pose(self) -> Pose:
+        """The camera's pose without its covariance."""
+        return Pose(position_enu_m=self.position_m, wxyz=self.wxyz)
+
+    def ground_points(self, pixels_px: FloatArray, elevation_m: FloatLike) -> GroundPoints:
+        """What pixels ``(..., 2)`` show of level planes at so high elevations."""
+        return project(self.camera, self.pose, pixels_px, elevation_m, self.model)
 
     def value(self, name: str) -> float:
         """An unknown's value: metres, radians, pixels; distortion coefficients as they are."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft import project
 from aerodft.geometry import EARTH_RADIUS_M, STANDARD_REFRACTION, camera_angles, pixels_from_rays, rays_from_pixels
 from aerodft.model import (
     Evidence,
@@ -18,7 +17,6 @@ from aerodft.model import (
     KnownHeight,
     KnownLength,
     Landmark,
-    Pose,
     ProjectionModel,
     Px,
     SlantRange,
@@ -132,8 +130,7 @@ def pixels_of(state: State, points_enu_m: FloatArray) -> FloatArray:
 
 def ground_of(state: State, pixels_px: FloatArray, elevation_m: float) -> FloatArray:
     """Where pixels ``(..., 2)`` meet the level plane at ``elevation_m``: ``(..., 3)``, NaN where they do not."""
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-    return project(state.camera, pose, pixels_px, elevation_m, state.model).points_enu_m
+    return state.ground_points(pixels_px, elevation_m).points_enu_m
 
 
 def _rays(state: State, pixels: tuple[Px, ...]) -> FloatArray:

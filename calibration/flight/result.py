@@ -191,7 +191,7 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
     end, kept = without_outliers(problem, robust, len(problem.evidence), problem.count)
     weights = Loss(end.residuals.owner, None, kept).weights(end.residuals)
     chi2, dof = float(weights @ np.square(end.residuals.values)), int(np.count_nonzero(weights)) - problem.count
-    p_value, scaled = goodness(chi2, dof)
+    p_value, sigma_scale = goodness(chi2, dof)
     normal = end.residuals.normal(weights)
     return ImagesSolution(
         state=end.state,
@@ -199,11 +199,11 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
         residuals=end.residuals,
         normal=normal,
         kept=kept,
-        covariance=covariance_of(normal.reduced()) * scaled**2,
+        covariance=covariance_of(normal.reduced()) * sigma_scale**2,
         chi2=chi2,
         dof=dof,
         p_value=p_value,
-        scaled=scaled,
+        sigma_scale=sigma_scale,
     )
 
 
@@ -264,8 +264,9 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, reque
             information[index, index] -= prior.std**-2 if name in requested else 0.0
     values, directions = np.linalg.eigh(information * np.outer(sizes, sizes))
     with np.errstate(divide="ignore"):
-        shares = solution.scaled / np.sqrt(np.maximum(values, 0.0))
-    limit = LIMIT * (solution.scaled if shares[0] > LIMIT * solution.scaled else 1.0)  # the scene's fault, or the stds'
+        shares = solution.sigma_scale / np.sqrt(np.maximum(values, 0.0))
+    is_undetermined = shares[0] > LIMIT * solution.sigma_scale  # by the scene; else it is the stds' fault
+    limit = LIMIT * (solution.sigma_scale if is_undetermined else 1.0)
     weak = directions.T[shares > limit] if shares[0] > LIMIT else directions.T[:1]
     return combined(names, weak, float(shares[0]), _advice)
 

@@ -97,7 +97,7 @@ def judge(
 
 def _determined(result: Result) -> bool:
     """Whether the evidence would determine every unknown if its errors were as stated."""
-    return result.weakest.std_share <= LIMIT * result.solution.scaled
+    return result.weakest.std_share <= LIMIT * result.solution.sigma_scale
 
 
 def _conflict(
@@ -105,7 +105,7 @@ def _conflict(
 ) -> str:
     if not _determined(result):
         return ""
-    if result.solution.scaled > _MAX_SCALE:
+    if result.solution.sigma_scale > _MAX_SCALE:
         return "no camera explains them all, and they are too few to tell which one is wrong"
     if _of_wrong_size(result, seen, trusted, sides_m):
         ratio = np.median([seen_m / sides_m[marker] for marker, seen_m, _ in _looks(result, seen, trusted, sides_m)])
@@ -115,7 +115,7 @@ def _conflict(
 
 def _agrees(result: Result) -> bool:
     """Whether nothing stands off, and errors are not much larger than stated."""
-    return bool(np.all(result.solution.kept)) and result.solution.scaled < _SCALED
+    return bool(np.all(result.solution.kept)) and result.solution.sigma_scale < _SCALED
 
 
 def _disagreeing(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:

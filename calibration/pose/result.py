@@ -309,7 +309,7 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     _, singular, directions = np.linalg.svd(np.linalg.qr(jac * sizes, mode="r"))
     strengths = np.append(singular, np.zeros(len(names) - len(singular)))
     with np.errstate(divide="ignore"):
-        shares = solution.scaled / strengths
+        shares = solution.sigma_scale / strengths
     weak = directions[shares > LIMIT] if shares[-1] > LIMIT else directions[-1:]
     weak = (weak * sizes) @ problem.unknowns.to_angles(solution.state).T / sizes
     return combined(names, weak, float(shares[-1]), lambda parts: _advice(parts, jac.shape))

@@ -180,7 +180,7 @@ class Fit(Generic[StateT, RowsT_co]):
         chi2: Weighted sum of squares of what was used.
         dof: Degrees of freedom.
         p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
-        scaled: What the stated stds had to be multiplied with; 1 where they hold.
+        sigma_scale: What the stated stds had to be multiplied with; 1 where they hold.
     """
 
     state: StateT
@@ -190,7 +190,7 @@ class Fit(Generic[StateT, RowsT_co]):
     chi2: float
     dof: int
     p_value: float | None
-    scaled: float
+    sigma_scale: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -377,9 +377,9 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     used = used_rows(residuals.owner, kept)
     jac, values = residuals.by_unknowns[used], residuals.values[used]
     chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
-    p_value, scaled = goodness(chi2, dof)
+    p_value, sigma_scale = goodness(chi2, dof)
     to_angles = problem.unknowns.to_angles(end.state)
-    own = covariance_of(jac.T @ jac) * scaled**2
+    own = covariance_of(jac.T @ jac) * sigma_scale**2
     by = problem.unknowns.by_unknowns(end.state)
     if not np.all(np.isfinite(own)):
         covariance, joint = own, np.full((len(by), len(by)), np.inf)
@@ -394,7 +394,7 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
         chi2=chi2,
         dof=dof,
         p_value=p_value,
-        scaled=scaled,
+        sigma_scale=sigma_scale,
     )
 
 
@@ -406,7 +406,7 @@ def _alternative(problem: Problem, solution: Solution, ends: list[End]) -> State
         if _is_hopeless(end.residuals) or not _is_elsewhere(names, solution.state, end.state, stds):
             continue
         other = descend(problem, end.state, None, solution.kept, end.residuals)
-        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.scaled**2
+        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.sigma_scale**2
         if as_likely and _is_elsewhere(names, solution.state, other.state, stds):
             return other.state
     return None

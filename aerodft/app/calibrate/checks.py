@@ -111,12 +111,12 @@ def not_determined(result: Result | ImagesResult, evidence: EvidenceFile) -> Not
 
 def _why_not(result: Result | ImagesResult, evidence: EvidenceFile) -> str:
     solution, kept = result.solution, result.solution.kept
-    if result.weakest.std_share > LIMIT * solution.scaled:
+    if result.weakest.std_share > LIMIT * solution.sigma_scale:
         return f"{result.weakest.sentence}{_in_line(result)}"
-    if not result.weakest.is_determined or solution.scaled > _MAX_SCALE:
+    if not result.weakest.is_determined or solution.sigma_scale > _MAX_SCALE:
         return (
-            f"the observations contradict each other: residuals are {solution.scaled:.0f} times as large as the stated"
-            " stds; check the coordinates, the pixels and the stds"
+            f"the observations contradict each other: residuals are {solution.sigma_scale:.0f} times as large as the"
+            " stated stds; check the coordinates, the pixels and the stds"
         )
     if isinstance(result, Result) and result.solution.alternative is not None:
         values = values_of(result.solution.alternative, result.names, evidence.frame)

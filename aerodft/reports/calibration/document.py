@@ -30,9 +30,10 @@ def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> 
             notes.append(f"Rejected {left.name}: {where}.")
     if solution.dof == 0:
         notes.append("there is no observation to spare: a wrong one would not be noticed, add one")
-    if solution.scaled > 1.0:
+    if solution.sigma_scale > 1.0:
         notes.append(
-            f"the residuals are {solution.scaled:.1f} times as large as the stated stds: all stds are scaled up by that"
+            f"the residuals are {solution.sigma_scale:.1f} times as large as the stated stds: all stds are scaled up by"
+            " that"
         )
     elif solution.p_value is not None and solution.p_value > 1 - _SUSPICIOUS_P:
         notes.append("the residuals are much smaller than the stated stds: these may be too large")
@@ -69,7 +70,7 @@ def calibration_document(
         "chi2": solution.chi2,
         "degrees_of_freedom": solution.dof,
         "p_value": solution.p_value,
-        "sigma_scale": solution.scaled,
+        "sigma_scale": solution.sigma_scale,
         "residuals": [
             {
                 "name": left.name,

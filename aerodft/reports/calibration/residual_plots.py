@@ -38,10 +38,10 @@ def draw_residuals(rows: Sequence[Row], result: Result | ImagesResult, path: Pat
     """
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout="constrained")
     panels = figure.subplots(2, 3)
-    scaled = result.solution.scaled
+    sigma_scale = result.solution.sigma_scale
     _scatter_px(panels[0, 0], rows)
-    _scatter_sigma(panels[0, 1], rows, scaled)
-    _histogram(panels[0, 2], rows, scaled)
+    _scatter_sigma(panels[0, 1], rows, sigma_scale)
+    _histogram(panels[0, 2], rows, sigma_scale)
     _over_range(panels[1, 0], rows, [row.left.px for row in rows], "residual (px)")
     panels[1, 0].set_title("Residuals over distance")
     ground = [math.nan if row.left.loo_ground_m is None else row.left.loo_ground_m for row in rows]
@@ -68,10 +68,10 @@ def _scatter_px(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(xlabel="right (px)", ylabel="down (px)", title="From seen to calibrated")
 
 
-def _scatter_sigma(axes: Axes, rows: Sequence[Row], scaled: float) -> None:
+def _scatter_sigma(axes: Axes, rows: Sequence[Row], sigma_scale: float) -> None:
     circles = [(PLANE_95, "-", "95 % as stated")]
-    if scaled > 1:
-        circles.append((PLANE_95 * scaled, "--", f"95 % with stds scaled by {scaled:.2g}"))
+    if sigma_scale > 1:
+        circles.append((PLANE_95 * sigma_scale, "--", f"95 % with stds scaled by {sigma_scale:.2g}"))
     _scatter(axes, rows, np.array([row.sigma for row in rows]), circles)
     axes.set(xlabel="right (standard deviations)", ylabel="down (standard deviations)", title="In standard deviations")
 
@@ -110,18 +110,18 @@ def _scatter(axes: Axes, rows: Sequence[Row], at: FloatArray, circles: Sequence[
         axes.legend(fontsize="x-small", loc="upper right")
 
 
-def _histogram(axes: Axes, rows: Sequence[Row], scaled: float) -> None:
+def _histogram(axes: Axes, rows: Sequence[Row], sigma_scale: float) -> None:
     kept = [row.values for row in rows if not row.left.is_outlier]
     values = np.concatenate([*kept, np.zeros(0)])
-    reach = max(3.5, float(np.max(np.abs(values), initial=0.0)) * _MARGIN, PLANE_95 * scaled)
+    reach = max(3.5, float(np.max(np.abs(values), initial=0.0)) * _MARGIN, PLANE_95 * sigma_scale)
     bins = int(np.clip(round(2 * math.sqrt(max(len(values), 1)) * reach / 3.5), 10, _MAX_BINS))
     edges = np.linspace(-reach, reach, bins + 1)
     axes.hist(values, edges.tolist(), color=_KEPT, alpha=0.6, label=f"{len(values)} residuals")
     x = np.linspace(-reach, reach, 401)
     width = float(edges[1] - edges[0])
     stds = [(1.0, "-", "expected as stated")]
-    if scaled > 1:
-        stds.append((scaled, "--", f"with stds scaled by {scaled:.2g}"))
+    if sigma_scale > 1:
+        stds.append((sigma_scale, "--", f"with stds scaled by {sigma_scale:.2g}"))
     for std, style, label in stds:
         density = np.exp(-0.5 * np.square(x / std)) / (std * math.sqrt(2 * math.pi))
         axes.plot(x, len(values) * width * density, style, color=_EXPECTED, label=label)

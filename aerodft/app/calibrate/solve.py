@@ -245,7 +245,7 @@ def _solve_flight(
     except ValueError as error:
         raise wrong_unknowns(error) from None
     log = telemetry or flight.log
-    inputs = {"telemetry": None if log is None else log.name, "images": len(views)}
+    inputs = {"telemetry": None if log is None else log.name, "camera_file": None, "images": len(views)}
     return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, inputs=inputs)
 
 
